@@ -1,0 +1,113 @@
+"""Rotations: 6-D, matrix, quaternion (w, x, y, z) and axis-angle. Pure functions on torch tensors.
+
+Matrices act on column vectors. The 6-D form is the first column of the matrix followed by the second
+(Zhou et al. 2019, "On the continuity of rotation representations in neural networks").
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def matrix_to_6d(matrix: Tensor) -> Tensor:
+    """(..., 3, 3) -> (..., 6): first column, then second column."""
+    return torch.cat([matrix[..., :, 0], matrix[..., :, 1]], dim=-1)
+
+
+def matrix_from_6d(values: Tensor) -> Tensor:
+    """(..., 6) -> (..., 3, 3), orthonormal even when the input is not: x = a/|a|, z = (x X b)/|x X b|, y = z X x."""
+    first, second = values[..., :3], values[..., 3:]
+    x = first / first.norm(dim=-1, keepdim=True)
+    z = torch.linalg.cross(x, second)
+    z = z / z.norm(dim=-1, keepdim=True)
+    y = torch.linalg.cross(z, x)
+    return torch.stack([x, y, z], dim=-1)
+
+
+def axis_angle_to_matrix(axis_angle: Tensor) -> Tensor:
+    """(..., 3) axis times angle in radians -> (..., 3, 3), by Rodrigues' formula.
+
+    The axis is divided by (angle + 1e-6), so it is very slightly short; files written for ARDY rely on that.
+    """
+    angle = axis_angle.norm(dim=-1)[..., None, None]
+    axis = axis_angle / (axis_angle.norm(dim=-1, keepdim=True) + 1e-6)
+    x, y, z = axis.unbind(-1)
+    zero = torch.zeros_like(x)
+    cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).unflatten(-1, (3, 3))
+    identity = torch.eye(3, dtype=axis_angle.dtype, device=axis_angle.device)
+    return identity + torch.sin(angle) * cross + (1 - torch.cos(angle)) * (cross @ cross)
+
+
+def matrix_to_axis_angle(matrix: Tensor) -> Tensor:
+    """(..., 3, 3) -> (..., 3) axis times angle in radians; the cosine is clamped to +-(1 - 1e-6)."""
+    cosine = ((matrix.diagonal(dim1=-2, dim2=-1).sum(-1) - 1) / 2).clamp(-1 + 1e-6, 1 - 1e-6)
+    angle = torch.acos(cosine)
+    axis = torch.stack(
+        [
+            matrix[..., 2, 1] - matrix[..., 1, 2],
+            matrix[..., 0, 2] - matrix[..., 2, 0],
+            matrix[..., 1, 0] - matrix[..., 0, 1],
+        ],
+        dim=-1,
+    )
+    return axis / (2 * torch.sin(angle) + 1e-6)[..., None] * angle[..., None]
+
+
+def matrix_to_quaternion(matrix: Tensor) -> Tensor:
+    """(..., 3, 3) -> (..., 4) as (w, x, y, z). The largest component is taken positive, so w may be negative."""
+    m00, m11, m22 = matrix[..., 0, 0], matrix[..., 1, 1], matrix[..., 2, 2]
+    squares = torch.stack([1 + m00 + m11 + m22, 1 + m00 - m11 - m22, 1 - m00 + m11 - m22, 1 - m00 - m11 + m22], dim=-1)
+    roots = torch.sqrt(squares.clamp(min=0))  # twice each component's magnitude
+    wx = matrix[..., 2, 1] - matrix[..., 1, 2]
+    wy = matrix[..., 0, 2] - matrix[..., 2, 0]
+    wz = matrix[..., 1, 0] - matrix[..., 0, 1]
+    xy = matrix[..., 1, 0] + matrix[..., 0, 1]
+    xz = matrix[..., 0, 2] + matrix[..., 2, 0]
+    yz = matrix[..., 2, 1] + matrix[..., 1, 2]
+    w2, x2, y2, z2 = squares.unbind(-1)
+    # Row k holds the quaternion scaled by twice its k-th component times two.
+    candidates = torch.stack(
+        [
+            torch.stack([w2, wx, wy, wz], dim=-1),
+            torch.stack([wx, x2, xy, xz], dim=-1),
+            torch.stack([wy, xy, y2, yz], dim=-1),
+            torch.stack([wz, xz, yz, z2], dim=-1),
+        ],
+        dim=-2,
+    )
+    largest = roots.argmax(dim=-1)
+    row = candidates.gather(-2, largest[..., None, None].expand(*largest.shape, 1, 4)).squeeze(-2)
+    return row / (2 * roots.gather(-1, largest[..., None]))
+
+
+def quaternion_to_matrix(quaternion: Tensor) -> Tensor:
+    """(..., 4) as (w, x, y, z), of any length but zero -> (..., 3, 3)."""
+    w, x, y, z = (quaternion / quaternion.norm(dim=-1, keepdim=True)).unbind(-1)
+    rows = [
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+    ]  # fmt: skip
+    return torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
+
+
+def slerp(start: Tensor, end: Tensor, fraction: Tensor) -> Tensor:
+    """Spherical interpolation of quaternions (..., 4) along the shorter arc; fraction (...) in 0..1."""
+    dot = (start * end).sum(-1, keepdim=True)
+    end = torch.where(dot < 0, -end, end)
+    angle = torch.acos(dot.abs().clamp(max=1))
+    fraction = fraction[..., None]
+    near = angle < 1e-4  # sin(angle) cancels; linear interpolation is exact to rounding here
+    sine = torch.sin(torch.where(near, torch.ones_like(angle), angle))
+    weight_start = torch.where(near, 1 - fraction, torch.sin((1 - fraction) * angle) / sine)
+    weight_end = torch.where(near, fraction, torch.sin(fraction * angle) / sine)
+    mixed = weight_start * start + weight_end * end
+    return mixed / mixed.norm(dim=-1, keepdim=True)
+
+
+def rotation_y(angle: Tensor) -> Tensor:
+    """(...) radians about +Y -> (..., 3, 3) with rows (cos, 0, sin), (0, 1, 0), (-sin, 0, cos); +90 deg faces +X."""
+    cosine, sine = torch.cos(angle), torch.sin(angle)
+    zero, one = torch.zeros_like(angle), torch.ones_like(angle)
+    return torch.stack([cosine, zero, sine, zero, one, zero, -sine, zero, cosine], dim=-1).unflatten(-1, (3, 3))

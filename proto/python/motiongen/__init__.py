@@ -1,0 +1,1 @@
+"""The motiongen contract: code generated from the protos. See `motiongen.v1`."""

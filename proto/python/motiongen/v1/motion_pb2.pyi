@@ -1,0 +1,119 @@
+from google.protobuf.internal import containers as _containers
+from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
+from google.protobuf import descriptor as _descriptor
+from google.protobuf import message as _message
+from collections.abc import Iterable as _Iterable, Mapping as _Mapping
+from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
+
+DESCRIPTOR: _descriptor.FileDescriptor
+
+class ScalarType(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    SCALAR_TYPE_UNSPECIFIED: _ClassVar[ScalarType]
+    SCALAR_TYPE_F32_LE: _ClassVar[ScalarType]
+SCALAR_TYPE_UNSPECIFIED: ScalarType
+SCALAR_TYPE_F32_LE: ScalarType
+
+class Rig(_message.Message):
+    __slots__ = ("rig_id", "joints", "parents", "frame_rate", "blocks", "neutral_offsets_m")
+    RIG_ID_FIELD_NUMBER: _ClassVar[int]
+    JOINTS_FIELD_NUMBER: _ClassVar[int]
+    PARENTS_FIELD_NUMBER: _ClassVar[int]
+    FRAME_RATE_FIELD_NUMBER: _ClassVar[int]
+    BLOCKS_FIELD_NUMBER: _ClassVar[int]
+    NEUTRAL_OFFSETS_M_FIELD_NUMBER: _ClassVar[int]
+    rig_id: str
+    joints: _containers.RepeatedScalarFieldContainer[str]
+    parents: _containers.RepeatedScalarFieldContainer[int]
+    frame_rate: int
+    blocks: _containers.RepeatedCompositeFieldContainer[ChannelBlock]
+    neutral_offsets_m: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, rig_id: _Optional[str] = ..., joints: _Optional[_Iterable[str]] = ..., parents: _Optional[_Iterable[int]] = ..., frame_rate: _Optional[int] = ..., blocks: _Optional[_Iterable[_Union[ChannelBlock, _Mapping]]] = ..., neutral_offsets_m: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class ChannelBlock(_message.Message):
+    __slots__ = ("name", "width")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    WIDTH_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    width: int
+    def __init__(self, name: _Optional[str] = ..., width: _Optional[int] = ...) -> None: ...
+
+class PromptSpan(_message.Message):
+    __slots__ = ("prompt_id", "start_frame", "end_frame", "text")
+    PROMPT_ID_FIELD_NUMBER: _ClassVar[int]
+    START_FRAME_FIELD_NUMBER: _ClassVar[int]
+    END_FRAME_FIELD_NUMBER: _ClassVar[int]
+    TEXT_FIELD_NUMBER: _ClassVar[int]
+    prompt_id: int
+    start_frame: int
+    end_frame: int
+    text: str
+    def __init__(self, prompt_id: _Optional[int] = ..., start_frame: _Optional[int] = ..., end_frame: _Optional[int] = ..., text: _Optional[str] = ...) -> None: ...
+
+class Constraint(_message.Message):
+    __slots__ = ("constraint_id", "frame", "root", "joints", "pose", "trajectory")
+    CONSTRAINT_ID_FIELD_NUMBER: _ClassVar[int]
+    FRAME_FIELD_NUMBER: _ClassVar[int]
+    ROOT_FIELD_NUMBER: _ClassVar[int]
+    JOINTS_FIELD_NUMBER: _ClassVar[int]
+    POSE_FIELD_NUMBER: _ClassVar[int]
+    TRAJECTORY_FIELD_NUMBER: _ClassVar[int]
+    constraint_id: int
+    frame: int
+    root: RootPose
+    joints: JointTargets
+    pose: FullPose
+    trajectory: RootTrajectory
+    def __init__(self, constraint_id: _Optional[int] = ..., frame: _Optional[int] = ..., root: _Optional[_Union[RootPose, _Mapping]] = ..., joints: _Optional[_Union[JointTargets, _Mapping]] = ..., pose: _Optional[_Union[FullPose, _Mapping]] = ..., trajectory: _Optional[_Union[RootTrajectory, _Mapping]] = ...) -> None: ...
+
+class RootPose(_message.Message):
+    __slots__ = ("x", "z", "heading")
+    X_FIELD_NUMBER: _ClassVar[int]
+    Z_FIELD_NUMBER: _ClassVar[int]
+    HEADING_FIELD_NUMBER: _ClassVar[int]
+    x: float
+    z: float
+    heading: float
+    def __init__(self, x: _Optional[float] = ..., z: _Optional[float] = ..., heading: _Optional[float] = ...) -> None: ...
+
+class JointTargets(_message.Message):
+    __slots__ = ("joints", "positions", "rotations", "heading")
+    JOINTS_FIELD_NUMBER: _ClassVar[int]
+    POSITIONS_FIELD_NUMBER: _ClassVar[int]
+    ROTATIONS_FIELD_NUMBER: _ClassVar[int]
+    HEADING_FIELD_NUMBER: _ClassVar[int]
+    joints: _containers.RepeatedScalarFieldContainer[int]
+    positions: _containers.RepeatedScalarFieldContainer[float]
+    rotations: _containers.RepeatedScalarFieldContainer[float]
+    heading: float
+    def __init__(self, joints: _Optional[_Iterable[int]] = ..., positions: _Optional[_Iterable[float]] = ..., rotations: _Optional[_Iterable[float]] = ..., heading: _Optional[float] = ...) -> None: ...
+
+class FullPose(_message.Message):
+    __slots__ = ("positions",)
+    POSITIONS_FIELD_NUMBER: _ClassVar[int]
+    positions: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, positions: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class RootTrajectory(_message.Message):
+    __slots__ = ("positions", "headings")
+    POSITIONS_FIELD_NUMBER: _ClassVar[int]
+    HEADINGS_FIELD_NUMBER: _ClassVar[int]
+    positions: _containers.RepeatedScalarFieldContainer[float]
+    headings: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, positions: _Optional[_Iterable[float]] = ..., headings: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class FrameChunk(_message.Message):
+    __slots__ = ("plan", "first_frame", "frame_count", "committed_to", "data", "scalar_type")
+    PLAN_FIELD_NUMBER: _ClassVar[int]
+    FIRST_FRAME_FIELD_NUMBER: _ClassVar[int]
+    FRAME_COUNT_FIELD_NUMBER: _ClassVar[int]
+    COMMITTED_TO_FIELD_NUMBER: _ClassVar[int]
+    DATA_FIELD_NUMBER: _ClassVar[int]
+    SCALAR_TYPE_FIELD_NUMBER: _ClassVar[int]
+    plan: int
+    first_frame: int
+    frame_count: int
+    committed_to: int
+    data: bytes
+    scalar_type: ScalarType
+    def __init__(self, plan: _Optional[int] = ..., first_frame: _Optional[int] = ..., frame_count: _Optional[int] = ..., committed_to: _Optional[int] = ..., data: _Optional[bytes] = ..., scalar_type: _Optional[_Union[ScalarType, str]] = ...) -> None: ...

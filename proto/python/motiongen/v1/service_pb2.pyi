@@ -1,0 +1,152 @@
+import datetime
+
+from google.protobuf import duration_pb2 as _duration_pb2
+from motiongen.v1 import motion_pb2 as _motion_pb2
+from motiongen.v1 import session_pb2 as _session_pb2
+from google.protobuf.internal import containers as _containers
+from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
+from google.protobuf import descriptor as _descriptor
+from google.protobuf import message as _message
+from collections.abc import Iterable as _Iterable, Mapping as _Mapping
+from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
+
+DESCRIPTOR: _descriptor.FileDescriptor
+
+class GoodbyeReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    GOODBYE_REASON_UNSPECIFIED: _ClassVar[GoodbyeReason]
+    GOODBYE_REASON_DRAINING: _ClassVar[GoodbyeReason]
+GOODBYE_REASON_UNSPECIFIED: GoodbyeReason
+GOODBYE_REASON_DRAINING: GoodbyeReason
+
+class GetCatalogRequest(_message.Message):
+    __slots__ = ("catalog_etag",)
+    CATALOG_ETAG_FIELD_NUMBER: _ClassVar[int]
+    catalog_etag: str
+    def __init__(self, catalog_etag: _Optional[str] = ...) -> None: ...
+
+class GetCatalogResponse(_message.Message):
+    __slots__ = ("catalog_etag", "rigs", "limits", "models")
+    CATALOG_ETAG_FIELD_NUMBER: _ClassVar[int]
+    RIGS_FIELD_NUMBER: _ClassVar[int]
+    LIMITS_FIELD_NUMBER: _ClassVar[int]
+    MODELS_FIELD_NUMBER: _ClassVar[int]
+    catalog_etag: str
+    rigs: _containers.RepeatedCompositeFieldContainer[_motion_pb2.Rig]
+    limits: Limits
+    models: _containers.RepeatedCompositeFieldContainer[Model]
+    def __init__(self, catalog_etag: _Optional[str] = ..., rigs: _Optional[_Iterable[_Union[_motion_pb2.Rig, _Mapping]]] = ..., limits: _Optional[_Union[Limits, _Mapping]] = ..., models: _Optional[_Iterable[_Union[Model, _Mapping]]] = ...) -> None: ...
+
+class Model(_message.Message):
+    __slots__ = ("model_id", "rig_id", "licence", "horizon_frames", "patch_frames", "default_denoise_steps", "max_denoise_steps", "text_encoder", "default_guidance", "future_frames")
+    MODEL_ID_FIELD_NUMBER: _ClassVar[int]
+    RIG_ID_FIELD_NUMBER: _ClassVar[int]
+    LICENCE_FIELD_NUMBER: _ClassVar[int]
+    HORIZON_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    PATCH_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    DEFAULT_DENOISE_STEPS_FIELD_NUMBER: _ClassVar[int]
+    MAX_DENOISE_STEPS_FIELD_NUMBER: _ClassVar[int]
+    TEXT_ENCODER_FIELD_NUMBER: _ClassVar[int]
+    DEFAULT_GUIDANCE_FIELD_NUMBER: _ClassVar[int]
+    FUTURE_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    model_id: str
+    rig_id: str
+    licence: str
+    horizon_frames: int
+    patch_frames: int
+    default_denoise_steps: int
+    max_denoise_steps: int
+    text_encoder: str
+    default_guidance: _session_pb2.Guidance
+    future_frames: int
+    def __init__(self, model_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., licence: _Optional[str] = ..., horizon_frames: _Optional[int] = ..., patch_frames: _Optional[int] = ..., default_denoise_steps: _Optional[int] = ..., max_denoise_steps: _Optional[int] = ..., text_encoder: _Optional[str] = ..., default_guidance: _Optional[_Union[_session_pb2.Guidance, _Mapping]] = ..., future_frames: _Optional[int] = ...) -> None: ...
+
+class Limits(_message.Message):
+    __slots__ = ("max_sessions_per_stream", "max_constraints", "max_lookahead_frames", "max_prompts", "max_prompt_characters", "max_request_bytes", "default_lookahead_frames", "max_trajectory_frames", "max_coordinate_m", "max_guidance")
+    MAX_SESSIONS_PER_STREAM_FIELD_NUMBER: _ClassVar[int]
+    MAX_CONSTRAINTS_FIELD_NUMBER: _ClassVar[int]
+    MAX_LOOKAHEAD_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    MAX_PROMPTS_FIELD_NUMBER: _ClassVar[int]
+    MAX_PROMPT_CHARACTERS_FIELD_NUMBER: _ClassVar[int]
+    MAX_REQUEST_BYTES_FIELD_NUMBER: _ClassVar[int]
+    DEFAULT_LOOKAHEAD_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    MAX_TRAJECTORY_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    MAX_COORDINATE_M_FIELD_NUMBER: _ClassVar[int]
+    MAX_GUIDANCE_FIELD_NUMBER: _ClassVar[int]
+    max_sessions_per_stream: int
+    max_constraints: int
+    max_lookahead_frames: int
+    max_prompts: int
+    max_prompt_characters: int
+    max_request_bytes: int
+    default_lookahead_frames: int
+    max_trajectory_frames: int
+    max_coordinate_m: float
+    max_guidance: float
+    def __init__(self, max_sessions_per_stream: _Optional[int] = ..., max_constraints: _Optional[int] = ..., max_lookahead_frames: _Optional[int] = ..., max_prompts: _Optional[int] = ..., max_prompt_characters: _Optional[int] = ..., max_request_bytes: _Optional[int] = ..., default_lookahead_frames: _Optional[int] = ..., max_trajectory_frames: _Optional[int] = ..., max_coordinate_m: _Optional[float] = ..., max_guidance: _Optional[float] = ...) -> None: ...
+
+class StreamMotionRequest(_message.Message):
+    __slots__ = ("events", "hello", "ping")
+    EVENTS_FIELD_NUMBER: _ClassVar[int]
+    HELLO_FIELD_NUMBER: _ClassVar[int]
+    PING_FIELD_NUMBER: _ClassVar[int]
+    events: _containers.RepeatedCompositeFieldContainer[_session_pb2.SessionEvent]
+    hello: ClientHello
+    ping: Ping
+    def __init__(self, events: _Optional[_Iterable[_Union[_session_pb2.SessionEvent, _Mapping]]] = ..., hello: _Optional[_Union[ClientHello, _Mapping]] = ..., ping: _Optional[_Union[Ping, _Mapping]] = ...) -> None: ...
+
+class StreamMotionResponse(_message.Message):
+    __slots__ = ("updates", "hello", "pong", "goodbye")
+    UPDATES_FIELD_NUMBER: _ClassVar[int]
+    HELLO_FIELD_NUMBER: _ClassVar[int]
+    PONG_FIELD_NUMBER: _ClassVar[int]
+    GOODBYE_FIELD_NUMBER: _ClassVar[int]
+    updates: _containers.RepeatedCompositeFieldContainer[_session_pb2.SessionUpdate]
+    hello: ServerHello
+    pong: Pong
+    goodbye: Goodbye
+    def __init__(self, updates: _Optional[_Iterable[_Union[_session_pb2.SessionUpdate, _Mapping]]] = ..., hello: _Optional[_Union[ServerHello, _Mapping]] = ..., pong: _Optional[_Union[Pong, _Mapping]] = ..., goodbye: _Optional[_Union[Goodbye, _Mapping]] = ...) -> None: ...
+
+class ClientHello(_message.Message):
+    __slots__ = ("client_agent", "flush_interval")
+    CLIENT_AGENT_FIELD_NUMBER: _ClassVar[int]
+    FLUSH_INTERVAL_FIELD_NUMBER: _ClassVar[int]
+    client_agent: str
+    flush_interval: _duration_pb2.Duration
+    def __init__(self, client_agent: _Optional[str] = ..., flush_interval: _Optional[_Union[datetime.timedelta, _duration_pb2.Duration, _Mapping]] = ...) -> None: ...
+
+class ServerHello(_message.Message):
+    __slots__ = ("replica_id", "limits", "server_time_ns")
+    REPLICA_ID_FIELD_NUMBER: _ClassVar[int]
+    LIMITS_FIELD_NUMBER: _ClassVar[int]
+    SERVER_TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    replica_id: str
+    limits: Limits
+    server_time_ns: int
+    def __init__(self, replica_id: _Optional[str] = ..., limits: _Optional[_Union[Limits, _Mapping]] = ..., server_time_ns: _Optional[int] = ...) -> None: ...
+
+class Ping(_message.Message):
+    __slots__ = ("client_time_ns", "round_trip_ns")
+    CLIENT_TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    ROUND_TRIP_NS_FIELD_NUMBER: _ClassVar[int]
+    client_time_ns: int
+    round_trip_ns: int
+    def __init__(self, client_time_ns: _Optional[int] = ..., round_trip_ns: _Optional[int] = ...) -> None: ...
+
+class Pong(_message.Message):
+    __slots__ = ("client_time_ns", "server_time_ns")
+    CLIENT_TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    SERVER_TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    client_time_ns: int
+    server_time_ns: int
+    def __init__(self, client_time_ns: _Optional[int] = ..., server_time_ns: _Optional[int] = ...) -> None: ...
+
+class Goodbye(_message.Message):
+    __slots__ = ("reason", "grace", "reconnect_after")
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    GRACE_FIELD_NUMBER: _ClassVar[int]
+    RECONNECT_AFTER_FIELD_NUMBER: _ClassVar[int]
+    reason: GoodbyeReason
+    grace: _duration_pb2.Duration
+    reconnect_after: _duration_pb2.Duration
+    def __init__(self, reason: _Optional[_Union[GoodbyeReason, str]] = ..., grace: _Optional[_Union[datetime.timedelta, _duration_pb2.Duration, _Mapping]] = ..., reconnect_after: _Optional[_Union[datetime.timedelta, _duration_pb2.Duration, _Mapping]] = ...) -> None: ...

@@ -1,0 +1,235 @@
+from motiongen.v1 import motion_pb2 as _motion_pb2
+from google.protobuf.internal import containers as _containers
+from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
+from google.protobuf import descriptor as _descriptor
+from google.protobuf import message as _message
+from collections.abc import Iterable as _Iterable, Mapping as _Mapping
+from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
+
+DESCRIPTOR: _descriptor.FileDescriptor
+
+class PriorityClass(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    PRIORITY_CLASS_UNSPECIFIED: _ClassVar[PriorityClass]
+    PRIORITY_CLASS_HERO: _ClassVar[PriorityClass]
+    PRIORITY_CLASS_NEAR: _ClassVar[PriorityClass]
+    PRIORITY_CLASS_CROWD: _ClassVar[PriorityClass]
+    PRIORITY_CLASS_BATCH: _ClassVar[PriorityClass]
+
+class PlayState(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    PLAY_STATE_UNSPECIFIED: _ClassVar[PlayState]
+    PLAY_STATE_PLAYING: _ClassVar[PlayState]
+    PLAY_STATE_PAUSED: _ClassVar[PlayState]
+
+class PlanCause(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    PLAN_CAUSE_UNSPECIFIED: _ClassVar[PlanCause]
+    PLAN_CAUSE_CONTINUE: _ClassVar[PlanCause]
+    PLAN_CAUSE_EDIT: _ClassVar[PlanCause]
+
+class CloseReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    CLOSE_REASON_UNSPECIFIED: _ClassVar[CloseReason]
+    CLOSE_REASON_CLIENT: _ClassVar[CloseReason]
+    CLOSE_REASON_IDLE: _ClassVar[CloseReason]
+    CLOSE_REASON_SLOW_READER: _ClassVar[CloseReason]
+    CLOSE_REASON_DRAINED: _ClassVar[CloseReason]
+    CLOSE_REASON_ENGINE_FAULT: _ClassVar[CloseReason]
+PRIORITY_CLASS_UNSPECIFIED: PriorityClass
+PRIORITY_CLASS_HERO: PriorityClass
+PRIORITY_CLASS_NEAR: PriorityClass
+PRIORITY_CLASS_CROWD: PriorityClass
+PRIORITY_CLASS_BATCH: PriorityClass
+PLAY_STATE_UNSPECIFIED: PlayState
+PLAY_STATE_PLAYING: PlayState
+PLAY_STATE_PAUSED: PlayState
+PLAN_CAUSE_UNSPECIFIED: PlanCause
+PLAN_CAUSE_CONTINUE: PlanCause
+PLAN_CAUSE_EDIT: PlanCause
+CLOSE_REASON_UNSPECIFIED: CloseReason
+CLOSE_REASON_CLIENT: CloseReason
+CLOSE_REASON_IDLE: CloseReason
+CLOSE_REASON_SLOW_READER: CloseReason
+CLOSE_REASON_DRAINED: CloseReason
+CLOSE_REASON_ENGINE_FAULT: CloseReason
+
+class SessionEvent(_message.Message):
+    __slots__ = ("session", "event_seq", "open", "edit_prompts", "edit_constraints", "playhead", "set_play_state", "close")
+    SESSION_FIELD_NUMBER: _ClassVar[int]
+    EVENT_SEQ_FIELD_NUMBER: _ClassVar[int]
+    OPEN_FIELD_NUMBER: _ClassVar[int]
+    EDIT_PROMPTS_FIELD_NUMBER: _ClassVar[int]
+    EDIT_CONSTRAINTS_FIELD_NUMBER: _ClassVar[int]
+    PLAYHEAD_FIELD_NUMBER: _ClassVar[int]
+    SET_PLAY_STATE_FIELD_NUMBER: _ClassVar[int]
+    CLOSE_FIELD_NUMBER: _ClassVar[int]
+    session: int
+    event_seq: int
+    open: OpenSession
+    edit_prompts: EditPrompts
+    edit_constraints: EditConstraints
+    playhead: Playhead
+    set_play_state: SetPlayState
+    close: CloseSession
+    def __init__(self, session: _Optional[int] = ..., event_seq: _Optional[int] = ..., open: _Optional[_Union[OpenSession, _Mapping]] = ..., edit_prompts: _Optional[_Union[EditPrompts, _Mapping]] = ..., edit_constraints: _Optional[_Union[EditConstraints, _Mapping]] = ..., playhead: _Optional[_Union[Playhead, _Mapping]] = ..., set_play_state: _Optional[_Union[SetPlayState, _Mapping]] = ..., close: _Optional[_Union[CloseSession, _Mapping]] = ...) -> None: ...
+
+class OpenSession(_message.Message):
+    __slots__ = ("request_id", "rig_id", "model_id", "seed", "priority", "lookahead_frames", "scalar_type", "prompts", "constraints", "initial_root", "denoise_steps", "guidance")
+    REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
+    RIG_ID_FIELD_NUMBER: _ClassVar[int]
+    MODEL_ID_FIELD_NUMBER: _ClassVar[int]
+    SEED_FIELD_NUMBER: _ClassVar[int]
+    PRIORITY_FIELD_NUMBER: _ClassVar[int]
+    LOOKAHEAD_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    SCALAR_TYPE_FIELD_NUMBER: _ClassVar[int]
+    PROMPTS_FIELD_NUMBER: _ClassVar[int]
+    CONSTRAINTS_FIELD_NUMBER: _ClassVar[int]
+    INITIAL_ROOT_FIELD_NUMBER: _ClassVar[int]
+    DENOISE_STEPS_FIELD_NUMBER: _ClassVar[int]
+    GUIDANCE_FIELD_NUMBER: _ClassVar[int]
+    request_id: str
+    rig_id: str
+    model_id: str
+    seed: int
+    priority: PriorityClass
+    lookahead_frames: int
+    scalar_type: _motion_pb2.ScalarType
+    prompts: _containers.RepeatedCompositeFieldContainer[_motion_pb2.PromptSpan]
+    constraints: _containers.RepeatedCompositeFieldContainer[_motion_pb2.Constraint]
+    initial_root: _motion_pb2.RootPose
+    denoise_steps: int
+    guidance: Guidance
+    def __init__(self, request_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., seed: _Optional[int] = ..., priority: _Optional[_Union[PriorityClass, str]] = ..., lookahead_frames: _Optional[int] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., prompts: _Optional[_Iterable[_Union[_motion_pb2.PromptSpan, _Mapping]]] = ..., constraints: _Optional[_Iterable[_Union[_motion_pb2.Constraint, _Mapping]]] = ..., initial_root: _Optional[_Union[_motion_pb2.RootPose, _Mapping]] = ..., denoise_steps: _Optional[int] = ..., guidance: _Optional[_Union[Guidance, _Mapping]] = ...) -> None: ...
+
+class Guidance(_message.Message):
+    __slots__ = ("text", "constraint")
+    TEXT_FIELD_NUMBER: _ClassVar[int]
+    CONSTRAINT_FIELD_NUMBER: _ClassVar[int]
+    text: float
+    constraint: float
+    def __init__(self, text: _Optional[float] = ..., constraint: _Optional[float] = ...) -> None: ...
+
+class EditPrompts(_message.Message):
+    __slots__ = ("upsert", "remove")
+    UPSERT_FIELD_NUMBER: _ClassVar[int]
+    REMOVE_FIELD_NUMBER: _ClassVar[int]
+    upsert: _containers.RepeatedCompositeFieldContainer[_motion_pb2.PromptSpan]
+    remove: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, upsert: _Optional[_Iterable[_Union[_motion_pb2.PromptSpan, _Mapping]]] = ..., remove: _Optional[_Iterable[int]] = ...) -> None: ...
+
+class EditConstraints(_message.Message):
+    __slots__ = ("upsert", "remove", "clear")
+    UPSERT_FIELD_NUMBER: _ClassVar[int]
+    REMOVE_FIELD_NUMBER: _ClassVar[int]
+    CLEAR_FIELD_NUMBER: _ClassVar[int]
+    upsert: _containers.RepeatedCompositeFieldContainer[_motion_pb2.Constraint]
+    remove: _containers.RepeatedScalarFieldContainer[int]
+    clear: bool
+    def __init__(self, upsert: _Optional[_Iterable[_Union[_motion_pb2.Constraint, _Mapping]]] = ..., remove: _Optional[_Iterable[int]] = ..., clear: _Optional[bool] = ...) -> None: ...
+
+class Playhead(_message.Message):
+    __slots__ = ("frame", "buffered_to", "underruns")
+    FRAME_FIELD_NUMBER: _ClassVar[int]
+    BUFFERED_TO_FIELD_NUMBER: _ClassVar[int]
+    UNDERRUNS_FIELD_NUMBER: _ClassVar[int]
+    frame: int
+    buffered_to: int
+    underruns: int
+    def __init__(self, frame: _Optional[int] = ..., buffered_to: _Optional[int] = ..., underruns: _Optional[int] = ...) -> None: ...
+
+class SetPlayState(_message.Message):
+    __slots__ = ("state",)
+    STATE_FIELD_NUMBER: _ClassVar[int]
+    state: PlayState
+    def __init__(self, state: _Optional[_Union[PlayState, str]] = ...) -> None: ...
+
+class CloseSession(_message.Message):
+    __slots__ = ()
+    def __init__(self) -> None: ...
+
+class SessionUpdate(_message.Message):
+    __slots__ = ("session", "applied_seq", "opened", "chunk", "plan", "outcome", "closed")
+    SESSION_FIELD_NUMBER: _ClassVar[int]
+    APPLIED_SEQ_FIELD_NUMBER: _ClassVar[int]
+    OPENED_FIELD_NUMBER: _ClassVar[int]
+    CHUNK_FIELD_NUMBER: _ClassVar[int]
+    PLAN_FIELD_NUMBER: _ClassVar[int]
+    OUTCOME_FIELD_NUMBER: _ClassVar[int]
+    CLOSED_FIELD_NUMBER: _ClassVar[int]
+    session: int
+    applied_seq: int
+    opened: SessionOpened
+    chunk: _motion_pb2.FrameChunk
+    plan: PlanNotice
+    outcome: EditOutcome
+    closed: SessionClosed
+    def __init__(self, session: _Optional[int] = ..., applied_seq: _Optional[int] = ..., opened: _Optional[_Union[SessionOpened, _Mapping]] = ..., chunk: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., plan: _Optional[_Union[PlanNotice, _Mapping]] = ..., outcome: _Optional[_Union[EditOutcome, _Mapping]] = ..., closed: _Optional[_Union[SessionClosed, _Mapping]] = ...) -> None: ...
+
+class SessionOpened(_message.Message):
+    __slots__ = ("session_id", "seed", "start_frame", "rig_id", "model_id", "frame_rate", "lookahead_frames", "committed_horizon_frames", "denoise_steps", "scalar_type")
+    SESSION_ID_FIELD_NUMBER: _ClassVar[int]
+    SEED_FIELD_NUMBER: _ClassVar[int]
+    START_FRAME_FIELD_NUMBER: _ClassVar[int]
+    RIG_ID_FIELD_NUMBER: _ClassVar[int]
+    MODEL_ID_FIELD_NUMBER: _ClassVar[int]
+    FRAME_RATE_FIELD_NUMBER: _ClassVar[int]
+    LOOKAHEAD_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    COMMITTED_HORIZON_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    DENOISE_STEPS_FIELD_NUMBER: _ClassVar[int]
+    SCALAR_TYPE_FIELD_NUMBER: _ClassVar[int]
+    session_id: str
+    seed: int
+    start_frame: int
+    rig_id: str
+    model_id: str
+    frame_rate: int
+    lookahead_frames: int
+    committed_horizon_frames: int
+    denoise_steps: int
+    scalar_type: _motion_pb2.ScalarType
+    def __init__(self, session_id: _Optional[str] = ..., seed: _Optional[int] = ..., start_frame: _Optional[int] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., frame_rate: _Optional[int] = ..., lookahead_frames: _Optional[int] = ..., committed_horizon_frames: _Optional[int] = ..., denoise_steps: _Optional[int] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ...) -> None: ...
+
+class PlanNotice(_message.Message):
+    __slots__ = ("plan", "valid_from", "cause", "event_seqs")
+    PLAN_FIELD_NUMBER: _ClassVar[int]
+    VALID_FROM_FIELD_NUMBER: _ClassVar[int]
+    CAUSE_FIELD_NUMBER: _ClassVar[int]
+    EVENT_SEQS_FIELD_NUMBER: _ClassVar[int]
+    plan: int
+    valid_from: int
+    cause: PlanCause
+    event_seqs: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, plan: _Optional[int] = ..., valid_from: _Optional[int] = ..., cause: _Optional[_Union[PlanCause, str]] = ..., event_seqs: _Optional[_Iterable[int]] = ...) -> None: ...
+
+class EditOutcome(_message.Message):
+    __slots__ = ("event_seq", "code", "reason", "message", "effective_frame", "field", "allowed")
+    EVENT_SEQ_FIELD_NUMBER: _ClassVar[int]
+    CODE_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    MESSAGE_FIELD_NUMBER: _ClassVar[int]
+    EFFECTIVE_FRAME_FIELD_NUMBER: _ClassVar[int]
+    FIELD_FIELD_NUMBER: _ClassVar[int]
+    ALLOWED_FIELD_NUMBER: _ClassVar[int]
+    event_seq: int
+    code: int
+    reason: str
+    message: str
+    effective_frame: int
+    field: str
+    allowed: str
+    def __init__(self, event_seq: _Optional[int] = ..., code: _Optional[int] = ..., reason: _Optional[str] = ..., message: _Optional[str] = ..., effective_frame: _Optional[int] = ..., field: _Optional[str] = ..., allowed: _Optional[str] = ...) -> None: ...
+
+class SessionClosed(_message.Message):
+    __slots__ = ("reason", "code", "message", "frames", "late_frames")
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    CODE_FIELD_NUMBER: _ClassVar[int]
+    MESSAGE_FIELD_NUMBER: _ClassVar[int]
+    FRAMES_FIELD_NUMBER: _ClassVar[int]
+    LATE_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    reason: CloseReason
+    code: int
+    message: str
+    frames: int
+    late_frames: int
+    def __init__(self, reason: _Optional[_Union[CloseReason, str]] = ..., code: _Optional[int] = ..., message: _Optional[str] = ..., frames: _Optional[int] = ..., late_frames: _Optional[int] = ...) -> None: ...

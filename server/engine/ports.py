@@ -1,0 +1,54 @@
+"""What the engine needs from outside. The engine knows these shapes only, never who fills them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol, TypeAlias
+
+from server.engine.types import ModelFacts, Output, RowStatus, StepReport, WindowJob, WindowResult
+
+
+class Runner(Protocol):
+    """Owns the device and the model. Called from the engine's thread alone.
+
+    A job lives in the runner from `prepare` until `decode` or `discard`. Rows of one call may differ in everything:
+    steps done, step count, history length, guidance, constraints, prompt, seed. What a row gets never depends on the
+    others. A call that raises leaves every job where it was before the call, so that it may be made again for fewer
+    jobs; an exception therefore concerns the jobs of the call as a whole.
+    """
+
+    @property
+    def facts(self) -> ModelFacts:
+        """The loaded model's rates and limits; they never change."""
+        ...
+
+    def prepare(self, jobs: Sequence[WindowJob]) -> None:
+        """Take in new jobs: history tokens, conditions, initial noise."""
+        ...
+
+    def denoise(self, job_ids: Sequence[int]) -> list[RowStatus]:
+        """Advance each job by one denoising step; statuses are in the order of job_ids."""
+        ...
+
+    def decode(self, job_ids: Sequence[int]) -> list[WindowResult]:
+        """Turn jobs that have done all their steps into frames and forget them; results are in the order of job_ids."""
+        ...
+
+    def discard(self, job_ids: Sequence[int]) -> None:
+        """Forget jobs at any stage. An id that is not held is no error. Never raises."""
+        ...
+
+
+class Clock(Protocol):
+    """Monotonic time; never wall-clock time."""
+
+    def now(self) -> float:
+        """Seconds since some fixed moment."""
+        ...
+
+
+Deliver: TypeAlias = Callable[[Sequence[Output]], None]
+"""Takes the outputs of one step, in order, on the engine's thread. Must return at once and never raise."""
+
+Observe: TypeAlias = Callable[[StepReport], None]
+"""Takes the report of every step, on the engine's thread. Must return at once and never raise."""

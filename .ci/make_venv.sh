@@ -1,0 +1,35 @@
+#!/usr/bin/env bash
+# Make a virtual environment with the first Python of at least 3.11 on the PATH: make_venv.sh FOLDER
+# Debian and Ubuntu ship Python without venv; there, install the missing package if we may, else say which it is.
+set -euo pipefail
+folder=$1
+
+python=
+for name in python3.12 python3.11 python3.13 python3; do
+  if command -v "$name" >/dev/null && "$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then
+    python=$name
+    break
+  fi
+done
+if [ -z "$python" ]; then
+  echo "motiongen needs Python 3.11 or later on the PATH; on Debian 12 or later: apt-get install python3 python3-venv" >&2
+  exit 1
+fi
+
+if ! "$python" -c 'import ensurepip, venv' 2>/dev/null; then
+  package=$("$python" -c 'import sys; print(f"python3.{sys.version_info.minor}-venv")')
+  as_root=
+  if [ "$(id -u)" != 0 ]; then
+    as_root="sudo -n"
+  fi
+  if ! command -v apt-get >/dev/null || ! $as_root true 2>/dev/null; then
+    echo "$python cannot make virtual environments: install its venv module (Debian, Ubuntu: apt-get install $package)" >&2
+    exit 1
+  fi
+  echo "installing $package"
+  $as_root apt-get update -qq
+  $as_root apt-get install -qq --yes --no-install-recommends "$package"
+fi
+
+"$python" -m venv --clear "$folder"
+echo "made $folder with $("$python" --version)"

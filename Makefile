@@ -1,0 +1,100 @@
+# `make help` lists the targets. Every target that runs Python makes the environment first, once.
+SHELL := bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+
+VENV ?= .venv
+PYTHON := $(VENV)/bin/python
+READY := $(VENV)/.ready
+OUT ?= out
+ARGS ?=
+
+# ---- environment
+
+.PHONY: help
+help: ## list the targets
+	@awk 'BEGIN {FS = ":.*## "} /^[a-z0-9-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+.PHONY: setup
+setup: $(READY) ## make .venv with the three distributions and the development tools
+
+$(READY): constraints.txt pyproject.toml proto/pyproject.toml client/python/pyproject.toml
+	@bash .ci/make_venv.sh "$(VENV)"
+	$(PYTHON) -m pip install --quiet --constraint constraints.txt setuptools
+	$(PYTHON) -m pip install --progress-bar on --no-build-isolation --constraint constraints.txt \
+		--editable proto --editable client/python --editable '.[dev]'
+	@touch $@
+
+# ---- use
+
+.PHONY: demo
+demo: $(READY) ## serve the built-in model, drive eight characters for 12 s, write BVH files and a picture to out/demo
+	$(PYTHON) -m motiongen_client demo --out $(OUT)/demo $(ARGS)
+
+.PHONY: serve
+serve: $(READY) ## serve the built-in model; options in ARGS, listed by make serve ARGS=--help
+	$(PYTHON) -m server $(ARGS)
+
+# ---- check
+
+.PHONY: check
+check: lint types proto-current test ## everything that CI runs
+
+.PHONY: test
+test: $(READY) ## run all tests that need no GPU
+	$(PYTHON) -m pytest -m 'not gpu' $(ARGS)
+
+.PHONY: test-gpu
+test-gpu: $(READY) ## run the tests that need a CUDA device
+	$(PYTHON) -m pytest -m gpu $(ARGS)
+
+.PHONY: parity
+parity: $(READY) ## test that batched, streamed and saved motion equals the plain rollout
+	$(PYTHON) -m pytest tests/parity $(ARGS)
+
+.PHONY: e2e
+e2e: $(READY) ## test a real server process with the real client
+	$(PYTHON) -m pytest tests/e2e $(ARGS)
+
+.PHONY: lint
+lint: $(READY) ## check style and format
+	$(PYTHON) -m ruff check .
+	$(PYTHON) -m ruff format --check .
+
+.PHONY: fmt
+fmt: $(READY) ## format, and mend what can be mended
+	$(PYTHON) -m ruff check --fix .
+	$(PYTHON) -m ruff format .
+
+.PHONY: types
+types: $(READY) ## check types: mypy strict on server, contract and client
+	$(PYTHON) -m mypy
+
+.PHONY: proto
+proto: $(READY) ## generate proto/python from the protos
+	$(PYTHON) proto/generate.py
+
+.PHONY: proto-current
+proto-current: $(READY) ## test that the protos keep their rules and proto/python is what they generate
+	$(PYTHON) -m pytest -q tests/house/test_proto_rules.py tests/house/test_generated.py
+
+# ---- measure and make
+
+.PHONY: bench
+bench: $(READY) ## measure latency, throughput and memory of the built-in model; writes out/bench
+	$(PYTHON) -m tests.bench --out $(OUT)/bench $(ARGS)
+
+.PHONY: data
+data: $(READY) ## turn motion capture into a training set; ARGS names the sources, listed by make data ARGS=--help
+	$(PYTHON) -m ardy.data $(ARGS)
+
+.PHONY: train-mini
+train-mini: $(READY) ## train the built-in model: tokenizer, then denoiser; options in ARGS go to both
+	$(PYTHON) -m ardy.train.tokenizer $(ARGS)
+	$(PYTHON) -m ardy.train.denoiser $(ARGS)
+
+.PHONY: clean
+clean: ## remove what make made, the environment too
+	rm -rf $(VENV) $(OUT) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -prune -exec rm -rf {} +
+	find . -name '*.egg-info' -prune -exec rm -rf {} +

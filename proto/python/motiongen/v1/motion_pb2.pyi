@@ -77,16 +77,14 @@ class RootPose(_message.Message):
     def __init__(self, x: _Optional[float] = ..., z: _Optional[float] = ..., heading: _Optional[float] = ...) -> None: ...
 
 class JointTargets(_message.Message):
-    __slots__ = ("joints", "positions", "rotations", "heading")
+    __slots__ = ("joints", "positions", "rotations")
     JOINTS_FIELD_NUMBER: _ClassVar[int]
     POSITIONS_FIELD_NUMBER: _ClassVar[int]
     ROTATIONS_FIELD_NUMBER: _ClassVar[int]
-    HEADING_FIELD_NUMBER: _ClassVar[int]
     joints: _containers.RepeatedScalarFieldContainer[int]
     positions: _containers.RepeatedScalarFieldContainer[float]
     rotations: _containers.RepeatedScalarFieldContainer[float]
-    heading: float
-    def __init__(self, joints: _Optional[_Iterable[int]] = ..., positions: _Optional[_Iterable[float]] = ..., rotations: _Optional[_Iterable[float]] = ..., heading: _Optional[float] = ...) -> None: ...
+    def __init__(self, joints: _Optional[_Iterable[int]] = ..., positions: _Optional[_Iterable[float]] = ..., rotations: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class FullPose(_message.Message):
     __slots__ = ("positions",)

@@ -58,7 +58,6 @@ class CloseReason(IntEnum):
     CLIENT = 1
     IDLE = 2
     SLOW_READER = 3
-    QUOTA = 4
     DRAINED = 5
     ENGINE_FAULT = 6
 
@@ -162,7 +161,7 @@ class StartPose:
 class Prompt:
     """A text that holds from start_frame up to, not including, end_frame (None: open-ended).
 
-    start_frame None means "from the first frame that can still be replaced". embedding: (E,) or (L, E) float32, as the
+    start_frame None means "from the first frame that can still be replaced", and so does a frame below that. embedding: (E,) or (L, E) float32, as the
     runner's text encoder gave it. Where spans overlap, the one that starts last wins; of equal starts, the one set last.
     """
 
@@ -263,7 +262,8 @@ class SessionSpec:
 
 # ---- events: what the service tells the engine -----------------------------------------------------------------------
 # event_seq rises within a session and names the event in its Outcome; 0 means not sequenced. received_at is when the
-# service read the event. Every event but Playhead gets exactly one Outcome.
+# service read the event. SetPrompts, SetConstraints and SetPlayState get exactly one Outcome each; Open gets Opened, or an
+# Outcome that refuses it; Close gets Closed, or an Outcome where no session is open; Playhead gets no answer.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -279,7 +279,7 @@ class Open:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SetPrompts:
-    """Replace or add prompts by id, and remove others, as one edit."""
+    """Change prompts as one edit: `remove` first, then `upsert`, which adds or replaces by id."""
 
     session: SessionKey
     event_seq: int
@@ -290,7 +290,7 @@ class SetPrompts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SetConstraints:
-    """Replace or add constraints by id, and remove others, as one edit; `clear` first removes all that stand."""
+    """Change constraints as one edit: `clear` first removes all that stand, then `remove`, then `upsert`."""
 
     session: SessionKey
     event_seq: int
@@ -302,7 +302,10 @@ class SetConstraints:
 
 @dataclass(frozen=True, slots=True)
 class Playhead:
-    """The client's report: the frame being shown, frames held up to (exclusive), underruns so far. The newest wins."""
+    """The client's report: the frame being shown, frames held up to (exclusive), underruns so far. The newest wins.
+
+    A frame below an earlier report's is ignored; one beyond what was sent is taken as the end of what was sent.
+    """
 
     session: SessionKey
     event_seq: int
@@ -390,10 +393,13 @@ class WindowResult:
 
 @dataclass(frozen=True, slots=True)
 class Opened:
+    """The first output of a session. committed_horizon: least frames from the playhead to what an edit can change."""
+
     session: SessionKey
     seed: int
     start_frame: int
     lookahead: int
+    committed_horizon: int
     denoise_steps: int
 
 
@@ -401,14 +407,14 @@ class Opened:
 class PlanNotice:
     """Precedes the chunks of a plan: what the client holds of older plans at frames >= valid_from is void.
 
-    event_seq: the newest edit that the plan answers; 0 if none.
+    event_seqs: the edits that first take effect in this plan, in the order they came.
     """
 
     session: SessionKey
     plan: int
     valid_from: int
     cause: PlanCause
-    event_seq: int
+    event_seqs: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -426,16 +432,18 @@ class Chunk:
 class Outcome:
     """The answer to one event. code OK: in effect from effective_frame on. Otherwise the event changed nothing.
 
-    reason: an UPPER_SNAKE word a program can act on, empty when OK; field: the path of the field at fault, or empty.
+    effective_frame: None when refused, or when no frame is altered. reason: an UPPER_SNAKE word a program can act on;
+    field: the path of the field at fault, in the protocol's words; allowed: what may stand there. All empty when OK.
     """
 
     session: SessionKey
     event_seq: int
     code: Code
-    effective_frame: int = 0
+    effective_frame: int | None = None
     reason: str = ""
     message: str = ""
     field: str = ""
+    allowed: str = ""
 
 
 @dataclass(frozen=True, slots=True)

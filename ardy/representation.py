@@ -144,23 +144,28 @@ class Representation(nn.Module):
             return self.positions_block(features)
         return self.motion(features).positions(self.skeleton)
 
-    def rotate(self, features: Tensor, angle: Tensor) -> Tensor:
-        """Turn features (B, T, D) in natural units by (B) radians about +Y through the world origin."""
+    def rotate(self, features: Tensor, angle: Tensor, orthonormal: bool = False) -> Tensor:
+        """Turn features (B, T, D) in natural units by (B) radians about +Y through the world origin.
+
+        Rotations come out orthonormal; `orthonormal` says that they already are, which is much cheaper.
+        """
         turn = rotation_y(angle)  # (B, 3, 3)
 
         def turned(vectors: Tensor) -> Tensor:  # (B, T, 3k) -> (B, T, 3k)
-            return torch.einsum("bij,btkj->btki", turn, vectors.unflatten(-1, (-1, 3))).flatten(-2)
+            return (vectors.unflatten(-1, (-1, 3)) @ turn.transpose(-1, -2)[:, None]).flatten(-2)
 
         heading = features[..., self.heading_block]
         cosine, sine = torch.cos(angle)[:, None], torch.sin(angle)[:, None]
-        rotations = turn[:, None, None] @ self.global_rotations(features)
+        rotations = features[..., self.rotation_block]
+        if not orthonormal:
+            rotations = matrix_to_6d(self.global_rotations(features)).flatten(-2)
         return torch.cat(
             [
                 turned(features[..., self.root_position_block]),
                 (heading[..., 0] * cosine - heading[..., 1] * sine)[..., None],
                 (heading[..., 0] * sine + heading[..., 1] * cosine)[..., None],
                 turned(features[..., self.position_block]),
-                matrix_to_6d(rotations).flatten(-2),
+                turned(rotations),
                 turned(features[..., self.velocity_block]),
                 features[..., self.contact_block],
             ],

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from server.engine.types import Code, Constraint, Prompt, SetConstraints, SetPrompts
+from server.engine.types import Code, Constraint, Outcome, Prompt, SessionKey, SetConstraints, SetPrompts
 
 
 class EditRefused(Exception):
@@ -20,6 +20,9 @@ class EditRefused(Exception):
         self.message = message
         self.field = field
         self.allowed = allowed
+
+    def outcome(self, session: SessionKey, event_seq: int) -> Outcome:
+        return Outcome(session, event_seq, self.code, None, self.reason, self.message, self.field, self.allowed)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

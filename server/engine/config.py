@@ -16,8 +16,8 @@ class EngineConfig:
     history_crop: most history frames given to a window. continue_threshold: unplayed frames at which the next window is
     started; continue_jitter: most frames added to it, different for each session, so that sessions opened together
     spread out. first_chunk, steady_chunk: frames of the first chunk after an edit, and of any chunk at most.
-    rtt_s, flush_s, margin_s: the way to the client and back, the service's flush interval, and a safety margin; together
-    the least lead of a replan. edit_target_s: seconds from an edit to its frames that each class is promised;
+    rtt_s, flush_s, margin_s: the way to the client and back, the service's flush interval, and a safety margin; the sum
+    is the least lead of a replan. edit_target_s: seconds from an edit to its frames that each class is promised;
     open_target_s: the same from opening. idle_timeout_s: silence after which a session is closed.
     max_restarts: how often in a row edits may restart a running window before one is allowed to finish.
     initial_step_s: the cost of a denoising step before one has been measured.

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol, TypeAlias
 
-from server.engine.types import ModelFacts, Output, RowStatus, StepReport, WindowJob, WindowResult
+from server.engine.report import StepReport
+from server.engine.types import ModelFacts, Output, RowStatus, WindowJob, WindowResult
 
 
 class Runner(Protocol):

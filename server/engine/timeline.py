@@ -57,9 +57,9 @@ class Timeline:
 class PlaybackClock:
     """The client's playhead between its reports.
 
-    Until the first report the client stands at frame 0, not yet playing. From then on the playhead moves at fps from the
-    newest report, up to what was sent and no further, unless paused. `reported` is the newest report: the credit is
-    counted from it, not from the estimate, so that a client that has gone silent gets a lookahead of frames and no more.
+    Until the first report the client stands at frame 0, not yet playing. From then on the playhead moves at fps from
+    the newest report, up to what was sent and no further, unless paused. `reported` is the newest report: the credit is
+    counted from it, not from the estimate, so that a silent client gets a lookahead of frames and no more.
     """
 
     fps: int

@@ -1,14 +1,13 @@
 """The values that cross the engine's border: what a session is, what it is told, what the runner gets, what comes out.
 
 Plain frozen dataclasses of numpy arrays and numbers. Units: metres, radians, seconds; right-handed, +Y up, +Z forward.
-A frame is an absolute index since the session began, at the model's fps. Times (`_at`, `deadline`) are monotonic seconds
-of one clock. Shape letters: T frames, J joints, D features, K joints of one constraint, E width of a text embedding.
+A frame is an absolute index since the session began, at the model's fps. Times (`_at`, `deadline`) are monotonic
+seconds of one clock. Shape letters: T frames, J joints, D features, K joints of one constraint, E width of an embedding.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple, TypeAlias
 
@@ -161,8 +160,9 @@ class StartPose:
 class Prompt:
     """A text that holds from start_frame up to, not including, end_frame (None: open-ended).
 
-    start_frame None means "from the first frame that can still be replaced", and so does a frame below that. embedding: (E,) or (L, E) float32, as the
-    runner's text encoder gave it. Where spans overlap, the one that starts last wins; of equal starts, the one set last.
+    start_frame None means "from the first frame that can still be replaced", and so does a frame below that.
+    embedding: (E,) or (L, E) float32, as the runner's text encoder gave it. Where spans overlap, the one that starts
+    last wins; of equal starts, the one set last.
     """
 
     prompt_id: int
@@ -262,8 +262,8 @@ class SessionSpec:
 
 # ---- events: what the service tells the engine -----------------------------------------------------------------------
 # event_seq rises within a session and names the event in its Outcome; 0 means not sequenced. received_at is when the
-# service read the event. SetPrompts, SetConstraints and SetPlayState get exactly one Outcome each; Open gets Opened, or an
-# Outcome that refuses it; Close gets Closed, or an Outcome where no session is open; Playhead gets no answer.
+# service read the event. SetPrompts, SetConstraints and SetPlayState get exactly one Outcome each; Open gets Opened, or
+# an Outcome that refuses it; Close gets Closed, or an Outcome where no session is open; Playhead gets no answer.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -380,7 +380,7 @@ class RowStatus:
 class WindowResult:
     """A finished window, horizon frames from the job's first_frame on.
 
-    frames: (G, row_width) float32, rows for the wire. features: (G, D) float32, normalized, the history of what follows.
+    frames: (G, row_width) float32, rows for the wire. features: (G, D) float32, normalized, for later histories.
     """
 
     job_id: int
@@ -459,45 +459,3 @@ class Closed:
 
 
 Output: TypeAlias = Opened | PlanNotice | Chunk | Outcome | Closed
-
-
-# ---- for the metrics -------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class EventLatency:
-    """Seconds from an edit's arrival to the delivery of the first frame that it changed."""
-
-    priority: Priority
-    kind: str
-    seconds: float
-
-
-@dataclass(slots=True)
-class StepReport:
-    """What one engine step did; `app` turns it into metrics. Lists hold a value for each occurrence in the step.
-
-    rows: rows in the denoising step, 0 when there was none. Pairs (priority, cause) label windows and frames.
-    """
-
-    rows: int = 0
-    bucket: int = 0
-    prepare_seconds: float = 0.0
-    step_seconds: float = 0.0
-    decode_seconds: float = 0.0
-    queue_waits: list[float] = field(default_factory=list)
-    slacks: list[tuple[Priority, float]] = field(default_factory=list)
-    windows: list[tuple[Priority, PlanCause]] = field(default_factory=list)
-    deadline_misses: list[Priority] = field(default_factory=list)
-    frames_sent: int = 0
-    frames_superseded: int = 0
-    windows_discarded: int = 0
-    windows_restarted: int = 0
-    nan_rows: int = 0
-    runner_faults: int = 0
-    credit_stalls: int = 0
-    client_underruns: list[tuple[Priority, int]] = field(default_factory=list)
-    event_latencies: list[EventLatency] = field(default_factory=list)
-    opens: list[Code] = field(default_factory=list)
-    closes: list[CloseReason] = field(default_factory=list)
-    sessions: Mapping[tuple[Priority, PlayState], int] = field(default_factory=dict)

@@ -140,5 +140,8 @@ class Tokenizer(nn.Module):
 
 def build_tokenizer(config: TokenizerConfig, representation: Representation) -> Tokenizer:
     """A tokenizer with fresh weights and the identity as its latents' statistics."""
-    identity = Stats(torch.zeros(config.latent_dim), torch.ones(config.latent_dim))
-    return Tokenizer(config, representation, identity, identity)
+
+    def identity() -> Stats:
+        return Stats(torch.zeros(config.latent_dim), torch.ones(config.latent_dim))
+
+    return Tokenizer(config, representation, identity(), identity())

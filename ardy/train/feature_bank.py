@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 
 from ardy.data.dataset import Clip, MotionDataset
-from ardy.data.mirror import mirror_clip
-from ardy.representation import Representation
+from ardy.representation import LOCAL_ROOT_WIDTH, ROOT_WIDTH, Representation
 from ardy.rotation import quaternion_to_matrix
+from ardy.skeleton import Skeleton
 from ardy.stats import Stats
 
 MIN_CLIP_FRAMES = 16
@@ -23,19 +23,28 @@ class FeatureBank:
 
     features: (F, D) float32 in natural units, world frame of each clip.
     first, length: (C) int64, where each clip lies; weight: (C) float64, chance of drawing it.
-    captions: for each clip the indices of its captions in `texts`.
+    clips: the clips themselves, in the same order; text_index: every caption's place in a table of embeddings.
     """
 
     features: Tensor
     first: np.ndarray
     length: np.ndarray
     weight: np.ndarray
-    captions: list[list[int]]
-    texts: list[str]
+    clips: tuple[Clip, ...]
+    text_index: dict[str, int]
 
     @property
     def num_clips(self) -> int:
         return len(self.length)
+
+    @property
+    def texts(self) -> list[str]:
+        return list(self.text_index)
+
+    def draw_caption(self, random: np.random.Generator, clip: int, start: int, length: int) -> int:
+        """The index of a caption that may be said of frames start..start+length-1 of a clip, drawn at random."""
+        captions = self.clips[clip].captions_for(start, length)
+        return self.text_index[captions[int(random.integers(len(captions)))]]
 
     def gather(self, clips: np.ndarray, starts: np.ndarray, num_frames: int) -> Tensor:
         """Frames starts..starts+num_frames-1 of clips (B) -> (B, num_frames, D); past a clip's end its last frame."""
@@ -43,49 +52,45 @@ class FeatureBank:
         return self.features[torch.from_numpy(self.first[clips][:, None] + within)]
 
 
-def build_feature_bank(dataset: MotionDataset, fps: int, mirror: bool = True) -> FeatureBank:
+def natural_layout(skeleton: Skeleton, fps: int) -> Representation:
+    """A representation whose statistics are mean 0 and std 1, for work in natural units."""
+    width = skeleton.feature_dim + LOCAL_ROOT_WIDTH
+    return Representation(skeleton, fps, Stats(torch.zeros(width), torch.ones(width)))
+
+
+def build_feature_bank(dataset: MotionDataset, layout: Representation, mirror: bool = True) -> FeatureBank:
     """Features of every clip of at least `MIN_CLIP_FRAMES` frames, and of its mirror image.
 
     Clips are drawn in proportion to their length over the square root of their content's total length, so that rare
-    contents are seen without being worn out.
+    contents are seen without being worn out. layout: a representation of the data's skeleton; statistics are not used.
     """
-    skeleton = dataset.skeleton
-    layout = Representation(skeleton, fps, Stats(torch.zeros(skeleton.feature_dim + 4), torch.ones(skeleton.feature_dim + 4)))
-    blocks: list[Tensor] = []
-    contents: list[str] = []
-    captions: list[list[int]] = []
-    text_index: dict[str, int] = {}
-
-    def add(rotations: np.ndarray, root: np.ndarray, clip: Clip, texts: tuple[str, ...]) -> None:
-        local = quaternion_to_matrix(torch.from_numpy(rotations))
-        blocks.append(layout.features(local[None], torch.from_numpy(root)[None])[0])
-        contents.append(clip.content)
-        captions.append([text_index.setdefault(text, len(text_index)) for text in texts])
-
-    for clip in dataset.clips:
-        if clip.num_frames < MIN_CLIP_FRAMES:
-            continue
-        add(clip.rotations, clip.root_positions, clip, clip.captions)
-        if mirror and clip.mirrored_captions:
-            rotations, root = mirror_clip(skeleton, clip.rotations, clip.root_positions)
-            add(rotations, root, clip, clip.mirrored_captions)
-
-    length = np.array([len(block) for block in blocks])
+    clips = [clip for clip in dataset.clips if clip.num_frames >= MIN_CLIP_FRAMES]
+    if mirror:
+        clips += [clip.mirrored(dataset.skeleton) for clip in clips if clip.mirror_allowed]
+    blocks = []
+    for clip in clips:
+        local = quaternion_to_matrix(clip.local_rotations)
+        blocks.append(layout.features(local[None], clip.root_positions[None])[0])
+    length = np.array([clip.num_frames for clip in clips])
     totals: dict[str, int] = {}
-    for content, frames in zip(contents, length, strict=True):
-        totals[content] = totals.get(content, 0) + int(frames)
-    weight = length / np.sqrt([totals[content] for content in contents])
+    text_index: dict[str, int] = {}
+    for clip in clips:
+        totals[clip.content] = totals.get(clip.content, 0) + clip.num_frames
+        for captions in (clip.captions, *(segment.captions for segment in clip.segments)):
+            for caption in captions:
+                text_index.setdefault(caption, len(text_index))
+    weight = length / np.sqrt([totals[clip.content] for clip in clips])
     return FeatureBank(
         features=torch.cat(blocks),
         first=np.concatenate([[0], np.cumsum(length)[:-1]]),
         length=length,
         weight=weight / weight.sum(),
-        captions=captions,
-        texts=list(text_index),
+        clips=tuple(clips),
+        text_index=text_index,
     )
 
 
-def measure_stats(bank: FeatureBank, skeleton_stats: Representation, num_windows: int = 4096, seed: int = 0) -> Stats:
+def measure_stats(bank: FeatureBank, layout: Representation, num_windows: int = 4096, seed: int = 0) -> Stats:
     """Statistics of width D + 4 (root, local root, body) over random windows, turned at random about +Y.
 
     The windows span history, horizon and future with the origin at their last history frame, so that the root's
@@ -97,15 +102,15 @@ def measure_stats(bank: FeatureBank, skeleton_stats: Representation, num_windows
     starts = (generator.random(num_windows) * np.maximum(1, bank.length[clips] - num_frames)).astype(np.int64)
     frames = bank.gather(clips, starts, num_frames)
     angle = torch.from_numpy(generator.uniform(-np.pi, np.pi, num_windows)).float()
-    frames = skeleton_stats.rotate(frames, angle, orthonormal=True)
-    frames = skeleton_stats.translate_ground(frames, -frames[:, origin, [0, 2]])
+    frames = layout.rotate(frames, angle, orthonormal=True)
+    frames = layout.translate_ground(frames, -frames[:, origin, [0, 2]])
     valid = torch.from_numpy(starts[:, None] + np.arange(num_frames) < bank.length[clips][:, None])
     # The identity statistics (mean 0, std 1) leave the local root in natural units up to the variance floor.
     lengths = valid.sum(1)
-    local = skeleton_stats.local_root_stats.denormalize(
-        skeleton_stats.local_root(skeleton_stats.root_stats.normalize(frames[..., :5]), lengths)
+    local = layout.local_root_stats.denormalize(
+        layout.local_root(layout.root_stats.normalize(frames[..., :ROOT_WIDTH]), lengths)
     )
-    rows = torch.cat([frames[..., :5], local, frames[..., 5:]], dim=-1)[valid].double()
+    rows = torch.cat([frames[..., :ROOT_WIDTH], local, frames[..., ROOT_WIDTH:]], dim=-1)[valid].double()
     return Stats(rows.mean(0).float(), rows.std(0).float())
 
 

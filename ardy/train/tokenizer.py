@@ -18,10 +18,9 @@ from ardy.checkpoint import save_tokenizer
 from ardy.config import TokenizerConfig, TransformerConfig
 from ardy.data.dataset import MotionDataset
 from ardy.representation import ROOT_WIDTH, Representation
-from ardy.skeleton import load_skeleton
 from ardy.stats import Stats
 from ardy.tokenizer import Tokenizer, build_tokenizer
-from ardy.train.feature_bank import FeatureBank, build_feature_bank, measure_stats
+from ardy.train.feature_bank import FeatureBank, build_feature_bank, measure_stats, natural_layout
 from ardy.train.loop import LoopSettings, Trainer, add_loop_arguments, distributed, loop_settings
 from ardy.train.losses import consistency, skate, smooth_l1
 
@@ -108,9 +107,8 @@ class TokenizerTask:
     def export(self, averaged: nn.Module, folder: Path) -> None:
         """Write the tokenizer folder: weights, config, motion statistics, latent statistics."""
         assert isinstance(averaged, TokenizerLoss)
-        tokenizer = averaged.tokenizer.eval()
-        measure_latents(tokenizer, self, num_batches=24)
-        save_tokenizer(tokenizer, folder)
+        measure_latents(averaged.tokenizer, self, num_batches=24)
+        save_tokenizer(averaged.tokenizer, folder)
 
 
 @torch.no_grad()
@@ -128,22 +126,15 @@ def measure_latents(tokenizer: Tokenizer, task: TokenizerTask, num_batches: int)
     tokenizer.post_stats = Stats(after.mean(0), after.std(0))
 
 
-def natural_layout(skeleton_name: str, fps: int) -> Representation:
-    """A representation whose statistics are mean 0 and std 1, for work in natural units."""
-    skeleton = load_skeleton(skeleton_name)
-    width = skeleton.feature_dim + 4
-    return Representation(skeleton, fps, Stats(torch.zeros(width), torch.ones(width)))
-
-
 def train_tokenizer(
     config: TokenizerConfig, dataset: MotionDataset, settings: LoopSettings, batch: int, device: str = "cpu"
 ) -> Trainer:
     """Train on a data set's clips and return the finished trainer; its folder holds the result."""
     with distributed() as (rank, num_processes):
         torch.manual_seed(settings.seed)
-        bank = build_feature_bank(dataset, dataset.fps)
-        stats = measure_stats(bank, natural_layout(dataset.skeleton.name, dataset.fps))
-        representation = Representation(dataset.skeleton, dataset.fps, stats)
+        layout = natural_layout(dataset.skeleton, int(dataset.fps))
+        bank = build_feature_bank(dataset, layout)
+        representation = Representation(dataset.skeleton, int(dataset.fps), measure_stats(bank, layout))
         task = TokenizerTask(config, bank, representation, batch)
         task.module.to(device)
         trainer = Trainer(task, settings, rank, num_processes)

@@ -76,7 +76,7 @@ class WindowSampler:
         frames = self.representation.translate_ground(frames, -frames[torch.arange(self.batch), origin][:, [0, 2]])
         mask = torch.from_numpy(self._masks(random, frames, history, generation, length))
         heading = torch.atan2(frames[:, 0, 4], frames[:, 0, 3])
-        text = self._texts(random, clips)
+        text = self._texts(random, clips, starts + history, generation)
         device = self.representation.stats.mean.device
         features = self.representation.normalize(frames.to(device))
         mask = mask.to(device, torch.float32)
@@ -127,7 +127,8 @@ class WindowSampler:
             masks[row, :end] = self.constraints.sample(random, first, first + int(generation[row]), end, planted[row])
         return masks
 
-    def _texts(self, random: np.random.Generator, clips: np.ndarray) -> Tensor:
-        chosen = np.array([random.choice(self.bank.captions[clip]) for clip in clips])
+    def _texts(self, random: np.random.Generator, clips: np.ndarray, starts: np.ndarray, lengths: np.ndarray) -> Tensor:
+        """Text embeddings (B, 1, W) of captions that fit the generated frames; zero where the text is dropped."""
+        chosen = [self.bank.draw_caption(random, *span) for span in zip(clips, starts, lengths, strict=True)]
         keep = torch.from_numpy(random.random(self.batch) >= TEXT_DROP).float()
-        return (self.text_embeddings[torch.from_numpy(chosen)] * keep[:, None])[:, None]
+        return (self.text_embeddings[torch.tensor(chosen)] * keep[:, None])[:, None]

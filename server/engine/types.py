@@ -2,7 +2,7 @@
 
 Plain frozen dataclasses of numpy arrays and numbers. Units: metres, radians, seconds; right-handed, +Y up, +Z forward.
 A frame is an absolute index since the session began, at the model's fps. Times (`_at`, `deadline`) are monotonic
-seconds of one clock. Shape letters: T frames, J joints, D features, K joints of one constraint, E width of an embedding.
+seconds of one clock. Shapes: T frames, J joints, D features, K joints of one constraint, E width of an embedding.
 """
 
 from __future__ import annotations

@@ -1,0 +1,156 @@
+"""A runner and a clock for tests: deterministic numpy, virtual time, no torch.
+
+Every row of a fake window tells what it was made from, so that a test can read a client's frames:
+column FRAME holds the frame's number, PLAN the plan's, PROMPT the first entry of the prompt's embedding (-1 for none),
+CONSTRAINTS how many constraints the window saw, SEED the seed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from server.engine.types import (
+    ChannelBlock,
+    ModelFacts,
+    RigLayout,
+    RowStatus,
+    WindowJob,
+    WindowResult,
+)
+
+FRAME, PLAN, PROMPT, CONSTRAINTS, SEED = range(5)
+ROW_WIDTH = 6
+FEATURE_DIM = 3
+
+FACTS = ModelFacts(
+    model_id="fake",
+    rig=RigLayout(
+        rig_id="fake",
+        joint_names=("root",),
+        parents=(-1,),
+        neutral_offsets=np.zeros((1, 3), np.float32),
+        blocks=(ChannelBlock("root_translation_m", 3), ChannelBlock("rest", 3)),
+    ),
+    fps=20,
+    horizon=40,
+    patch=4,
+    feature_dim=FEATURE_DIM,
+    max_window_frames=200,
+    min_steps=2,
+    max_steps=10,
+    default_steps=4,
+    embedding_dim=2,
+)
+
+
+class FakeClock:
+    """Time that passes when it is told to."""
+
+    def __init__(self, start: float = 100.0) -> None:
+        self._now = start
+
+    def now(self) -> float:
+        return self._now
+
+    def advance(self, seconds: float) -> None:
+        self._now += seconds
+
+
+class RunnerFailure(Exception):
+    """What a FakeRunner raises when it was told to."""
+
+
+@dataclass
+class FakeRunner:
+    """Keeps the runner's contract, and holds its caller to it: a breach is written down in `breaches`.
+
+    step_s: virtual seconds of a denoising step by rows. fails: called with "prepare", "denoise" or "decode" and the job
+    ids; where it says True the call raises. poisoned: whether a job's row turns to NaN in its first step;
+    poisoned_result: whether its frames hold NaN.
+    """
+
+    clock: FakeClock = field(default_factory=FakeClock)
+    step_s: Callable[[int], float] = lambda rows: 0.01
+    fails: Callable[[str, Sequence[int]], bool] = lambda call, job_ids: False
+    poisoned: Callable[[WindowJob], bool] = lambda job: False
+    poisoned_result: Callable[[WindowJob], bool] = lambda job: False
+    facts: ModelFacts = FACTS
+    jobs: dict[int, WindowJob] = field(default_factory=dict)
+    steps: dict[int, int] = field(default_factory=dict)
+    batches: list[list[int]] = field(default_factory=list)
+    prepared: list[WindowJob] = field(default_factory=list)
+    discarded: list[int] = field(default_factory=list)
+    decoded: list[int] = field(default_factory=list)
+    breaches: list[str] = field(default_factory=list)
+
+    def prepare(self, jobs: Sequence[WindowJob]) -> None:
+        self._raise_if_told("prepare", [job.job_id for job in jobs])
+        for job in jobs:
+            self._expect(job.job_id not in self.jobs, f"job {job.job_id} prepared twice")
+            self._check_job(job)
+            self.jobs[job.job_id] = job
+            self.steps[job.job_id] = 0
+            self.prepared.append(job)
+
+    def denoise(self, job_ids: Sequence[int]) -> list[RowStatus]:
+        self._raise_if_told("denoise", job_ids)
+        self.batches.append(list(job_ids))
+        self.clock.advance(self.step_s(len(job_ids)))
+        self._expect(len(set(job_ids)) == len(job_ids), f"a job twice in batch {job_ids}")
+        statuses = []
+        for job_id in job_ids:
+            self._expect(job_id in self.jobs, f"job {job_id} denoised but not held")
+            self.steps[job_id] += 1
+            finite = not self.poisoned(self.jobs[job_id])
+            statuses.append(RowStatus(job_id, self.steps[job_id], finite))
+        return statuses
+
+    def decode(self, job_ids: Sequence[int]) -> list[WindowResult]:
+        self._raise_if_told("decode", job_ids)
+        results = []
+        for job_id in job_ids:
+            done, wanted = self.steps[job_id], self.jobs[job_id].num_steps
+            self._expect(done == wanted, f"job {job_id} decoded after {done} of {wanted} steps")
+            self._expect(job_id not in self.decoded, f"job {job_id} decoded twice")
+            self.decoded.append(job_id)
+            results.append(self._result(self.jobs.pop(job_id)))
+        return results
+
+    def discard(self, job_ids: Sequence[int]) -> None:
+        self.discarded += job_ids
+        for job_id in job_ids:
+            self.jobs.pop(job_id, None)
+
+    def _result(self, job: WindowJob) -> WindowResult:
+        horizon = self.facts.horizon
+        frames = np.zeros((horizon, ROW_WIDTH), np.float32)
+        frames[:, FRAME] = np.arange(job.first_frame, job.first_frame + horizon)
+        frames[:, PLAN] = job.plan
+        frames[:, PROMPT] = -1 if job.embedding is None else job.embedding[0]
+        frames[:, CONSTRAINTS] = len(job.constraints)
+        frames[:, SEED] = job.seed
+        if self.poisoned_result(job):
+            frames[-1] = np.nan
+        features = np.repeat(frames[:, :1], FEATURE_DIM, axis=1)
+        return WindowResult(job.job_id, frames, features)
+
+    def _check_job(self, job: WindowJob) -> None:
+        """The history must be the frames just before the window, and long enough to be one."""
+        length = len(job.history)
+        self._expect(length % self.facts.patch == 0, f"history of {length} frames")
+        self._expect(length <= self.facts.max_history, f"history of {length} frames")
+        self._expect((length == 0) == (job.first_frame == 0), f"window at {job.first_frame} with {length} of history")
+        self._expect((job.start_pose is None) == (job.first_frame > 0), "start pose but in the first window")
+        expected = np.arange(job.first_frame - length, job.first_frame)
+        self._expect(bool((job.history[:, 0] == expected).all()), f"history before {job.first_frame} is not contiguous")
+
+    def _raise_if_told(self, call: str, job_ids: Sequence[int]) -> None:
+        if self.fails(call, job_ids):
+            raise RunnerFailure(f"{call} of {list(job_ids)}")
+
+    def _expect(self, holds: bool, breach: str) -> None:
+        if not holds:
+            self.breaches.append(breach)

@@ -1,0 +1,156 @@
+"""Stage: an engine with a fake runner in virtual time, and viewers that play what it makes."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from server.engine.config import EngineConfig
+from server.engine.engine import Engine
+from server.engine.report import StepReport
+from server.engine.types import (
+    Close,
+    Code,
+    Constraint,
+    Guidance,
+    Open,
+    Output,
+    PlayState,
+    Priority,
+    Prompt,
+    SessionKey,
+    SessionSpec,
+    SetConstraints,
+    SetPlayState,
+    SetPrompts,
+)
+from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
+from tests.server.engine.viewer import Viewer
+
+
+def prompt(marker: int, prompt_id: int = 1, start: int | None = None, end: int | None = None) -> Prompt:
+    """A prompt whose frames carry `marker` in their PROMPT column."""
+    return Prompt(prompt_id, start, end, f"prompt {marker}", np.array([marker, 0], np.float32))
+
+
+def spec(
+    key: SessionKey,
+    *,
+    seed: int = 1,
+    priority: Priority = Priority.NEAR,
+    lookahead: int = 40,
+    num_steps: int = 4,
+    prompts: tuple[Prompt, ...] = (),
+    constraints: tuple[Constraint, ...] = (),
+) -> SessionSpec:
+    return SessionSpec(
+        key, seed, "fake", priority, lookahead, num_steps, Guidance(2.0, 2.0), prompts=prompts, constraints=constraints
+    )
+
+
+class Stage:
+    """Drives the engine by hand. Viewers report their playheads every `report_every_s`, unless told to be silent."""
+
+    def __init__(self, config: EngineConfig | None = None, report_every_s: float = 0.5) -> None:
+        self.clock = FakeClock()
+        self.runner = FakeRunner(self.clock)
+        self.engine = Engine(self.runner, self.clock, self._deliver, config or EngineConfig())
+        self.viewers: dict[SessionKey, Viewer] = {}
+        self.reports: list[StepReport] = []
+        self.outputs: list[Output] = []
+        self.silent: set[SessionKey] = set()
+        self._report_every_s = report_every_s
+        self._next_report_at: dict[SessionKey, float] = {}
+        self._seqs = itertools.count(1)
+
+    # ---- what a client does -----------------------------------------------------------------------------------------
+
+    def open(self, handle: int = 1, **fields: object) -> Viewer:
+        key = SessionKey(1, handle)
+        session = spec(key, **fields)  # type: ignore[arg-type]
+        viewer = Viewer(key, session.lookahead, FACTS.fps)
+        self.viewers[key] = viewer
+        self._next_report_at[key] = 0.0
+        self.engine.submit(Open(session, next(self._seqs), self.clock.now()))
+        return viewer
+
+    def set_prompts(self, viewer: Viewer, *upsert: Prompt, remove: tuple[int, ...] = ()) -> int:
+        return self._ask(viewer, lambda seq, now: SetPrompts(viewer.key, seq, now, upsert, remove))
+
+    def set_constraints(
+        self, viewer: Viewer, *upsert: Constraint, remove: tuple[int, ...] = (), clear: bool = False
+    ) -> int:
+        return self._ask(viewer, lambda seq, now: SetConstraints(viewer.key, seq, now, upsert, remove, clear))
+
+    def pause(self, viewer: Viewer, paused: bool) -> int:
+        viewer.set_paused(paused, self.clock.now())
+        state = PlayState.PAUSED if paused else PlayState.PLAYING
+        return self._ask(viewer, lambda seq, now: SetPlayState(viewer.key, seq, now, state))
+
+    def close(self, viewer: Viewer) -> None:
+        self.engine.submit(Close(viewer.key, next(self._seqs), self.clock.now()))
+
+    def report(self, viewer: Viewer) -> None:
+        self.engine.submit(viewer.report(self.clock.now()))
+
+    def _ask(self, viewer: Viewer, event: Callable[[int, float], SetPrompts | SetConstraints | SetPlayState]) -> int:
+        seq = next(self._seqs)
+        viewer.asked.add(seq)
+        refused = self.engine.submit(event(seq, self.clock.now()))
+        if refused is not None:
+            viewer.take(refused, self.clock.now())
+        return seq
+
+    # ---- time -------------------------------------------------------------------------------------------------------
+
+    def step(self) -> StepReport:
+        """One step of the engine; a step that denoises takes virtual time."""
+        report = self.engine.step()
+        self.reports.append(report)
+        return report
+
+    def run(self, seconds: float) -> None:
+        """Let the engine and the viewers live for so many virtual seconds."""
+        end = self.clock.now() + seconds
+        while self.clock.now() < end:
+            self._report_playheads()
+            if not self.step().rows:
+                self.clock.advance(min(max(self.engine.idle_s(), 0.001), 0.05, max(end - self.clock.now(), 1e-6)))
+
+    def run_until(self, holds: Callable[[], bool], limit_s: float = 10.0) -> None:
+        end = self.clock.now() + limit_s
+        while not holds():
+            assert self.clock.now() < end, "it never came true"
+            self.run(0.001)
+
+    def _report_playheads(self) -> None:
+        now = self.clock.now()
+        for key, viewer in self.viewers.items():
+            due = viewer.buffered_to > 0 and viewer.closed is None and now >= self._next_report_at[key]
+            if due and key not in self.silent:
+                self._next_report_at[key] = now + self._report_every_s
+                self.report(viewer)
+
+    def _deliver(self, outputs: Sequence[Output]) -> None:
+        self.outputs += outputs
+        for output in outputs:
+            self.viewers[output.session].take(output, self.clock.now())
+
+    def total(self, field: str) -> int:
+        """The sum of a count, or of the lengths of a list, over all reports."""
+        values = [getattr(report, field) for report in self.reports]
+        return sum(value if isinstance(value, int) else len(value) for value in values)
+
+    def check_finished(self) -> None:
+        """What must hold once everything has been answered."""
+        assert self.runner.breaches == []
+        for viewer in self.viewers.values():
+            assert viewer.outcomes.keys() == viewer.asked
+            refused_openly = all(
+                outcome.reason and outcome.message
+                for outcome in viewer.outcomes.values()
+                if outcome.code is not Code.OK
+            )
+            assert refused_openly

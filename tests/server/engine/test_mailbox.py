@@ -1,0 +1,88 @@
+import threading
+
+from server.engine.mailbox import Mailbox
+from server.engine.types import Close, Event, Open, Playhead, SessionKey, SetPrompts
+from tests.server.engine.stage import spec
+
+ONE, TWO = SessionKey(1, 1), SessionKey(1, 2)
+
+
+def _edit(seq: int, key: SessionKey = ONE) -> SetPrompts:
+    return SetPrompts(key, seq, 0.0)
+
+
+def _playhead(frame: int, key: SessionKey = ONE) -> Playhead:
+    return Playhead(key, 0, 0.0, frame, frame, 0)
+
+
+def test_events_come_out_in_the_order_they_came() -> None:
+    mailbox = Mailbox(8)
+    events: list[Event] = [_edit(1), _edit(1, TWO), _edit(2), Close(TWO, 2, 0.0)]
+    assert all(mailbox.put(event) for event in events)
+    assert mailbox.take_all() == events
+    assert mailbox.take_all() == []
+
+
+def test_a_newer_playhead_takes_the_place_of_an_older_one_of_its_session() -> None:
+    mailbox = Mailbox(8)
+    events: list[Event] = [_playhead(1), _edit(1), _playhead(1, TWO), _playhead(2), _playhead(3)]
+    for event in events:
+        mailbox.put(event)
+    assert mailbox.take_all() == [events[4], events[1], events[2]]
+    mailbox.put(_playhead(4))
+    assert mailbox.take_all() == [_playhead(4)]
+
+
+def test_edits_are_refused_rather_than_dropped_and_a_close_is_always_taken() -> None:
+    mailbox = Mailbox(2)
+    assert [mailbox.put(_edit(seq)) for seq in (1, 2, 3)] == [True, True, False]
+    assert mailbox.put(_edit(1, TWO))
+    assert mailbox.put(_playhead(1))
+    assert mailbox.put(Close(ONE, 4, 0.0))
+    assert len(mailbox.take_all()) == 5
+    assert mailbox.put(_edit(3))
+
+
+def test_a_report_about_a_new_session_stays_behind_its_open() -> None:
+    mailbox = Mailbox(8)
+    events: list[Event] = [_playhead(30), Close(ONE, 2, 0.0), Open(spec(ONE), 1, 0.0), _playhead(0)]
+    for event in events:
+        mailbox.put(event)
+    assert mailbox.take_all() == events
+
+
+def test_waiting_ends_when_something_comes() -> None:
+    mailbox = Mailbox(8)
+    woken = threading.Event()
+
+    def sleeper() -> None:
+        mailbox.wait(60.0)
+        woken.set()
+
+    for wake in (lambda: mailbox.put(_edit(1)), mailbox.ring):
+        woken.clear()
+        thread = threading.Thread(target=sleeper)
+        thread.start()
+        wake()
+        thread.join(10.0)
+        assert woken.is_set()
+        mailbox.take_all()
+
+
+def test_nothing_is_lost_between_threads() -> None:
+    mailbox = Mailbox(10_000)
+
+    def write(handle: int) -> None:
+        for seq in range(500):
+            mailbox.put(_edit(seq, SessionKey(2, handle)))
+
+    threads = [threading.Thread(target=write, args=(handle,)) for handle in range(4)]
+    taken: list[Event] = []
+    for thread in threads:
+        thread.start()
+    while any(thread.is_alive() for thread in threads):
+        mailbox.wait(0.01)
+        taken += mailbox.take_all()
+    taken += mailbox.take_all()
+    for n in range(4):
+        assert [event.event_seq for event in taken if event.session.handle == n] == list(range(500))

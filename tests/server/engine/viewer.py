@@ -1,0 +1,138 @@
+"""Viewer: a client as the protocol sees it. It plays what it gets, and checks every rule that a client may rely on."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from server.engine.types import Chunk, Closed, Opened, Outcome, Output, PlanNotice, Playhead, SessionKey
+from tests.server.engine.fakes import FRAME, PLAN
+
+
+class RuleBroken(AssertionError):
+    """The engine did what the protocol forbids."""
+
+
+def require(holds: bool, rule: str) -> None:
+    if not holds:
+        raise RuleBroken(rule)
+
+
+class Viewer:
+    """One session's client. It plays in real time once it holds a frame, and holds the last one when it runs out."""
+
+    def __init__(self, key: SessionKey, lookahead: int, fps: int) -> None:
+        self.key = key
+        self.lookahead = lookahead
+        self.fps = fps
+        self.opened: Opened | None = None
+        self.closed: Closed | None = None
+        self.refused: Outcome | None = None
+        self.rows: list[np.ndarray] = []
+        self.notices: list[PlanNotice] = []
+        self.chunks: list[Chunk] = []
+        self.outcomes: dict[int, Outcome] = {}
+        self.asked: set[int] = set()
+        self.committed_to = 0
+        self.reported = 0
+        self.position = 0.0
+        self.played_at: float | None = None
+        self.paused = False
+        self.honest = True
+        self.underruns = 0
+
+    @property
+    def buffered_to(self) -> int:
+        return len(self.rows)
+
+    @property
+    def shown(self) -> int:
+        """The frame being shown, -1 before playback has started."""
+        return min(math.floor(self.position), self.buffered_to - 1) if self.played_at is not None else -1
+
+    def play(self, now: float) -> None:
+        """Let playback run on to now."""
+        if self.played_at is None or self.paused:
+            return
+        before = self.position
+        self.position = min(before + (now - self.played_at) * self.fps, float(self.buffered_to))
+        self.played_at = now
+        if self.position == self.buffered_to > before:
+            self.underruns += 1
+
+    def report(self, now: float) -> Playhead:
+        """Start playing if not done, and say where playback is."""
+        if self.played_at is None:
+            self.played_at = now
+        self.play(now)
+        frame = max(0, self.shown)
+        self.reported = max(self.reported, frame)
+        return Playhead(self.key, 0, now, frame, self.buffered_to, self.underruns)
+
+    def lie(self, frame: int, now: float) -> Playhead:
+        """Report a frame that is not being shown. From now on the engine cannot know what was played."""
+        self.honest = False
+        self.reported = max(self.reported, min(frame, self.buffered_to))
+        return Playhead(self.key, 0, now, frame, frame, 0)
+
+    def set_paused(self, paused: bool, now: float) -> None:
+        self.play(now)
+        self.paused = paused
+        if self.played_at is not None:
+            self.played_at = now
+
+    def take(self, output: Output, now: float) -> None:
+        """Receive one output, now."""
+        self.play(now)
+        require(self.closed is None, f"{output} after Closed")
+        match output:
+            case Opened():
+                require(self.opened is None, "opened twice")
+                self.opened = output
+            case PlanNotice():
+                self._take_notice(output)
+            case Chunk():
+                self._take_chunk(output)
+            case Outcome():
+                self._take_outcome(output)
+            case Closed():
+                self.closed = output
+                require(output.num_frames >= self.buffered_to, "fewer frames counted than sent")
+
+    def _take_notice(self, notice: PlanNotice) -> None:
+        expected = self.notices[-1].plan + 1 if self.notices else 1
+        require(notice.plan == expected, f"plan {notice.plan} where {expected} was next")
+        require(notice.valid_from >= self.committed_to, f"{notice} is below committed_to {self.committed_to}")
+        if self.honest:
+            require(notice.valid_from > self.shown, f"{notice} replaces frame {self.shown}, which is being shown")
+        self.notices.append(notice)
+        del self.rows[notice.valid_from :]
+
+    def _take_chunk(self, chunk: Chunk) -> None:
+        require(self.notices != [] and chunk.plan == self.notices[-1].plan, f"chunk of plan {chunk.plan} is stale")
+        require(chunk.first_frame == self.buffered_to, f"chunk at {chunk.first_frame}, not {self.buffered_to}")
+        require(len(chunk.rows) > 0, "empty chunk")
+        end = chunk.first_frame + len(chunk.rows)
+        require(end <= self.reported + self.lookahead, f"frames to {end} with the playhead at {self.reported}")
+        require(chunk.committed_to >= self.committed_to, "committed_to fell")
+        self.committed_to = chunk.committed_to
+        for frame, row in enumerate(chunk.rows, chunk.first_frame):
+            covering = max(notice.plan for notice in self.notices if self._covers(notice, frame))
+            require(row[FRAME] == frame, f"frame {frame} holds {row[FRAME]}")
+            require(row[PLAN] == covering, f"frame {frame} is of plan {row[PLAN]}, not {covering}")
+            self.rows.append(row)
+        self.chunks.append(chunk)
+
+    def _covers(self, notice: PlanNotice, frame: int) -> bool:
+        later = [other.valid_from for other in self.notices if other.plan > notice.plan]
+        return notice.valid_from <= frame and all(frame < valid_from for valid_from in later)
+
+    def _take_outcome(self, outcome: Outcome) -> None:
+        if self.opened is None:
+            require(self.refused is None, "refused twice")
+            self.refused = outcome
+            return
+        require(outcome.event_seq in self.asked, f"an outcome for {outcome.event_seq}, which was not sent")
+        require(outcome.event_seq not in self.outcomes, f"a second outcome for {outcome.event_seq}")
+        self.outcomes[outcome.event_seq] = outcome

@@ -1,0 +1,155 @@
+"""Constraints: waypoint, root trajectory, keyframe, end effector -> observed features and mask.
+
+World units: metres, radians, global rotations. Velocities and contacts are never constrained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import torch
+from torch import Tensor
+
+from ardy.representation import Representation, heading_angle
+from ardy.rotation import matrix_to_6d
+from ardy.skeleton import Skeleton
+
+
+class ConstraintError(ValueError):
+    """Raised for a constraint that has no meaning; the message says what was given and what is allowed."""
+
+
+def limb_chains(skeleton: Skeleton) -> Mapping[str, tuple[int, ...]]:
+    """The joint chains that end-effector constraints can name."""
+    return {
+        "LeftHand": skeleton.left_hand,
+        "RightHand": skeleton.right_hand,
+        "LeftFoot": skeleton.left_foot,
+        "RightFoot": skeleton.right_foot,
+        "Hips": (0,),
+    }
+
+
+class Targets:
+    """What features shall be at which frames, gathered from constraints; of two that disagree, the later one holds.
+
+    Frames are numbers of whatever count `fill` is later given the start of. The groups are independent: a waypoint
+    overrides the ground position of an earlier keyframe at its frame but not its pose.
+    """
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        self.skeleton = skeleton
+        self.ground: dict[int, Tensor] = {}
+        self.height: dict[int, Tensor] = {}
+        self.heading: dict[int, Tensor] = {}
+        self.positions: dict[tuple[int, int], Tensor] = {}
+        self.rotations: dict[tuple[int, int], Tensor] = {}
+
+    def add_root(self, frames: Sequence[int], ground: Tensor, heading: Tensor | None = None) -> None:
+        """Waypoints or a root trajectory. ground: (K, 2) x and z in metres; heading: (K) radians, or None."""
+        if ground.shape != (len(frames), 2) or (heading is not None and heading.shape != (len(frames),)):
+            raise ConstraintError(
+                f"{len(frames)} frames came with ground positions {tuple(ground.shape)}"
+                f" and headings {None if heading is None else tuple(heading.shape)}; give (K, 2) and (K)"
+            )
+        for row, frame in enumerate(frames):
+            self.ground[frame] = ground[row]
+            if heading is not None:
+                self.heading[frame] = torch.stack([heading[row].cos(), heading[row].sin()])
+
+    def _add_pose_root(self, frames: Sequence[int], positions: Tensor, ground: Tensor | None) -> None:
+        angle = heading_angle(self.skeleton, positions)
+        self.add_root(frames, positions[:, 0, [0, 2]] if ground is None else ground, angle)
+        for row, frame in enumerate(frames):
+            self.height[frame] = positions[row, 0, 1]
+
+    def add_full_body(self, frames: Sequence[int], positions: Tensor, ground: Tensor | None = None) -> None:
+        """Keyframes. positions: (K, J, 3) of all joints; ground: (K, 2), where the root shall be if elsewhere."""
+        self._check_poses(frames, positions)
+        self._add_pose_root(frames, positions, ground)
+        for row, frame in enumerate(frames):
+            for joint in range(self.skeleton.num_joints):
+                self.positions[frame, joint] = positions[row, joint]
+
+    def add_end_effectors(
+        self,
+        frames: Sequence[int],
+        limbs: Sequence[str],
+        positions: Tensor,
+        rotations: Tensor,
+        ground: Tensor | None = None,
+    ) -> None:
+        """Limbs of whole poses: positions of each chain's joints, rotation of its first, and the root's ground,
+        height and heading. limbs: names out of `limb_chains`; positions: (K, J, 3); rotations: (K, J, 3, 3) global.
+        """
+        self._check_poses(frames, positions)
+        chains = limb_chains(self.skeleton)
+        unknown = [name for name in limbs if name not in chains]
+        if unknown or not limbs:
+            raise ConstraintError(f"end effectors {list(limbs)} are not known; use some of {', '.join(chains)}")
+        self._add_pose_root(frames, positions, ground)
+        for row, frame in enumerate(frames):
+            for name in limbs:
+                for joint in chains[name]:
+                    self.positions[frame, joint] = positions[row, joint]
+                first = chains[name][0]
+                self.rotations[frame, first] = rotations[row, first]
+
+    def add_joints(self, frame: int, joints: Sequence[int], positions: Tensor, rotations: Tensor | None = None) -> None:
+        """Any joints at one frame. positions: (K, 3) world; rotations: (K, 3, 3) global, or None."""
+        if not all(0 <= joint < self.skeleton.num_joints for joint in joints):
+            raise ConstraintError(
+                f"joints {list(joints)} are not all in 0..{self.skeleton.num_joints - 1} of {self.skeleton.name}"
+            )
+        for row, joint in enumerate(joints):
+            self.positions[frame, joint] = positions[row]
+            if rotations is not None:
+                self.rotations[frame, joint] = rotations[row]
+            if joint == 0:
+                self.ground[frame] = positions[row, [0, 2]]
+                self.height[frame] = positions[row, 1]
+
+    def _check_poses(self, frames: Sequence[int], positions: Tensor) -> None:
+        expected = (len(frames), self.skeleton.num_joints, 3)
+        if positions.shape != expected:
+            raise ConstraintError(f"poses have shape {tuple(positions.shape)}; {self.skeleton.name} needs {expected}")
+
+    def fill(self, layout: Representation, first_frame: int, num_frames: int) -> tuple[Tensor, Tensor]:
+        """Observed features in natural units and mask, each (num_frames, D), of frames from first_frame on.
+
+        Raises ConstraintError where joints are constrained without the root joint, or without its ground position.
+        """
+        observed = torch.zeros(num_frames, layout.feature_dim)
+        mask = torch.zeros(num_frames, layout.feature_dim)
+
+        def put(frame: int, column: int, values: Tensor) -> None:
+            row = frame - first_frame
+            if 0 <= row < num_frames:
+                observed[row, column : column + len(values)] = values
+                mask[row, column : column + len(values)] = 1
+
+        for frame, ground in self.ground.items():
+            put(frame, 0, ground[:1])
+            put(frame, 2, ground[1:])
+        for frame, height in self.height.items():
+            put(frame, 1, height[None])
+        for frame, heading in self.heading.items():
+            put(frame, layout.heading_block.start, heading)
+        for (frame, joint), rotation in self.rotations.items():
+            put(frame, layout.rotation_block.start + 6 * joint, matrix_to_6d(rotation))
+        for (frame, joint), position in self.positions.items():
+            root = self.positions.get((frame, 0))
+            if root is None or frame not in self.ground:
+                raise ConstraintError(
+                    f"frame {frame} constrains joint {self.skeleton.joint_names[joint]} but not where the root is;"
+                    f" give the position of {self.skeleton.joint_names[0]} at that frame too"
+                )
+            if joint > 0:
+                relative = position - root * root.new_tensor([1.0, 0.0, 1.0])
+                put(frame, layout.position_block.start + 3 * (joint - 1), relative)
+        return observed, mask
+
+    def observe(self, layout: Representation, first_frame: int, num_frames: int) -> tuple[Tensor, Tensor]:
+        """As `fill`, with the observed features normalised and zero where the mask is zero."""
+        observed, mask = self.fill(layout, first_frame, num_frames)
+        return layout.normalize(observed) * mask, mask

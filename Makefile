@@ -7,7 +7,10 @@ VENV ?= .venv
 PYTHON := $(VENV)/bin/python
 READY := $(VENV)/.ready
 OUT ?= out
+DATA ?= $(OUT)/data
+RUN ?= $(OUT)/mini
 ARGS ?=
+DATA_USE := name the motion capture: make data CLIPS=folder-of-bvh LABELS=table.csv
 
 # ---- environment
 
@@ -85,13 +88,13 @@ bench: $(READY) ## measure latency, throughput and memory of the built-in model;
 	$(PYTHON) -m tests.bench --out $(OUT)/bench $(ARGS)
 
 .PHONY: data
-data: $(READY) ## turn motion capture into a training set; ARGS names the sources, listed by make data ARGS=--help
-	$(PYTHON) -m ardy.data $(ARGS)
+data: $(READY) ## turn motion capture into a training set: make data CLIPS=folder-of-bvh LABELS=table.csv [DATA=out/data]
+	$(PYTHON) -m ardy.data build "$(or $(CLIPS),$(error $(DATA_USE)))" "$(or $(LABELS),$(error $(DATA_USE)))" "$(DATA)" $(ARGS)
 
 .PHONY: train-mini
-train-mini: $(READY) ## train the built-in model: tokenizer, then denoiser; options in ARGS go to both
-	$(PYTHON) -m ardy.train.tokenizer $(ARGS)
-	$(PYTHON) -m ardy.train.denoiser $(ARGS)
+train-mini: $(READY) ## train the built-in model on DATA: tokenizer, then denoiser; goes on where it was stopped
+	$(PYTHON) -m ardy.train.tokenizer "$(DATA)" "$(RUN)/tokenizer" $(ARGS)
+	$(PYTHON) -m ardy.train.denoiser "$(DATA)" "$(RUN)/denoiser" --tokenizer "$(RUN)/tokenizer" $(ARGS)
 
 .PHONY: clean
 clean: ## remove what make made, the environment too

@@ -38,7 +38,9 @@ GRPC = "grpc grpc_health grpc_reflection"
 ROOMS = (
     room("proto/generate.py", "google grpc_tools"),
     room("proto/python", "google grpc motiongen"),
-    room("ardy/data ardy/train ardy/evaluate", f"ardy {NUMBERS} {FILES} {TEXT} {PICTURES} rich tensorboard transformers"),
+    room(
+        "ardy/data ardy/train ardy/evaluate", f"ardy {NUMBERS} {FILES} {TEXT} {PICTURES} rich tensorboard transformers"
+    ),
     room("ardy", f"ardy {NUMBERS} {FILES} {TEXT}"),
     room("server/engine", "numpy server.engine", never="asyncio"),
     room("server/runner server/runner.py", f"{NUMBERS} ardy server.engine.types server.runner", never="asyncio"),

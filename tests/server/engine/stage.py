@@ -118,6 +118,8 @@ class Stage:
             self._report_playheads()
             if not self.step().rows:
                 self.clock.advance(min(max(self.engine.idle_s(), 0.001), 0.05, max(end - self.clock.now(), 1e-6)))
+        for viewer in self.viewers.values():
+            viewer.play(self.clock.now())
 
     def run_until(self, holds: Callable[[], bool], limit_s: float = 10.0) -> None:
         end = self.clock.now() + limit_s

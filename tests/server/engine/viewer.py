@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import math
 
 import numpy as np
@@ -32,6 +33,9 @@ class Viewer:
         self.rows: list[np.ndarray] = []
         self.notices: list[PlanNotice] = []
         self.chunks: list[Chunk] = []
+        # which plan covers which frames: plan covering[i] from frame starts[i] on
+        self.starts: list[int] = []
+        self.covering: list[int] = []
         self.outcomes: dict[int, Outcome] = {}
         self.asked: set[int] = set()
         self.committed_to = 0
@@ -108,6 +112,11 @@ class Viewer:
             require(notice.valid_from > self.shown, f"{notice} replaces frame {self.shown}, which is being shown")
         self.notices.append(notice)
         del self.rows[notice.valid_from :]
+        while self.starts and self.starts[-1] >= notice.valid_from:
+            self.starts.pop()
+            self.covering.pop()
+        self.starts.append(notice.valid_from)
+        self.covering.append(notice.plan)
 
     def _take_chunk(self, chunk: Chunk) -> None:
         require(self.notices != [] and chunk.plan == self.notices[-1].plan, f"chunk of plan {chunk.plan} is stale")
@@ -118,15 +127,11 @@ class Viewer:
         require(chunk.committed_to >= self.committed_to, "committed_to fell")
         self.committed_to = chunk.committed_to
         for frame, row in enumerate(chunk.rows, chunk.first_frame):
-            covering = max(notice.plan for notice in self.notices if self._covers(notice, frame))
+            covering = self.covering[bisect.bisect_right(self.starts, frame) - 1]
             require(row[FRAME] == frame, f"frame {frame} holds {row[FRAME]}")
             require(row[PLAN] == covering, f"frame {frame} is of plan {row[PLAN]}, not {covering}")
             self.rows.append(row)
         self.chunks.append(chunk)
-
-    def _covers(self, notice: PlanNotice, frame: int) -> bool:
-        later = [other.valid_from for other in self.notices if other.plan > notice.plan]
-        return notice.valid_from <= frame and all(frame < valid_from for valid_from in later)
 
     def _take_outcome(self, outcome: Outcome) -> None:
         if self.opened is None:

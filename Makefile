@@ -20,6 +20,7 @@ help: ## list the targets
 
 .PHONY: setup
 setup: $(READY) ## make .venv with the three distributions and the development tools
+	@echo "ready: $(VENV)"
 
 $(READY): constraints.txt pyproject.toml proto/pyproject.toml client/python/pyproject.toml
 	@bash .ci/make_venv.sh "$(VENV)"

@@ -26,7 +26,7 @@ $(READY): constraints.txt pyproject.toml proto/pyproject.toml client/python/pypr
 	@bash .ci/make_venv.sh "$(VENV)"
 	$(PYTHON) -m pip install --quiet --constraint constraints.txt setuptools
 	$(PYTHON) -m pip install --progress-bar on --no-build-isolation --constraint constraints.txt \
-		--editable proto --editable client/python --editable '.[dev]'
+		--editable ./proto --editable ./client/python --editable '.[dev]'
 	@touch $@
 
 # ---- use

@@ -1,8 +1,13 @@
 #!/usr/bin/env bash
 # Make a virtual environment with the first Python of at least 3.11 on the PATH: make_venv.sh FOLDER
+# One that is there already is left as it is.
 # Debian and Ubuntu ship Python without venv; there, install the missing package if we may, else say which it is.
 set -euo pipefail
 folder=$1
+
+if [ -x "$folder/bin/python" ] && "$folder/bin/python" -m pip --version >/dev/null 2>&1; then
+  exit 0
+fi
 
 python=
 for name in python3.12 python3.11 python3.13 python3; do

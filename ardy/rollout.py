@@ -149,7 +149,12 @@ def finish_window(model: Model, state: WindowState) -> Tensor:
 def world_tokens(model: Model, state: WindowState) -> Tensor:
     """The finished hybrid tokens of history and horizon in the world frame, latents snapped to the grid."""
     num_known = int((state.window.history_len + state.window.generation_len).max()) // FRAMES_PER_TOKEN
-    tokens = move_root(model.representation, state.tokens[:, :num_known], state.translation)
+    return world_tokens_of(model, state.tokens[:, :num_known], state.translation)
+
+
+def world_tokens_of(model: Model, tokens: Tensor, translation: Tensor) -> Tensor:
+    """Hybrid tokens (B, N, 20 + L) moved by (B, 3) metres, their latents snapped to the grid."""
+    tokens = move_root(model.representation, tokens, translation)
     latents = require_tokenizer(model).requantize(tokens[..., ROOT_TOKEN_WIDTH:])
     return torch.cat([tokens[..., :ROOT_TOKEN_WIDTH], latents], dim=-1)
 

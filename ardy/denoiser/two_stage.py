@@ -38,6 +38,11 @@ def where_tokens(kind: Tensor, chosen: Tensor, otherwise: Tensor) -> Tensor:
     return torch.where(kind[..., None], chosen, otherwise.to(chosen.dtype))
 
 
+def leading_columns(projection: nn.Linear, values: Tensor) -> Tensor:
+    """The projection of values (B, N, C) whose further inputs, the goals, are all zero."""
+    return nn.functional.linear(values, projection.weight[:, : values.shape[-1]], projection.bias)
+
+
 class Denoiser(nn.Module):
     """What both denoisers share: the projections of tokens and goals, and how a window's goals are laid out."""
 
@@ -74,12 +79,6 @@ class Denoiser(nn.Module):
             mask=by_token(window.mask),
         )
 
-    def empty_goals(self, tokens: Tensor) -> Goals:
-        """Goals that constrain nothing."""
-        root = tokens.new_zeros(*tokens.shape[:2], ROOT_TOKEN_WIDTH)
-        body = tokens.new_zeros(*tokens.shape[:2], FRAMES_PER_TOKEN * self.representation.body_dim)
-        return Goals(root, root, body, torch.cat([root, body], dim=-1))
-
     def hybrid_inputs(self, tokens: Tensor, goals: Goals | None, window: Window) -> tuple[Tensor, Tensor]:
         """Input vectors (B, N, width) of a stage that reads the global root, and those of the future tokens alone.
 
@@ -89,8 +88,11 @@ class Denoiser(nn.Module):
         plain = self.global_root_hybrid_proj(tokens)
         if self.global_root_hybrid_constraints_proj is None or self.future_constraints_proj is None:
             return where_tokens(history | horizon, plain, torch.zeros_like(plain)), torch.zeros_like(plain)
-        goals = goals or self.empty_goals(tokens)
         root, latent = tokens[..., :ROOT_TOKEN_WIDTH], tokens[..., ROOT_TOKEN_WIDTH:]
+        if goals is None:
+            noisy = leading_columns(self.global_root_hybrid_constraints_proj, torch.cat([latent, root], dim=-1))
+            ahead = torch.zeros_like(noisy)
+            return where_tokens(horizon, noisy, where_tokens(history, plain, ahead)), ahead
         overwritten = root * (1 - goals.root_mask) + goals.observed_root * goals.root_mask
         known = torch.cat([overwritten, goals.observed_body, goals.mask], dim=-1)
         noisy = self.global_root_hybrid_constraints_proj(torch.cat([latent, known], dim=-1))
@@ -150,10 +152,12 @@ class TwoStageDenoiser(Denoiser):
         if self.local_root_hybrid_constraints_proj is None:
             keep = window.history_tokens | window.generation_tokens
             return where_tokens(keep, plain, torch.zeros_like(plain))
-        goals = goals or self.empty_goals(tokens)
-        noisy = self.local_root_hybrid_constraints_proj(
-            torch.cat([local, latent, goals.observed_body, goals.mask], dim=-1)
-        )
+        if goals is None:
+            noisy = leading_columns(self.local_root_hybrid_constraints_proj, known)
+        else:
+            noisy = self.local_root_hybrid_constraints_proj(
+                torch.cat([known, goals.observed_body, goals.mask], dim=-1)
+            )
         return where_tokens(window.generation_tokens, noisy, where_tokens(window.history_tokens, plain, ahead))
 
 

@@ -133,7 +133,7 @@ class SessionState:
             self.spec.seed,
             start_frame=0,
             lookahead=self.spec.lookahead,
-            committed_horizon=math.floor(self.facts.fps * self.config.commit_s) + 1,
+            committed_horizon=math.ceil(self.facts.fps * self.config.commit_s) + 1,
             denoise_steps=self.spec.denoise_steps,
         )
 
@@ -222,10 +222,14 @@ class SessionState:
 
     def _replaceable_from(self, now: float, lead_s: float) -> int:
         """The first frame that the client cannot be showing lead_s from now, nor was promised; at most planned_to."""
-        shown = self.clock.estimate(now, self.sent_to) + self.facts.fps * lead_s
         # Fewer frames than a patch make no history, and a window without history would start from the start pose.
-        least = max(self.committed_to, math.floor(shown) + 1, self.facts.patch)
+        least = max(self.committed_to, self._unshown_from(now, lead_s), self.facts.patch)
         return min(least, self.planned_to)
+
+    def _unshown_from(self, now: float, lead_s: float) -> int:
+        """The first frame that the client cannot be showing lead_s from now."""
+        # A client that reports frame f may be anywhere from f up to, not including, f + 1.
+        return math.ceil(self.clock.estimate(now, self.sent_to) + self.facts.fps * lead_s) + 1
 
     def _history_at(self, frame: int) -> int:
         return min(self.config.history_crop, frame // self.facts.patch * self.facts.patch)
@@ -365,8 +369,7 @@ class SessionState:
 
     def _commit(self, now: float, sent_to: int) -> None:
         """Promise the frames that no replan could change any more: those that it would reach too late."""
-        shown = self.clock.estimate(now, self.sent_to)
-        promised = min(math.floor(shown + self.facts.fps * self.config.commit_s) + 1, sent_to)
+        promised = min(self._unshown_from(now, self.config.commit_s), sent_to)
         if self.running is not None:
             # The window that runs may still land here; a promise beyond its start would only make it void.
             promised = min(promised, self.running.first_frame)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from server.engine.types import (
     Constraint,
     Guidance,
     Open,
+    Outcome,
     Output,
     PlayState,
     Priority,
@@ -51,9 +54,12 @@ def spec(
 
 
 class Stage:
-    """Drives the engine by hand. Viewers report their playheads every `report_every_s`, unless told to be silent."""
+    """Drives the engine by hand. Viewers report their playheads every `report_every_s`, unless told to be silent.
 
-    def __init__(self, config: EngineConfig | None = None, report_every_s: float = 0.5) -> None:
+    delay_s: how long everything takes from a viewer to the engine, and from the engine to a viewer.
+    """
+
+    def __init__(self, config: EngineConfig | None = None, report_every_s: float = 0.5, delay_s: float = 0.0) -> None:
         self.clock = FakeClock()
         self.runner = FakeRunner(self.clock)
         self.engine = Engine(self.runner, self.clock, self._deliver, config or EngineConfig())
@@ -64,6 +70,9 @@ class Stage:
         self._report_every_s = report_every_s
         self._next_report_at: dict[SessionKey, float] = {}
         self._seqs = itertools.count(1)
+        self._askers: dict[int, Viewer] = {}
+        self._delay_s = delay_s
+        self._under_way: deque[tuple[float, Callable[[float], object]]] = deque()
 
     # ---- what a client does -----------------------------------------------------------------------------------------
 
@@ -73,7 +82,8 @@ class Stage:
         viewer = Viewer(key, session.lookahead, FACTS.fps)
         self.viewers[key] = viewer
         self._next_report_at[key] = 0.0
-        self.engine.submit(Open(session, next(self._seqs), self.clock.now()))
+        seq = next(self._seqs)
+        self._carry(lambda now: self.engine.submit(Open(session, seq, now)))
         return viewer
 
     def set_prompts(self, viewer: Viewer, *upsert: Prompt, remove: tuple[int, ...] = ()) -> int:
@@ -90,24 +100,46 @@ class Stage:
         return self._ask(viewer, lambda seq, now: SetPlayState(viewer.key, seq, now, state))
 
     def close(self, viewer: Viewer) -> None:
-        self.engine.submit(Close(viewer.key, next(self._seqs), self.clock.now()))
+        seq = next(self._seqs)
+        viewer.close_seqs.add(seq)
+        self._askers[seq] = viewer
+        self._carry(lambda now: self.engine.submit(Close(viewer.key, seq, now)))
 
     def report(self, viewer: Viewer) -> None:
-        self.engine.submit(viewer.report(self.clock.now()))
+        report = viewer.report(self.clock.now())
+        self._carry(lambda now: self.engine.submit(replace(report, received_at=now)))
 
     def _ask(self, viewer: Viewer, event: Callable[[int, float], SetPrompts | SetConstraints | SetPlayState]) -> int:
         seq = next(self._seqs)
         viewer.asked.add(seq)
-        refused = self.engine.submit(event(seq, self.clock.now()))
+        self._askers[seq] = viewer
+        self._carry(lambda now: self._submit(viewer, event(seq, now)))
+        return seq
+
+    def _submit(self, viewer: Viewer, event: SetPrompts | SetConstraints | SetPlayState) -> None:
+        refused = self.engine.submit(event)
         if refused is not None:
             viewer.take(refused, self.clock.now())
-        return seq
+
+    def _carry(self, arrive: Callable[[float], object]) -> None:
+        """Have something arrive after the delay; it is told when it did."""
+        if not self._delay_s:
+            arrive(self.clock.now())
+        else:
+            self._under_way.append((self.clock.now() + self._delay_s, arrive))
+
+    def _let_arrive(self) -> None:
+        while self._under_way and self._under_way[0][0] <= self.clock.now():
+            arrived_at, arrive = self._under_way.popleft()
+            arrive(arrived_at)
 
     # ---- time -------------------------------------------------------------------------------------------------------
 
     def step(self) -> StepReport:
         """One step of the engine; a step that denoises takes virtual time."""
+        self._let_arrive()
         report = self.engine.step()
+        self._let_arrive()
         self.reports.append(report)
         return report
 
@@ -137,8 +169,18 @@ class Stage:
 
     def _deliver(self, outputs: Sequence[Output]) -> None:
         self.outputs += outputs
-        for output in outputs:
-            self.viewers[output.session].take(output, self.clock.now())
+        arriving = [(self._addressee(output), output) for output in outputs]
+
+        def arrive(now: float) -> None:
+            for viewer, output in arriving:
+                viewer.take(output, now)
+
+        self._carry(arrive)
+
+    def _addressee(self, output: Output) -> Viewer:
+        """The viewer that asked, where a handle has changed hands meanwhile; else the one that has the handle."""
+        asker = self._askers.get(output.event_seq) if isinstance(output, Outcome) else None
+        return asker or self.viewers[output.session]
 
     def total(self, field: str) -> int:
         """The sum of a count, or of the lengths of a list, over all reports."""

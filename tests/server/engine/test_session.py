@@ -42,7 +42,7 @@ def test_opening_gives_the_session_and_then_its_first_plan() -> None:
     viewer = stage.open(seed=77, prompts=(prompt(5),))
     stage.run(0.2)
     assert viewer.opened is not None
-    assert (viewer.opened.seed, viewer.opened.start_frame, viewer.opened.committed_horizon) == (77, 0, 4)
+    assert (viewer.opened.seed, viewer.opened.start_frame, viewer.opened.committed_horizon) == (77, 0, 5)
     (notice,) = viewer.notices
     assert (notice.plan, notice.valid_from, notice.cause, notice.event_seqs) == (1, 0, PlanCause.CONTINUE, ())
     assert [len(chunk.rows) for chunk in viewer.chunks] == [8, 20, 12]
@@ -124,7 +124,7 @@ def test_a_prompt_replaces_frames_soon_but_none_that_was_played() -> None:
     outcome = viewer.outcomes[seq]
     assert outcome.code is Code.OK
     assert outcome.effective_frame is not None
-    assert shown + 4 <= outcome.effective_frame <= shown + 9
+    assert shown + 4 <= outcome.effective_frame <= shown + 10
     notice = viewer.notices[-1]
     assert (notice.valid_from, notice.cause) == (outcome.effective_frame, PlanCause.EDIT)
     assert notice.event_seqs == (seq,)
@@ -404,7 +404,7 @@ def test_a_paused_session_costs_nothing_and_can_be_edited() -> None:
     assert (len(stage.runner.prepared), viewer.shown) == (windows, shown)
     edit = stage.set_prompts(viewer, prompt(2))
     stage.run(0.5)
-    assert shown < (viewer.outcomes[edit].effective_frame or 0) <= shown + 9
+    assert shown < (viewer.outcomes[edit].effective_frame or 0) <= shown + 10
     stage.pause(viewer, False)
     stage.run(10.0)
     assert viewer.underruns == 0

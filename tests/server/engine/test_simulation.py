@@ -67,9 +67,9 @@ class Crowd:
                     self.stage.step()
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_long_day_breaks_no_rule(seed: int) -> None:
-    stage = Stage(EngineConfig(max_rows=8, max_sessions=32))
+@pytest.mark.parametrize(("seed", "delay_s"), [(1, 0.0), (2, 0.025)])
+def test_a_long_day_breaks_no_rule(seed: int, delay_s: float) -> None:
+    stage = Stage(EngineConfig(max_rows=8, max_sessions=32), delay_s=delay_s)
     crowd = Crowd(stage, seed)
     chance = random.Random(seed)
 

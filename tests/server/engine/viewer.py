@@ -38,6 +38,7 @@ class Viewer:
         self.covering: list[int] = []
         self.outcomes: dict[int, Outcome] = {}
         self.asked: set[int] = set()
+        self.close_seqs: set[int] = set()
         self.committed_to = 0
         self.reported = 0
         self.position = 0.0
@@ -89,7 +90,8 @@ class Viewer:
     def take(self, output: Output, now: float) -> None:
         """Receive one output, now."""
         self.play(now)
-        require(self.closed is None, f"{output} after Closed")
+        answers_late = isinstance(output, Outcome) and output.reason == "SESSION_NOT_OPEN"
+        require(self.closed is None or answers_late, f"{type(output).__name__} after Closed")
         match output:
             case Opened():
                 require(self.opened is None, "opened twice")
@@ -137,6 +139,9 @@ class Viewer:
         if self.opened is None:
             require(self.refused is None, "refused twice")
             self.refused = outcome
+            return
+        if outcome.event_seq in self.close_seqs:
+            require(self.closed is not None, "a Close of an open session got an outcome")
             return
         require(outcome.event_seq in self.asked, f"an outcome for {outcome.event_seq}, which was not sent")
         require(outcome.event_seq not in self.outcomes, f"a second outcome for {outcome.event_seq}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -31,40 +32,49 @@ class Window:
     mask: Tensor | None = None
     text_mask: Tensor | None = None
 
+    def __post_init__(self) -> None:
+        if self.num_frames < FRAMES_PER_TOKEN or self.num_frames % FRAMES_PER_TOKEN:
+            raise ValueError(
+                f"a window has {self.num_frames} frames; it needs a positive multiple of {FRAMES_PER_TOKEN}"
+            )
+        if (self.observed is None) != (self.mask is None):
+            raise ValueError("a window with constraints needs both observed features and mask; one of them is missing")
+
     @property
     def num_tokens(self) -> int:
         return self.num_frames // FRAMES_PER_TOKEN
 
+    @cached_property
     def _frames(self) -> Tensor:
         return torch.arange(self.num_frames, device=self.history_len.device)[None]
 
-    @property
+    @cached_property
     def history_frames(self) -> Tensor:
         """(B, T) bool: frame < history_len."""
-        return self._frames() < self.history_len[:, None]
+        return self._frames < self.history_len[:, None]
 
-    @property
+    @cached_property
     def generation_frames(self) -> Tensor:
         """(B, T) bool: the horizon."""
         end = (self.history_len + self.generation_len)[:, None]
-        return ~self.history_frames & (self._frames() < end)
+        return ~self.history_frames & (self._frames < end)
 
-    @property
+    @cached_property
     def future_frames(self) -> Tensor:
         """(B, T) bool: after the horizon."""
-        return self._frames() >= (self.history_len + self.generation_len)[:, None]
+        return self._frames >= (self.history_len + self.generation_len)[:, None]
 
-    @property
+    @cached_property
     def history_tokens(self) -> Tensor:
         """(B, N) bool: tokens all of whose frames are history."""
         return self.history_frames.unflatten(-1, (-1, FRAMES_PER_TOKEN)).all(-1)
 
-    @property
+    @cached_property
     def generation_tokens(self) -> Tensor:
         """(B, N) bool: tokens all of whose frames are to be generated."""
         return self.generation_frames.unflatten(-1, (-1, FRAMES_PER_TOKEN)).all(-1)
 
-    @property
+    @cached_property
     def future_tokens(self) -> Tensor:
         """(B, N) bool: future tokens that carry at least one constrained feature; the others are hidden."""
         future = self.future_frames.unflatten(-1, (-1, FRAMES_PER_TOKEN)).all(-1)
@@ -72,7 +82,7 @@ class Window:
             return torch.zeros_like(future)
         return future & (self.mask != 0).any(-1).unflatten(-1, (-1, FRAMES_PER_TOKEN)).any(-1)
 
-    @property
+    @cached_property
     def token_positions(self) -> Tensor:
         """(B, N) int64: 0 at a row's first generated token, negative in its history."""
         tokens = torch.arange(self.num_tokens, device=self.history_len.device)[None]

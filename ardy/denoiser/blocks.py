@@ -9,7 +9,7 @@ from ardy.config import DenoiserConfig
 from ardy.transformer import PositionTable, TransformerStack
 from ardy.window import Window
 
-MAX_TOKENS = 128
+MAX_TOKENS = 512
 MAX_STEPS = 1024
 
 
@@ -54,7 +54,10 @@ class StageTransformer(nn.Module):
         self.use_text_mask = config.use_text_mask
 
     def prefix(self, window: Window, step: Tensor) -> Tensor:
-        """(B, n + 1 or 2, width): text, step and heading tokens with their learned rows."""
+        """(B, n + 1 or 2, width): text, step and heading tokens with their learned rows.
+
+        Fewer text vectors than the model takes are filled up with zeros, more are cut off.
+        """
         text = window.text[:, : self.text_tokens]
         if text.shape[1] < self.text_tokens:
             text = nn.functional.pad(text, (0, 0, 0, self.text_tokens - text.shape[1]))
@@ -77,7 +80,9 @@ class StageTransformer(nn.Module):
             sequence = sequence + self.positions(torch.arange(sequence.shape[1], device=sequence.device))
         shown = torch.ones(prefix.shape[:2], dtype=torch.bool, device=tokens.device)
         if self.use_text_mask and window.text_mask is not None:
-            shown[:, : window.text_mask.shape[1]] = window.text_mask
+            given = window.text_mask[:, : self.text_tokens]
+            shown[:, : self.text_tokens] = False
+            shown[:, : given.shape[1]] = given
         keys = torch.cat([shown, visible], dim=1)[:, None, None, :]
         encoded = self.seqTransEncoder(sequence, keys)
         output: Tensor = self.output_linear(encoded[:, prefix.shape[1] :])

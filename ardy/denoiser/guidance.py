@@ -5,6 +5,7 @@ separated: u + w_t (text - u) + w_c (constraints - u), u being neither; regular:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ardy.config import GuidanceMode
-from ardy.denoiser.two_stage import Denoiser
+from ardy.denoiser.base import Denoiser
 from ardy.window import Window
 
 
@@ -22,6 +23,11 @@ class GuidanceWeights:
 
     text: float = 2.0
     constraint: float = 2.0
+
+    def __post_init__(self) -> None:
+        for name, weight in (("text", self.text), ("constraint", self.constraint)):
+            if not math.isfinite(weight):
+                raise ValueError(f"the {name} guidance weight is {weight}; it must be a finite number")
 
 
 class Pass(NamedTuple):
@@ -56,8 +62,11 @@ def needed_passes(
     for with_text, with_constraints, weight in full_passes(mode, weights):
         key = (with_text and has_text, with_constraints and has_constraints)
         merged[key] = merged.get(key, 0.0) + weight
-    kept = tuple(Pass(*key, weight) for key, weight in merged.items() if weight != 0.0)
-    return kept or (Pass(False, False, 1.0),)
+    kept = [(key, weight) for key, weight in merged.items() if weight != 0.0]
+    if len(kept) <= 1:  # the weights sum to 1, but their sum need not be 1 after rounding
+        told = kept[0][0] if kept else (False, False)
+        return (Pass(*told, 1.0),)
+    return tuple(Pass(*told, weight) for told, weight in kept)
 
 
 class PassBatch(NamedTuple):

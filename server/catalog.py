@@ -1,0 +1,68 @@
+"""The catalog: what a server offers, as the message that tells clients."""
+
+from __future__ import annotations
+
+import hashlib
+
+from motiongen.v1 import motion_pb2, service_pb2, session_pb2
+from server.engine.types import Guidance, ModelFacts
+from server.limits import MAX_COORDINATE_M, MAX_GUIDANCE, Limits
+
+
+class Catalog:
+    """One model, its rig and the limits; it never changes while the server lives."""
+
+    def __init__(
+        self, facts: ModelFacts, limits: Limits, guidance: Guidance, licence: str, text_encoder: str, history_frames: int
+    ) -> None:
+        """history_frames: the history given to a window, which its view of the future shares the window with."""
+        self.facts = facts
+        self.limits = limits
+        self.guidance = guidance
+        self.limits_message = service_pb2.Limits(
+            max_sessions_per_stream=limits.max_sessions_per_stream,
+            max_constraints=limits.max_constraints,
+            max_lookahead_frames=limits.max_lookahead_frames,
+            max_prompts=limits.max_prompts,
+            max_prompt_characters=limits.max_prompt_characters,
+            max_request_bytes=limits.max_request_bytes,
+            default_lookahead_frames=limits.default_lookahead_frames,
+            max_trajectory_frames=limits.max_trajectory_frames,
+            max_coordinate_m=MAX_COORDINATE_M,
+            max_guidance=MAX_GUIDANCE,
+        )
+        model = service_pb2.Model(
+            model_id=facts.model_id,
+            rig_id=facts.rig.rig_id,
+            licence=licence,
+            horizon_frames=facts.horizon,
+            patch_frames=facts.patch,
+            default_denoise_steps=facts.default_steps,
+            max_denoise_steps=facts.max_steps,
+            text_encoder=text_encoder,
+            default_guidance=session_pb2.Guidance(text=guidance.text, constraint=guidance.constraint),
+            future_frames=facts.max_window_frames - facts.horizon - history_frames,
+        )
+        self._response = service_pb2.GetCatalogResponse(
+            rigs=[rig_message(facts)], limits=self.limits_message, models=[model]
+        )
+        content = self._response.SerializeToString(deterministic=True)
+        self._response.catalog_etag = hashlib.sha256(content).hexdigest()[:16]
+
+    def response(self, known_etag: str) -> service_pb2.GetCatalogResponse:
+        """The catalog, or its etag alone for a client that holds it already."""
+        if known_etag == self._response.catalog_etag:
+            return service_pb2.GetCatalogResponse(catalog_etag=known_etag)
+        return self._response
+
+
+def rig_message(facts: ModelFacts) -> motion_pb2.Rig:
+    """The rig of a model, with the layout of its frame rows."""
+    return motion_pb2.Rig(
+        rig_id=facts.rig.rig_id,
+        joints=facts.rig.joint_names,
+        parents=facts.rig.parents,
+        frame_rate=facts.fps,
+        blocks=[motion_pb2.ChannelBlock(name=block.name, width=block.width) for block in facts.rig.blocks],
+        neutral_offsets_m=facts.rig.neutral_offsets.ravel().tolist(),
+    )

@@ -1,0 +1,21 @@
+"""Token bucket: a sustained rate with bursts."""
+
+from __future__ import annotations
+
+
+class TokenBucket:
+    """Allows `rate` events a second over time, and as many at once as one second's worth."""
+
+    def __init__(self, rate: float, now: float) -> None:
+        self._rate = rate
+        self._tokens = rate
+        self._refilled_at = now
+
+    def take(self, now: float) -> bool:
+        """Use one token; false when none is left. now: monotonic seconds."""
+        self._tokens = min(self._rate, self._tokens + (now - self._refilled_at) * self._rate)
+        self._refilled_at = now
+        if self._tokens < 1:
+            return False
+        self._tokens -= 1
+        return True

@@ -1,0 +1,167 @@
+"""The servicer: per stream one read loop and one write loop; no decisions."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import logging
+import secrets
+import time
+from collections.abc import AsyncIterator, Sequence
+
+import grpc
+import grpc.aio
+
+from motiongen.v1 import service_pb2, service_pb2_grpc
+from server.catalog import Catalog
+from server.engine.types import CloseReason, Output
+from server.errors import StreamRefused
+from server.prompts import PromptEncoder
+from server.stream import EventSink, Stream
+
+_log = logging.getLogger(__name__)
+
+FLUSH_RANGE_S = (0.005, 0.1)
+Context = grpc.aio.ServicerContext[service_pb2.StreamMotionRequest, service_pb2.StreamMotionResponse]
+
+
+class MotionService(service_pb2_grpc.MotionServiceServicer):
+    """Carries events from streams to the engine and outputs back. Lives on one event loop."""
+
+    def __init__(self, engine: EventSink, prompts: PromptEncoder, catalog: Catalog, flush_s: float = 0.02) -> None:
+        self._engine = engine
+        self._prompts = prompts
+        self._catalog = catalog
+        self._flush_s = flush_s
+        self._replica_id = secrets.token_hex(4)
+        self._numbers = itertools.count(1)
+        self._streams: dict[int, Stream] = {}
+        self._loop = asyncio.get_running_loop()
+        self._draining = False
+        self._all_ended = asyncio.Event()
+        self._all_ended.set()
+
+    @property
+    def num_streams(self) -> int:
+        return len(self._streams)
+
+    # ---- from the engine's thread -----------------------------------------------------------------------------------
+
+    def deliver(self, outputs: Sequence[Output]) -> None:
+        """Take the outputs of one engine step, on the engine's thread; they go out on the event loop."""
+        try:
+            self._loop.call_soon_threadsafe(self._dispatch, tuple(outputs))
+        except RuntimeError:  # the loop has been closed: the process is on its way out
+            _log.debug("outputs after the event loop's end")
+
+    def _dispatch(self, outputs: tuple[Output, ...]) -> None:
+        for output in outputs:
+            stream = self._streams.get(output.session.stream)
+            if stream is not None:  # else its client has gone
+                stream.take(output)
+
+    # ---- calls ------------------------------------------------------------------------------------------------------
+
+    async def GetCatalog(  # noqa: N802 - the name is the protocol's
+        self, request: service_pb2.GetCatalogRequest, context: grpc.aio.ServicerContext[object, object]
+    ) -> service_pb2.GetCatalogResponse:
+        """Rigs, models and limits, or the etag alone for a client that holds them."""
+        return self._catalog.response(request.catalog_etag)
+
+    async def StreamMotion(  # noqa: N802 - the name is the protocol's
+        self, request_iterator: AsyncIterator[service_pb2.StreamMotionRequest], context: Context
+    ) -> None:
+        """One stream, from its hello to its end."""
+        stream = Stream(next(self._numbers), self._engine, self._prompts, self._catalog)
+        stream.flush_s = self._flush_s
+        stream.accepts_opens = not self._draining
+        self._streams[stream.number] = stream
+        self._all_ended.clear()
+        reader = asyncio.create_task(self._read(stream, context))
+        writer = asyncio.create_task(self._write(stream, context))
+        try:
+            await asyncio.wait({reader, writer}, return_when=asyncio.FIRST_COMPLETED)
+            if reader.done():
+                reader.result()  # raises StreamRefused
+                stream.close_all(CloseReason.CLIENT)
+                stream.end()
+            await writer
+        except StreamRefused as refusal:
+            await context.abort_with_status(refusal.status())
+        finally:
+            stream.abandon()
+            for task in (reader, writer):
+                task.cancel()
+            del self._streams[stream.number]
+            if not self._streams:
+                self._all_ended.set()
+
+    async def _read(self, stream: Stream, context: Context) -> None:
+        greeted = False
+        while True:
+            request = await context.read()
+            if not isinstance(request, service_pb2.StreamMotionRequest):  # grpc.aio.EOF
+                return
+            kind = request.WhichOneof("stream_event")
+            if greeted == (kind == "hello"):
+                raise StreamRefused(
+                    grpc.StatusCode.INVALID_ARGUMENT,
+                    "HELLO_EXPECTED" if not greeted else "HELLO_REPEATED",
+                    "the first message of a stream must carry hello" if not greeted else "hello was sent twice",
+                    field="hello",
+                )
+            if kind == "hello":
+                greeted = True
+                self._greet(stream, request.hello)
+            elif kind == "ping":
+                pong = service_pb2.Pong(client_time_ns=request.ping.client_time_ns, server_time_ns=time.time_ns())
+                stream.reply(service_pb2.StreamMotionResponse(pong=pong))
+            for event in request.events:
+                stream.receive(event)
+
+    def _greet(self, stream: Stream, hello: service_pb2.ClientHello) -> None:
+        if hello.HasField("flush_interval"):
+            asked = hello.flush_interval.ToTimedelta().total_seconds()
+            stream.flush_s = min(max(asked, FLUSH_RANGE_S[0]), FLUSH_RANGE_S[1])
+        answer = service_pb2.ServerHello(
+            replica_id=self._replica_id, limits=self._catalog.limits_message, server_time_ns=time.time_ns()
+        )
+        stream.reply(service_pb2.StreamMotionResponse(hello=answer))
+
+    async def _write(self, stream: Stream, context: Context) -> None:
+        """Write what waits, gathered over the flush interval, until the stream ends and all is written."""
+        while True:
+            await stream.ready.wait()
+            if not stream.responses and not stream.ended:
+                await asyncio.sleep(stream.flush_s)
+            stream.ready.clear()
+            while (response := stream.next_response()) is not None:
+                stream.check_backlog()
+                try:
+                    await context.write(response)
+                except (grpc.aio.AioRpcError, grpc.aio.UsageError, asyncio.InvalidStateError):
+                    stream.abandon()  # the client has gone; its cancellation may not have been seen yet
+                    return
+            if stream.ended and not stream.num_sessions and not len(stream.outbox):
+                return
+
+    # ---- the server's end -------------------------------------------------------------------------------------------
+
+    def goodbye(self, grace_s: float) -> None:
+        """Open nothing more, and tell every client that the server goes away in grace_s seconds."""
+        self._draining = True
+        for stream in self._streams.values():
+            stream.accepts_opens = False
+            goodbye = service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASON_DRAINING)
+            goodbye.grace.FromMilliseconds(round(1000 * grace_s))
+            stream.reply(service_pb2.StreamMotionResponse(goodbye=goodbye))
+
+    def close_all(self) -> None:
+        """Close every session as drained and end every stream once it has been told."""
+        for stream in list(self._streams.values()):
+            stream.close_all(CloseReason.DRAINED)
+            stream.end()
+
+    async def finished(self) -> None:
+        """Wait until no stream is left."""
+        await self._all_ended.wait()

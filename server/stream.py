@@ -1,0 +1,349 @@
+"""One stream: its sessions by handle, the order of their events, and what it still has to send."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import secrets
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motiongen.v1 import service_pb2, session_pb2
+from server.catalog import Catalog
+from server.convert import engine_event, prompt_texts, session_update
+from server.engine.types import (
+    Close,
+    Closed,
+    CloseReason,
+    Code,
+    Event,
+    Opened,
+    Outcome,
+    Output,
+    SessionKey,
+)
+from server.errors import EventRefused
+from server.outbox import Outbox
+from server.prompts import PromptEncoder
+from server.rate import TokenBucket
+
+_log = logging.getLogger(__name__)
+
+MAX_RESPONSE_BYTES = 3 << 20
+
+
+class EventSink(Protocol):
+    """The way into the engine."""
+
+    def submit(self, event: Event) -> Outcome | None:
+        """Hand in an event; an outcome that comes back is a refusal at the door."""
+        ...
+
+
+@dataclass(slots=True)
+class Link:
+    """One session as its stream knows it.
+
+    last_seq: the highest event number taken. answered: numbers above applied_seq that have been answered already.
+    waiting: events held back behind one whose prompt is being encoded. known_to_engine: whether its open was passed on.
+    """
+
+    key: SessionKey
+    request_id: str
+    bucket: TokenBucket
+    last_seq: int = 1
+    applied_seq: int = 0
+    answered: set[int] = field(default_factory=set)
+    waiting: deque[tuple[session_pb2.SessionEvent, float]] = field(default_factory=deque)
+    encoding: asyncio.Task[None] | None = None
+    known_to_engine: bool = False
+    closing: bool = False
+
+    def answer(self, event_seq: int) -> None:
+        """Note that an event has been answered, and move applied_seq over all that are."""
+        if event_seq > self.applied_seq:
+            self.answered.add(event_seq)
+        while self.applied_seq + 1 in self.answered:
+            self.applied_seq += 1
+            self.answered.discard(self.applied_seq)
+
+
+class Stream:
+    """The state of one StreamMotion call. Everything here runs on the event loop."""
+
+    def __init__(self, number: int, engine: EventSink, prompts: PromptEncoder, catalog: Catalog) -> None:
+        self.number = number
+        self.outbox = Outbox()
+        self.ready = asyncio.Event()  # something to write, or the end
+        self.flush_s = 0.0
+        self.accepts_opens = True
+        self.ended = False
+        self.responses: deque[service_pb2.StreamMotionResponse] = deque()
+        self._engine = engine
+        self._prompts = prompts
+        self._catalog = catalog
+        self._links: dict[int, Link] = {}
+        self._bucket = TokenBucket(catalog.limits.stream_events_per_second, time.monotonic())
+        self._backlog_since: float | None = None
+
+    @property
+    def num_sessions(self) -> int:
+        return len(self._links)
+
+    # ---- from the client --------------------------------------------------------------------------------------------
+
+    def receive(self, event: session_pb2.SessionEvent) -> None:
+        """Take one event of the client: hand it to the engine, or answer why not."""
+        now = time.monotonic()
+        handle = event.session
+        try:
+            if not self._bucket.take(now):
+                raise self._too_fast("the stream", self._catalog.limits.stream_events_per_second)
+            if event.WhichOneof("event") == "open":
+                self._open(event, now)
+                return
+            link = self._links.get(handle)
+            if link is None:
+                if event.WhichOneof("event") == "playhead":
+                    return  # a report that crossed the session's end
+                raise EventRefused(
+                    Code.NOT_FOUND,
+                    "SESSION_NOT_OPEN",
+                    f"no session is open on handle {handle}",
+                    field="session",
+                    allowed="the handle of an open session; send OpenSession first",
+                )
+            if self._in_order(link, event):
+                if not link.bucket.take(now):
+                    raise self._too_fast("the session", self._catalog.limits.events_per_second)
+                self._pass_on(link, event, now)
+        except EventRefused as refusal:
+            self._refuse(handle, event.event_seq, refusal)
+        except Exception as error:
+            self._internal_error(handle, event.event_seq, error)
+
+    def _open(self, event: session_pb2.SessionEvent, now: float) -> None:
+        handle, limits = event.session, self._catalog.limits
+        link = self._links.get(handle)
+        if link is not None:
+            if event.open.request_id and event.open.request_id == link.request_id:
+                return  # the same open again
+            raise EventRefused(
+                Code.ALREADY_EXISTS,
+                "HANDLE_IN_USE",
+                f"handle {handle} carries an open session",
+                field="session",
+                allowed="a handle that is not in use, or this one after its SessionClosed",
+            )
+        if not self.accepts_opens:
+            raise EventRefused(
+                Code.UNAVAILABLE,
+                "DRAINING",
+                "the server is shutting down and opens no more sessions",
+                field="open",
+                allowed="open on another server, or here after a restart",
+            )
+        if event.event_seq != 1:
+            raise self._gap(event.event_seq, 1)
+        if len(self._links) >= limits.max_sessions_per_stream:
+            raise EventRefused(
+                Code.RESOURCE_EXHAUSTED,
+                "TOO_MANY_SESSIONS",
+                f"the stream carries {len(self._links)} sessions",
+                field="open",
+                allowed=f"at most {limits.max_sessions_per_stream} on a stream; use another stream",
+            )
+        key = SessionKey(self.number, handle)
+        link = Link(key, event.open.request_id, TokenBucket(limits.events_per_second, now))
+        self._links[handle] = link
+        self._pass_on(link, event, now)
+
+    def _in_order(self, link: Link, event: session_pb2.SessionEvent) -> bool:
+        """Whether the event is new and next; false for a repetition. Raises EventRefused for a gap."""
+        is_report = event.WhichOneof("event") == "playhead"
+        if is_report != (event.event_seq == 0):
+            raise EventRefused(
+                Code.INVALID_ARGUMENT,
+                "INVALID_EVENT_SEQ",
+                f"event_seq is {event.event_seq}",
+                field="event_seq",
+                allowed="0 for Playhead, else one more than the session's last event",
+            )
+        if is_report:
+            return True
+        if event.event_seq <= link.last_seq:
+            return False
+        if event.event_seq != link.last_seq + 1:
+            raise self._gap(event.event_seq, link.last_seq + 1)
+        link.last_seq = event.event_seq
+        return True
+
+    @staticmethod
+    def _gap(given: int, expected: int) -> EventRefused:
+        return EventRefused(
+            Code.FAILED_PRECONDITION,
+            "SEQUENCE_GAP",
+            f"event_seq is {given}, the next is {expected}",
+            field="event_seq",
+            allowed=str(expected),
+        )
+
+    @staticmethod
+    def _too_fast(what: str, rate: float) -> EventRefused:
+        return EventRefused(
+            Code.RESOURCE_EXHAUSTED,
+            "TOO_MANY_EVENTS",
+            f"{what} sends events too fast",
+            field="event",
+            allowed=f"{rate:g} a second",
+        )
+
+    def _pass_on(self, link: Link, event: session_pb2.SessionEvent, now: float) -> None:
+        """Submit at once if nothing of the session waits and its prompts are known, else queue behind the encoder."""
+        if event.WhichOneof("event") == "playhead":
+            self._submit(link, event, now, {})  # a report overtakes: it is about now
+            return
+        if not link.waiting and link.encoding is None:
+            known = self._known_embeddings(event)
+            if known is not None:
+                self._submit(link, event, now, known)
+                return
+        link.waiting.append((event, now))
+        if link.encoding is None:
+            link.encoding = asyncio.get_running_loop().create_task(self._encode_waiting(link))
+
+    def _known_embeddings(self, event: session_pb2.SessionEvent) -> dict[str, NDArray[np.float32]] | None:
+        known = {}
+        for text in prompt_texts(event, self._catalog):
+            embedding = self._prompts.cached(text)
+            if embedding is None:
+                return None
+            known[text] = embedding
+        return known
+
+    async def _encode_waiting(self, link: Link) -> None:
+        try:
+            while link.waiting:
+                event, received_at = link.waiting[0]
+                try:
+                    texts = prompt_texts(event, self._catalog)
+                    embeddings = {text: await self._prompts.encode(text) for text in texts}
+                    self._submit(link, event, received_at, embeddings)
+                except EventRefused as refusal:
+                    self._refuse(link.key.handle, event.event_seq, refusal)
+                except Exception as error:
+                    self._internal_error(link.key.handle, event.event_seq, error)
+                link.waiting.popleft()
+        finally:
+            link.encoding = None
+            self.ready.set()
+
+    def _submit(
+        self, link: Link, message: session_pb2.SessionEvent, now: float, embeddings: dict[str, NDArray[np.float32]]
+    ) -> None:
+        event = engine_event(message, link.key, now, embeddings, self._catalog)
+        if isinstance(event, Close):
+            link.closing = True
+        link.known_to_engine = True
+        refusal = self._engine.submit(event)
+        if refusal is not None:
+            self.take(refusal)
+
+    def _refuse(self, handle: int, event_seq: int, refusal: EventRefused) -> None:
+        self.take(
+            Outcome(
+                SessionKey(self.number, handle),
+                event_seq,
+                refusal.code,
+                reason=refusal.reason,
+                message=str(refusal),
+                field=refusal.field,
+                allowed=refusal.allowed,
+            )
+        )
+
+    def _internal_error(self, handle: int, event_seq: int, error: Exception) -> None:
+        error_id = secrets.token_hex(4)
+        _log.error("event failed, error id %s", error_id, exc_info=error)
+        refusal = EventRefused(Code.INTERNAL, "INTERNAL", f"the event failed inside the server, error id {error_id}")
+        self._refuse(handle, event_seq, refusal)
+
+    # ---- from the engine --------------------------------------------------------------------------------------------
+
+    def take(self, output: Output) -> None:
+        """Take one output for this stream's client, and keep the session's books."""
+        link = self._links.get(output.session.handle)
+        if link is not None:
+            if isinstance(output, Opened):
+                link.answer(1)
+            elif isinstance(output, Outcome) and output.event_seq:
+                link.answer(output.event_seq)
+                # An OpenSession that is refused leaves its handle unused; one refused for a handle in use does not.
+                if output.event_seq == 1 and output.code != Code.OK and output.reason != "HANDLE_IN_USE":
+                    del self._links[output.session.handle]
+            elif isinstance(output, Closed):
+                link.applied_seq = link.last_seq
+                del self._links[output.session.handle]
+        self.outbox.put(output)
+        self.ready.set()
+
+    def next_response(self) -> service_pb2.StreamMotionResponse | None:
+        """The next message to write: pongs and goodbyes first, then updates of many sessions in one."""
+        if self.responses:
+            return self.responses.popleft()
+        outputs = self.outbox.take(MAX_RESPONSE_BYTES)
+        if not outputs:
+            return None
+        response = service_pb2.StreamMotionResponse()
+        for output in outputs:
+            update = session_update(output, self._catalog)
+            link = self._links.get(output.session.handle)
+            if link is not None:
+                update.applied_seq = link.applied_seq
+            response.updates.append(update)
+        return response
+
+    def reply(self, response: service_pb2.StreamMotionResponse) -> None:
+        """Send a message that belongs to no session ahead of the updates."""
+        self.responses.append(response)
+        self.ready.set()
+
+    # ---- ends -------------------------------------------------------------------------------------------------------
+
+    def check_backlog(self) -> None:
+        """Close every session when the client reads too slowly: too much unsent at once, or a lot for too long."""
+        limits, now = self._catalog.limits, time.monotonic()
+        if self.outbox.num_bytes <= limits.soft_backlog_bytes:
+            self._backlog_since = None
+            return
+        self._backlog_since = self._backlog_since or now
+        if self.outbox.num_bytes > limits.hard_backlog_bytes or now - self._backlog_since > limits.backlog_s:
+            self.close_all(CloseReason.SLOW_READER)
+
+    def close_all(self, reason: CloseReason) -> None:
+        """Ask the engine to close every session of the stream that is not closing already."""
+        now = time.monotonic()
+        for link in list(self._links.values()):
+            if link.encoding is not None:
+                link.encoding.cancel()
+                link.waiting.clear()
+            if not link.known_to_engine:
+                self.take(Closed(link.key, reason, Code.OK, "closed before it was opened", 0, 0))
+            elif not link.closing:
+                link.closing = True
+                self._engine.submit(Close(link.key, link.last_seq + 1, now, reason))
+
+    def abandon(self) -> None:
+        """The client is gone: close everything and write nothing more."""
+        self.close_all(CloseReason.CLIENT)
+        self.end()
+
+    def end(self) -> None:
+        """Let the write loop finish what is there and stop."""
+        self.ended = True
+        self.ready.set()

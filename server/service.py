@@ -136,7 +136,6 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
                 await asyncio.sleep(stream.flush_s)
             stream.ready.clear()
             while (response := stream.next_response()) is not None:
-                stream.check_backlog()
                 try:
                     await context.write(response)
                 except (grpc.aio.AioRpcError, grpc.aio.UsageError, asyncio.InvalidStateError):

@@ -290,6 +290,7 @@ class Stream:
                 link.applied_seq = link.last_seq
                 del self._links[output.session.handle]
         self.outbox.put(output)
+        self.check_backlog()
         self.ready.set()
 
     def next_response(self) -> service_pb2.StreamMotionResponse | None:

@@ -30,11 +30,19 @@ def limb_chains(skeleton: Skeleton) -> Mapping[str, tuple[int, ...]]:
     }
 
 
+def require_numbers(what: str, values: Tensor, shape: tuple[int, ...]) -> None:
+    """Raise ConstraintError unless values are finite and of that shape."""
+    if values.shape != shape:
+        raise ConstraintError(f"{what} have shape {tuple(values.shape)}; give {shape}")
+    if not values.isfinite().all():
+        raise ConstraintError(f"{what} hold NaN or infinite numbers; every one must be finite")
+
+
 class Targets:
     """What features shall be at which frames, gathered from constraints; of two that disagree, the later one holds.
 
-    Frames are numbers of whatever count `fill` is later given the start of. The groups are independent: a waypoint
-    overrides the ground position of an earlier keyframe at its frame but not its pose.
+    Frames are absolute; `fill` is told which of them it is to lay out, and leaves the others alone. The groups are
+    independent: a waypoint overrides the ground position of an earlier keyframe at its frame but not its pose.
     """
 
     def __init__(self, skeleton: Skeleton) -> None:
@@ -45,13 +53,17 @@ class Targets:
         self.positions: dict[tuple[int, int], Tensor] = {}
         self.rotations: dict[tuple[int, int], Tensor] = {}
 
+    @property
+    def frames(self) -> set[int]:
+        """Every frame that has a target."""
+        jointwise = {frame for frame, _ in (*self.positions, *self.rotations)}
+        return {*self.ground, *self.height, *self.heading, *jointwise}
+
     def add_root(self, frames: Sequence[int], ground: Tensor, heading: Tensor | None = None) -> None:
         """Waypoints or a root trajectory. ground: (K, 2) x and z in metres; heading: (K) radians, or None."""
-        if ground.shape != (len(frames), 2) or (heading is not None and heading.shape != (len(frames),)):
-            raise ConstraintError(
-                f"{len(frames)} frames came with ground positions {tuple(ground.shape)}"
-                f" and headings {None if heading is None else tuple(heading.shape)}; give (K, 2) and (K)"
-            )
+        require_numbers("ground positions", ground, (len(frames), 2))
+        if heading is not None:
+            require_numbers("headings", heading, (len(frames),))
         for row, frame in enumerate(frames):
             self.ground[frame] = ground[row]
             if heading is not None:
@@ -65,7 +77,7 @@ class Targets:
 
     def add_full_body(self, frames: Sequence[int], positions: Tensor, ground: Tensor | None = None) -> None:
         """Keyframes. positions: (K, J, 3) of all joints; ground: (K, 2), where the root shall be if elsewhere."""
-        self._check_poses(frames, positions)
+        require_numbers("joint positions", positions, (len(frames), self.skeleton.num_joints, 3))
         self._add_pose_root(frames, positions, ground)
         for row, frame in enumerate(frames):
             for joint in range(self.skeleton.num_joints):
@@ -82,11 +94,11 @@ class Targets:
         """Limbs of whole poses: positions of each chain's joints, rotation of its first, and the root's ground,
         height and heading. limbs: names out of `limb_chains`; positions: (K, J, 3); rotations: (K, J, 3, 3) global.
         """
-        self._check_poses(frames, positions)
+        require_numbers("joint positions", positions, (len(frames), self.skeleton.num_joints, 3))
+        require_numbers("joint rotations", rotations, (len(frames), self.skeleton.num_joints, 3, 3))
         chains = limb_chains(self.skeleton)
-        unknown = [name for name in limbs if name not in chains]
-        if unknown or not limbs:
-            raise ConstraintError(f"end effectors {list(limbs)} are not known; use some of {', '.join(chains)}")
+        if not limbs or not all(name in chains for name in limbs):
+            raise ConstraintError(f"end effectors are {list(limbs)}; name one or more of {', '.join(chains)}")
         self._add_pose_root(frames, positions, ground)
         for row, frame in enumerate(frames):
             for name in limbs:
@@ -96,7 +108,13 @@ class Targets:
                 self.rotations[frame, first] = rotations[row, first]
 
     def add_joints(self, frame: int, joints: Sequence[int], positions: Tensor, rotations: Tensor | None = None) -> None:
-        """Any joints at one frame. positions: (K, 3) world; rotations: (K, 3, 3) global, or None."""
+        """Any joints at one frame. positions: (K, 3) world; rotations: (K, 3, 3) global, or None.
+
+        The root joint among them also sets the root's ground position and height, but no heading.
+        """
+        require_numbers("joint positions", positions, (len(joints), 3))
+        if rotations is not None:
+            require_numbers("joint rotations", rotations, (len(joints), 3, 3))
         if not all(0 <= joint < self.skeleton.num_joints for joint in joints):
             raise ConstraintError(
                 f"joints {list(joints)} are not all in 0..{self.skeleton.num_joints - 1} of {self.skeleton.name}"
@@ -108,11 +126,6 @@ class Targets:
             if joint == 0:
                 self.ground[frame] = positions[row, [0, 2]]
                 self.height[frame] = positions[row, 1]
-
-    def _check_poses(self, frames: Sequence[int], positions: Tensor) -> None:
-        expected = (len(frames), self.skeleton.num_joints, 3)
-        if positions.shape != expected:
-            raise ConstraintError(f"poses have shape {tuple(positions.shape)}; {self.skeleton.name} needs {expected}")
 
     def fill(self, layout: Representation, first_frame: int, num_frames: int) -> tuple[Tensor, Tensor]:
         """Observed features in natural units and mask, each (num_frames, D), of frames from first_frame on.
@@ -150,6 +163,7 @@ class Targets:
         return observed, mask
 
     def observe(self, layout: Representation, first_frame: int, num_frames: int) -> tuple[Tensor, Tensor]:
-        """As `fill`, with the observed features normalised and zero where the mask is zero."""
-        observed, mask = self.fill(layout, first_frame, num_frames)
+        """As `fill`, on the layout's device, the observed features normalised and zero where the mask is zero."""
+        device = layout.stats.mean.device
+        observed, mask = (part.to(device) for part in self.fill(layout, first_frame, num_frames))
         return layout.normalize(observed) * mask, mask

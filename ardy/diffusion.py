@@ -20,7 +20,8 @@ class NoiseSchedule:
 
     Tables are indexed [num_steps, i]; i counts a row's steps from the cleanest (0) to the noisiest (num_steps - 1).
     signal: (base steps) float32, how much of the clean signal's variance remains at each base step.
-    base_step: (n + 1, n) int64. remaining, remaining_before: (n + 1, n) float32, after and before a reverse step's move.
+    base_step: (n + 1, n) int64. remaining, remaining_before: (n + 1, n) float32, the signal's variance in what a
+    reverse step is given and in what it gives.
     """
 
     num_base_steps: int
@@ -50,10 +51,10 @@ class NoiseSchedule:
         index: (B) int64, each row's step, num_steps - 1 first and 0 last; num_steps: (B) int64, each row's schedule.
         At index 0 the result is `clean`.
         """
-        after = self.remaining[num_steps, index][:, None, None]
-        before = self.remaining_before[num_steps, index][:, None, None]
-        noise = (noisy / after.sqrt() - clean) / (1 / after - 1).sqrt()
-        return clean * before.sqrt() + noise * (1 - before).sqrt()
+        given = self.remaining[num_steps, index][:, None, None]
+        target = self.remaining_before[num_steps, index][:, None, None]
+        noise = (noisy / given.sqrt() - clean) / (1 / given - 1).sqrt()
+        return clean * target.sqrt() + noise * (1 - target).sqrt()
 
 
 def signal_variance(num_base_steps: int) -> np.ndarray:

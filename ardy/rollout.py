@@ -7,20 +7,28 @@ re-encoded from explicit features each time; `generate_clip` keeps the tokens in
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import count, pairwise
 
 import torch
 from torch import Tensor
 
 from ardy.config import FRAMES_PER_TOKEN
 from ardy.constraint import Targets
-from ardy.denoiser.guidance import GuidanceWeights, PassBatch, batch_passes, full_passes, guided_prediction
+from ardy.denoiser.blocks import MAX_TOKENS
+from ardy.denoiser.guidance import (
+    DEFAULT_WEIGHTS,
+    GuidanceWeights,
+    PassBatch,
+    batch_passes,
+    full_passes,
+    guided_prediction,
+)
 from ardy.diffusion import cosine_schedule
 from ardy.model import Model
 from ardy.noise import window_noise
 from ardy.representation import ROOT_WIDTH, Representation
-from ardy.tokenizer import Tokenizer
 from ardy.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens, root_to_tokens
-from ardy.window import Window
+from ardy.window import Window, WindowError
 
 DEFAULT_HISTORY_FRAMES = 16
 
@@ -32,14 +40,14 @@ class WindowRequest:
     num_frames: history, horizon and visible future, a multiple of 4. noise: (B, G/4, 20 + L), standard normal.
     text: (B, n, W), zeros for no text. history: (B, H, D) normalised features in the world frame, or None.
     translation: (B, 3) with y = 0, metres, and heading: (B) radians, where a first window starts (with history they
-    follow from it). observed, mask: (B, num_frames, D), normalised, in the world frame; frame 0 is the first of history.
+    follow from it). observed, mask: (B, num_frames, D), normalised, in the world frame, from the first of history on.
     """
 
     num_frames: int
     num_steps: int
     text: Tensor
     noise: Tensor
-    weights: GuidanceWeights = GuidanceWeights()
+    weights: GuidanceWeights = DEFAULT_WEIGHTS
     history: Tensor | None = None
     translation: Tensor | None = None
     heading: Tensor | None = None
@@ -73,21 +81,19 @@ def local_goals(
     return torch.cat([root, observed[..., ROOT_WIDTH:]], dim=-1) * mask, mask
 
 
-def require_tokenizer(model: Model) -> Tokenizer:
-    """The model's tokenizer. Raises ValueError for a model on explicit features, which has none."""
-    if model.tokenizer is None:
-        raise ValueError("this model denoises explicit features and has no tokenizer; it cannot decode latents")
-    return model.tokenizer
-
-
 def start_window(model: Model, request: WindowRequest) -> WindowState:
-    """Encode and recentre the history, bring the constraints into its frame, and lay out the noise."""
-    layout, tokenizer = model.representation, require_tokenizer(model)
+    """Encode and recentre the history, bring the constraints into its frame, and lay out the noise.
+
+    Raises WindowError as `lay_out` does, and for a history that is not made of whole tokens.
+    """
+    layout = model.representation
     batch, device = request.text.shape[0], request.text.device
-    width = ROOT_TOKEN_WIDTH + tokenizer.config.latent_dim
+    width = ROOT_TOKEN_WIDTH + model.config.denoiser.latent_dim
     if request.history is not None and request.history.shape[1]:
-        history = tokenizer.to_hybrid(request.history)
         history_frames = request.history.shape[1]
+        if history_frames % FRAMES_PER_TOKEN:
+            raise WindowError(f"history has {history_frames} frames; give a multiple of {FRAMES_PER_TOKEN}")
+        history = model.codec.to_hybrid(request.history)
         root, translation = layout.recentre(root_from_tokens(history), history_frames - 1)
         history = torch.cat([root_to_tokens(root), history[..., ROOT_TOKEN_WIDTH:]], dim=-1)
         heading = layout.heading_of_root(request.history[:, 0, :ROOT_WIDTH])
@@ -98,14 +104,30 @@ def start_window(model: Model, request: WindowRequest) -> WindowState:
     return lay_out(model, request, history, translation, heading)
 
 
-def lay_out(
-    model: Model, request: WindowRequest, history: Tensor, translation: Tensor, heading: Tensor
-) -> WindowState:
-    """The state before the first step, from history tokens (B, N_h, 20 + L) that are already recentred."""
+def check_request(model: Model, request: WindowRequest) -> None:
+    """Raise WindowError for what the model cannot do."""
+    config = model.config
+    if not 1 <= request.num_steps <= config.num_base_steps:
+        raise WindowError(f"num_steps is {request.num_steps}; this model takes 1 to {config.num_base_steps}")
+    if request.num_frames > MAX_TOKENS * FRAMES_PER_TOKEN:
+        raise WindowError(f"the window has {request.num_frames} frames; at most {MAX_TOKENS * FRAMES_PER_TOKEN} fit")
+    if request.mask is not None and not config.denoiser.constraints:
+        raise WindowError("this model was built without goal inputs; leave out observed and mask")
+
+
+def lay_out(model: Model, request: WindowRequest, history: Tensor, translation: Tensor, heading: Tensor) -> WindowState:
+    """The state before the first step, from history tokens (B, N_h, 20 + L) that are already recentred.
+
+    translation: (B, 3) metres from the window's frame to the world's; heading: (B) radians of the first frame.
+    Raises WindowError when history and horizon do not fit, for a step count the model was not trained for, and for
+    constraints given to a model without goal inputs.
+    """
+    check_request(model, request)
     batch, history_tokens = history.shape[:2]
     num_tokens = request.num_frames // FRAMES_PER_TOKEN
     if history_tokens + request.noise.shape[1] > num_tokens:
-        raise ValueError(f"a window of {request.num_frames} frames cannot hold its history and horizon")
+        needed = (history_tokens + request.noise.shape[1]) * FRAMES_PER_TOKEN
+        raise WindowError(f"the window has {request.num_frames} frames; history and horizon alone need {needed}")
     history_len = torch.full((batch,), history_tokens * FRAMES_PER_TOKEN, device=history.device)
     tokens = history.new_zeros(batch, num_tokens, history.shape[-1])
     tokens[:, :history_tokens] = history
@@ -140,10 +162,8 @@ def denoise_step(model: Model, state: WindowState, index: int, num_steps: int) -
 
 def finish_window(model: Model, state: WindowState) -> Tensor:
     """Normalised features (B, H + G, D) in the world frame; the history part is a re-synthesis."""
-    tokenizer = require_tokenizer(model)
     lengths = state.window.history_len + state.window.generation_len
-    tokens = world_tokens(model, state)
-    return tokenizer.from_hybrid(tokens, lengths)
+    return model.codec.from_hybrid(world_tokens(model, state), lengths)
 
 
 def world_tokens(model: Model, state: WindowState) -> Tensor:
@@ -155,7 +175,7 @@ def world_tokens(model: Model, state: WindowState) -> Tensor:
 def world_tokens_of(model: Model, tokens: Tensor, translation: Tensor) -> Tensor:
     """Hybrid tokens (B, N, 20 + L) moved by (B, 3) metres, their latents snapped to the grid."""
     tokens = move_root(model.representation, tokens, translation)
-    latents = require_tokenizer(model).requantize(tokens[..., ROOT_TOKEN_WIDTH:])
+    latents = model.codec.requantize(tokens[..., ROOT_TOKEN_WIDTH:])
     return torch.cat([tokens[..., :ROOT_TOKEN_WIDTH], latents], dim=-1)
 
 
@@ -176,53 +196,80 @@ def visible_frames(model: Model, history_frames: int, targets: Targets | None, f
     if targets is None:
         return shortest
     longest = model.config.max_window_frames
-    frames = {*targets.ground, *targets.heading, *targets.height, *(frame for frame, _ in targets.positions)}
-    ahead = [frame - first_frame + 1 for frame in frames if history_frames <= frame - first_frame < longest]
+    ahead = [frame - first_frame + 1 for frame in targets.frames if history_frames <= frame - first_frame < longest]
     needed = -(-max(ahead, default=0) // FRAMES_PER_TOKEN) * FRAMES_PER_TOKEN
     return max(shortest, min(needed, longest))
 
 
-@torch.no_grad()
-def rollout(
-    model: Model,
-    text: Tensor,
-    num_frames: int,
-    seed: int,
-    num_steps: int = 10,
-    weights: GuidanceWeights | None = None,
-    history_frames: int = DEFAULT_HISTORY_FRAMES,
-    targets: Targets | None = None,
-    start: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> Tensor:
-    """Normalised features (num_frames, D) of one character, window after window.
+@dataclass(frozen=True)
+class RolloutRequest:
+    """One character's motion, num_frames long.
 
-    text: (W), zeros for no text. start: x and z in metres and heading in radians. history_frames: how many decided
-    frames each later window starts with, a multiple of 4. The k-th window starts from `window_noise(seed, k)`.
+    text: (W) or (n, W), zeros for no text. later_text: (first frame, text) of the prompts that follow, in order of
+    time; a window that would run across a prompt's first frame is kept only up to it.
+    seed: the k-th window starts from `window_noise(seed, k)`. history_frames: the most decided frames that a window
+    starts with, a multiple of 4. targets: constraints by absolute frame. start: x and z in metres, heading in radians.
     """
-    features = torch.zeros(0, model.representation.feature_dim)
-    num_tokens = model.config.horizon // FRAMES_PER_TOKEN
+
+    num_frames: int
+    text: Tensor
+    seed: int = 0
+    num_steps: int = 10
+    weights: GuidanceWeights = DEFAULT_WEIGHTS
+    history_frames: int = DEFAULT_HISTORY_FRAMES
+    targets: Targets | None = None
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    later_text: tuple[tuple[int, Tensor], ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.history_frames < FRAMES_PER_TOKEN or self.history_frames % FRAMES_PER_TOKEN:
+            raise WindowError(
+                f"history_frames is {self.history_frames}; give a positive multiple of {FRAMES_PER_TOKEN}"
+            )
+        changes = [FRAMES_PER_TOKEN - 1, *(frame for frame, _ in self.later_text)]
+        if any(later <= earlier for earlier, later in pairwise(changes)):
+            raise WindowError(f"later_text starts at frames {changes[1:]}; they must rise, the first from 4 on")
+
+    def prompt_at(self, frame: int) -> tuple[Tensor, int]:
+        """The text (n, W) that holds at a frame, and the frame at which the next one starts (num_frames if none)."""
+        text, end = self.text, self.num_frames
+        for first, later in self.later_text:
+            if first > frame:
+                return torch.atleast_2d(text), min(first, end)
+            text = later
+        return torch.atleast_2d(text), end
+
+
+@torch.no_grad()
+def rollout(model: Model, request: RolloutRequest) -> Tensor:
+    """Normalised features (num_frames, D) in the world frame, window after window."""
+    layout, horizon = model.representation, model.config.horizon
+    device = layout.stats.mean.device
     width = ROOT_TOKEN_WIDTH + model.config.denoiser.latent_dim
-    window_index = 0
-    while len(features) < num_frames:
-        history = features[max(0, len(features) - history_frames) :]
-        first_frame = len(features) - len(history)
-        span = visible_frames(model, len(history), targets, first_frame)
+    x, z, heading = request.start
+    features = torch.zeros(0, layout.feature_dim, device=device)
+    for window_index in count():
+        done = len(features)
+        if done >= request.num_frames:
+            return features
+        history_len = min(request.history_frames, done // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN)
+        first_frame = done - history_len
+        text, text_end = request.prompt_at(done)
+        span = visible_frames(model, history_len, request.targets, first_frame)
         observed, mask = (None, None)
-        if targets is not None:
-            observed, mask = (part[None] for part in targets.observe(model.representation, first_frame, span))
-        request = WindowRequest(
+        if request.targets is not None:
+            observed, mask = (part[None] for part in request.targets.observe(layout, first_frame, span))
+        window = WindowRequest(
             num_frames=span,
-            num_steps=num_steps,
-            text=text[None, None],
-            noise=window_noise(seed, window_index, num_tokens, width)[None],
-            weights=weights or GuidanceWeights(),
-            history=history[None] if len(history) else None,
-            translation=torch.tensor([[start[0], 0.0, start[1]]]),
-            heading=torch.tensor([start[2]]),
+            num_steps=request.num_steps,
+            text=text[None].to(device),
+            noise=window_noise(request.seed, window_index, horizon // FRAMES_PER_TOKEN, width)[None].to(device),
+            weights=request.weights,
+            history=features[None, first_frame:] if history_len else None,
+            translation=torch.tensor([[x, 0.0, z]], device=device),
+            heading=torch.tensor([heading], device=device),
             observed=observed,
             mask=mask,
         )
-        window = generate_window(model, request)[0]
-        features = torch.cat([features, window[len(history) :]])
-        window_index += 1
-    return features[:num_frames]
+        new = generate_window(model, window)[0, history_len:]
+        features = torch.cat([features, new[: text_end - done]])

@@ -11,6 +11,10 @@ from torch import Tensor
 from ardy.config import FRAMES_PER_TOKEN
 
 
+class WindowError(ValueError):
+    """Raised for lengths, steps or shapes that no window can have; the message says which are allowed."""
+
+
 @dataclass(frozen=True)
 class Window:
     """What the denoiser sees of B rows at once; rows may differ in every length.
@@ -19,8 +23,8 @@ class Window:
     constraints. Row i occupies frames 0 .. num_frames-1, frame 0 being its first history frame.
     text: (B, n, W); an all-zero row stands for no text. text_mask: (B, n) bool or None, which text vectors count.
     heading: (B) radians, of the first frame.
-    observed, mask: (B, T, D), constraints as normalised features and where they hold (0 or 1); both zero in the history.
-    None = no constraints in any row.
+    observed, mask: (B, T, D), constraints as normalised features and where they hold (0 or 1); both are zero in the
+    history. None = no constraints in any row.
     """
 
     history_len: Tensor
@@ -38,7 +42,7 @@ class Window:
                 f"a window has {self.num_frames} frames; it needs a positive multiple of {FRAMES_PER_TOKEN}"
             )
         if (self.observed is None) != (self.mask is None):
-            raise ValueError("a window with constraints needs both observed features and mask; one of them is missing")
+            raise WindowError("a window's observed features and their mask go together; one of them is missing")
 
     @property
     def num_tokens(self) -> int:

@@ -18,7 +18,7 @@ from ardy.diffusion import cosine_schedule
 from ardy.model import Model
 from ardy.model_card import model_folder, read_model_card
 from ardy.noise import window_noise
-from ardy.rollout import WindowRequest, require_tokenizer, start_window, visible_frames, world_tokens_of
+from ardy.rollout import WindowRequest, start_window, visible_frames, world_tokens_of
 from ardy.rotation import matrix_to_quaternion
 from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
 from ardy.window import Window
@@ -68,7 +68,7 @@ class TorchRunner:
 
     def __init__(self, model: Model, model_id: str, default_steps: int = 4) -> None:
         self._model = model
-        self._tokenizer = require_tokenizer(model)
+        self._tokenizer = model.codec
         self._device = model.representation.stats.mean.device
         self._schedule = cosine_schedule(model.config.num_base_steps).to(self._device)
         self._rows: dict[int, Row] = {}
@@ -96,9 +96,7 @@ class TorchRunner:
         layout, config = self._model.representation, self._model.config
         num_tokens = config.horizon // FRAMES_PER_TOKEN
         width = ROOT_TOKEN_WIDTH + config.denoiser.latent_dim
-        goals = [
-            targets.observe(layout, job.first_frame - history_len, span) for job, targets in members if targets
-        ]
+        goals = [targets.observe(layout, job.first_frame - history_len, span) for job, targets in members if targets]
         starts = [job.start_pose for job in jobs]
         request = WindowRequest(
             num_frames=span,
@@ -106,7 +104,9 @@ class TorchRunner:
             text=torch.stack([self._text(job) for job in jobs]),
             noise=torch.stack([window_noise(job.seed, job.plan, num_tokens, width) for job in jobs]).to(self._device),
             history=self._stack(job.history for job in jobs) if history_len else None,
-            translation=self._stack(np.array([pose.x, 0, pose.z] if pose else [0, 0, 0], np.float32) for pose in starts),
+            translation=self._stack(
+                np.array([pose.x, 0, pose.z] if pose else [0, 0, 0], np.float32) for pose in starts
+            ),
             heading=self._stack(np.float32(pose.heading if pose else 0) for pose in starts),
             observed=torch.stack([observed for observed, _ in goals]).to(self._device) if goals else None,
             mask=torch.stack([mask for _, mask in goals]).to(self._device) if goals else None,

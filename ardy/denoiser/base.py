@@ -74,7 +74,7 @@ class Denoiser(nn.Module, ABC):
         return self.join(noisy, plain, ahead, window), ahead
 
     def future_inputs(self, known: Tensor, window: Window) -> Tensor:
-        """Vectors (B, N, width) of the visible future tokens, zero elsewhere; known: (B, N, 8D) root, goals and mask."""
+        """Vectors (B, N, width) of the visible future tokens, zero elsewhere; known: (B, N, 8D), root, goals, mask."""
         future = window.future_tokens
         # In training every weight takes part in every batch, which distributed training counts on.
         if self.future_constraints_proj is None or not (self.training or bool(future.any())):

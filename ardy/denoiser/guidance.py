@@ -30,6 +30,9 @@ class GuidanceWeights:
                 raise ValueError(f"the {name} guidance weight is {weight}; it must be a finite number")
 
 
+DEFAULT_WEIGHTS = GuidanceWeights()
+
+
 class Pass(NamedTuple):
     """One evaluation of the denoiser for a row: what it is told, and its weight in the guided prediction."""
 

@@ -204,7 +204,7 @@ class TorchRunner:
         tokens = world_tokens_of(self._model, tokens, torch.stack([row.translation for row in rows]))
         lengths = torch.tensor(known, device=self._device)
         valid = torch.arange(num_tokens * FRAMES_PER_TOKEN, device=self._device) < lengths[:, None]
-        features = self._tokenizer.from_hybrid(tokens, lengths, valid)
+        features = self._model.codec.from_hybrid(tokens, lengths, valid)
         new = torch.stack([features[i, row.history_len : row.history_len + horizon] for i, row in enumerate(rows)])
         frames = self._frames(new)
         new_features = new.cpu().numpy()

@@ -24,7 +24,6 @@ from ardy.evaluate.generate import generate_batch
 from ardy.evaluate.measures import foot_sliding, hand_raised, joint_error, travel
 from ardy.model import Model
 from ardy.model_card import model_folder
-from ardy.rollout import require_tokenizer
 from ardy.text import TextEncoder, load_text_encoder
 from ardy.train.feature_bank import FeatureBank, build_feature_bank, natural_layout
 
@@ -68,14 +67,14 @@ class Gate:
     @torch.no_grad()
     def reconstruction(self) -> Figure:
         """Joint error of encoding and decoding every test clip, up to 6 s of it."""
-        layout, tokenizer = self.model.representation, require_tokenizer(self.model)
+        layout, codec = self.model.representation, self.model.codec
         errors = []
         for clip in range(self.bank.num_clips):
             length = min(int(self.bank.length[clip]) // 4 * 4, 6 * layout.fps)
             frames = self.bank.gather(np.array([clip]), np.array([0]), length)
             frames = layout.translate_ground(frames, -frames[:, 0, [0, 2]])
-            tokens = tokenizer.to_hybrid(layout.normalize(frames))
-            decoded = layout.denormalize(tokenizer.from_hybrid(tokens, torch.tensor([length])))
+            tokens = codec.to_hybrid(layout.normalize(frames))
+            decoded = layout.denormalize(codec.from_hybrid(tokens, torch.tensor([length])))
             errors.append(float(joint_error(layout, decoded, frames)))
         return Figure("reconstruction, joint error on test clips", float(np.mean(errors)), 0.04, "m")
 

@@ -67,7 +67,12 @@ def signal_variance(num_base_steps: int) -> np.ndarray:
         min(1 - level((step + 1) / num_base_steps) / level(step / num_base_steps), MAX_BETA)
         for step in range(num_base_steps)
     ]
-    return np.cumprod(np.float32(1) - np.array(betas, dtype=np.float32), dtype=np.float32)
+    return running_product(np.float32(1) - np.array(betas, dtype=np.float32))
+
+
+def running_product(factors: np.ndarray) -> np.ndarray:
+    """Running product of float32 factors, rounded to float32 only at the end, as released models have it."""
+    return np.cumprod(factors, dtype=np.float64).astype(np.float32)
 
 
 def chosen_steps(num_steps: int, num_base_steps: int) -> list[int]:
@@ -90,7 +95,7 @@ def cosine_schedule(num_base_steps: int = 10) -> NoiseSchedule:
         steps = chosen_steps(num_steps, num_base_steps)
         kept = signal[steps]
         betas = np.float32(1) - kept / np.concatenate([np.ones(1, np.float32), kept[:-1]])
-        products = np.maximum(np.cumprod(np.float32(1) - betas, dtype=np.float32), np.float32(MIN_REMAINING))
+        products = np.maximum(running_product(np.float32(1) - betas), np.float32(MIN_REMAINING))
         base_step[num_steps, :num_steps] = steps
         remaining[num_steps, :num_steps] = products
         remaining_before[num_steps, 1:num_steps] = products[:-1]

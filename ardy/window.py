@@ -38,9 +38,7 @@ class Window:
 
     def __post_init__(self) -> None:
         if self.num_frames < FRAMES_PER_TOKEN or self.num_frames % FRAMES_PER_TOKEN:
-            raise ValueError(
-                f"a window has {self.num_frames} frames; it needs a positive multiple of {FRAMES_PER_TOKEN}"
-            )
+            raise WindowError(f"a window has {self.num_frames} frames; give a positive multiple of {FRAMES_PER_TOKEN}")
         if (self.observed is None) != (self.mask is None):
             raise WindowError("a window's observed features and their mask go together; one of them is missing")
 

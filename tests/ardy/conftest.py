@@ -14,6 +14,7 @@ from torch import Tensor
 
 from ardy.checkpoint import load_checkpoint
 from ardy.model import Model
+from ardy.window import Window
 
 GOLDEN = Path(__file__).resolve().parents[1] / "data" / "golden"
 MODELS = tuple(sorted(folder.parent.name for folder in GOLDEN.glob("*/checkpoint")))
@@ -38,6 +39,22 @@ class Vectors:
     def get(self, name: str) -> Tensor | None:
         """The array, None where the file has none of that name."""
         return self[name] if name in self.arrays else None
+
+    def number(self, name: str) -> int:
+        """A whole number that is stored as an array of none dimensions."""
+        return int(self.arrays[name])
+
+    def window(self, case: str = "") -> Window:
+        """The window that a denoiser vector was computed for."""
+        return Window(
+            history_len=self[f"{case}in.history_len"],
+            generation_len=self[f"{case}in.generation_len"],
+            num_frames=4 * self.arrays[f"{case}in.x"].shape[1],
+            text=self[f"{case}in.text_feat"],
+            heading=self[f"{case}in.first_heading_angle"],
+            observed=self.get(f"{case}in.observed_motion"),
+            mask=self.get(f"{case}in.motion_mask"),
+        )
 
     def reference(self, name: str) -> tuple[Tensor, float]:
         """The array to compare with (double precision where there is one) and the largest difference allowed."""

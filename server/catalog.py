@@ -30,6 +30,8 @@ class Catalog:
             max_trajectory_frames=limits.max_trajectory_frames,
             max_coordinate_m=MAX_COORDINATE_M,
             max_guidance=MAX_GUIDANCE,
+            max_events_per_second=limits.events_per_second,
+            max_stream_events_per_second=limits.stream_events_per_second,
         )
         model = service_pb2.Model(
             model_id=facts.model_id,
@@ -38,6 +40,7 @@ class Catalog:
             horizon_frames=facts.horizon,
             patch_frames=facts.patch,
             default_denoise_steps=facts.default_steps,
+            min_denoise_steps=facts.min_steps,
             max_denoise_steps=facts.max_steps,
             text_encoder=text_encoder,
             default_guidance=session_pb2.Guidance(text=guidance.text, constraint=guidance.constraint),

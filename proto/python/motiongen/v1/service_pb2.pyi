@@ -38,7 +38,7 @@ class GetCatalogResponse(_message.Message):
     def __init__(self, catalog_etag: _Optional[str] = ..., rigs: _Optional[_Iterable[_Union[_motion_pb2.Rig, _Mapping]]] = ..., limits: _Optional[_Union[Limits, _Mapping]] = ..., models: _Optional[_Iterable[_Union[Model, _Mapping]]] = ...) -> None: ...
 
 class Model(_message.Message):
-    __slots__ = ("model_id", "rig_id", "licence", "horizon_frames", "patch_frames", "default_denoise_steps", "max_denoise_steps", "text_encoder", "default_guidance", "future_frames")
+    __slots__ = ("model_id", "rig_id", "licence", "horizon_frames", "patch_frames", "default_denoise_steps", "max_denoise_steps", "text_encoder", "default_guidance", "future_frames", "min_denoise_steps")
     MODEL_ID_FIELD_NUMBER: _ClassVar[int]
     RIG_ID_FIELD_NUMBER: _ClassVar[int]
     LICENCE_FIELD_NUMBER: _ClassVar[int]
@@ -49,6 +49,7 @@ class Model(_message.Message):
     TEXT_ENCODER_FIELD_NUMBER: _ClassVar[int]
     DEFAULT_GUIDANCE_FIELD_NUMBER: _ClassVar[int]
     FUTURE_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    MIN_DENOISE_STEPS_FIELD_NUMBER: _ClassVar[int]
     model_id: str
     rig_id: str
     licence: str
@@ -59,12 +60,14 @@ class Model(_message.Message):
     text_encoder: str
     default_guidance: _session_pb2.Guidance
     future_frames: int
-    def __init__(self, model_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., licence: _Optional[str] = ..., horizon_frames: _Optional[int] = ..., patch_frames: _Optional[int] = ..., default_denoise_steps: _Optional[int] = ..., max_denoise_steps: _Optional[int] = ..., text_encoder: _Optional[str] = ..., default_guidance: _Optional[_Union[_session_pb2.Guidance, _Mapping]] = ..., future_frames: _Optional[int] = ...) -> None: ...
+    min_denoise_steps: int
+    def __init__(self, model_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., licence: _Optional[str] = ..., horizon_frames: _Optional[int] = ..., patch_frames: _Optional[int] = ..., default_denoise_steps: _Optional[int] = ..., max_denoise_steps: _Optional[int] = ..., text_encoder: _Optional[str] = ..., default_guidance: _Optional[_Union[_session_pb2.Guidance, _Mapping]] = ..., future_frames: _Optional[int] = ..., min_denoise_steps: _Optional[int] = ...) -> None: ...
 
 class Limits(_message.Message):
-    __slots__ = ("max_sessions_per_stream", "max_constraints", "max_lookahead_frames", "max_prompts", "max_prompt_characters", "max_request_bytes", "default_lookahead_frames", "max_trajectory_frames", "max_coordinate_m", "max_guidance")
+    __slots__ = ("max_sessions_per_stream", "max_constraints", "max_events_per_second", "max_lookahead_frames", "max_prompts", "max_prompt_characters", "max_request_bytes", "default_lookahead_frames", "max_trajectory_frames", "max_coordinate_m", "max_guidance", "max_stream_events_per_second")
     MAX_SESSIONS_PER_STREAM_FIELD_NUMBER: _ClassVar[int]
     MAX_CONSTRAINTS_FIELD_NUMBER: _ClassVar[int]
+    MAX_EVENTS_PER_SECOND_FIELD_NUMBER: _ClassVar[int]
     MAX_LOOKAHEAD_FRAMES_FIELD_NUMBER: _ClassVar[int]
     MAX_PROMPTS_FIELD_NUMBER: _ClassVar[int]
     MAX_PROMPT_CHARACTERS_FIELD_NUMBER: _ClassVar[int]
@@ -73,8 +76,10 @@ class Limits(_message.Message):
     MAX_TRAJECTORY_FRAMES_FIELD_NUMBER: _ClassVar[int]
     MAX_COORDINATE_M_FIELD_NUMBER: _ClassVar[int]
     MAX_GUIDANCE_FIELD_NUMBER: _ClassVar[int]
+    MAX_STREAM_EVENTS_PER_SECOND_FIELD_NUMBER: _ClassVar[int]
     max_sessions_per_stream: int
     max_constraints: int
+    max_events_per_second: float
     max_lookahead_frames: int
     max_prompts: int
     max_prompt_characters: int
@@ -83,7 +88,8 @@ class Limits(_message.Message):
     max_trajectory_frames: int
     max_coordinate_m: float
     max_guidance: float
-    def __init__(self, max_sessions_per_stream: _Optional[int] = ..., max_constraints: _Optional[int] = ..., max_lookahead_frames: _Optional[int] = ..., max_prompts: _Optional[int] = ..., max_prompt_characters: _Optional[int] = ..., max_request_bytes: _Optional[int] = ..., default_lookahead_frames: _Optional[int] = ..., max_trajectory_frames: _Optional[int] = ..., max_coordinate_m: _Optional[float] = ..., max_guidance: _Optional[float] = ...) -> None: ...
+    max_stream_events_per_second: float
+    def __init__(self, max_sessions_per_stream: _Optional[int] = ..., max_constraints: _Optional[int] = ..., max_events_per_second: _Optional[float] = ..., max_lookahead_frames: _Optional[int] = ..., max_prompts: _Optional[int] = ..., max_prompt_characters: _Optional[int] = ..., max_request_bytes: _Optional[int] = ..., default_lookahead_frames: _Optional[int] = ..., max_trajectory_frames: _Optional[int] = ..., max_coordinate_m: _Optional[float] = ..., max_guidance: _Optional[float] = ..., max_stream_events_per_second: _Optional[float] = ...) -> None: ...
 
 class StreamMotionRequest(_message.Message):
     __slots__ = ("events", "hello", "ping")
@@ -126,12 +132,10 @@ class ServerHello(_message.Message):
     def __init__(self, replica_id: _Optional[str] = ..., limits: _Optional[_Union[Limits, _Mapping]] = ..., server_time_ns: _Optional[int] = ...) -> None: ...
 
 class Ping(_message.Message):
-    __slots__ = ("client_time_ns", "round_trip_ns")
+    __slots__ = ("client_time_ns",)
     CLIENT_TIME_NS_FIELD_NUMBER: _ClassVar[int]
-    ROUND_TRIP_NS_FIELD_NUMBER: _ClassVar[int]
     client_time_ns: int
-    round_trip_ns: int
-    def __init__(self, client_time_ns: _Optional[int] = ..., round_trip_ns: _Optional[int] = ...) -> None: ...
+    def __init__(self, client_time_ns: _Optional[int] = ...) -> None: ...
 
 class Pong(_message.Message):
     __slots__ = ("client_time_ns", "server_time_ns")

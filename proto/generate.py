@@ -81,11 +81,11 @@ def client_method(method: MethodDescriptorProto, messages: str) -> str:
 
 
 def server_method(method: MethodDescriptorProto, messages: str) -> str:
-    """The method that a servicer overrides."""
+    """The method that a servicer overrides; one that streams may yield its responses or write them to the context."""
     request, response = message(method.input_type, messages), message(method.output_type, messages)
     context = f"context: grpc.aio.ServicerContext[{request}, {response}]"
     argument = f"request_iterator: AsyncIterator[{request}]" if method.client_streaming else f"request: {request}"
-    returns = f"AsyncIterator[{response}]" if method.server_streaming else f"Awaitable[{response}]"
+    returns = f"AsyncIterator[{response}] | Awaitable[None]" if method.server_streaming else f"Awaitable[{response}]"
     return f"    def {method.name}(self, {argument}, {context}) -> {returns}: ..."
 
 

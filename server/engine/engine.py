@@ -312,9 +312,14 @@ class Engine:
         return [job.job_id for job in jobs]
 
     def _decode(self, finished: Sequence[int]) -> None:
-        results = self._call(self._runner.decode, finished, finished) if finished else []
+        results = self._call(self._runner.decode, finished, finished)
+        if results:
+            # What came during the step counts for whether a window is too late: a client may have begun to play.
+            self._take_events()
         now = self._clock.now()
         for result in results:
+            if result.job_id not in self._owners:
+                continue
             if np.isfinite(result.frames).all() and np.isfinite(result.features).all():
                 self._accept(result, now)
             else:

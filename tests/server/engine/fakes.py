@@ -47,16 +47,18 @@ FACTS = ModelFacts(
 
 
 class FakeClock:
-    """Time that passes when it is told to."""
+    """Time that passes when it is told to. `ticked` is called whenever it has."""
 
     def __init__(self, start: float = 100.0) -> None:
         self._now = start
+        self.ticked: Callable[[], None] = lambda: None
 
     def now(self) -> float:
         return self._now
 
     def advance(self, seconds: float) -> None:
         self._now += seconds
+        self.ticked()
 
 
 class RunnerFailure(Exception):

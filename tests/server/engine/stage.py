@@ -60,7 +60,10 @@ class Stage:
     """
 
     def __init__(self, config: EngineConfig | None = None, report_every_s: float = 0.5, delay_s: float = 0.0) -> None:
+        self._delay_s = delay_s
+        self._under_way: deque[tuple[float, Callable[[float], object]]] = deque()
         self.clock = FakeClock()
+        self.clock.ticked = self._let_arrive
         self.runner = FakeRunner(self.clock)
         self.engine = Engine(self.runner, self.clock, self._deliver, config or EngineConfig())
         self.viewers: dict[SessionKey, Viewer] = {}
@@ -71,8 +74,6 @@ class Stage:
         self._next_report_at: dict[SessionKey, float] = {}
         self._seqs = itertools.count(1)
         self._askers: dict[int, Viewer] = {}
-        self._delay_s = delay_s
-        self._under_way: deque[tuple[float, Callable[[float], object]]] = deque()
 
     # ---- what a client does -----------------------------------------------------------------------------------------
 
@@ -137,9 +138,7 @@ class Stage:
 
     def step(self) -> StepReport:
         """One step of the engine; a step that denoises takes virtual time."""
-        self._let_arrive()
         report = self.engine.step()
-        self._let_arrive()
         self.reports.append(report)
         return report
 

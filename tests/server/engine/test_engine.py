@@ -317,6 +317,15 @@ def test_an_idle_engine_sleeps() -> None:
     assert 0.0 < stage.engine.idle_s() <= 0.5
 
 
+def test_a_client_that_waits_for_credit_does_not_keep_the_engine_awake() -> None:
+    stage, (viewer,) = _crowd(1, lookahead=10)
+    stage.run(1.0)
+    stage.silent.add(viewer.key)
+    stage.run(5.0)
+    assert stage.step().rows == 0
+    assert stage.engine.idle_s() > 0.0
+
+
 def test_the_engine_wakes_by_itself_when_a_window_is_due() -> None:
     stage, (viewer,) = _crowd(1)
     stage.run(0.2)

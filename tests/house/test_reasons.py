@@ -1,0 +1,42 @@
+"""docs/protocol.md lists every reason with which the server refuses something, and none that it never gives."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from typing import Any
+
+REASON = re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)+|INTERNAL")
+REFUSALS = {"EventRefused", "EditRefused", "StreamRefused", "Outcome", "refuse", "_in_range", "_count"}
+# Built from the name of what was edited.
+COMPOSED = {"UNKNOWN_PROMPT", "UNKNOWN_CONSTRAINT"}
+# Said of what is allowed.
+VALUES = {"F32_LE"}
+
+
+def reasons_in(source: str) -> Iterator[str]:
+    """String literals that look like a reason, in the arguments of a refusal or in a tuple with its parts."""
+    for node in ast.walk(ast.parse(source)):
+        is_refusal = isinstance(node, ast.Call) and getattr(node.func, "id", "") in REFUSALS
+        if is_refusal or isinstance(node, ast.Tuple):
+            for inner in ast.walk(node):
+                if isinstance(inner, ast.Constant) and isinstance(inner.value, str) and REASON.fullmatch(inner.value):
+                    yield inner.value
+
+
+def test_the_page_lists_the_reasons_that_the_server_gives(repository: Any) -> None:
+    given = set(COMPOSED)
+    for path in repository.files:
+        if path.parts[0] == "server" and path.suffix == ".py":
+            given |= set(reasons_in((repository.root / path).read_text(encoding="utf-8")))
+    page = (repository.root / "docs" / "protocol.md").read_text(encoding="utf-8")
+    rows = [line for line in page.splitlines() if line.startswith("| ")]
+    listed = {word for line in rows for word in re.findall(r"`([A-Z_]+)`", line) if REASON.fullmatch(word)}
+    assert sorted(given - listed - VALUES) == [], "not in docs/protocol.md"
+    assert sorted(listed - given) == [], "in docs/protocol.md, but the server never gives them"
+
+
+def test_a_reason_is_seen() -> None:
+    source = "raise EventRefused(Code.NOT_FOUND, 'NO_SUCH_THING', 'no')\nLEVEL = 'LOG_LEVEL'"
+    assert list(reasons_in(source)) == ["NO_SUCH_THING"]

@@ -1,0 +1,53 @@
+"""Python client of motiongen: make characters, tell them what to do, and play the frames that come back.
+
+    async with MotionClient("localhost:50051") as client:
+        walker = await client.open(prompt="a person walks forward")
+        async for frame in walker.frames(seconds=4):
+            print(frame.time_s, frame.joint_positions_m()[0])
+
+`motiongen_client.blocking` is the same without asyncio. Frames are numbered from 0 when a session opens, at the rig's
+frame rate. Right-handed, +Y up, +Z forward, metres, seconds, radians, quaternions w, x, y, z.
+"""
+
+from motiongen_client.bvh import write_bvh
+from motiongen_client.client import MotionClient
+from motiongen_client.errors import (
+    EventRefused,
+    InvalidInput,
+    MissingExtra,
+    MotiongenError,
+    ProtocolViolation,
+    ServerUnavailable,
+    SessionEnded,
+    StreamLost,
+    UnknownName,
+)
+from motiongen_client.motion import Frame, Motion, Rig
+from motiongen_client.npz import read_npz, write_npz
+from motiongen_client.playback import Playback
+from motiongen_client.session import Edit, Session, SessionStats
+from motiongen_client.stream import Stream
+from motiongen_client.types import (
+    Catalog,
+    JointTargets,
+    Keyframe,
+    Limits,
+    Model,
+    Opened,
+    Outcome,
+    Priority,
+    SessionEnd,
+    SessionOptions,
+    StartPose,
+    Trajectory,
+    Waypoint,
+)
+
+__all__ = [
+    "MotionClient", "Stream", "Session", "Edit", "SessionStats", "Playback",
+    "Frame", "Motion", "Rig", "write_bvh", "write_npz", "read_npz",
+    "SessionOptions", "StartPose", "Priority", "Waypoint", "Trajectory", "Keyframe", "JointTargets",
+    "Catalog", "Model", "Limits", "Opened", "Outcome", "SessionEnd",
+    "MotiongenError", "InvalidInput", "UnknownName", "ServerUnavailable", "StreamLost", "SessionEnded",
+    "EventRefused", "ProtocolViolation", "MissingExtra",
+]  # fmt: skip

@@ -1,0 +1,118 @@
+"""The way in: a channel to one server, its catalogue, and streams of sessions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+
+import grpc
+import grpc.aio
+
+from motiongen.v1 import service_pb2
+from motiongen.v1.service_pb2_grpc import MotionServiceStub
+from motiongen_client import convert
+from motiongen_client.errors import InvalidInput, MotiongenError, ServerUnavailable
+from motiongen_client.session import Session
+from motiongen_client.stream import Stream
+from motiongen_client.types import Catalog, Constraint, SessionOptions
+
+_CHANNEL_OPTIONS = (
+    ("grpc.keepalive_time_ms", 30_000),
+    ("grpc.keepalive_timeout_ms", 10_000),
+    ("grpc.keepalive_permit_without_calls", 0),
+    # A window of fixed size: left to its own measure of the line, gRPC would take in minutes of motion unread.
+    ("grpc.http2.bdp_probe", 0),
+    ("grpc.http2.lookahead_bytes", 256 * 1024),
+    ("grpc.max_receive_message_length", 8 * 1024 * 1024),
+    ("grpc.max_send_message_length", 8 * 1024 * 1024),
+    # A stream carries state; a call repeated behind our back would carry none.
+    ("grpc.enable_retries", 0),
+)
+
+
+class MotionClient:
+    """A connection to one motiongen server. Use it as `async with MotionClient("localhost:50051") as client`.
+
+    address: host:port. credentials: of `grpc.ssl_channel_credentials()`; None speaks plain text.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        *,
+        credentials: grpc.ChannelCredentials | None = None,
+        connect_timeout_s: float = 10.0,
+    ) -> None:
+        host, _, port = address.rpartition(":")
+        if not host or not port.isdigit() or not 0 < int(port) < 65536:
+            raise InvalidInput("address", address, "host:port with a port from 1 to 65535, such as localhost:50051")
+        self.address = address
+        self.catalog: Catalog
+        self._credentials = credentials
+        self._connect_timeout_s = connect_timeout_s
+        self._channel: grpc.aio.Channel | None = None
+        self._stub: MotionServiceStub
+        self._streams: list[Stream] = []
+        self._own_stream: Stream | None = None
+
+    async def connect(self) -> MotionClient:
+        """Connect and fetch the catalogue. `async with` does it. Raises ServerUnavailable."""
+        if self._credentials is None:
+            self._channel = grpc.aio.insecure_channel(self.address, options=_CHANNEL_OPTIONS)
+        else:
+            self._channel = grpc.aio.secure_channel(self.address, self._credentials, options=_CHANNEL_OPTIONS)
+        self._stub = MotionServiceStub(self._channel)
+        try:
+            request = service_pb2.GetCatalogRequest()
+            response = await self._stub.GetCatalog(request, timeout=self._connect_timeout_s)
+            self.catalog = convert.catalog(response)
+        except grpc.aio.AioRpcError as error:
+            await self.close()
+            raise ServerUnavailable(self.address, f"{error.code().name}, {error.details()}") from None
+        except MotiongenError:
+            await self.close()
+            raise
+        return self
+
+    def stream(self, *, report_hz: float = 4.0) -> Stream:
+        """A new stream, to be entered with `async with`. One stream carries many sessions; one is enough for most."""
+        stream = Stream(self._stub, self.address, self.catalog, agent_name(), report_hz=report_hz)
+        self._streams.append(stream)
+        return stream
+
+    async def open(
+        self,
+        prompt: str | None = None,
+        *,
+        options: SessionOptions | None = None,
+        constraints: Sequence[Constraint] = (),
+        keep_s: float | None = 60.0,
+    ) -> Session:
+        """Make a character on a stream that the client keeps for this; otherwise as `Stream.open`."""
+        if self._own_stream is None:
+            self._own_stream = await self.stream().start()
+        return await self._own_stream.open(prompt, options=options, constraints=constraints, keep_s=keep_s)
+
+    async def close(self) -> None:
+        """End all streams and the connection. May be called again."""
+        for stream in self._streams:
+            await stream.close()
+        self._streams.clear()
+        self._own_stream = None
+        if self._channel is not None:
+            await self._channel.close(None)
+            self._channel = None
+
+    async def __aenter__(self) -> MotionClient:
+        return await self.connect()
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+
+
+def agent_name() -> str:
+    """Name and version of this library, for the server's logs."""
+    try:
+        return f"motiongen-python/{version('motiongen-client')}"
+    except PackageNotFoundError:
+        return "motiongen-python/source"  # run from a checkout that was not installed

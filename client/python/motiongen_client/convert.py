@@ -1,0 +1,216 @@
+"""Between the contract's messages and this package's types. Pure; the one file that knows both."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from motiongen.v1 import motion_pb2, service_pb2, session_pb2
+from motiongen_client.errors import EventRefused, ProtocolViolation
+from motiongen_client.motion import CONTACT_BLOCK, ROOT_BLOCK, ROTATION_BLOCK, Float32, Rig
+from motiongen_client.types import (
+    Catalog,
+    Constraint,
+    JointTargets,
+    Keyframe,
+    Limits,
+    Model,
+    Opened,
+    Outcome,
+    Priority,
+    SessionEnd,
+    SessionOptions,
+    StartPose,
+    Trajectory,
+    Waypoint,
+)
+
+_PRIORITIES = {
+    Priority.HERO: session_pb2.PRIORITY_CLASS_HERO,
+    Priority.NEAR: session_pb2.PRIORITY_CLASS_NEAR,
+    Priority.CROWD: session_pb2.PRIORITY_CLASS_CROWD,
+    Priority.BATCH: session_pb2.PRIORITY_CLASS_BATCH,
+}
+
+# google.rpc.Code, which EditOutcome.code and SessionClosed.code are numbers of
+_CODE_NAMES = (
+    "OK", "CANCELLED", "UNKNOWN", "INVALID_ARGUMENT", "DEADLINE_EXCEEDED", "NOT_FOUND", "ALREADY_EXISTS",
+    "PERMISSION_DENIED", "RESOURCE_EXHAUSTED", "FAILED_PRECONDITION", "ABORTED", "OUT_OF_RANGE", "UNIMPLEMENTED",
+    "INTERNAL", "UNAVAILABLE", "DATA_LOSS", "UNAUTHENTICATED",
+)  # fmt: skip
+
+
+# ---- to the server
+
+
+def open_session(
+    options: SessionOptions, prompts: Iterable[motion_pb2.PromptSpan], constraints: Iterable[motion_pb2.Constraint]
+) -> session_pb2.OpenSession:
+    """The message that opens a session with these options."""
+    message = session_pb2.OpenSession(
+        rig_id=options.rig_id,
+        model_id=options.model_id,
+        seed=options.seed,
+        priority=_PRIORITIES[options.priority],
+        lookahead_frames=options.lookahead_frames or 0,
+        scalar_type=motion_pb2.SCALAR_TYPE_F32_LE,
+        prompts=prompts,
+        constraints=constraints,
+        denoise_steps=options.denoise_steps,
+    )
+    if options.start != StartPose():
+        message.initial_root.CopyFrom(
+            motion_pb2.RootPose(x=options.start.x_m, z=options.start.z_m, heading=options.start.heading_rad)
+        )
+    if options.text_guidance is not None or options.constraint_guidance is not None:
+        message.guidance.CopyFrom(
+            session_pb2.Guidance(text=options.text_guidance, constraint=options.constraint_guidance)
+        )
+    return message
+
+
+def prompt_span(prompt_id: int, text: str, start_frame: int | None) -> motion_pb2.PromptSpan:
+    """A prompt that holds from a frame on, or as soon as possible."""
+    return motion_pb2.PromptSpan(prompt_id=prompt_id, text=text, start_frame=start_frame or 0)
+
+
+def constraint(constraint_id: int, target: Constraint) -> motion_pb2.Constraint:
+    """A constraint with the id that replaces or removes it later."""
+    match target:
+        case Waypoint():
+            root = motion_pb2.RootPose(x=target.x_m, z=target.z_m, heading=target.heading_rad)
+            return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.frame, root=root)
+        case Trajectory():
+            headings = target.headings_rad.tolist() if target.headings_rad is not None else ()
+            path = motion_pb2.RootTrajectory(positions=target.positions_m.ravel().tolist(), headings=headings)
+            return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.first_frame, trajectory=path)
+        case Keyframe():
+            pose = motion_pb2.FullPose(positions=target.positions_m.ravel().tolist())
+            return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.frame, pose=pose)
+        case JointTargets():
+            rotations = target.rotations_quat_wxyz
+            joints = motion_pb2.JointTargets(
+                joints=target.joints,
+                positions=target.positions_m.ravel().tolist(),
+                rotations=rotations.ravel().tolist() if rotations is not None else (),
+            )
+            return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.frame, joints=joints)
+
+
+# ---- from the server
+
+
+def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
+    """The catalogue. Raises ProtocolViolation when a rig contradicts itself."""
+    limits = message.limits
+    return Catalog(
+        etag=message.catalog_etag,
+        rigs=tuple(rig(entry) for entry in message.rigs),
+        models=tuple(
+            Model(
+                model_id=entry.model_id,
+                rig_id=entry.rig_id,
+                licence=entry.licence,
+                horizon_frames=entry.horizon_frames,
+                patch_frames=entry.patch_frames,
+                future_frames=entry.future_frames,
+                default_denoise_steps=entry.default_denoise_steps,
+                max_denoise_steps=entry.max_denoise_steps,
+                text_encoder=entry.text_encoder,
+            )
+            for entry in message.models
+        ),
+        limits=Limits(
+            max_sessions_per_stream=limits.max_sessions_per_stream,
+            max_constraints=limits.max_constraints,
+            max_prompts=limits.max_prompts,
+            max_prompt_characters=limits.max_prompt_characters,
+            max_trajectory_frames=limits.max_trajectory_frames,
+            max_request_bytes=limits.max_request_bytes,
+            default_lookahead_frames=limits.default_lookahead_frames,
+            max_lookahead_frames=limits.max_lookahead_frames,
+            max_coordinate_m=limits.max_coordinate_m,
+            max_guidance=limits.max_guidance,
+        ),
+    )
+
+
+def rig(message: motion_pb2.Rig) -> Rig:
+    """A rig. Raises ProtocolViolation when its counts do not fit together or a block this package reads is missing."""
+    num_joints = len(message.joints)
+    blocks = {block.name: block.width for block in message.blocks}
+    widths = {ROOT_BLOCK: 3, ROTATION_BLOCK: 4 * num_joints, CONTACT_BLOCK: 4}
+    for name, width in widths.items():
+        if blocks.get(name) != width:
+            raise ProtocolViolation(f"rig {message.rig_id}: block {name} has width {blocks.get(name)}, not {width}")
+    if len(message.parents) != num_joints or len(message.neutral_offsets_m) != 3 * num_joints:
+        raise ProtocolViolation(
+            f"rig {message.rig_id}: {num_joints} joints, but {len(message.parents)} parents and "
+            f"{len(message.neutral_offsets_m)} offset numbers"
+        )
+    if any(not -1 <= parent < joint or (parent < 0) != (joint == 0) for joint, parent in enumerate(message.parents)):
+        raise ProtocolViolation(f"rig {message.rig_id}: parents {list(message.parents)} are no tree, parents first")
+    if message.frame_rate < 1:
+        raise ProtocolViolation(f"rig {message.rig_id}: frame rate {message.frame_rate}")
+    return Rig(
+        rig_id=message.rig_id,
+        joint_names=tuple(message.joints),
+        parents=tuple(message.parents),
+        offsets_m=np.array(message.neutral_offsets_m, dtype=np.float32).reshape(num_joints, 3),
+        frame_rate_hz=message.frame_rate,
+        blocks=blocks,
+    )
+
+
+def chunk_rows(message: motion_pb2.FrameChunk, row_width: int) -> Float32:
+    """(T, row_width) float32, read-only. Raises ProtocolViolation when the bytes are not that many rows."""
+    if message.scalar_type != motion_pb2.SCALAR_TYPE_F32_LE:
+        raise ProtocolViolation(f"a chunk has scalar type {message.scalar_type}; F32_LE was asked for")
+    expected = message.frame_count * row_width * 4
+    if message.frame_count < 1 or len(message.data) != expected:
+        raise ProtocolViolation(
+            f"a chunk of {message.frame_count} frames has {len(message.data)} bytes, not the {expected} of its rig"
+        )
+    rows = np.frombuffer(message.data, dtype="<f4").reshape(message.frame_count, row_width)
+    return rows.astype(np.float32, copy=False)
+
+
+def opened(message: session_pb2.SessionOpened) -> Opened:
+    return Opened(
+        session_id=message.session_id,
+        seed=message.seed,
+        start_frame=message.start_frame,
+        rig_id=message.rig_id,
+        model_id=message.model_id,
+        frame_rate_hz=message.frame_rate,
+        lookahead_frames=message.lookahead_frames,
+        committed_horizon_frames=message.committed_horizon_frames,
+        denoise_steps=message.denoise_steps,
+    )
+
+
+def outcome(message: session_pb2.EditOutcome, event: str) -> Outcome | EventRefused:
+    """What became of an event; `event` says in words what it was."""
+    if message.code == 0:
+        effective_frame = message.effective_frame if message.HasField("effective_frame") else None
+        return Outcome(event_seq=message.event_seq, effective_frame=effective_frame)
+    return EventRefused(event, code_name(message.code), message.reason, message.message, message.field, message.allowed)
+
+
+def session_end(message: session_pb2.SessionClosed) -> SessionEnd:
+    reason = session_pb2.CloseReason.Name(message.reason) if message.reason in _CLOSE_REASONS else "UNSPECIFIED"
+    return SessionEnd(
+        reason=reason.removeprefix("CLOSE_REASON_").lower(),
+        message=message.message,
+        frames=message.frames,
+        late_frames=message.late_frames,
+    )
+
+
+_CLOSE_REASONS = frozenset(session_pb2.CloseReason.values())
+
+
+def code_name(code: int) -> str:
+    """Name of a google.rpc.Code number; the number itself when it is none."""
+    return _CODE_NAMES[code] if 0 <= code < len(_CODE_NAMES) else str(code)

@@ -1,0 +1,98 @@
+"""What can go wrong, one class for each mistake a caller can act on.
+
+Every message says what was given, what is allowed and what to do. `MotiongenError` catches them all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+class MotiongenError(Exception):
+    """Base of every error this package raises on purpose."""
+
+
+class InvalidInput(MotiongenError, ValueError):
+    """An argument that cannot be sent: found before anything went to the server.
+
+    field: the argument; given: its value; allowed: what would have been accepted.
+    """
+
+    def __init__(self, field: str, given: object, allowed: str) -> None:
+        super().__init__(f"{field}: {given!r} was given; allowed is {allowed}")
+        self.field = field
+        self.given = given
+        self.allowed = allowed
+
+
+class UnknownName(MotiongenError, LookupError):
+    """A joint, rig or model that is not there. `known` lists the names that would have worked."""
+
+    def __init__(self, kind: str, given: str, known: Sequence[str]) -> None:
+        super().__init__(f"no {kind} is called {given!r}; known are: {', '.join(known) or '(none)'}")
+        self.kind = kind
+        self.given = given
+        self.known = tuple(known)
+
+
+class ServerUnavailable(MotiongenError, ConnectionError):
+    """No server answered at `address`. Check the address and whether the server is ready, then connect again."""
+
+    def __init__(self, address: str, detail: str) -> None:
+        super().__init__(f"no motiongen server answers at {address}: {detail}. Is it running and ready (/readyz)?")
+        self.address = address
+        self.detail = detail
+
+
+class StreamLost(MotiongenError, ConnectionError):
+    """The stream ended without being closed; its sessions are gone. Open a new stream and new sessions.
+
+    code: name of the gRPC status, for example "UNAVAILABLE"; detail: the status text.
+    """
+
+    def __init__(self, code: str, detail: str) -> None:
+        super().__init__(f"the stream to the server was lost ({code}: {detail or 'no detail'}); open a new one")
+        self.code = code
+        self.detail = detail
+
+
+class SessionEnded(MotiongenError):
+    """The session is over: `reason` names why (client, idle, slow_reader, drained, engine_fault)."""
+
+    def __init__(self, reason: str, message: str) -> None:
+        super().__init__(f"the session has ended ({reason}): {message or 'no further detail'}; open a new one")
+        self.reason = reason
+        self.message = message
+
+
+class EventRefused(MotiongenError):
+    """The server refused an event; it changed nothing and the session goes on.
+
+    event: what was tried; code: name of the google.rpc code; reason: stable name of the mistake, as docs/protocol.md
+    lists them; field: path of the field at fault; allowed: what would have been accepted there.
+    """
+
+    def __init__(self, event: str, code: str, reason: str, message: str, field: str = "", allowed: str = "") -> None:
+        where = f" at {field}" if field else ""
+        hint = f"; allowed is {allowed}" if allowed else ""
+        super().__init__(f"{event} was refused with {reason or code}{where}: {message}{hint}")
+        self.event = event
+        self.code = code
+        self.reason = reason
+        self.message = message
+        self.field = field
+        self.allowed = allowed
+
+
+class ProtocolViolation(MotiongenError):
+    """The server broke a rule of the protocol. Not the caller's mistake: report it with the server's version."""
+
+
+class MissingExtra(MotiongenError, ImportError):
+    """A feature needs a package that is not installed."""
+
+    def __init__(self, feature: str, package: str, extra: str) -> None:
+        super().__init__(f"{feature} needs {package}: install it with `pip install 'motiongen-client[{extra}]'`")
+        self.feature = feature
+        self.package = package
+        self.extra = extra

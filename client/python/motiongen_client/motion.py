@@ -1,0 +1,155 @@
+"""Motion as plain arrays: the rig, one frame, a run of frames.
+
+Right-handed, +Y up, +Z forward, metres, radians; a character that faces +Z has its left side toward +X.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motiongen_client.errors import InvalidInput, UnknownName
+from motiongen_client.kinematics import forward_kinematics
+
+Float32 = NDArray[np.float32]
+
+ROOT_BLOCK = "root_translation_m"
+ROTATION_BLOCK = "joint_rotation_quat_wxyz"
+CONTACT_BLOCK = "foot_contact"
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A skeleton and the layout of its frame rows, as the server's catalogue gives them.
+
+    joint_names, parents: J of each; joint 0 is the root with parent -1, and a parent precedes its children.
+    offsets_m: (J, 3) float32, from the parent in the neutral pose, metres.
+    blocks: name -> width of each block of a frame row, in the order they lie in it; width counts float32 numbers.
+    """
+
+    rig_id: str
+    joint_names: tuple[str, ...]
+    parents: tuple[int, ...]
+    offsets_m: Float32
+    frame_rate_hz: int
+    blocks: Mapping[str, int]
+
+    @property
+    def num_joints(self) -> int:
+        return len(self.joint_names)
+
+    @cached_property
+    def row_width(self) -> int:
+        """Numbers in one frame row."""
+        return sum(self.blocks.values())
+
+    @cached_property
+    def block_columns(self) -> Mapping[str, slice]:
+        """Where each block lies in a frame row."""
+        columns, start = {}, 0
+        for name, width in self.blocks.items():
+            columns[name] = slice(start, start + width)
+            start += width
+        return columns
+
+    def index(self, joint_name: str) -> int:
+        """Index of a joint. Raises UnknownName, which lists the joints there are."""
+        try:
+            return self.joint_names.index(joint_name)
+        except ValueError:
+            raise UnknownName("joint", joint_name, self.joint_names) from None
+
+    def frames_in(self, seconds: float) -> int:
+        """The number of frames nearest to a duration in seconds."""
+        return round(seconds * self.frame_rate_hz)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One pose of one character.
+
+    index: absolute frame number since the session opened; row: (D,) float32 as `rig.blocks` lays it out.
+    """
+
+    rig: Rig
+    index: int
+    row: Float32
+
+    @property
+    def time_s(self) -> float:
+        """Seconds since frame 0."""
+        return self.index / self.rig.frame_rate_hz
+
+    @property
+    def root_translation_m(self) -> Float32:
+        """(3,) world position of joint 0."""
+        return self.row[self.rig.block_columns[ROOT_BLOCK]]
+
+    @property
+    def joint_rotation_quat_wxyz(self) -> Float32:
+        """(J, 4) parent-relative rotations; joint 0 relative to the world."""
+        return self.row[self.rig.block_columns[ROTATION_BLOCK]].reshape(self.rig.num_joints, 4)
+
+    @property
+    def foot_contact(self) -> Float32:
+        """(4,) left heel, left toe, right heel, right toe: 1 on the ground, 0 not."""
+        return self.row[self.rig.block_columns[CONTACT_BLOCK]]
+
+    def joint_positions_m(self) -> Float32:
+        """(J, 3) world positions of all joints."""
+        positions: Float32 = Motion(self.rig, self.index, self.row[None]).joint_positions_m()[0]
+        return positions
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Consecutive frames of one character. first_frame: index of row 0; rows: (T, D) float32."""
+
+    rig: Rig
+    first_frame: int
+    rows: Float32
+
+    def __post_init__(self) -> None:
+        if self.rows.ndim != 2 or self.rows.shape[1] != self.rig.row_width:
+            raise InvalidInput("rows", self.rows.shape, f"an array of shape (frames, {self.rig.row_width})")
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def duration_s(self) -> float:
+        return len(self.rows) / self.rig.frame_rate_hz
+
+    @property
+    def root_translation_m(self) -> Float32:
+        """(T, 3) world positions of joint 0."""
+        return self.rows[:, self.rig.block_columns[ROOT_BLOCK]]
+
+    @property
+    def joint_rotation_quat_wxyz(self) -> Float32:
+        """(T, J, 4) parent-relative rotations; joint 0 relative to the world."""
+        return self.rows[:, self.rig.block_columns[ROTATION_BLOCK]].reshape(len(self.rows), -1, 4)
+
+    @property
+    def foot_contact(self) -> Float32:
+        """(T, 4) left heel, left toe, right heel, right toe: 1 on the ground, 0 not."""
+        return self.rows[:, self.rig.block_columns[CONTACT_BLOCK]]
+
+    def joint_positions_m(self) -> Float32:
+        """(T, J, 3) world positions of all joints."""
+        positions, _ = forward_kinematics(
+            self.rig.parents, self.rig.offsets_m, self.root_translation_m, self.joint_rotation_quat_wxyz
+        )
+        return positions.astype(np.float32, copy=False)
+
+    def frame(self, index: int) -> Frame:
+        """The frame with an absolute index. Raises InvalidInput when the motion does not hold it."""
+        row = index - self.first_frame
+        if not 0 <= row < len(self.rows):
+            allowed = f"an index from {self.first_frame} to {self.first_frame + len(self.rows) - 1}"
+            raise InvalidInput("index", index, allowed)
+        return Frame(self.rig, index, self.rows[row])

@@ -1,0 +1,206 @@
+"""Frames by index, the playhead that walks over them, and what a replan replaces. Pure: no network, no clock.
+
+The rule of the protocol, as this file applies it:
+
+- a plan notice drops every buffered frame from `valid_from` on; the plan's chunks supply them again, without a gap;
+- frames below `committed_to` never change, and `committed_to` never falls;
+- a frame that was shown stays as it was shown. Should a plan reach behind the playhead all the same, its frames up to
+  the playhead are left out and `late_plans` counts it;
+- when the next frame is not there yet, the last one is held, and `underruns` counts each frame time it is held for.
+
+Time comes in as `now_s`, seconds of any clock that never goes back.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motiongen_client.errors import InvalidInput, ProtocolViolation
+
+Rows = NDArray[np.float32]
+
+# Playback works in multiples of a frame time that no binary fraction holds: a frame due at 0.15 s is due at 0.1499999.
+_EARLY_FRAMES = 1e-6
+
+
+class Playback:
+    """The frames of one session, from the first one kept to the last one received.
+
+    keep_frames: how many frames behind the playhead stay readable; None keeps all of them.
+    """
+
+    def __init__(
+        self, frame_rate_hz: float, row_width: int, *, start_frame: int = 0, keep_frames: int | None = None
+    ) -> None:
+        if frame_rate_hz <= 0:
+            raise InvalidInput("frame_rate_hz", frame_rate_hz, "a number above 0")
+        if keep_frames is not None and keep_frames < 0:
+            raise InvalidInput("keep_frames", keep_frames, "a whole number of 0 or more, or None to keep all frames")
+        self.frame_rate_hz = frame_rate_hz
+        self.row_width = row_width
+        self.playhead = start_frame
+        self.committed_to = start_frame
+        self.plan = 0
+        self.underruns = 0
+        self.late_plans = 0
+        self._keep_frames = keep_frames
+        self._rows: list[Rows] = []
+        self._first_kept = start_frame
+        self._received_to = start_frame  # where the next chunk must begin; below buffered_to only after a late plan
+        self._started = False
+        self._playing = True
+        self._due_s: float | None = None  # when the frame after the playhead is due; None: the clock starts anew
+        self._held_since_s: float | None = None
+        self._held_frames = 0
+
+    @property
+    def started(self) -> bool:
+        """Whether a frame has been shown; until then the playhead stands before the first one."""
+        return self._started
+
+    @property
+    def buffered_to(self) -> int:
+        """The first frame that is not held."""
+        return self._first_kept + len(self._rows)
+
+    @property
+    def first_kept(self) -> int:
+        """The oldest frame that can still be read."""
+        return self._first_kept
+
+    def announce_plan(self, plan: int, valid_from: int) -> int:
+        """Take a plan notice: drop what it replaces. Returns how many frames were dropped.
+
+        Raises ProtocolViolation when the plan would replace committed frames, leave a gap or is not a newer one.
+        """
+        if plan <= self.plan:
+            raise ProtocolViolation(f"plan {plan} was announced after plan {self.plan}; plans must rise")
+        if valid_from < self.committed_to:
+            raise ProtocolViolation(
+                f"plan {plan} replaces frames from {valid_from}, but frames below {self.committed_to} are committed"
+            )
+        self.plan = plan
+        if valid_from > self._received_to:
+            return 0  # frames before valid_from that are still to come will carry this plan's number
+        self._received_to = valid_from
+        first_replaceable = max(valid_from, self.playhead + 1) if self._started else valid_from
+        if valid_from < first_replaceable:
+            self.late_plans += 1
+        dropped = max(self.buffered_to - first_replaceable, 0)
+        del self._rows[len(self._rows) - dropped :]
+        return dropped
+
+    def add_chunk(self, plan: int, first_frame: int, rows: Rows, committed_to: int) -> None:
+        """Take consecutive frames. rows: (T, D) float32, row 0 being frame `first_frame`.
+
+        Raises ProtocolViolation when they do not belong to the latest plan, do not follow on the frames received so
+        far, have another width, or take a commitment back.
+        """
+        if plan != self.plan:
+            raise ProtocolViolation(f"a chunk of plan {plan} arrived, but the latest plan is {self.plan}")
+        if first_frame != self._received_to:
+            raise ProtocolViolation(f"a chunk begins at frame {first_frame}; the next frame is {self._received_to}")
+        if rows.ndim != 2 or rows.shape[1] != self.row_width:
+            raise ProtocolViolation(f"a chunk has shape {rows.shape}; rows of {self.row_width} numbers were announced")
+        if committed_to < self.committed_to:
+            raise ProtocolViolation(f"committed_to fell from {self.committed_to} to {committed_to}")
+        self.committed_to = committed_to
+        already_shown = self.buffered_to - first_frame
+        self._rows.extend(rows[already_shown:])
+        self._received_to = first_frame + len(rows)
+
+    def advance(self, now_s: float) -> range:
+        """Move the playhead to where real time says, as far as frames are there. Returns the frames newly reached.
+
+        The first call that finds a frame starts the clock and shows it. After a hold the next frame comes at once and
+        the ones after it in their time: nothing is skipped.
+        """
+        if not self._playing or (not self._started and not self._rows):
+            return range(0)
+        if not self._started:
+            self._due_s = now_s + 1 / self.frame_rate_hz
+            return self._start(self.playhead)
+        if self._due_s is None:
+            self._due_s = now_s + 1 / self.frame_rate_hz
+        num_left = self.buffered_to - 1 - self.playhead
+        if self._held_since_s is not None and num_left > 0:
+            self._count_held(math.ceil((now_s - self._held_since_s) * self.frame_rate_hz - _EARLY_FRAMES))
+            self._held_since_s = None
+            self._due_s = now_s
+        num_due = max(math.floor((now_s - self._due_s) * self.frame_rate_hz + _EARLY_FRAMES) + 1, 0)
+        reached = self._move(min(num_due, num_left))
+        if num_due > num_left:
+            if self._held_since_s is None:
+                self._held_since_s = self._due_s
+                self._held_frames = 0
+            self._count_held(math.floor((now_s - self._held_since_s) * self.frame_rate_hz + _EARLY_FRAMES) + 1)
+        return reached
+
+    def advance_to(self, frame: int) -> range:
+        """Move the playhead to `frame` whatever the time: for those who consume faster or slower than real time.
+
+        Returns the frames newly reached. Raises InvalidInput when `frame` is behind the playhead or not there yet.
+        """
+        if not self.playhead <= frame < self.buffered_to:
+            raise InvalidInput("frame", frame, f"a frame from {self.playhead} to {self.buffered_to - 1}")
+        reached = self._move(frame - self.playhead) if self._started else self._start(frame)
+        self._due_s = self._held_since_s = None
+        return reached
+
+    def pause(self) -> None:
+        """Stop the playhead until `resume`."""
+        self._playing = False
+
+    def resume(self) -> None:
+        """Let the playhead go on; the next frame is due one frame time after the next `advance`."""
+        self._playing = True
+        self._due_s = self._held_since_s = None
+
+    def next_due_s(self) -> float | None:
+        """When the frame after the playhead is due, on the clock of `advance`; None while no clock runs."""
+        return self._due_s if self._playing else None
+
+    def row(self, frame: int) -> Rows:
+        """(D,) float32, one frame. Raises InvalidInput when it is not held."""
+        self._check_held(frame, frame + 1)
+        return self._rows[frame - self._first_kept]
+
+    def rows(self, first_frame: int, end_frame: int) -> Rows:
+        """(T, D) float32, frames first_frame up to end_frame - 1. Raises InvalidInput when some are not held."""
+        self._check_held(first_frame, end_frame)
+        return np.stack(self._rows[first_frame - self._first_kept : end_frame - self._first_kept])
+
+    def _check_held(self, first_frame: int, end_frame: int) -> None:
+        if not self._first_kept <= first_frame < end_frame <= self.buffered_to:
+            allowed = f"frames within {self._first_kept} to {self.buffered_to - 1}, the ones held"
+            raise InvalidInput("frames", (first_frame, end_frame - 1), allowed)
+
+    def _start(self, frame: int) -> range:
+        self._started = True
+        first, self.playhead = self.playhead, frame
+        self._forget()
+        return range(first, frame + 1)
+
+    def _move(self, num_frames: int) -> range:
+        first = self.playhead + 1
+        self.playhead += num_frames
+        if self._due_s is not None:
+            self._due_s += num_frames / self.frame_rate_hz
+        self._forget()
+        return range(first, self.playhead + 1)
+
+    def _count_held(self, held_frames: int) -> None:
+        """Raise the count of the present hold to `held_frames` frame times."""
+        self.underruns += max(held_frames - self._held_frames, 0)
+        self._held_frames = max(held_frames, self._held_frames)
+
+    def _forget(self) -> None:
+        if self._keep_frames is None:
+            return
+        surplus = self.playhead - self._keep_frames - self._first_kept
+        if surplus > 0:
+            del self._rows[:surplus]
+            self._first_kept += surplus

@@ -1,0 +1,464 @@
+"""One character: its prompts, its constraints, its frames. Lives on a `Stream`; all of it runs on one event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Callable, Generator, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from numpy.typing import ArrayLike
+
+from motiongen.v1 import session_pb2
+from motiongen_client import convert
+from motiongen_client.errors import EventRefused, MotiongenError, SessionEnded
+from motiongen_client.motion import Frame, Motion, Rig
+from motiongen_client.playback import Playback
+from motiongen_client.types import (
+    Catalog,
+    Constraint,
+    Opened,
+    Outcome,
+    SessionEnd,
+    SessionOptions,
+    Trajectory,
+    Waypoint,
+    as_array,
+    check_frame,
+)
+
+_log = logging.getLogger(__name__)
+
+_PRESENT_PROMPT_ID = 1  # the prompt set without a frame; scheduled prompts take the ids above it
+
+
+class Carrier(Protocol):
+    """What a session needs of the stream that carries it."""
+
+    def send(self, event: session_pb2.SessionEvent) -> None:
+        """Queue an event; it goes out with the next message."""
+
+    def report_soon(self) -> None:
+        """Report playheads without waiting for the next regular report."""
+
+
+class Edit:
+    """A change on its way to the server: `await` it for its Outcome, or leave it and go on.
+
+    Awaiting raises EventRefused when the server refused the change and SessionEnded or StreamLost when it can no
+    longer be answered. A refusal that nobody awaits is logged as a warning. The server answers when the plan that
+    holds the change is made; for a prompt scheduled far ahead that is only when its frames are generated.
+
+    event_seq: its number in the session. constraint_ids: ids given to the constraints it adds.
+    """
+
+    def __init__(self, what: str, event_seq: int, sent_at_s: float, constraint_ids: tuple[int, ...] = ()) -> None:
+        self.what = what
+        self.event_seq = event_seq
+        self.constraint_ids = constraint_ids
+        self._sent_at_s = sent_at_s
+        self._first_frame_at_s: float | None = None
+        self._answer: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
+
+    def __await__(self) -> Generator[Any, None, Outcome]:
+        return asyncio.shield(self._answer).__await__()  # one awaiter that gives up must not cancel it for the others
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """The server's answer, if it has accepted the change already."""
+        return self._answer.result() if self._answer.done() and self._answer.exception() is None else None
+
+    @property
+    def latency_s(self) -> float | None:
+        """Seconds from sending the change to receiving the first frame it changed; None until then."""
+        return None if self._first_frame_at_s is None else self._first_frame_at_s - self._sent_at_s
+
+    def _settle(self, answer: Outcome | MotiongenError) -> None:
+        if self._answer.done():
+            return
+        if isinstance(answer, Outcome):
+            self._answer.set_result(answer)
+            return
+        self._answer.set_exception(answer)
+        self._answer.exception()  # marks it as seen: asyncio would otherwise report an edit nobody awaits as a bug
+
+
+@dataclass(frozen=True)
+class SessionStats:
+    """Counts and times of one session so far.
+
+    opened_s, first_frame_s: from the call of `open` to the server's answer and to the first frame, seconds.
+    plans: windows received, replans among them; frames: frames received, replaced ones too.
+    underruns: frame times for which the last pose had to be held; late_plans: plans that reached behind the playhead.
+    """
+
+    opened_s: float
+    first_frame_s: float | None
+    plans: int
+    frames: int
+    underruns: int
+    late_plans: int
+
+
+class Session:
+    """One character. Made by `Stream.open`; not made by hand.
+
+    Changes (`set_prompt`, `add_waypoint`, …) are sent at once, in order, and return an `Edit`. Frames come by
+    `frames()`, or by `poll()` for a loop that draws at its own pace; use one of the two.
+    """
+
+    def __init__(self, handle: int, carrier: Carrier, catalog: Catalog, clock: Callable[[], float]) -> None:
+        self.handle = handle
+        self._carrier = carrier
+        self._catalog = catalog
+        self._clock = clock
+        self._opened_at_s = clock()
+        self._next_seq = 1
+        self._next_constraint_id = 1
+        self._next_prompt_id = _PRESENT_PROMPT_ID + 1
+        self._scheduled_prompts: dict[int, int] = {}  # prompt id -> start frame, those the server has accepted
+        self._edits: dict[int, Edit] = {}  # by event number, until answered and seen in a frame
+        self._plan_valid_from = 0
+        self._plan_edits: list[Edit] = []  # of the latest plan, waiting for its first frame
+        self._opening: asyncio.Future[Opened] = asyncio.get_running_loop().create_future()
+        self._keep_s: float | None = None
+        self._changed = asyncio.Event()
+        self._failure: MotiongenError | None = None
+        self._end: SessionEnd | None = None
+        self._opened_s = 0.0
+        self._first_frame_s: float | None = None
+        self._num_plans = 0
+        self._num_frames = 0
+        self.opened: Opened
+        self.rig: Rig
+        self.playback: Playback
+
+    # ---- changes
+
+    def set_prompt(self, text: str, *, frame: int | None = None) -> Edit:
+        """Direct the motion by a text, such as "a person walks forward".
+
+        Without `frame` it replaces the present prompt as soon as possible. With `frame` it is scheduled: it takes over
+        at that frame and holds until another takes over.
+        """
+        edit = session_pb2.EditPrompts()
+        begun = [key for key, start in self._scheduled_prompts.items() if start <= self.playback.playhead]
+        if frame is None:
+            prompt_id = _PRESENT_PROMPT_ID
+        else:
+            check_frame("frame", frame)
+            prompt_id = self._next_prompt_id
+            self._next_prompt_id += 1
+            begun = sorted(begun, key=self._scheduled_prompts.__getitem__)[:-1]  # the last one holds until `frame`
+        for key in begun:
+            del self._scheduled_prompts[key]
+        edit.remove.extend(begun)
+        edit.upsert.append(convert.prompt_span(prompt_id, text, frame))
+        sent = self._send_edit(f"the prompt {text!r}", session_pb2.SessionEvent(edit_prompts=edit))
+        if frame is not None:
+            scheduled = frame
+            sent._answer.add_done_callback(lambda answer: self._note_scheduled(prompt_id, scheduled, answer))
+        return sent
+
+    def add_waypoint(self, x_m: float, z_m: float, *, frame: int, heading_rad: float | None = None) -> Edit:
+        """Be at a ground position (world metres) at a frame; `frame_in` turns seconds from now into one."""
+        return self.add_constraints([Waypoint(frame, x_m, z_m, heading_rad)])
+
+    def add_trajectory(
+        self, positions_m: ArrayLike, *, first_frame: int, headings_rad: ArrayLike | None = None
+    ) -> Edit:
+        """Follow a path: positions_m (N, 2) world x, z in metres, one a frame from `first_frame`; headings_rad (N,)."""
+        headings = None if headings_rad is None else as_array("headings_rad", headings_rad, (None,))
+        return self.add_constraints(
+            [Trajectory(first_frame, as_array("positions_m", positions_m, (None, 2)), headings)]
+        )
+
+    def add_constraints(self, constraints: Iterable[Constraint]) -> Edit:
+        """Add constraints to those there are. `Edit.constraint_ids` are their ids, in the order given."""
+        return self._edit_constraints("constraints", constraints)
+
+    def set_constraints(self, constraints: Iterable[Constraint]) -> Edit:
+        """Put these constraints in place of all there are."""
+        return self._edit_constraints("constraints in place of all others", constraints, clear=True)
+
+    def remove_constraints(self, constraint_ids: Iterable[int]) -> Edit:
+        """Drop constraints by the ids that `Edit.constraint_ids` gave."""
+        return self._edit_constraints("the removal of constraints", (), remove=tuple(constraint_ids))
+
+    def clear_constraints(self) -> Edit:
+        """Drop all constraints."""
+        return self._edit_constraints("the removal of all constraints", (), clear=True)
+
+    def pause(self) -> Edit:
+        """Stop the playhead: the last frame stays, and the server computes no more than the look-ahead."""
+        self.playback.pause()
+        return self._send_play_state("the pause", session_pb2.PLAY_STATE_PAUSED)
+
+    def resume(self) -> Edit:
+        """Let the playhead go on after `pause`."""
+        self.playback.resume()
+        self._changed.set()
+        return self._send_play_state("the end of the pause", session_pb2.PLAY_STATE_PLAYING)
+
+    async def close(self) -> SessionEnd:
+        """End the session. Returns how it ended; calling it again returns the same."""
+        if self._end is None and self._failure is None:
+            self._send(session_pb2.SessionEvent(close=session_pb2.CloseSession()))
+        while self._end is None:
+            if self._failure is not None:
+                raise self._failure
+            self._changed.clear()
+            await self._changed.wait()
+        return self._end
+
+    async def __aenter__(self) -> Session:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        if self._failure is None:
+            await self.close()
+
+    # ---- frames
+
+    @property
+    def end(self) -> SessionEnd | None:
+        """How the session ended; None while it lives."""
+        return self._end
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether a frame has been shown; before that there is no playhead to report."""
+        return self._opening.done() and self._failure is None and self.playback.started
+
+    @property
+    def stats(self) -> SessionStats:
+        """Counts and times so far."""
+        return SessionStats(
+            opened_s=self._opened_s,
+            first_frame_s=self._first_frame_s,
+            plans=self._num_plans,
+            frames=self._num_frames,
+            underruns=self.playback.underruns,
+            late_plans=self.playback.late_plans,
+        )
+
+    def frame_in(self, seconds: float) -> int:
+        """The frame that is shown `seconds` from now."""
+        return self.playback.playhead + self.rig.frames_in(seconds)
+
+    async def frames(self, seconds: float | None = None, *, realtime: bool = True) -> AsyncIterator[Frame]:
+        """Each frame once, in order: the next `seconds` of motion, or without it until the session is closed.
+
+        realtime: a frame comes when its time has come, and the last pose is held (nothing comes, `stats.underruns`
+        rises) while the server is late. Otherwise frames come as fast as they are generated and taken.
+        Raises SessionEnded when the server ends the session, StreamLost when the stream breaks.
+        """
+        num_left = None if seconds is None else self.rig.frames_in(seconds)
+        while num_left is None or num_left > 0:
+            self._changed.clear()
+            if self._is_over():
+                return
+            reached = self._advance() if realtime else self._step()
+            for index in reached:
+                yield Frame(self.rig, index, self.playback.row(index))
+                if num_left is not None:
+                    num_left -= 1
+                    if num_left == 0:
+                        return
+            if realtime or not reached:
+                await self._wait(realtime)
+
+    def poll(self) -> Frame | None:
+        """Move the playhead to the present and return the frame to show now; None before the first one came.
+
+        For a loop that draws at its own pace. Raises SessionEnded or StreamLost once no frame is left to show.
+        """
+        if not self._is_over():
+            self._advance()
+        if not self.playback.started:
+            return None
+        return Frame(self.rig, self.playback.playhead, self.playback.row(self.playback.playhead))
+
+    def motion(self, first_frame: int | None = None, end_frame: int | None = None) -> Motion:
+        """The frames shown so far that are still kept, or those from first_frame up to end_frame - 1."""
+        first = self.playback.first_kept if first_frame is None else first_frame
+        shown_to = self.playback.playhead + 1 if self.playback.started else self.playback.playhead
+        rows = self.playback.rows(first, shown_to if end_frame is None else end_frame)
+        return Motion(self.rig, first, rows)
+
+    def _advance(self) -> range:
+        was_started = self.playback.started
+        reached = self.playback.advance(self._clock())
+        if reached and not was_started:
+            self._carrier.report_soon()  # the server's idea of our clock begins here
+        return reached
+
+    def _step(self) -> range:
+        playback = self.playback
+        target = playback.playhead + 1 if playback.started else playback.playhead
+        if target >= playback.buffered_to:
+            return range(0)
+        reached = playback.advance_to(target)
+        if target + 1 == playback.buffered_to:
+            self._carrier.report_soon()  # nothing left to take: more credit at once
+        return reached
+
+    def _is_over(self) -> bool:
+        """Whether the session was closed by its user. Raises when it is over otherwise and no frame is left."""
+        if self._end is not None and self._end.reason == "client":
+            return True
+        if self._failure is None:
+            return False
+        nothing_left = self.playback.playhead >= self.playback.buffered_to - 1
+        if nothing_left:
+            raise self._failure
+        return False
+
+    async def _wait(self, realtime: bool) -> None:
+        """Until the next frame is due, or for something to arrive where it is overdue or no clock runs."""
+        due_s = self.playback.next_due_s() if realtime else None
+        if due_s is None:
+            await self._changed.wait()
+            return
+        wait_s = due_s - self._clock()
+        if wait_s > 0:
+            await asyncio.sleep(wait_s)
+            return
+        try:
+            async with asyncio.timeout(1 / self.rig.frame_rate_hz):
+                await self._changed.wait()
+        except TimeoutError:
+            pass  # one more frame time without a frame; `advance` counts it
+
+    # ---- for the stream
+
+    async def _open(
+        self, options: SessionOptions, prompt: str | None, constraints: Sequence[Constraint], keep_s: float | None
+    ) -> None:
+        self._keep_s = keep_s
+        prompts = [] if prompt is None else [convert.prompt_span(_PRESENT_PROMPT_ID, prompt, None)]
+        ids = self._take_constraint_ids(len(constraints))
+        targets = [convert.constraint(key, target) for key, target in zip(ids, constraints, strict=True)]
+        self._send(session_pb2.SessionEvent(open=convert.open_session(options, prompts, targets)))
+        await asyncio.shield(self._opening)
+
+    def _handle(self, update: session_pb2.SessionUpdate) -> None:
+        """Take one update of the server. Raises ProtocolViolation when it breaks a rule."""
+        match update.WhichOneof("update"):
+            case "opened":
+                self._handle_opened(convert.opened(update.opened))
+            case "plan":
+                self.playback.announce_plan(update.plan.plan, update.plan.valid_from)
+                self._num_plans += 1
+                self._plan_valid_from = update.plan.valid_from
+                self._plan_edits += [self._edits[seq] for seq in update.plan.event_seqs if seq in self._edits]
+            case "chunk":
+                chunk = update.chunk
+                rows = convert.chunk_rows(chunk, self.rig.row_width)
+                self.playback.add_chunk(chunk.plan, chunk.first_frame, rows, chunk.committed_to)
+                self._note_frames(len(rows), chunk.first_frame + len(rows))
+            case "outcome":
+                self._handle_outcome(update.outcome)
+            case "closed":
+                self._end = convert.session_end(update.closed)
+                self._fail(SessionEnded(self._end.reason, self._end.message))
+        self._changed.set()
+
+    def _handle_opened(self, opened: Opened) -> None:
+        self.opened = opened
+        self.rig = self._catalog.rig(opened.rig_id)
+        self.playback = Playback(
+            self.rig.frame_rate_hz,
+            self.rig.row_width,
+            start_frame=opened.start_frame,
+            keep_frames=None if self._keep_s is None else self.rig.frames_in(self._keep_s),
+        )
+        self._opened_s = self._clock() - self._opened_at_s
+        if not self._opening.done():
+            self._opening.set_result(opened)
+
+    def _handle_outcome(self, message: session_pb2.EditOutcome) -> None:
+        if message.event_seq == 1 and not self._opening.done():
+            refusal = convert.outcome(message, "opening a session")
+            if isinstance(refusal, EventRefused):
+                self._fail(refusal)
+            return
+        edit = self._edits.get(message.event_seq)
+        if edit is None:
+            return
+        answer = convert.outcome(message, edit.what)
+        if isinstance(answer, EventRefused):
+            _log.warning("session %d: %s", self.handle, answer)
+        edit._settle(answer)
+        if isinstance(answer, EventRefused) or answer.effective_frame is None or edit.latency_s is not None:
+            del self._edits[message.event_seq]
+
+    def _note_frames(self, num_frames: int, end_frame: int) -> None:
+        now_s = self._clock()
+        self._num_frames += num_frames
+        if self._first_frame_s is None:
+            self._first_frame_s = now_s - self._opened_at_s
+        if end_frame > self._plan_valid_from:
+            for edit in self._plan_edits:
+                edit._first_frame_at_s = now_s
+                if edit._answer.done():
+                    self._edits.pop(edit.event_seq, None)
+            self._plan_edits.clear()
+
+    def _note_scheduled(self, prompt_id: int, frame: int, answer: asyncio.Future[Outcome]) -> None:
+        if not answer.cancelled() and answer.exception() is None:
+            self._scheduled_prompts[prompt_id] = frame
+
+    def _fail(self, failure: MotiongenError) -> None:
+        """The session is over: nothing more will be answered."""
+        if self._failure is None:
+            self._failure = failure
+        for edit in self._edits.values():
+            edit._settle(failure)
+        self._edits.clear()
+        if not self._opening.done():
+            self._opening.set_exception(failure)
+            self._opening.exception()
+        self._changed.set()
+
+    def _playhead(self) -> session_pb2.SessionEvent:
+        playback = self.playback
+        report = session_pb2.Playhead(
+            frame=playback.playhead, buffered_to=playback.buffered_to, underruns=playback.underruns
+        )
+        return session_pb2.SessionEvent(session=self.handle, playhead=report)
+
+    # ---- sending
+
+    def _edit_constraints(
+        self, what: str, constraints: Iterable[Constraint], *, remove: tuple[int, ...] = (), clear: bool = False
+    ) -> Edit:
+        targets = tuple(constraints)
+        ids = self._take_constraint_ids(len(targets))
+        upsert = [convert.constraint(key, target) for key, target in zip(ids, targets, strict=True)]
+        edit = session_pb2.EditConstraints(upsert=upsert, remove=remove, clear=clear)
+        return self._send_edit(what, session_pb2.SessionEvent(edit_constraints=edit), ids)
+
+    def _take_constraint_ids(self, count: int) -> tuple[int, ...]:
+        first = self._next_constraint_id
+        self._next_constraint_id += count
+        return tuple(range(first, first + count))
+
+    def _send_play_state(self, what: str, state: session_pb2.PlayState) -> Edit:
+        event = session_pb2.SessionEvent(set_play_state=session_pb2.SetPlayState(state=state))
+        return self._send_edit(what, event)
+
+    def _send_edit(self, what: str, event: session_pb2.SessionEvent, constraint_ids: tuple[int, ...] = ()) -> Edit:
+        edit = Edit(what, self._next_seq, self._clock(), constraint_ids)
+        self._send(event)
+        self._edits[edit.event_seq] = edit
+        return edit
+
+    def _send(self, event: session_pb2.SessionEvent) -> None:
+        if self._failure is not None:
+            raise self._failure
+        event.session = self.handle
+        event.event_seq = self._next_seq
+        self._carrier.send(event)
+        self._next_seq += 1

@@ -1,0 +1,260 @@
+"""What a client says to the server and hears from it, as frozen dataclasses of numbers, strings and numpy arrays."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from motiongen_client.errors import InvalidInput, UnknownName
+from motiongen_client.motion import Rig
+
+
+class Priority(enum.Enum):
+    """How much a session matters when the server has to choose."""
+
+    HERO = "hero"
+    NEAR = "near"
+    CROWD = "crowd"
+    BATCH = "batch"
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """The root on the ground at one frame. x_m, z_m: world metres; heading_rad: 0 faces +Z, None leaves it free."""
+
+    frame: int
+    x_m: float
+    z_m: float
+    heading_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        check_frame("frame", self.frame)
+        check_finite("x_m", self.x_m)
+        check_finite("z_m", self.z_m)
+        if self.heading_rad is not None:
+            check_finite("heading_rad", self.heading_rad)
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """The root on the ground at consecutive frames from `first_frame`.
+
+    positions_m: (N, 2) world x, z in metres; headings_rad: (N,) or None, which leaves the facing free.
+    """
+
+    first_frame: int
+    positions_m: NDArray[np.float32]
+    headings_rad: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        check_frame("first_frame", self.first_frame)
+        positions = as_array("positions_m", self.positions_m, (None, 2))
+        if len(positions) == 0:
+            raise InvalidInput("positions_m", "no position", "one x, z pair or more")
+        object.__setattr__(self, "positions_m", positions)
+        if self.headings_rad is not None:
+            object.__setattr__(self, "headings_rad", as_array("headings_rad", self.headings_rad, (len(positions),)))
+
+
+@dataclass(frozen=True, eq=False)
+class Keyframe:
+    """A whole pose at one frame. positions_m: (J, 3) world position of every joint of the rig, metres."""
+
+    frame: int
+    positions_m: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        check_frame("frame", self.frame)
+        object.__setattr__(self, "positions_m", as_array("positions_m", self.positions_m, (None, 3)))
+
+
+@dataclass(frozen=True, eq=False)
+class JointTargets:
+    """World targets for some joints (hands, feet) at one frame; the root, joint 0, must be among them.
+
+    joints: K indices into the rig; positions_m: (K, 3) metres; rotations_quat_wxyz: (K, 4) unit quaternions or None.
+    """
+
+    frame: int
+    joints: Sequence[int]
+    positions_m: NDArray[np.float32]
+    rotations_quat_wxyz: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        check_frame("frame", self.frame)
+        object.__setattr__(self, "joints", tuple(self.joints))
+        if 0 not in self.joints:
+            raise InvalidInput("joints", self.joints, "indices of the rig's joints, the root (0) among them")
+        positions = as_array("positions_m", self.positions_m, (len(self.joints), 3))
+        object.__setattr__(self, "positions_m", positions)
+        if self.rotations_quat_wxyz is not None:
+            rotations = as_array("rotations_quat_wxyz", self.rotations_quat_wxyz, (len(self.joints), 4))
+            object.__setattr__(self, "rotations_quat_wxyz", rotations)
+
+
+Constraint = Waypoint | Trajectory | Keyframe | JointTargets
+
+
+@dataclass(frozen=True)
+class StartPose:
+    """Where a character stands at frame 0: world metres, heading in radians (0 faces +Z)."""
+
+    x_m: float = 0.0
+    z_m: float = 0.0
+    heading_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_finite("x_m", self.x_m)
+        check_finite("z_m", self.z_m)
+        check_finite("heading_rad", self.heading_rad)
+
+
+@dataclass(frozen=True)
+class SessionOptions:
+    """What a session is opened with; None and "" leave a choice to the server.
+
+    seed: same seed and same events at the same frames give the same motion. lookahead_frames: how far ahead of the
+    playhead the server may send. denoise_steps: fewer are faster, more are finer. text_guidance and
+    constraint_guidance: how strongly prompt and constraints are followed, 0 not at all.
+    """
+
+    model_id: str = ""
+    rig_id: str = ""
+    seed: int | None = None
+    priority: Priority = Priority.NEAR
+    lookahead_frames: int | None = None
+    denoise_steps: int | None = None
+    text_guidance: float | None = None
+    constraint_guidance: float | None = None
+    start: StartPose = field(default_factory=StartPose)
+
+    def __post_init__(self) -> None:
+        if self.seed is not None and not 0 <= self.seed < 1 << 64:
+            raise InvalidInput("seed", self.seed, "a whole number from 0 to 2**64 - 1")
+        for name in ("lookahead_frames", "denoise_steps"):
+            value = getattr(self, name)
+            if value is not None and not 1 <= value < 1 << 32:
+                raise InvalidInput(name, value, "a whole number of 1 or more, or None for the server's default")
+        for name in ("text_guidance", "constraint_guidance"):
+            if getattr(self, name) is not None:
+                check_finite(name, getattr(self, name))
+
+
+@dataclass(frozen=True)
+class Opened:
+    """What the server chose for a session."""
+
+    session_id: str
+    seed: int
+    start_frame: int
+    rig_id: str
+    model_id: str
+    frame_rate_hz: int
+    lookahead_frames: int
+    committed_horizon_frames: int
+    denoise_steps: int
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The answer to an accepted event. effective_frame: first frame it shows at; None when it alters no frame."""
+
+    event_seq: int
+    effective_frame: int | None
+
+
+@dataclass(frozen=True)
+class SessionEnd:
+    """How a session ended. frames: sent in all; late_frames: sent after the playhead had reached them."""
+
+    reason: str
+    message: str
+    frames: int
+    late_frames: int
+
+
+@dataclass(frozen=True)
+class Model:
+    """A motion generator of the catalogue; durations are frames of its rig."""
+
+    model_id: str
+    rig_id: str
+    licence: str
+    horizon_frames: int
+    patch_frames: int
+    future_frames: int
+    default_denoise_steps: int
+    max_denoise_steps: int
+    text_encoder: str
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a client must keep to."""
+
+    max_sessions_per_stream: int
+    max_constraints: int
+    max_prompts: int
+    max_prompt_characters: int
+    max_trajectory_frames: int
+    max_request_bytes: int
+    default_lookahead_frames: int
+    max_lookahead_frames: int
+    max_coordinate_m: float
+    max_guidance: float
+
+
+@dataclass(frozen=True)
+class Catalog:
+    """What a server offers; models[0] is its default."""
+
+    etag: str
+    rigs: tuple[Rig, ...]
+    models: tuple[Model, ...]
+    limits: Limits
+
+    def rig(self, rig_id: str) -> Rig:
+        """The rig with a name. Raises UnknownName, which lists the rigs there are."""
+        for rig in self.rigs:
+            if rig.rig_id == rig_id:
+                return rig
+        raise UnknownName("rig", rig_id, [rig.rig_id for rig in self.rigs])
+
+    def model(self, model_id: str) -> Model:
+        """The model with a name. Raises UnknownName, which lists the models there are."""
+        for model in self.models:
+            if model.model_id == model_id:
+                return model
+        raise UnknownName("model", model_id, [model.model_id for model in self.models])
+
+
+def check_finite(name: str, value: float) -> None:
+    """Raise InvalidInput unless `value` is a finite number."""
+    if not isinstance(value, int | float | np.number) or not np.isfinite(value):
+        raise InvalidInput(name, value, "a finite number")
+
+
+def check_frame(name: str, value: int) -> None:
+    """Raise InvalidInput unless `value` is a frame index."""
+    if not isinstance(value, int | np.integer) or value < 0:
+        raise InvalidInput(name, value, "a frame index: a whole number of 0 or more")
+
+
+def as_array(name: str, values: ArrayLike, shape: tuple[int | None, ...]) -> NDArray[np.float32]:
+    """`values` as finite float32 of a shape, None standing for any length. Raises InvalidInput."""
+    wanted = "(" + ", ".join("N" if size is None else str(size) for size in shape) + ")"
+    allowed = f"finite numbers of shape {wanted}"
+    try:
+        array = np.asarray(values, dtype=np.float32)
+    except (TypeError, ValueError):
+        raise InvalidInput(name, values, allowed) from None
+    fits = array.ndim == len(shape) and all(w in (None, s) for w, s in zip(shape, array.shape, strict=True))
+    if not fits:
+        raise InvalidInput(name, f"shape {array.shape}", allowed)
+    if not np.isfinite(array).all():
+        raise InvalidInput(name, "a number that is not finite", allowed)
+    return array

@@ -1,0 +1,301 @@
+"""The application: startup, serve, drain, stop. The only place that joins the rooms."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import signal
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import grpc.aio
+import numpy as np
+from grpc_health.v1 import health, health_pb2, health_pb2_grpc
+from grpc_reflection.v1alpha import reflection
+
+from motiongen.v1 import service_pb2, service_pb2_grpc
+from server.catalog import Catalog
+from server.config import ServerConfig
+from server.engine.config import EngineConfig
+from server.engine.engine import Engine
+from server.engine.ports import Runner
+from server.engine.types import Guidance, ModelFacts, PlanCause, Priority, SessionKey, StartPose, WindowJob
+from server.errors import SettingError
+from server.limits import Limits
+from server.metrics import Metrics
+from server.ops import OpsServer, ops_app
+from server.prompts import PromptEncoder, TextEncoder
+from server.service import MotionService
+
+_log = logging.getLogger("server")
+
+SERVICE_NAME = service_pb2.DESCRIPTOR.services_by_name["MotionService"].full_name
+HEARTBEAT_LIMIT_S = 2.0
+STOP_GRACE_S = 5.0
+
+
+class MonotonicClock:
+    """The engine's clock."""
+
+    def now(self) -> float:
+        return time.monotonic()
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """What start-up loads from disk: the runner, the encoder that fits its model, and the weights' licence."""
+
+    runner: Runner
+    encoder: TextEncoder
+    licence: str
+
+
+def load_model(config: ServerConfig) -> Loaded:
+    """Load the configured model with its text encoder. Raises SettingError saying what is wrong with the settings.
+
+    torch is imported here and not above, so that the port answers while that takes its seconds.
+    """
+    import torch
+
+    from ardy.model_card import model_folder, read_model_card
+    from ardy.text import load_text_encoder
+    from server.runner import load_runner
+
+    if config.threads:
+        torch.set_num_threads(config.threads)
+    try:
+        runner = load_runner(config.model, config.device, config.denoise_steps)
+        encoder = load_text_encoder(config.text_encoder, runner.facts.embedding_dim)
+        card = read_model_card(model_folder(config.model))
+    except (ValueError, RuntimeError) as error:
+        raise SettingError(f"cannot serve model {config.model!r}: {error}") from error
+    return Loaded(runner, encoder, card.licence)
+
+
+class Application:
+    """One server process. `start`, then `serve` until a signal, then `drain`."""
+
+    def __init__(self, config: ServerConfig, load: Callable[[ServerConfig], Loaded] = load_model) -> None:
+        self._config = config
+        self._load = load
+        self._metrics = Metrics()
+        self._health = health.aio.HealthServicer()
+        self._stop = asyncio.Event()
+        self._ready = False
+        self.grpc_port = 0
+        self.ops_port = 0
+
+    # ---- startup ----------------------------------------------------------------------------------------------------
+
+    async def start(self) -> None:
+        """Load, warm up, listen, and become ready. Raises SettingError for settings that cannot be served."""
+        config = self._config
+        await self._start_ops()
+        loaded = await asyncio.to_thread(self._load, config)
+        facts = loaded.runner.facts
+        warm_up_s = await asyncio.to_thread(warm_up, loaded.runner)
+        self._prompts = PromptEncoder(loaded.encoder, config.prompt_cache, self._metrics.prompt_seconds.observe)
+        catalog = make_catalog(config, facts, loaded)
+        self._engine = make_engine(config, loaded.runner, self._deliver, self._metrics, warm_up_s / config.denoise_steps)
+        self._service = MotionService(self._engine, self._prompts, catalog, config.flush_ms / 1000)
+        await self._start_grpc()
+        self._engine.start()
+        self._metrics.build.labels(facts.model_id, facts.rig.rig_id).set(1)
+        await self._set_health(health_pb2.HealthCheckResponse.SERVING)
+        self._ready = True
+        _log.info("serving %s (weights: %s) on port %d, ops on port %d",
+                  facts.model_id, loaded.licence, self.grpc_port, self.ops_port)  # fmt: skip
+        if config.print_ports:
+            print(json.dumps({"grpc_port": self.grpc_port, "ops_port": self.ops_port}), flush=True)
+
+    def _deliver(self, outputs: object) -> None:
+        self._service.deliver(outputs)  # type: ignore[arg-type]
+
+    async def _start_ops(self) -> None:
+        app = ops_app(self._metrics.registry, self._is_alive, self._is_ready)
+        self._ops = OpsServer(app, self._config.ops_host, self._config.ops_port)
+        self._ops_task = asyncio.create_task(self._ops.serve())
+        while not self._ops.started:
+            if self._ops_task.done():
+                raise SettingError(f"cannot listen on ops port {self._config.ops_port}; choose another, or 0")
+            await asyncio.sleep(0.01)
+        self.ops_port = self._ops.port
+
+    async def _start_grpc(self) -> None:
+        config = self._config
+        self._server = grpc.aio.server(
+            options=[
+                ("grpc.max_receive_message_length", config.max_request_bytes),
+                ("grpc.max_send_message_length", 8 << 20),
+                ("grpc.max_concurrent_streams", 256),
+                ("grpc.keepalive_time_ms", 30_000),
+                ("grpc.keepalive_timeout_ms", 10_000),
+                ("grpc.http2.min_recv_ping_interval_without_data_ms", 10_000),
+                ("grpc.so_reuseport", 0),
+            ],
+            maximum_concurrent_rpcs=config.max_streams,
+        )
+        service_pb2_grpc.add_MotionServiceServicer_to_server(self._service, self._server)
+        health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
+        if config.reflection:
+            reflection.enable_server_reflection(
+                (SERVICE_NAME, health.SERVICE_NAME, reflection.SERVICE_NAME), self._server
+            )
+        await self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
+        try:
+            self.grpc_port = self._server.add_insecure_port(f"{config.host}:{config.port}")
+        except RuntimeError as error:
+            raise SettingError(f"cannot listen on {config.host}:{config.port}; choose another port, or 0") from error
+        await self._server.start()
+
+    async def _set_health(self, status: health_pb2.HealthCheckResponse.ServingStatus) -> None:
+        for name in ("", SERVICE_NAME):
+            await self._health.set(name, status)
+
+    def _is_alive(self) -> bool:
+        return not self._ready or self._engine_is_well()
+
+    def _is_ready(self) -> bool:
+        return self._ready and self._engine_is_well()
+
+    def _engine_is_well(self) -> bool:
+        age = time.monotonic() - self._engine.heartbeat_at
+        self._metrics.heartbeat_age.set(age)
+        return self._engine.failure is None and age < HEARTBEAT_LIMIT_S
+
+    # ---- serve, drain, stop -----------------------------------------------------------------------------------------
+
+    def ask_to_stop(self) -> None:
+        """Begin to drain; what SIGTERM does."""
+        self._stop.set()
+
+    async def serve(self) -> None:
+        """Return when asked to stop, or when the engine has failed."""
+        while not self._stop.is_set() and self._engine.failure is None:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._stop.wait(), timeout=1.0)
+
+    async def drain(self) -> int:
+        """Not ready, goodbye, grace, close what is left, stop. Returns the exit code."""
+        config = self._config
+        _log.info("draining")
+        self._ready = False
+        await self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
+        self._engine.drain()
+        await asyncio.sleep(config.drain_wait_s)
+        self._service.goodbye(config.drain_grace_s)
+        finished = asyncio.create_task(self._service.finished())
+        await asyncio.wait({finished}, timeout=config.drain_grace_s)
+        self._service.close_all()
+        await asyncio.wait({finished}, timeout=STOP_GRACE_S)
+        finished.cancel()
+        await self._server.stop(STOP_GRACE_S)
+        self._engine.stop()
+        await asyncio.to_thread(self._engine.join, STOP_GRACE_S)
+        await self.stop_ops()
+        self._prompts.close()
+        failed = self._engine.failure is not None
+        _log.info("stopped%s", " after the engine failed" if failed else "")
+        return 1 if failed else 0
+
+    async def stop_ops(self) -> None:
+        """End the HTTP server."""
+        self._ops.should_exit = True
+        await self._ops_task
+
+
+def make_catalog(config: ServerConfig, facts: ModelFacts, loaded: Loaded) -> Catalog:
+    """The catalog of the configured model and limits."""
+    limits = Limits(
+        max_sessions_per_stream=config.max_sessions_per_stream,
+        max_prompt_characters=config.max_prompt_characters,
+        max_request_bytes=config.max_request_bytes,
+        default_lookahead_frames=config.lookahead_frames,
+        max_lookahead_frames=config.max_lookahead_frames,
+        events_per_second=config.events_per_second,
+        stream_events_per_second=config.stream_events_per_second,
+    )
+    guidance = Guidance(config.text_guidance, config.constraint_guidance)
+    return Catalog(facts, limits, guidance, loaded.licence, loaded.encoder.identity, config.history_frames)
+
+
+def make_engine(
+    config: ServerConfig, runner: Runner, deliver: Callable[[object], None], metrics: Metrics, step_s: float
+) -> Engine:
+    """The engine with the configured limits. step_s: what one denoising step cost while warming up."""
+    facts = runner.facts
+    if not facts.min_steps <= config.denoise_steps <= facts.max_steps:
+        raise SettingError(
+            f"denoise_steps is {config.denoise_steps}; {facts.model_id} takes {facts.min_steps} to {facts.max_steps}"
+        )
+    if config.lookahead_frames < facts.horizon:
+        raise SettingError(
+            f"lookahead_frames is {config.lookahead_frames}; {facts.model_id} needs at least {facts.horizon}"
+        )
+    engine_config = EngineConfig(
+        max_sessions=config.max_sessions,
+        max_rows=config.max_rows,
+        history_crop=config.history_frames,
+        flush_s=config.flush_ms / 1000,
+        idle_timeout_s=config.idle_timeout_s,
+        initial_step_s=max(step_s, 0.001),
+    )
+    try:
+        return Engine(runner, MonotonicClock(), deliver, engine_config, metrics.observe)
+    except ValueError as error:
+        raise SettingError(str(error)) from error
+
+
+def warm_up(runner: Runner) -> float:
+    """Generate one window and throw it away; returns the seconds a second one takes.
+
+    The first run allocates, and it proves that the model gives finite frames before anyone depends on it.
+    """
+    facts = runner.facts
+    seconds = 0.0
+    for job_id in (-1, -2):
+        job = WindowJob(
+            job_id=job_id,
+            session=SessionKey(0, 0),
+            plan=1,
+            first_frame=0,
+            history=np.zeros((0, facts.feature_dim), np.float32),
+            start_pose=StartPose(),
+            embedding=None,
+            constraints=(),
+            seed=0,
+            num_steps=facts.default_steps,
+            guidance=Guidance(1.0, 1.0),
+            deadline=0.0,
+            priority=Priority.BATCH,
+            cause=PlanCause.CONTINUE,
+            created_at=0.0,
+        )
+        started = time.monotonic()
+        runner.prepare([job])
+        for _ in range(job.num_steps):
+            runner.denoise([job_id])
+        (result,) = runner.decode([job_id])
+        seconds = time.monotonic() - started
+        if not np.isfinite(result.frames).all():
+            raise SettingError("the model gives frames that are not finite; its checkpoint is damaged")
+    return seconds
+
+
+async def run(config: ServerConfig, load: Callable[[ServerConfig], Loaded] = load_model) -> int:
+    """Start, serve until SIGTERM or SIGINT, drain. Returns the process's exit code."""
+    application = Application(config, load)
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, application.ask_to_stop)
+    try:
+        await application.start()
+    except SettingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    await application.serve()
+    return await application.drain()

@@ -1,0 +1,56 @@
+"""Health checks and metrics over HTTP, for orchestrators and Prometheus."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+
+import uvicorn
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route
+
+
+def ops_app(registry: CollectorRegistry, is_alive: Callable[[], bool], is_ready: Callable[[], bool]) -> Starlette:
+    """/livez and /healthz: the process works; /readyz: it takes sessions; /metrics: Prometheus text."""
+
+    async def live(_request: Request) -> Response:
+        return _answer(is_alive())
+
+    async def ready(_request: Request) -> Response:
+        return _answer(is_ready())
+
+    async def metrics(_request: Request) -> Response:
+        return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
+
+    return Starlette(
+        routes=[
+            Route("/livez", live),
+            Route("/healthz", live),
+            Route("/readyz", ready),
+            Route("/metrics", metrics),
+        ]
+    )
+
+
+def _answer(well: bool) -> Response:
+    return PlainTextResponse("ok\n" if well else "not ok\n", status_code=200 if well else 503)
+
+
+class OpsServer(uvicorn.Server):
+    """uvicorn inside the application's event loop, which keeps its own signal handlers."""
+
+    def __init__(self, app: Starlette, host: str, port: int) -> None:
+        super().__init__(uvicorn.Config(app, host=host, port=port, log_config=None, lifespan="off", access_log=False))
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Leave signals to the application, which ends this server last."""
+        yield
+
+    @property
+    def port(self) -> int:
+        """The port that is served, which differs from the one asked for when that was 0."""
+        return int(self.servers[0].sockets[0].getsockname()[1])

@@ -5,7 +5,6 @@ import torch
 
 from ardy.noise import window_noise
 
-
 PINNED = [1.0916891, 0.4558267, 0.7017897]
 
 

@@ -1,5 +1,7 @@
 """The rules of a session, one by one, seen by a viewer that checks what must always hold."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -382,13 +384,22 @@ def test_a_window_that_lands_too_late_is_discarded_and_tried_with_a_longer_lead(
 def test_a_promise_made_while_a_window_runs_does_not_void_it() -> None:
     stage = Stage(report_every_s=0.02)
     viewer = stage.open(prompts=(prompt(1),))
-    stage.run(2.0)
+    stage.run_until(lambda: len(viewer.notices) == 2)
     stage.runner.step_s = lambda rows: 0.03
     seq = stage.set_prompts(viewer, prompt(2))
     promised = viewer.committed_to
     stage.run_until(lambda: seq in viewer.outcomes)
     assert viewer.committed_to > promised
     assert stage.total("windows_discarded") == 0
+
+
+def test_an_edit_of_the_first_patch_holds_after_it() -> None:
+    stage = Stage()
+    viewer = stage.open(prompts=(prompt(1, 1, 0),))
+    seq = stage.set_prompts(viewer, prompt(2, 2, 2))
+    stage.run(2.0)
+    assert viewer.outcomes[seq].effective_frame == 4
+    assert (_markers(viewer, 0, 4), _markers(viewer, 4, 30)) == ({1}, {2})
 
 
 def test_the_lead_follows_what_windows_take() -> None:
@@ -420,19 +431,20 @@ def test_an_edit_beyond_a_cut_window_holds_where_its_outcome_says_even_if_the_wi
     assert _markers(viewer, effective, viewer.buffered_to) == {4}
 
 
-def test_a_client_that_starts_while_a_window_runs_is_not_overrun() -> None:
+def test_a_client_that_starts_to_play_during_the_last_step_is_not_overrun() -> None:
     stage, viewer = _playing()
     stage.pause(viewer, True)
     stage.run(2.0)
-    slow = iter([0.5] * 4)
-    stage.runner.step_s = lambda rows: next(slow, 0.01)
+    steps = itertools.count(1)
+
+    def step_s(rows: int) -> float:
+        if next(steps) != 4:
+            return 0.01
+        stage.pause(viewer, False)
+        return 1.0
+
+    stage.runner.step_s = step_s
     stage.set_prompts(viewer, prompt(2))
-
-    def resume() -> None:
-        if viewer.paused:
-            stage.pause(viewer, False)
-
-    stage.clock.ticked = resume
     stage.run(3.0)
     assert stage.total("windows_discarded") == 1
     assert viewer.rows[-1][PROMPT] == 2

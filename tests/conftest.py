@@ -1,0 +1,52 @@
+"""What tests of several rooms share: a real server process with a tiny model."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+TINY_MODEL = ROOT / "tests" / "data" / "golden" / "tiny-core27" / "checkpoint"
+
+
+@dataclass(frozen=True)
+class LiveServer:
+    """A server on free ports of this machine. address: of gRPC; ops_url: of health checks and metrics."""
+
+    process: subprocess.Popen[str]
+    address: str
+    ops_url: str
+
+
+@pytest.fixture(scope="session")
+def live_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
+    """One server for all tests that ask; a test that stops or breaks a server starts its own. Its end is checked."""
+    log = tmp_path_factory.mktemp("live_server") / "stderr.txt"
+    settings = ["--port", "0", "--ops-port", "0", "--print-ports", "--threads", "1", "--drain-wait-s", "0"]
+    model = ["--model", str(TINY_MODEL), "--text-encoder", "hashed"]
+    with log.open("w", encoding="utf-8") as errors:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "server", *settings, *model],
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            text=True,
+        )
+        assert process.stdout is not None
+        with process.stdout:
+            line = process.stdout.readline()  # ends when the server is ready, or with the process
+            if not line:
+                raise RuntimeError(f"the server did not start, exit code {process.wait()}:\n{log.read_text()}")
+            ports = json.loads(line)
+            address, ops = f"localhost:{ports['grpc_port']}", f"http://localhost:{ports['ops_port']}"
+            yield LiveServer(process, address, ops)
+            process.send_signal(signal.SIGTERM)
+            exit_code = process.wait(timeout=60)
+    assert exit_code == 0, log.read_text()

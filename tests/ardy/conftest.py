@@ -40,8 +40,13 @@ class Vectors:
         """The array, None where the file has none of that name."""
         return self[name] if name in self.arrays else None
 
+    @property
+    def cases(self) -> list[str]:
+        """The cases that a file with several holds; files differ between models."""
+        return sorted({name.split(".")[0] for name in self.arrays})
+
     def number(self, name: str) -> int:
-        """A whole number that is stored as an array of none dimensions."""
+        """A whole number that is stored as an array without dimensions."""
         return int(self.arrays[name])
 
     def window(self, case: str = "") -> Window:

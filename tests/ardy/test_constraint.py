@@ -14,8 +14,8 @@ from ardy.rotation import matrix_to_6d, rotation_y
 from ardy.skeleton import forward_kinematics
 
 CASES = (
-    "root2d", "root2d_heading", "fullbody", "fullbody_shifted_root", "left_hand", "right_hand", "left_foot", "right_foot",
-    "end_effector", "several", "conflict", "empty",
+    "root2d", "root2d_heading", "fullbody", "fullbody_shifted_root", "left_hand", "right_hand", "left_foot",
+    "right_foot", "end_effector", "several", "conflict", "empty",
 )  # fmt: skip
 
 

@@ -99,9 +99,7 @@ class DenoiserConfig:
 
     def __post_init__(self) -> None:
         require_positive("denoiser", latent_dim=self.latent_dim, text_tokens=self.text_tokens, text_dim=self.text_dim)
-        require_one_of(
-            "denoiser", "positions", self.positions, ("learned_prefix_zero_at_first_generation", "default")
-        )
+        require_one_of("denoiser", "positions", self.positions, ("learned_prefix_zero_at_first_generation", "default"))
         if self.num_stages not in (1, 2):
             raise ConfigError(f"denoiser.num_stages is {self.num_stages}; it must be 1 or 2")
 

@@ -128,7 +128,7 @@ class Representation(nn.Module):
         return matrix_from_6d(features[..., self.rotation_block].unflatten(-1, (self.skeleton.num_joints, 6)))
 
     def positions_block(self, features: Tensor) -> Tensor:
-        """World positions (..., J, 3) by the position block of (..., D) natural units; the root's height is left at 0."""
+        """World positions (..., J, 3) of the position block of (..., D) natural units; the root's height is 0."""
         ground = features[..., None, self.root_position_block] * features.new_tensor([1.0, 0.0, 1.0])
         others = features[..., self.position_block].unflatten(-1, (self.skeleton.num_joints - 1, 3)) + ground
         return torch.cat([ground, others], dim=-2)

@@ -100,7 +100,9 @@ class Application:
         warm_up_s = await asyncio.to_thread(warm_up, loaded.runner)
         self._prompts = PromptEncoder(loaded.encoder, config.prompt_cache, self._metrics.prompt_seconds.observe)
         catalog = make_catalog(config, facts, loaded)
-        self._engine = make_engine(config, loaded.runner, self._deliver, self._metrics, warm_up_s / config.denoise_steps)
+        self._engine = make_engine(
+            config, loaded.runner, self._deliver, self._metrics, warm_up_s / config.denoise_steps
+        )
         self._service = MotionService(self._engine, self._prompts, catalog, config.flush_ms / 1000)
         await self._start_grpc()
         self._engine.start()
@@ -152,7 +154,7 @@ class Application:
             raise SettingError(f"cannot listen on {config.host}:{config.port}; choose another port, or 0") from error
         await self._server.start()
 
-    async def _set_health(self, status: health_pb2.HealthCheckResponse.ServingStatus) -> None:
+    async def _set_health(self, status: int) -> None:
         for name in ("", SERVICE_NAME):
             await self._health.set(name, status)
 

@@ -13,7 +13,13 @@ class Catalog:
     """One model, its rig and the limits; it never changes while the server lives."""
 
     def __init__(
-        self, facts: ModelFacts, limits: Limits, guidance: Guidance, licence: str, text_encoder: str, history_frames: int
+        self,
+        facts: ModelFacts,
+        limits: Limits,
+        guidance: Guidance,
+        licence: str,
+        text_encoder: str,
+        history_frames: int,
     ) -> None:
         """history_frames: the history given to a window, which its view of the future shares the window with."""
         self.facts = facts

@@ -139,7 +139,8 @@ def _parser() -> argparse.ArgumentParser:
         parser.add_argument(
             f"--{each.name.replace('_', '-')}",
             metavar="true|false" if is_switch else type(each.default).__name__.upper(),
-            **({"nargs": "?", "const": "true"} if is_switch else {}),
+            nargs="?" if is_switch else None,
+            const="true" if is_switch else None,
             help=f"{metadata['meaning']}{allowed} (default {each.default}) [{environment_name(each.name)}]",
         )
     return parser

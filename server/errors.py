@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import grpc
 from google.protobuf.any_pb2 import Any
-from google.rpc import code_pb2, error_details_pb2, status_pb2
+from google.rpc import code_pb2, error_details_pb2, status_pb2  # type: ignore[import-untyped]
 from grpc_status import rpc_status
 
 from server.engine.types import Code
@@ -19,7 +19,7 @@ class SettingError(ValueError):
 class EventRefused(Exception):
     """One event that is answered with an outcome; the stream and its other sessions go on.
 
-    reason: an UPPER_SNAKE word a program can act on; field: the path of the field at fault; allowed: what may stand there.
+    reason: an UPPER_SNAKE word a program can act on; field: the path of the field at fault; allowed: what may be there.
     """
 
     def __init__(self, code: Code, reason: str, message: str, field: str = "", allowed: str = "") -> None:

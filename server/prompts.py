@@ -71,10 +71,11 @@ class PromptEncoder:
             del self._running[text]
         if self._observe is not None:
             self._observe(time.monotonic() - started)
-        self._cache[text] = vectors[0]
+        embedding: Embedding = vectors[0]
+        self._cache[text] = embedding
         while len(self._cache) > self._cache_size:
             self._cache.popitem(last=False)
-        return vectors[0]
+        return embedding
 
     def close(self) -> None:
         """End the worker; an encoding that runs is finished first."""

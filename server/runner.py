@@ -1,4 +1,4 @@
-"""The runner: torch and ardy live here. Rows of one batch differ in step, step count, history, goals, guidance, seed."""
+"""The runner: torch and ardy live here. Rows of a batch differ in step, step count, history, goals, guidance, seed."""
 
 from __future__ import annotations
 

@@ -62,13 +62,15 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
 
     # ---- calls ------------------------------------------------------------------------------------------------------
 
-    async def GetCatalog(  # noqa: N802 - the name is the protocol's
-        self, request: service_pb2.GetCatalogRequest, context: grpc.aio.ServicerContext[object, object]
+    async def GetCatalog(
+        self,
+        request: service_pb2.GetCatalogRequest,
+        context: grpc.aio.ServicerContext[service_pb2.GetCatalogRequest, service_pb2.GetCatalogResponse],
     ) -> service_pb2.GetCatalogResponse:
         """Rigs, models and limits, or the etag alone for a client that holds them."""
         return self._catalog.response(request.catalog_etag)
 
-    async def StreamMotion(  # noqa: N802 - the name is the protocol's
+    async def StreamMotion(
         self, request_iterator: AsyncIterator[service_pb2.StreamMotionRequest], context: Context
     ) -> None:
         """One stream, from its hello to its end."""

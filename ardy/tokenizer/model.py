@@ -105,7 +105,7 @@ class Tokenizer(nn.Module):
         return self.quantizer.round(values) if self.config.quantize_on_encode else self.quantizer.quantize(values)
 
     def requantize(self, latents: Tensor) -> Tensor:
-        """Snap normalised latents (B, N, L) to the grid, normalised again; unchanged where encoding does not quantise."""
+        """Snap normalised latents (B, N, L) to the grid; unchanged where encoding does not quantise."""
         if not self.quantizes_on_encode:
             return latents
         return self.normalize_latents(self.codes(latents))

@@ -59,7 +59,9 @@ class ConstraintSampler:
         columns += [rotation + 6 * joint + number for joint in (0, chain[0]) for number in range(6)]
         return self._columns(columns)
 
-    def sample(self, random: np.random.Generator, first: int, horizon_end: int, end: int, planted: BoolArray) -> BoolArray:
+    def sample(
+        self, random: np.random.Generator, first: int, horizon_end: int, end: int, planted: BoolArray
+    ) -> BoolArray:
         """A mask (end, D) that is true only at frames first..end-1.
 
         first: the first generated frame; horizon_end: one past the last; end: one past the last known frame.

@@ -88,8 +88,12 @@ class DenoiserLoss(nn.Module):
         goal_error = (goal_mask * (features - target)).abs().sum() / goal_mask.sum().clamp(min=1)
         layout = self.tokenizer.representation
         parts = {
-            "root": smooth_l1(predicted[..., :ROOT_TOKEN_WIDTH], clean[..., :ROOT_TOKEN_WIDTH], window.generation_tokens),
-            "latent": smooth_l1(predicted[..., ROOT_TOKEN_WIDTH:], clean[..., ROOT_TOKEN_WIDTH:], window.generation_tokens),
+            "root": smooth_l1(
+                predicted[..., :ROOT_TOKEN_WIDTH], clean[..., :ROOT_TOKEN_WIDTH], window.generation_tokens
+            ),
+            "latent": smooth_l1(
+                predicted[..., ROOT_TOKEN_WIDTH:], clean[..., ROOT_TOKEN_WIDTH:], window.generation_tokens
+            ),
             "decoded": masked_mean((features - target)[..., ROOT_WIDTH:].abs(), horizon),
             "goal": goal_error,
             "consistency": consistency(layout, layout.denormalize(features), horizon),

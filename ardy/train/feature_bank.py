@@ -112,5 +112,3 @@ def measure_stats(bank: FeatureBank, layout: Representation, num_windows: int = 
     )
     rows = torch.cat([frames[..., :ROOT_WIDTH], local, frames[..., ROOT_WIDTH:]], dim=-1)[valid].double()
     return Stats(rows.mean(0).float(), rows.std(0).float())
-
-

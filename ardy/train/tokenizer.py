@@ -7,6 +7,7 @@ with rotations, and for a VAE the divergence of its latents from a unit normal.
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -150,8 +151,7 @@ def main() -> None:
     arguments = parser.parse_args()
     config = MINI_TOKENIZER
     if arguments.config is not None:
-        config = TokenizerConfig(**({"transformer": config.transformer, "latent_dim": config.latent_dim,
-                                     "levels": config.levels} | yaml.safe_load(arguments.config.read_text())))  # fmt: skip
+        config = replace(config, **yaml.safe_load(arguments.config.read_text(encoding="utf-8")))
     dataset = MotionDataset.load(arguments.data, "train")
     train_tokenizer(config, dataset, loop_settings(arguments), arguments.batch, arguments.device)
 

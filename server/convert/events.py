@@ -1,0 +1,195 @@
+"""A client's events -> the engine's, checked."""
+
+from __future__ import annotations
+
+import math
+import secrets
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motiongen.v1 import motion_pb2, session_pb2
+from server.catalog import Catalog
+from server.convert.checks import (
+    check_coordinates,
+    check_count,
+    check_range,
+    frame_number,
+    heading_of,
+    identifier_of,
+    identifiers_of,
+    refuse,
+)
+from server.convert.constraints import constraints_of
+from server.engine.types import (
+    Close,
+    Code,
+    Event,
+    Guidance,
+    Open,
+    Playhead,
+    PlayState,
+    Priority,
+    Prompt,
+    SessionKey,
+    SessionSpec,
+    SetConstraints,
+    SetPlayState,
+    SetPrompts,
+    StartPose,
+)
+from server.errors import EventRefused
+from server.limits import MAX_GUIDANCE, MAX_REQUEST_ID_CHARACTERS
+
+Embeddings = Mapping[str, NDArray[np.float32]]
+
+
+def prompt_texts(event: session_pb2.SessionEvent, catalog: Catalog) -> tuple[str, ...]:
+    """The texts that must be encoded before `engine_event` can be called. Raises EventRefused for a bad one."""
+    name = event.WhichOneof("event")
+    if name == "open":
+        return tuple(prompt_text(span, f"open.prompts[{i}]", catalog) for i, span in enumerate(event.open.prompts))
+    if name == "edit_prompts":
+        spans = event.edit_prompts.upsert
+        return tuple(prompt_text(span, f"edit_prompts.upsert[{i}]", catalog) for i, span in enumerate(spans))
+    return ()
+
+
+def engine_event(
+    event: session_pb2.SessionEvent, key: SessionKey, received_at: float, embeddings: Embeddings, catalog: Catalog
+) -> Event:
+    """The engine's event for a client's. embeddings: one for each of `prompt_texts`. Raises EventRefused."""
+    name = event.WhichOneof("event")
+    sequence = event.event_seq
+    if name == "open":
+        return Open(_session_spec(event.open, key, embeddings, catalog), sequence, received_at)
+    if name == "edit_prompts":
+        edit = event.edit_prompts
+        prompts = _prompts(edit.upsert, "edit_prompts.upsert", embeddings, catalog)
+        return SetPrompts(key, sequence, received_at, prompts, identifiers_of(edit.remove, "edit_prompts.remove"))
+    if name == "edit_constraints":
+        change = event.edit_constraints
+        constraints = constraints_of(change.upsert, "edit_constraints.upsert", catalog)
+        removed = identifiers_of(change.remove, "edit_constraints.remove")
+        return SetConstraints(key, sequence, received_at, constraints, removed, change.clear)
+    if name == "playhead":
+        report = event.playhead
+        frame = frame_number(report.frame, "playhead.frame")
+        buffered = frame_number(report.buffered_to, "playhead.buffered_to")
+        return Playhead(key, sequence, received_at, frame, buffered, report.underruns)
+    if name == "set_play_state":
+        if int(event.set_play_state.state) not in tuple(PlayState):
+            raise refuse(
+                "INVALID_PLAY_STATE",
+                "set_play_state.state",
+                f"play state {event.set_play_state.state} is not one",
+                "PLAY_STATE_PLAYING or PLAY_STATE_PAUSED",
+            )
+        return SetPlayState(key, sequence, received_at, PlayState(event.set_play_state.state))
+    if name == "close":
+        return Close(key, sequence, received_at)
+    raise EventRefused(
+        Code.UNIMPLEMENTED,
+        "UNKNOWN_EVENT",
+        "this server does not know the event, or none was set",
+        field="event",
+        allowed="open, edit_prompts, edit_constraints, playhead, set_play_state, close",
+    )
+
+
+def _session_spec(
+    message: session_pb2.OpenSession, key: SessionKey, embeddings: Embeddings, catalog: Catalog
+) -> SessionSpec:
+    facts, limits = catalog.facts, catalog.limits
+    if len(message.request_id) > MAX_REQUEST_ID_CHARACTERS:
+        raise refuse(
+            "REQUEST_ID_TOO_LONG",
+            "open.request_id",
+            f"the request id has {len(message.request_id)} characters",
+            f"at most {MAX_REQUEST_ID_CHARACTERS} characters",
+        )
+    if message.model_id not in ("", facts.model_id):
+        raise refuse(
+            "UNKNOWN_MODEL", "open.model_id", f"no model {message.model_id[:80]!r}", facts.model_id, Code.NOT_FOUND
+        )
+    if message.rig_id not in ("", facts.rig.rig_id):
+        raise refuse("UNKNOWN_RIG", "open.rig_id", f"no rig {message.rig_id[:80]!r}", facts.rig.rig_id, Code.NOT_FOUND)
+    if message.priority not in (0, *Priority):
+        raise refuse(
+            "INVALID_PRIORITY", "open.priority", f"priority {message.priority} is not one", "HERO, NEAR, CROWD or BATCH"
+        )
+    if message.scalar_type not in (motion_pb2.SCALAR_TYPE_UNSPECIFIED, motion_pb2.SCALAR_TYPE_F32_LE):
+        raise refuse(
+            "INVALID_SCALAR_TYPE", "open.scalar_type", f"scalar type {message.scalar_type} is not offered", "F32_LE"
+        )
+    lookahead = message.lookahead_frames or limits.default_lookahead_frames
+    check_range(
+        lookahead, facts.horizon, limits.max_lookahead_frames, "LOOKAHEAD_OUT_OF_RANGE", "open.lookahead_frames"
+    )
+    steps = message.denoise_steps if message.HasField("denoise_steps") else facts.default_steps
+    check_range(steps, facts.min_steps, facts.max_steps, "DENOISE_STEPS_OUT_OF_RANGE", "open.denoise_steps")
+    return SessionSpec(
+        session=key,
+        seed=message.seed if message.HasField("seed") else secrets.randbits(64),
+        model_id=facts.model_id,
+        priority=Priority(message.priority or Priority.NEAR),
+        lookahead=lookahead,
+        denoise_steps=steps,
+        guidance=_guidance(message.guidance, catalog.guidance),
+        start_pose=_start_pose(message.initial_root),
+        prompts=_prompts(message.prompts, "open.prompts", embeddings, catalog),
+        constraints=constraints_of(message.constraints, "open.constraints", catalog),
+    )
+
+
+def _guidance(message: session_pb2.Guidance, default: Guidance) -> Guidance:
+    weights = {}
+    for name in ("text", "constraint"):
+        weight = getattr(message, name) if message.HasField(name) else getattr(default, name)
+        if not (math.isfinite(weight) and 0 <= weight <= MAX_GUIDANCE):
+            raise refuse(
+                "GUIDANCE_OUT_OF_RANGE", f"open.guidance.{name}", f"the weight is {weight}", f"0 to {MAX_GUIDANCE:g}"
+            )
+        weights[name] = float(weight)
+    return Guidance(**weights)
+
+
+def _start_pose(message: motion_pb2.RootPose) -> StartPose:
+    check_coordinates((message.x,), "open.initial_root.x")
+    check_coordinates((message.z,), "open.initial_root.z")
+    heading = heading_of(message, "open.initial_root")
+    return StartPose(message.x, message.z, 0.0 if heading is None else heading)
+
+
+def prompt_text(span: motion_pb2.PromptSpan, field: str, catalog: Catalog) -> str:
+    most = catalog.limits.max_prompt_characters
+    allowed = f"1 to {most} characters, not all blank"
+    if not span.text.strip():
+        raise refuse(
+            "EMPTY_PROMPT", f"{field}.text", "the prompt is blank", f"{allowed}; remove the span for no prompt"
+        )
+    if len(span.text) > most:
+        raise refuse("PROMPT_TOO_LONG", f"{field}.text", f"the prompt has {len(span.text)} characters", allowed)
+    return span.text
+
+
+def _prompts(
+    spans: Sequence[motion_pb2.PromptSpan], field: str, embeddings: Embeddings, catalog: Catalog
+) -> tuple[Prompt, ...]:
+    check_count(spans, catalog.limits.max_prompts, "TOO_MANY_PROMPTS", field)
+    prompts = []
+    for index, span in enumerate(spans):
+        where = f"{field}[{index}]"
+        text = prompt_text(span, where, catalog)
+        start, end = (
+            frame_number(span.start_frame, f"{where}.start_frame"),
+            frame_number(span.end_frame, f"{where}.end_frame"),
+        )
+        if end and end <= start:
+            raise refuse(
+                "EMPTY_SPAN", f"{where}.end_frame", f"the span ends at {end}", f"above {start}, or 0 for open-ended"
+            )
+        identifier = identifier_of(span.prompt_id, f"{where}.prompt_id")
+        prompts.append(Prompt(identifier, start or None, end or None, text, embeddings[text]))
+    return tuple(prompts)

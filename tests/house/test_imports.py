@@ -44,7 +44,10 @@ ROOMS = (
     room("ardy", f"ardy {NUMBERS} {FILES} {TEXT}"),
     room("server/engine", "numpy server.engine", never="asyncio"),
     room("server/runner.py", f"{NUMBERS} ardy server.engine.types", never="asyncio"),
-    room("server/convert.py", "numpy motiongen server.engine.types server.catalog server.errors server.limits"),
+    room(
+        "server/convert server/convert.py",
+        "numpy motiongen server.engine.types server.catalog server.convert server.errors server.limits",
+    ),
     room("server/catalog.py", "motiongen server.engine.types server.limits"),
     room("server/outbox.py server/rate.py server/limits.py", "server.engine.types"),
     room("server/ops.py", "starlette uvicorn prometheus_client"),

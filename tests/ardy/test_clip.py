@@ -9,7 +9,7 @@ import torch
 from ardy.clip import ClipRequest, append_window, clip_window, decode_clip, generate_clip, start_clip
 from ardy.denoiser.guidance import GuidanceWeights
 from ardy.model import Model
-from ardy.rollout import WindowRequest, start_window
+from ardy.rollout import WindowRequest, move_root, start_window
 from ardy.window import WindowError
 
 
@@ -51,7 +51,16 @@ def check_golden_clip(model: Model, vectors: Any, case: str) -> None:
             vectors.check(f"{name}.hybrid", torch.cat([state.tokens[:, : start // 4], seen], dim=1))
             state = append_window(model, request, state, window)
         decoded = decode_clip(model, request, state)[:, : request.num_frames]
-    vectors.check(f"{case}.out.motion_normalized", decoded)
+    world = move_root(model.representation, state.tokens, state.translation)
+    size = model.config.horizon // 4
+    if request.crop_frames is None:
+        vectors.check(f"{case}.mid.decode0.hybrid", world)
+    else:
+        for index, first in enumerate(range(0, world.shape[1], size)):
+            part = world[:, max(0, first - request.crop_frames // 4) : first + size]
+            vectors.check(f"{case}.mid.decode{index}.hybrid", part)
+    if f"{case}.out.motion_normalized" in vectors:
+        vectors.check(f"{case}.out.motion_normalized", decoded)
     assert torch.equal(generate_clip(model, request), decoded)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 
 import grpc
@@ -14,7 +14,7 @@ from motiongen_client import convert
 from motiongen_client.errors import InvalidInput, MotiongenError, ServerUnavailable
 from motiongen_client.session import Session
 from motiongen_client.stream import Stream
-from motiongen_client.types import Catalog, Constraint, SessionOptions
+from motiongen_client.types import NO_PROMPTS, Catalog, Constraint, SessionOptions
 
 _CHANNEL_OPTIONS = (
     ("grpc.keepalive_time_ms", 30_000),
@@ -84,6 +84,7 @@ class MotionClient:
         self,
         prompt: str | None = None,
         *,
+        later_prompts: Mapping[int, str] = NO_PROMPTS,
         options: SessionOptions | None = None,
         constraints: Sequence[Constraint] = (),
         keep_s: float | None = 60.0,
@@ -91,7 +92,9 @@ class MotionClient:
         """Make a character on a stream that the client keeps for this; otherwise as `Stream.open`."""
         if self._own_stream is None:
             self._own_stream = await self.stream().start()
-        return await self._own_stream.open(prompt, options=options, constraints=constraints, keep_s=keep_s)
+        return await self._own_stream.open(
+            prompt, later_prompts=later_prompts, options=options, constraints=constraints, keep_s=keep_s
+        )
 
     async def close(self) -> None:
         """End all streams and the connection. May be called again."""

@@ -116,6 +116,7 @@ def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
                 patch_frames=entry.patch_frames,
                 future_frames=entry.future_frames,
                 default_denoise_steps=entry.default_denoise_steps,
+                min_denoise_steps=entry.min_denoise_steps,
                 max_denoise_steps=entry.max_denoise_steps,
                 text_encoder=entry.text_encoder,
             )
@@ -132,6 +133,8 @@ def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
             max_lookahead_frames=limits.max_lookahead_frames,
             max_coordinate_m=limits.max_coordinate_m,
             max_guidance=limits.max_guidance,
+            max_events_per_second=limits.max_events_per_second,
+            max_stream_events_per_second=limits.max_stream_events_per_second,
         ),
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Callable, Generator, Iterable, Sequence
+from collections.abc import AsyncGenerator, Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -63,6 +63,10 @@ class Edit:
 
     def __await__(self) -> Generator[Any, None, Outcome]:
         return asyncio.shield(self._answer).__await__()  # one awaiter that gives up must not cancel it for the others
+
+    def done(self) -> bool:
+        """Whether the server has answered, or never will: then awaiting returns or raises at once."""
+        return self._answer.done()
 
     @property
     def outcome(self) -> Outcome | None:
@@ -247,7 +251,7 @@ class Session:
         """The frame that is shown `seconds` from now."""
         return self.playback.playhead + self.rig.frames_in(seconds)
 
-    async def frames(self, seconds: float | None = None, *, realtime: bool = True) -> AsyncIterator[Frame]:
+    async def frames(self, seconds: float | None = None, *, realtime: bool = True) -> AsyncGenerator[Frame, None]:
         """Each frame once, in order: the next `seconds` of motion, or without it until the session is closed.
 
         realtime: a frame comes when its time has come, and the last pose is held (nothing comes, `stats.underruns`
@@ -334,10 +338,20 @@ class Session:
     # ---- for the stream
 
     async def _open(
-        self, options: SessionOptions, prompt: str | None, constraints: Sequence[Constraint], keep_s: float | None
+        self,
+        options: SessionOptions,
+        prompt: str | None,
+        later_prompts: Mapping[int, str],
+        constraints: Sequence[Constraint],
+        keep_s: float | None,
     ) -> None:
         self._keep_s = keep_s
         prompts = [] if prompt is None else [convert.prompt_span(_PRESENT_PROMPT_ID, prompt, None)]
+        for frame, text in later_prompts.items():
+            check_frame("later_prompts", frame)
+            prompts.append(convert.prompt_span(self._next_prompt_id, text, frame))
+            self._scheduled_prompts[self._next_prompt_id] = frame
+            self._next_prompt_id += 1
         ids = self._take_constraint_ids(len(constraints))
         targets = [convert.constraint(key, target) for key, target in zip(ids, constraints, strict=True)]
         self._send(session_pb2.SessionEvent(open=convert.open_session(options, prompts, targets)))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 import grpc
@@ -19,14 +19,14 @@ from motiongen.v1 import service_pb2, session_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_client.errors import InvalidInput, MotiongenError, ProtocolViolation, ServerUnavailable, StreamLost
 from motiongen_client.session import Session
-from motiongen_client.types import Catalog, Constraint, SessionOptions
+from motiongen_client.types import NO_PROMPTS, Catalog, Constraint, SessionOptions
 
 _log = logging.getLogger(__name__)
 
 _Call: TypeAlias = "grpc.aio.StreamStreamCall[service_pb2.StreamMotionRequest, service_pb2.StreamMotionResponse]"
 
 _PING_PERIOD_S = 10.0  # below the idle limit of every common proxy
-_MIN_REPORT_GAP_S = 0.02
+_MIN_REPORT_GAP_S = 0.05  # 20 a second, well below what a server allows
 _CLOSE_GRACE_S = 5.0
 
 
@@ -79,12 +79,14 @@ class Stream:
         self,
         prompt: str | None = None,
         *,
+        later_prompts: Mapping[int, str] = NO_PROMPTS,
         options: SessionOptions | None = None,
         constraints: Sequence[Constraint] = (),
         keep_s: float | None = 60.0,
     ) -> Session:
         """Make a character, directed by a prompt and constraints from its first frame on.
 
+        later_prompts: prompts by the frame at which each takes over, as `set_prompt` with a frame schedules them.
         keep_s: how many seconds of motion behind the playhead stay readable; None keeps all.
         Raises EventRefused when the server refuses it, StreamLost when the stream is gone.
         """
@@ -94,7 +96,7 @@ class Stream:
         self._next_handle += 1
         self._sessions[session.handle] = session
         try:
-            await session._open(options or SessionOptions(), prompt, constraints, keep_s)
+            await session._open(options or SessionOptions(), prompt, later_prompts, constraints, keep_s)
         except MotiongenError:
             self._sessions.pop(session.handle, None)
             raise
@@ -219,7 +221,8 @@ class Stream:
                 self.replica_id = response.hello.replica_id
                 self._hello.set()
             case "pong":
-                self._take_pong(response.pong)
+                sent_s = response.pong.client_time_ns / 1e9
+                self.round_trip_s = asyncio.get_running_loop().time() - sent_s
             case "goodbye":
                 self.draining = True
         for update in response.updates:
@@ -246,18 +249,11 @@ class Stream:
             await asyncio.sleep(_MIN_REPORT_GAP_S)
 
     async def _send_pings(self) -> None:
-        self._send_ping()
         while True:
-            await asyncio.sleep(_PING_PERIOD_S)
             self._send_ping()
+            await asyncio.sleep(_PING_PERIOD_S)
 
     def _send_ping(self) -> None:
         now_ns = int(asyncio.get_running_loop().time() * 1e9)
         self._ping = service_pb2.Ping(client_time_ns=now_ns)
         self._outbox_filled.set()
-
-    def _take_pong(self, pong: service_pb2.Pong) -> None:
-        is_first = self.round_trip_s is None
-        self.round_trip_s = asyncio.get_running_loop().time() - pong.client_time_ns / 1e9
-        if is_first:
-            self._send_ping()  # tells the server what the first one measured

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from motiongen_client.errors import InvalidInput, UnknownName
 from motiongen_client.motion import Rig
+
+NO_PROMPTS: Mapping[int, str] = MappingProxyType({})
 
 
 class Priority(enum.Enum):
@@ -188,6 +191,7 @@ class Model:
     patch_frames: int
     future_frames: int
     default_denoise_steps: int
+    min_denoise_steps: int
     max_denoise_steps: int
     text_encoder: str
 
@@ -206,6 +210,8 @@ class Limits:
     max_lookahead_frames: int
     max_coordinate_m: float
     max_guidance: float
+    max_events_per_second: float
+    max_stream_events_per_second: float
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,159 @@
+"""The command line: `motiongen stream`, `motiongen catalog`, `motiongen demo`."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from motiongen_client import cli_catalog, cli_stream, demo
+from motiongen_client.errors import MotiongenError
+
+DEFAULT_SERVER = "localhost:50051"
+
+
+@dataclass
+class Script:
+    """Prompts by the second they take over at, in the order given, and an `--at` that waits for its prompt."""
+
+    prompts: list[tuple[float, str]] = field(default_factory=list)
+    waiting_at_s: float | None = None
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command. Returns 0, 1 when it failed, 2 for wrong arguments, 130 when interrupted."""
+    try:
+        options = parse(arguments)
+    except SystemExit as end:  # argparse has printed why, or the help
+        return int(end.code or 0)
+    try:
+        result: int = asyncio.run(options.command(options))
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    except MotiongenError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return result
+
+
+def parse(arguments: Sequence[str]) -> argparse.Namespace:
+    """The options of a command line. Exits with 2, and says why, where they make no sense."""
+    parser = _parser()
+    options = parser.parse_args(list(arguments))
+    if options.command is cli_stream.stream:
+        _check_stream(parser, options)
+    return options
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="motiongen", description="Characters that obey prompts and waypoints.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    stream = commands.add_parser(
+        "stream",
+        help="generate the motion of one character and write it to files",
+        description="Generate the motion of one character and write it as BVH, and as NPZ and PNG if asked for.",
+        epilog='Example: motiongen stream --prompt "a person walks forward" --at 4 --prompt "a person runs" '
+        "--waypoint 0.5,4@3 --seconds 8 --out motion.bvh --npz --png",
+    )
+    stream.set_defaults(command=cli_stream.stream, script=Script())
+    _add_server(stream)
+    stream.add_argument("--prompt", action=_Prompt, metavar="TEXT", help="what to do; again, after --at, to change it")
+    stream.add_argument("--at", action=_At, metavar="SECONDS", help="when the next --prompt takes over")
+    stream.add_argument(
+        "--waypoint",
+        action="append",
+        default=[],
+        type=cli_stream.parse_waypoint,
+        metavar="X,Z@SECONDS",
+        help="be at world x, z (metres) at a time; again for more. X,Z,HEADING@SECONDS gives the facing too (radians)",
+    )
+    stream.add_argument("--seconds", type=_positive, default=8.0, help="how long (default: %(default)s)")
+    stream.add_argument(
+        "--out", type=_bvh_path, default=Path("motion.bvh"), metavar="FILE", help="BVH file (default: %(default)s)"
+    )
+    stream.add_argument("--npz", action="store_true", help="write FILE.npz too: the arrays, joint positions included")
+    stream.add_argument("--png", action="store_true", help="write FILE.png too: path and skeletons (needs matplotlib)")
+    stream.add_argument("--seed", type=int, help="same seed, same motion (default: the server draws one)")
+    stream.add_argument("--steps", type=int, metavar="N", help="denoising steps of a window (default: the server's)")
+    stream.add_argument("--model", default="", metavar="NAME", help="model of the catalogue (default: its first)")
+    stream.add_argument("--realtime", action="store_true", help="take frames in real time, not as fast as they come")
+
+    catalog = commands.add_parser("catalog", help="show what a server offers", description="Show what a server offers.")
+    catalog.set_defaults(command=cli_catalog.catalog)
+    _add_server(catalog)
+
+    show = commands.add_parser(
+        "demo",
+        help="start a server and drive eight characters in real time",
+        description="Start a server with the built-in model, drive eight characters on one stream in real time, write "
+        "a BVH file for each and one picture of all, and print what was measured. Needs the motiongen package.",
+    )
+    show.set_defaults(command=demo.demo)
+    show.add_argument("--out", type=Path, default=Path("demo_out"), metavar="FOLDER", help="default: %(default)s")
+    show.add_argument("--seconds", type=_positive, default=12.0, help="how long (default: %(default)s)")
+    show.add_argument("--server", metavar="HOST:PORT", help="use this server instead of starting one")
+    return parser
+
+
+def _add_server(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--server", default=DEFAULT_SERVER, metavar="HOST:PORT", help="default: %(default)s")
+
+
+def _check_stream(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    script: Script = options.script
+    if script.waiting_at_s is not None:
+        parser.error(f"--at {script.waiting_at_s:g} has no --prompt after it")
+    if not script.prompts and not options.waypoint:
+        parser.error("nothing to do: give a --prompt, a --waypoint or both")
+    for name, at_s in [
+        *(("--at", at_s) for at_s, _ in script.prompts),
+        *(("--waypoint", waypoint.at_s) for waypoint in options.waypoint),
+    ]:
+        if at_s >= options.seconds:
+            parser.error(f"{name}: {at_s:g} s is not before the end, which is at --seconds {options.seconds:g}")
+
+
+class _Prompt(argparse.Action):
+    """`--prompt TEXT`, at the time of the `--at` before it."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any) -> None:
+        script: Script = namespace.script
+        if script.waiting_at_s is None and script.prompts:
+            parser.error(f"--prompt {values!r}: a second prompt needs --at SECONDS before it")
+        at_s = script.waiting_at_s or 0.0
+        if script.prompts and at_s <= script.prompts[-1][0]:
+            parser.error(f"--at {at_s:g}: times must rise; the prompt before it is at {script.prompts[-1][0]:g} s")
+        namespace.script = Script([*script.prompts, (at_s, values)])
+
+
+class _At(argparse.Action):
+    """`--at SECONDS`, for the `--prompt` after it."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any) -> None:
+        script: Script = namespace.script
+        if script.waiting_at_s is not None:
+            parser.error(f"--at {script.waiting_at_s:g} has no --prompt after it")
+        try:
+            namespace.script = Script(script.prompts, cli_stream.parse_seconds(values))
+        except argparse.ArgumentTypeError as error:
+            parser.error(f"argument --at: {error}")
+
+
+def _positive(text: str) -> float:
+    seconds = cli_stream.parse_seconds(text)
+    if seconds == 0:
+        raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a number of seconds above 0")
+    return seconds
+
+
+def _bvh_path(text: str) -> Path:
+    path = Path(text)
+    if path.suffix not in ("", ".bvh"):
+        raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a name that ends in .bvh or has no ending")
+    return path.with_suffix(".bvh")

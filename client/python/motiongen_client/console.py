@@ -1,0 +1,46 @@
+"""The terminal: tables and progress bars, by rich."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from motiongen_client.errors import MissingExtra
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
+    from rich.table import Table
+
+
+def make_console() -> Console:
+    """A console on standard output. Raises MissingExtra without rich."""
+    try:
+        from rich.console import Console
+    except ImportError:
+        raise MissingExtra("the command line", "rich", "cli") from None
+    return Console(highlight=False)
+
+
+def make_progress(console: Console) -> Progress:
+    """A bar with what is done, how much of it, and how long it has taken; gone when it is finished."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=40),
+        TextColumn("{task.fields[state]}"),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+    )
+
+
+def make_table(title: str, *columns: str) -> Table:
+    """An empty table; columns after the first are aligned right."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    for index, column in enumerate(columns):
+        table.add_column(column, justify="right" if index else "left")
+    return table

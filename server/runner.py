@@ -102,7 +102,7 @@ class TorchRunner:
             num_frames=span,
             num_steps=max(job.num_steps for job in jobs),
             text=torch.stack([self._text(job) for job in jobs]),
-            noise=torch.stack([window_noise(job.seed, job.plan, num_tokens, width) for job in jobs]).to(self._device),
+            noise=torch.stack([job_noise(job, num_tokens, width) for job in jobs]).to(self._device),
             history=self._stack(job.history for job in jobs) if history_len else None,
             translation=self._stack(
                 np.array([pose.x, 0, pose.z] if pose else [0, 0, 0], np.float32) for pose in starts
@@ -229,6 +229,11 @@ class TorchRunner:
         """Forget jobs at any stage."""
         for job_id in job_ids:
             self._rows.pop(job_id, None)
+
+
+def job_noise(job: WindowJob, num_tokens: int, width: int) -> Tensor:
+    """What the job's window starts from. Plans count from 1 and a rollout's windows from 0, so plan k is window k - 1."""
+    return window_noise(job.seed, job.plan - 1, num_tokens, width)
 
 
 def job_targets(model: Model, job: WindowJob) -> Targets | None:

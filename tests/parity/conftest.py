@@ -1,0 +1,57 @@
+"""The runner on a tiny seeded model, and jobs for it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ardy.checkpoint import load_checkpoint
+from ardy.model import Model
+from server.engine.types import Guidance, PlanCause, Priority, RootTarget, SessionKey, StartPose, WindowJob
+from server.runner import TorchRunner
+
+TINY = Path(__file__).parents[1] / "data" / "golden" / "tiny-core27" / "checkpoint"
+
+# Rows share matrix products, whose order of summation depends on how many rows there are; the difference stays far
+# below a level of the quantiser (1/32 of a latent), save where a value lies next to a rounding tie.
+TOLERANCE = 2e-4
+
+
+@pytest.fixture(scope="session")
+def model() -> Model:
+    return load_checkpoint(TINY)
+
+
+@pytest.fixture
+def runner(model: Model) -> TorchRunner:
+    return TorchRunner(model, "tiny")
+
+
+def make_job(job_id: int, model: Model, random: np.random.Generator) -> WindowJob:
+    """A job that differs from others in everything a row may differ in."""
+    dim = model.representation.feature_dim
+    history_len = int(random.choice([0, 4, 8, 16]))
+    first_frame = 100 if history_len else 0
+    constraints = ()
+    if random.random() < 0.5:
+        frame = first_frame + int(random.integers(4, 70))
+        constraints = (RootTarget(1, frame, float(random.normal()), float(random.normal()), 0.3),)
+    return WindowJob(
+        job_id=job_id,
+        session=SessionKey(1, job_id),
+        plan=int(random.integers(1, 50)),
+        first_frame=first_frame,
+        history=(0.5 * random.standard_normal((history_len, dim))).astype(np.float32),
+        start_pose=None if history_len else StartPose(1.0, -2.0, 0.5),
+        embedding=None if random.random() < 0.3 else random.standard_normal(32).astype(np.float32),
+        constraints=constraints,
+        seed=int(random.integers(1 << 62)),
+        num_steps=int(random.choice([2, 4, 10])),
+        guidance=Guidance(float(random.choice([0.0, 1.0, 2.0])), float(random.choice([0.0, 1.5]))),
+        deadline=0.0,
+        priority=Priority.NEAR,
+        cause=PlanCause.CONTINUE,
+        created_at=0.0,
+    )

@@ -1,0 +1,110 @@
+"""The motion a session streams is the motion that the plain rollout makes, window for window."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+
+from ardy.constraint import Targets
+from ardy.denoiser.guidance import GuidanceWeights
+from ardy.model import Model
+from ardy.rollout import RolloutRequest, rollout
+from server.engine.config import EngineConfig
+from server.engine.engine import Engine
+from server.engine.types import (
+    Chunk,
+    Constraint,
+    Guidance,
+    Open,
+    Output,
+    Playhead,
+    Priority,
+    Prompt,
+    RootTarget,
+    SessionKey,
+    SessionSpec,
+    StartPose,
+)
+from server.runner import TorchRunner
+from tests.parity.conftest import TOLERANCE
+from tests.server.engine.fakes import FakeClock
+
+KEY = SessionKey(1, 1)
+NUM_FRAMES = 120
+STEPS = 4
+
+
+@dataclass
+class Screen:
+    """Keeps the rows that arrive."""
+
+    rows: dict[int, np.ndarray] = field(default_factory=dict)
+
+    def deliver(self, outputs: list[Output]) -> None:
+        for output in outputs:
+            if isinstance(output, Chunk):
+                self.rows.update(enumerate(output.rows, output.first_frame))
+
+
+def stream(model: Model, embedding: np.ndarray, constraints: tuple[Constraint, ...]) -> np.ndarray:
+    """The first NUM_FRAMES rows that a session with one prompt streams."""
+    clock, screen = FakeClock(), Screen()
+    engine = Engine(TorchRunner(model, "tiny"), clock, screen.deliver, EngineConfig(continue_jitter=0))
+    spec = SessionSpec(
+        KEY,
+        seed=7,
+        model_id="tiny",
+        priority=Priority.NEAR,
+        lookahead=80,
+        denoise_steps=STEPS,
+        guidance=Guidance(2.0, 1.5),
+        start_pose=StartPose(1.0, -2.0, 0.5),
+        prompts=(Prompt(1, None, None, "walk", embedding),),
+        constraints=constraints,
+    )
+    engine.submit(Open(spec, 1, clock.now()))
+    for _ in range(400):
+        engine.step()
+        clock.advance(0.01)
+        if screen.rows:
+            shown = max(screen.rows)
+            engine.submit(Playhead(KEY, 0, clock.now(), max(0, shown - 30), shown + 1, 0))
+        if len(screen.rows) >= NUM_FRAMES:
+            break
+    return np.stack([screen.rows[frame] for frame in range(NUM_FRAMES)])
+
+
+def expected(model: Model, embedding: np.ndarray, targets: Targets | None) -> torch.Tensor:
+    request = RolloutRequest(
+        num_frames=NUM_FRAMES,
+        text=torch.from_numpy(embedding),
+        seed=7,
+        num_steps=STEPS,
+        weights=GuidanceWeights(2.0, 1.5),
+        history_frames=16,
+        targets=targets,
+        start=(1.0, -2.0, 0.5),
+    )
+    return model.representation.denormalize(rollout(model, request))
+
+
+def compare(model: Model, rows: np.ndarray, features: torch.Tensor) -> None:
+    motion = model.representation.motion(features)
+    positions = torch.from_numpy(rows[:, :3])
+    assert (positions - motion.root_positions).abs().max() < TOLERANCE
+    assert torch.equal(torch.from_numpy(rows[:, -4:]) > 0.5, motion.foot_contacts)
+
+
+def test_a_prompted_session(model: Model) -> None:
+    embedding = np.random.default_rng(1).standard_normal(32).astype(np.float32)
+    compare(model, stream(model, embedding, ()), expected(model, embedding, None))
+
+
+def test_a_session_with_waypoints_in_and_beyond_its_windows(model: Model) -> None:
+    embedding = np.random.default_rng(2).standard_normal(32).astype(np.float32)
+    targets = Targets(model.skeleton)
+    targets.add_root([30, 70], torch.tensor([[1.5, -1.0], [2.0, 0.5]]), torch.tensor([0.2, 0.4]))
+    constraints = (RootTarget(1, 30, 1.5, -1.0, 0.2), RootTarget(2, 70, 2.0, 0.5, 0.4))
+    compare(model, stream(model, embedding, constraints), expected(model, embedding, targets))

@@ -57,7 +57,7 @@ ROOMS = (
     room("server/prompts.py", "numpy server.errors"),
     room("server/app.py server/__main__.py", f"{GRPC} google motiongen {NUMBERS} ardy server"),
     room("server", "grpc google motiongen numpy server"),
-    room("client/python/motiongen_client", "google grpc motiongen numpy motiongen_client matplotlib"),
+    room("client/python/motiongen_client", "google grpc motiongen numpy motiongen_client matplotlib rich"),
     room("client/python/examples examples", "numpy matplotlib motiongen_client"),
 )
 
@@ -141,4 +141,4 @@ def test_importing_the_client_brings_no_torch(repository: Any) -> None:
     )
     roots = {name.partition(".")[0] for name in loaded.stdout.split()}
     assert "grpc" in roots
-    assert not roots & {"torch", "ardy", "server", "matplotlib"}
+    assert not roots & {"torch", "ardy", "server", "matplotlib", "rich"}

@@ -8,7 +8,7 @@ import copy
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from torch.nn.attention import SDPBackend, sdpa_kernel
 from torch.nn.parallel import DistributedDataParallel
 from torch.optim.lr_scheduler import LambdaLR
-from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from torch.optim.swa_utils import AveragedModel
 from torch.utils.tensorboard import SummaryWriter
 
 from ardy.train.optimizer import AdamAtan2, warmup_cosine
@@ -85,6 +85,20 @@ def loop_settings(arguments: argparse.Namespace) -> LoopSettings:
     )
 
 
+def moving_average(decay: float) -> Callable[[list[Tensor], list[Tensor], Tensor | int], None]:
+    """Exponential moving average of parameters whose memory grows from nothing to 1 / (1 - decay) updates.
+
+    With a constant decay, the untrained weights would still weigh in after thousands of steps.
+    """
+
+    @torch.no_grad()
+    def update(averaged: list[Tensor], current: list[Tensor], num_averaged: Tensor | int) -> None:
+        count = int(num_averaged)
+        torch._foreach_lerp_(averaged, current, 1 - min(decay, (1 + count) / (10 + count)))
+
+    return update
+
+
 @contextlib.contextmanager
 def distributed() -> Iterator[tuple[int, int]]:
     """(rank, number of processes); joins the process group when started by torchrun."""
@@ -112,7 +126,7 @@ class Trainer:
         trained = [parameter for parameter in task.module.parameters() if parameter.requires_grad]
         self.optimizer = AdamAtan2(trained, settings.learning_rate)
         self.schedule = LambdaLR(self.optimizer, warmup_cosine(settings.warmup_steps, settings.steps))
-        self.averaged = AveragedModel(task.module, multi_avg_fn=get_ema_multi_avg_fn(settings.ema_decay))
+        self.averaged = AveragedModel(task.module, multi_avg_fn=moving_average(settings.ema_decay))
         self.forward: nn.Module = DistributedDataParallel(task.module) if num_processes > 1 else task.module
         self.generator = torch.Generator().manual_seed(settings.seed * num_processes + rank)
         self.step = 0

@@ -51,6 +51,7 @@ class Link:
 
     last_seq: the highest event number taken. answered: numbers above applied_seq that have been answered already.
     waiting: events held back behind one whose prompt is being encoded. known_to_engine: whether its open was passed on.
+    closing: whether its close was.
     """
 
     key: SessionKey
@@ -73,6 +74,30 @@ class Link:
             self.answered.discard(self.applied_seq)
 
 
+def refusal_outcome(session: SessionKey, event_seq: int, refusal: EventRefused) -> Outcome:
+    """The answer to an event that was refused."""
+    return Outcome(
+        session,
+        event_seq,
+        refusal.code,
+        reason=refusal.reason,
+        message=str(refusal),
+        field=refusal.field,
+        allowed=refusal.allowed,
+    )
+
+
+def closed_before() -> EventRefused:
+    """Why an event that found its session closing was refused."""
+    return EventRefused(
+        Code.CANCELLED,
+        "SESSION_CLOSED",
+        "the session closed before the event took effect",
+        field="session",
+        allowed="open a new session after SessionClosed",
+    )
+
+
 class Stream:
     """The state of one StreamMotion call. Everything here runs on the event loop."""
 
@@ -88,6 +113,7 @@ class Stream:
         self._prompts = prompts
         self._catalog = catalog
         self._links: dict[int, Link] = {}
+        self._last_seqs: dict[int, int] = {}  # of sessions whose end is not written yet
         self._bucket = TokenBucket(catalog.limits.stream_events_per_second, time.monotonic())
         self._backlog_since: float | None = None
 
@@ -100,39 +126,49 @@ class Stream:
     def receive(self, event: session_pb2.SessionEvent) -> None:
         """Take one event of the client: hand it to the engine, or answer why not."""
         now = time.monotonic()
-        handle = event.session
+        try:
+            link = self._admit(event, now)
+        except EventRefused as refusal:
+            # It never became an event of the session, so the session's books must not know its number.
+            self._say(refusal_outcome(SessionKey(self.number, event.session), event.event_seq, refusal))
+            return
+        if link is None:
+            return
         try:
             if not self._bucket.take(now):
                 raise self._too_fast("the stream", self._catalog.limits.stream_events_per_second)
-            if event.WhichOneof("event") == "open":
-                self._open(event, now)
-                return
-            link = self._links.get(handle)
-            if link is None:
-                if event.WhichOneof("event") == "playhead":
-                    return  # a report that crossed the session's end
-                raise EventRefused(
-                    Code.NOT_FOUND,
-                    "SESSION_NOT_OPEN",
-                    f"no session is open on handle {handle}",
-                    field="session",
-                    allowed="the handle of an open session; send OpenSession first",
-                )
-            if self._in_order(link, event):
-                if not link.bucket.take(now):
-                    raise self._too_fast("the session", self._catalog.limits.events_per_second)
-                self._pass_on(link, event, now)
+            if not link.bucket.take(now):
+                raise self._too_fast("the session", self._catalog.limits.events_per_second)
+            self._pass_on(link, event, now)
         except EventRefused as refusal:
-            self._refuse(handle, event.event_seq, refusal)
+            self.take(refusal_outcome(link.key, event.event_seq, refusal))
         except Exception as error:
-            self._internal_error(handle, event.event_seq, error)
+            self._internal_error(link, event.event_seq, error)
 
-    def _open(self, event: session_pb2.SessionEvent, now: float) -> None:
+    def _admit(self, event: session_pb2.SessionEvent, now: float) -> Link | None:
+        """The session that the event is the next one of; None where it is to be dropped. Raises EventRefused."""
+        kind = event.WhichOneof("event")
+        if kind == "open":
+            return self._open(event, now)
+        link = self._links.get(event.session)
+        if link is None:
+            if kind == "playhead":
+                return None  # a report that crossed the session's end
+            raise EventRefused(
+                Code.NOT_FOUND,
+                "SESSION_NOT_OPEN",
+                f"no session is open on handle {event.session}",
+                field="session",
+                allowed="the handle of an open session; send OpenSession first",
+            )
+        return link if self._in_order(link, event) else None
+
+    def _open(self, event: session_pb2.SessionEvent, now: float) -> Link | None:
         handle, limits = event.session, self._catalog.limits
         link = self._links.get(handle)
         if link is not None:
             if event.open.request_id and event.open.request_id == link.request_id:
-                return  # the same open again
+                return None  # the same open again
             raise EventRefused(
                 Code.ALREADY_EXISTS,
                 "HANDLE_IN_USE",
@@ -161,7 +197,7 @@ class Stream:
         key = SessionKey(self.number, handle)
         link = Link(key, event.open.request_id, TokenBucket(limits.events_per_second, now))
         self._links[handle] = link
-        self._pass_on(link, event, now)
+        return link
 
     def _in_order(self, link: Link, event: session_pb2.SessionEvent) -> bool:
         """Whether the event is new and next; false for a repetition. Raises EventRefused for a gap."""
@@ -206,7 +242,8 @@ class Stream:
     def _pass_on(self, link: Link, event: session_pb2.SessionEvent, now: float) -> None:
         """Submit at once if nothing of the session waits and its prompts are known, else queue behind the encoder."""
         if event.WhichOneof("event") == "playhead":
-            self._submit(link, event, now, {})  # a report overtakes: it is about now
+            if link.known_to_engine and not link.closing:
+                self._submit(link, event, now, {})  # a report overtakes: it is about now
             return
         if not link.waiting and link.encoding is None:
             known = self._known_embeddings(event)
@@ -231,13 +268,13 @@ class Stream:
             while link.waiting:
                 event, received_at = link.waiting[0]
                 try:
-                    texts = prompt_texts(event, self._catalog)
+                    texts = () if link.closing else prompt_texts(event, self._catalog)
                     embeddings = {text: await self._prompts.encode(text) for text in texts}
                     self._submit(link, event, received_at, embeddings)
                 except EventRefused as refusal:
-                    self._refuse(link.key.handle, event.event_seq, refusal)
+                    self.take(refusal_outcome(link.key, event.event_seq, refusal))
                 except Exception as error:
-                    self._internal_error(link.key.handle, event.event_seq, error)
+                    self._internal_error(link, event.event_seq, error)
                 link.waiting.popleft()
         finally:
             link.encoding = None
@@ -246,32 +283,20 @@ class Stream:
     def _submit(
         self, link: Link, message: session_pb2.SessionEvent, now: float, embeddings: dict[str, NDArray[np.float32]]
     ) -> None:
+        if link.closing:
+            raise closed_before()
         event = engine_event(message, link.key, now, embeddings, self._catalog)
-        if isinstance(event, Close):
-            link.closing = True
+        link.closing = isinstance(event, Close)
         link.known_to_engine = True
         refusal = self._engine.submit(event)
         if refusal is not None:
             self.take(refusal)
 
-    def _refuse(self, handle: int, event_seq: int, refusal: EventRefused) -> None:
-        self.take(
-            Outcome(
-                SessionKey(self.number, handle),
-                event_seq,
-                refusal.code,
-                reason=refusal.reason,
-                message=str(refusal),
-                field=refusal.field,
-                allowed=refusal.allowed,
-            )
-        )
-
-    def _internal_error(self, handle: int, event_seq: int, error: Exception) -> None:
+    def _internal_error(self, link: Link, event_seq: int, error: Exception) -> None:
         error_id = secrets.token_hex(4)
         _log.error("event failed, error id %s", error_id, exc_info=error)
         refusal = EventRefused(Code.INTERNAL, "INTERNAL", f"the event failed inside the server, error id {error_id}")
-        self._refuse(handle, event_seq, refusal)
+        self.take(refusal_outcome(link.key, event_seq, refusal))
 
     # ---- from the engine --------------------------------------------------------------------------------------------
 
@@ -283,12 +308,14 @@ class Stream:
                 link.answer(1)
             elif isinstance(output, Outcome) and output.event_seq:
                 link.answer(output.event_seq)
-                # An OpenSession that is refused leaves its handle unused; one refused for a handle in use does not.
-                if output.event_seq == 1 and output.code != Code.OK and output.reason != "HANDLE_IN_USE":
+                if output.event_seq == 1:  # an OpenSession has an outcome only when it is refused: the handle is unused
                     del self._links[output.session.handle]
             elif isinstance(output, Closed):
-                link.applied_seq = link.last_seq
+                self._last_seqs[output.session.handle] = link.last_seq
                 del self._links[output.session.handle]
+        self._say(output)
+
+    def _say(self, output: Output) -> None:
         self.outbox.put(output)
         self.check_backlog()
         self.ready.set()
@@ -304,7 +331,9 @@ class Stream:
         for output in outputs:
             update = session_update(output, self._catalog)
             link = self._links.get(output.session.handle)
-            if link is not None:
+            if isinstance(output, Closed):
+                update.applied_seq = self._last_seqs.pop(output.session.handle)
+            elif link is not None:
                 update.applied_seq = link.applied_seq
             response.updates.append(update)
         return response
@@ -332,10 +361,10 @@ class Stream:
         for link in list(self._links.values()):
             if link.encoding is not None:
                 link.encoding.cancel()
-                link.waiting.clear()
-            if not link.known_to_engine:
-                self.take(Closed(link.key, reason, Code.OK, "closed before it was opened", 0, 0))
-            elif not link.closing:
+            waiting, link.waiting = link.waiting, deque()
+            for event, _ in waiting:  # the first may be the OpenSession itself, which is then refused
+                self.take(refusal_outcome(link.key, event.event_seq, closed_before()))
+            if link.known_to_engine and not link.closing:
                 link.closing = True
                 self._engine.submit(Close(link.key, link.last_seq + 1, now, reason))
 

@@ -9,6 +9,7 @@ READY := $(VENV)/.ready
 OUT ?= out
 DATA ?= $(OUT)/data
 RUN ?= $(OUT)/mini
+MODEL ?= motiongen-mini
 ARGS ?=
 DATA_USE := name the motion capture: make data CLIPS=folder-of-bvh LABELS=table.csv
 
@@ -96,6 +97,10 @@ data: $(READY) ## turn motion capture into a training set: make data CLIPS=folde
 train-mini: $(READY) ## train the built-in model on DATA: tokenizer, then denoiser; goes on where it was stopped
 	$(PYTHON) -m ardy.train.tokenizer "$(DATA)" "$(RUN)/tokenizer" $(ARGS)
 	$(PYTHON) -m ardy.train.denoiser "$(DATA)" "$(RUN)/denoiser" --tokenizer "$(RUN)/tokenizer" $(ARGS)
+
+.PHONY: gate
+gate: $(READY) ## judge MODEL on the test split of DATA; exit code 1 if it misses a bound
+	$(PYTHON) -m ardy.evaluate.gate "$(MODEL)" "$(DATA)" $(ARGS)
 
 .PHONY: clean
 clean: ## remove what make made, the environment too

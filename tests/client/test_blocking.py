@@ -1,0 +1,66 @@
+"""The same sessions without asyncio."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from motiongen_client import EventRefused, ServerUnavailable, Waypoint
+from motiongen_client.blocking import MotionClient
+from tests.client.fake_server import FakeServer
+
+
+@pytest.fixture
+def client(server: FakeServer) -> Iterator[MotionClient]:
+    with MotionClient(server.address) as connected:
+        yield connected
+
+
+def test_frames_prompts_and_waypoints(client: MotionClient) -> None:
+    session = client.open("a person walks", keep_s=None)
+    edit = None
+    for frame in session.frames(seconds=1):
+        if frame.index == 20:
+            edit = session.set_prompt("a person runs")
+            session.add_waypoint(0, 3, frame=session.frame_in(0.9))
+    assert edit is not None
+    assert edit.wait().effective_frame is not None
+    assert edit.latency_s is not None
+    assert len(session.motion()) == 100
+    assert session.stats.plans >= 3
+    assert session.close().reason == "client"
+
+
+def test_a_stream_of_several(client: MotionClient) -> None:
+    with client.stream() as stream, stream.open("one") as one, stream.open("two") as two:
+        assert [frame.index for frame in one.frames(seconds=0.1)] == list(range(10))
+        assert [frame.index for frame in two.frames(seconds=0.1, realtime=False)] == list(range(10))
+        while two.poll() is None:
+            pass
+        constraints = two.set_constraints([Waypoint(90, 0, 1)])
+        assert constraints.wait().effective_frame is not None
+        assert two.pause().wait().effective_frame is None
+    assert one.end is not None
+
+
+def test_leaving_frames_early_leaves_the_session_usable(client: MotionClient) -> None:
+    session = client.open("a person walks")
+    for frame in session.frames():
+        if frame.index == 5:
+            break
+    assert next(iter(session.frames())).index == 6
+
+
+def test_errors_are_the_same(client: MotionClient, server: FakeServer) -> None:
+    server.refuse = lambda event: "TOO_MANY" if event.WhichOneof("event") == "edit_prompts" else ""
+    session = client.open("a person walks")
+    with pytest.raises(EventRefused, match="TOO_MANY"):
+        session.set_prompt("one more").wait()
+
+
+def test_no_server_leaves_no_thread() -> None:
+    with pytest.raises(ServerUnavailable):
+        MotionClient("127.0.0.1:1").connect()
+    assert "motiongen-client" not in {thread.name for thread in threading.enumerate()}

@@ -1,0 +1,133 @@
+"""The command line: what it understands, what it refuses and how it says so, and what it writes."""
+
+from __future__ import annotations
+
+import asyncio
+import builtins
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ardy.data.bvh import read_bvh
+from motiongen_client import MissingExtra, read_npz
+from motiongen_client.cli import parse, run
+from motiongen_client.cli_stream import TimedWaypoint
+from motiongen_client.console import make_console
+from tests.client.fake_server import FakeServer
+
+
+def test_prompts_take_the_time_before_them() -> None:
+    options = parse(["stream", "--prompt", "walk", "--at", "4", "--prompt", "run", "--at", "6.5", "--prompt", "sit"])
+    assert options.script.prompts == [(0.0, "walk"), (4.0, "run"), (6.5, "sit")]
+    assert options.server == "localhost:50051"
+
+
+def test_the_first_prompt_may_wait() -> None:
+    assert parse(["stream", "--at", "2", "--prompt", "run"]).script.prompts == [(2.0, "run")]
+
+
+def test_waypoints_have_a_place_a_time_and_perhaps_a_heading() -> None:
+    options = parse(["stream", "--waypoint", "0.5,4@3", "--waypoint=-1,2,1.57@5"])
+    assert options.waypoint == [TimedWaypoint(3.0, 0.5, 4.0), TimedWaypoint(5.0, -1.0, 2.0, 1.57)]
+
+
+@pytest.mark.parametrize(("given", "file"), [("walk.bvh", "walk.bvh"), ("out/walk", "out/walk.bvh")])
+def test_the_output_is_a_bvh_file(given: str, file: str) -> None:
+    assert parse(["stream", "--prompt", "walk", "--out", given]).out == Path(file)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        ("stream", "nothing to do: give a --prompt, a --waypoint or both"),
+        ("stream --prompt walk --prompt run", "a second prompt needs --at SECONDS before it"),
+        ("stream --prompt walk --at 3", "--at 3 has no --prompt after it"),
+        ("stream --at 1 --at 2 --prompt walk", "--at 1 has no --prompt after it"),
+        ("stream --at 3 --prompt walk --at 2 --prompt run", "times must rise; the prompt before it is at 3 s"),
+        ("stream --prompt walk --at 9 --prompt run", "9 s is not before the end, which is at --seconds 8"),
+        ("stream --prompt walk --at soon --prompt run", "'soon' was given; allowed is a number of seconds"),
+        ("stream --prompt walk --at -1 --prompt run", "'-1' was given; allowed is a number of seconds"),
+        ("stream --waypoint 1@2", "'1@2' was given; allowed is x,z@seconds"),
+        ("stream --waypoint 1,2", "allowed is x,z@seconds"),
+        ("stream --waypoint 1,nan@2", "allowed is x,z@seconds"),
+        ("stream --waypoint 1,2@8", "--waypoint: 8 s is not before the end"),
+        ("stream --prompt walk --seconds 0", "'0' was given; allowed is a number of seconds above 0"),
+        ("stream --prompt walk --seconds inf", "'inf' was given"),
+        ("stream --prompt walk --out walk.fbx", "'walk.fbx' was given; allowed is a name that ends in .bvh"),
+        ("dance", "invalid choice: 'dance'"),
+    ],
+)
+def test_wrong_arguments_are_named(arguments: str, complaint: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(arguments.split()) == 2
+    assert complaint in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["", "stream", "catalog", "demo"])
+def test_help_is_no_error(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([*command.split(), "--help"]) == 0
+    assert "usage: motiongen" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["catalog", "stream --prompt walk"])
+def test_no_server_is_one_line(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([*command.split(), "--server", "127.0.0.1:1"]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: no motiongen server answers at 127.0.0.1:1")
+    assert "Traceback" not in error
+
+
+async def command(*arguments: str) -> int:
+    """Run a command in a thread: it makes an event loop of its own."""
+    return await asyncio.to_thread(run, arguments)
+
+
+async def test_stream_writes_what_was_asked_for(
+    server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "new" / "walk"
+    script = ["--prompt", "walk", "--at", "1", "--prompt", "run", "--waypoint", "1,2.5@0.5", "--seed", "5"]
+    files = ["--seconds", "2", "--out", str(out), "--npz", "--png"]
+    assert await command("stream", "--server", server.address, *script, *files) == 0
+    assert read_bvh(out.with_suffix(".bvh")).num_frames == 200
+    assert read_npz(out.with_suffix(".npz")).rig.rig_id == "stick9"
+    assert out.with_suffix(".png").stat().st_size > 5000
+    opened = server.stream.received[0].open
+    assert [(span.start_frame, span.text) for span in opened.prompts] == [(0, "walk"), (100, "run")]
+    assert (opened.constraints[0].frame, opened.seed) == (50, 5)
+    printed = capsys.readouterr().out
+    assert "200 frames, 2.00 s" in printed
+    assert "waypoint 1, 2.5 at frame 50" in printed
+    assert "CC0-1.0" in printed
+
+
+async def test_catalog_lists_models_rigs_and_limits(server: FakeServer, capsys: pytest.CaptureFixture[str]) -> None:
+    assert await command("catalog", "--server", server.address) == 0
+    printed = capsys.readouterr().out
+    assert all(word in printed for word in ("synthetic", "stick9", "max_prompts", "CC0-1.0"))
+
+
+async def test_a_model_that_is_not_there_lists_those_that_are(
+    server: FakeServer, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert await command("stream", "--server", server.address, "--prompt", "walk", "--model", "big") == 1
+    assert "no model is called 'big'; known are: synthetic" in capsys.readouterr().err
+
+
+async def test_a_refusal_is_one_line(server: FakeServer, capsys: pytest.CaptureFixture[str]) -> None:
+    server.refuse = lambda event: "BLANK_PROMPT" if event.WhichOneof("event") == "open" else ""
+    assert await command("stream", "--server", server.address, "--prompt", " ") == 1
+    assert capsys.readouterr().err.startswith("error: opening a session was refused with BLANK_PROMPT")
+
+
+def test_a_missing_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = builtins.__import__
+
+    def without_rich(name: str, *rest: Any) -> Any:
+        if name.startswith("rich"):
+            raise ImportError(name)
+        return original(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without_rich)
+    with pytest.raises(MissingExtra, match=r"pip install 'motiongen-client\[cli\]'"):
+        make_console()

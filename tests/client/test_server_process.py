@@ -1,0 +1,45 @@
+"""A server as a child process: ready, stopped, and what is said when it will not start."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import pytest
+
+from motiongen_client.blocking import MotionClient
+from motiongen_client.server_process import ServerFailed, ServerProcess
+from tests.conftest import TINY_MODEL
+
+TINY = ["--model", str(TINY_MODEL), "--text-encoder", "hashed", "--threads", "1", "--drain-wait-s", "0"]
+
+
+def test_it_is_ready_when_started_and_ends_with_0_when_stopped() -> None:
+    with ServerProcess(TINY) as server:
+        assert server.pid is not None
+        assert server.ready_s > 0
+        with MotionClient(server.address) as client:
+            assert client.catalog.models
+    assert server.pid is None
+    server.stop()  # a second time is nothing
+
+
+def test_a_wrong_setting_is_told_with_the_log() -> None:
+    with pytest.raises(ServerFailed, match=r"did not start \(exit code 2\)") as failure:
+        ServerProcess(["--denoise-steps", "0"]).start()
+    assert "denoise_steps is 0" in failure.value.log_tail
+
+
+def test_a_server_that_takes_too_long_is_ended() -> None:
+    with pytest.raises(ServerFailed, match=r"not ready within 0\.01 s"):
+        ServerProcess(TINY, ready_timeout_s=0.01).start()
+
+
+def test_a_failure_inside_is_not_hidden_by_a_server_that_died() -> None:
+    def kill_and_fail(server: ServerProcess) -> None:
+        assert server.pid is not None
+        os.kill(server.pid, signal.SIGKILL)
+        raise KeyError("first")
+
+    with pytest.raises(KeyError, match="first"), ServerProcess(TINY) as server:
+        kill_and_fail(server)

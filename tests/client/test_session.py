@@ -1,0 +1,325 @@
+"""Async sessions against the fake server: opening, frames, edits, the end, and what a broken server does to them."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Callable
+from typing import TypeVar
+
+import grpc
+import numpy as np
+import pytest
+
+from motiongen.v1 import session_pb2
+from motiongen_client import (
+    EventRefused,
+    Frame,
+    InvalidInput,
+    MotionClient,
+    Priority,
+    ProtocolViolation,
+    ServerUnavailable,
+    Session,
+    SessionEnded,
+    SessionOptions,
+    StartPose,
+    StreamLost,
+    Waypoint,
+)
+from tests.client.fake_server import HORIZON, FakeServer
+
+T = TypeVar("T")
+
+
+@pytest.fixture
+async def client(server: FakeServer) -> AsyncIterator[MotionClient]:
+    async with MotionClient(server.address) as connected:
+        yield connected
+
+
+async def until(condition: Callable[[], T | None]) -> T:
+    """Wait for a condition of another thread or task to give something, and return it."""
+    while (found := condition()) is None:  # noqa: ASYNC110  what is waited for may be of another thread
+        await asyncio.sleep(0.002)
+    return found
+
+
+async def received(server: FakeServer, kind: str, count: int = 1) -> list[session_pb2.SessionEvent]:
+    """The events of a kind that the server got, once there are so many."""
+
+    def events() -> list[session_pb2.SessionEvent] | None:
+        found = [event for event in server.stream.received if event.WhichOneof("event") == kind]
+        return found if len(found) >= count else None
+
+    return await until(events)
+
+
+async def collect(frames: AsyncIterator[Frame]) -> list[int]:
+    return [frame.index async for frame in frames]
+
+
+async def test_the_catalogue_is_there_once_connected(client: MotionClient) -> None:
+    assert client.catalog.models[0].model_id == "synthetic"
+    assert client.catalog.rig("stick9").joint_names[0] == "Hips"
+
+
+async def test_open_sends_what_was_asked_and_tells_what_the_server_chose(
+    client: MotionClient, server: FakeServer
+) -> None:
+    options = SessionOptions(seed=11, priority=Priority.HERO, start=StartPose(1, 2, 0.5), text_guidance=1.5)
+    session = await client.open(
+        "a person walks", later_prompts={60: "a person runs"}, options=options, constraints=[Waypoint(50, 1, 2)]
+    )
+    (event,) = await received(server, "open")
+    assert (event.event_seq, event.open.seed) == (1, 11)
+    assert event.open.priority == session_pb2.PRIORITY_CLASS_HERO
+    assert [(span.start_frame, span.text) for span in event.open.prompts] == [
+        (0, "a person walks"),
+        (60, "a person runs"),
+    ]
+    assert event.open.constraints[0].frame == 50
+    assert event.open.initial_root.heading == 0.5
+    assert event.open.guidance.text == 1.5
+    assert not event.open.guidance.HasField("constraint")
+    assert (session.opened.seed, session.opened.session_id) == (11, "s1")
+    assert server.stream.agent.startswith("motiongen-python/")
+
+
+async def test_frames_come_once_each_in_order_in_real_time(client: MotionClient) -> None:
+    session = await client.open("a person walks")
+    frames = [frame async for frame in session.frames(seconds=1)]
+    assert [frame.index for frame in frames] == list(range(100))
+    assert frames[99].root_translation_m[2] == pytest.approx(4.95)
+    assert session.stats.plans >= 100 // HORIZON
+    assert session.stats.underruns == 0
+    assert session.stats.first_frame_s is not None
+
+
+async def test_frames_come_as_fast_as_they_are_made_when_asked(client: MotionClient) -> None:
+    session = await client.open("a person walks", keep_s=None)
+    frames = [frame.index async for frame in session.frames(seconds=6, realtime=False)]
+    assert frames == list(range(600))
+    assert session.stats.underruns == 0
+    assert len(session.motion()) == 600
+
+
+async def test_a_new_prompt_replaces_what_was_not_played_and_says_from_where(
+    client: MotionClient, server: FakeServer
+) -> None:
+    session = await client.open("a person walks", keep_s=None)
+    edit = None
+    async for frame in session.frames(seconds=1):
+        if frame.index == 20:
+            edit = session.set_prompt("a person runs")
+    assert edit is not None
+    outcome = await edit
+    assert outcome.effective_frame is not None
+    plans = session.motion().root_translation_m[:, 0]
+    assert outcome.effective_frame > 20
+    assert session.stats.late_plans == 0
+    assert plans[outcome.effective_frame] > plans[outcome.effective_frame - 1]
+    assert edit.latency_s is not None
+    assert edit.latency_s > 0
+    assert server.stream.characters[session.handle].prompts == {1: "a person runs"}
+
+
+async def test_playheads_are_reported_once_playing(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    await asyncio.sleep(0.3)
+    assert not [event for event in server.stream.received if event.WhichOneof("event") == "playhead"]
+    async for _ in session.frames(seconds=0.6):
+        pass
+    reports = await received(server, "playhead", 2)
+    played = [report.playhead.frame for report in reports]
+    assert played == sorted(played)
+    assert all(report.event_seq == 0 for report in reports)
+    assert reports[-1].playhead.buffered_to > reports[-1].playhead.frame
+
+
+async def test_many_sessions_share_one_call(client: MotionClient, server: FakeServer) -> None:
+    async def play(session: Session) -> int:
+        return [frame.index async for frame in session.frames(seconds=0.5)][-1]
+
+    async with client.stream() as stream:
+        sessions = await asyncio.gather(*(stream.open(f"character {number}") for number in range(20)))
+        assert await asyncio.gather(*map(play, sessions)) == [49] * 20
+        assert len(stream.sessions) == 20
+        ends = await asyncio.gather(*(session.close() for session in sessions))
+        assert {end.reason for end in ends} == {"client"}
+        assert stream.sessions == ()
+    assert len(server.streams) == 1
+
+
+async def test_scheduled_prompts_that_have_passed_make_room(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("one")
+    for frame, text in ((20, "two"), (40, "three")):
+        await session.set_prompt(text, frame=frame)
+    async for _ in session.frames(seconds=0.5):
+        pass
+    await session.set_prompt("four", frame=500)
+    assert sorted(server.stream.characters[1].prompts.values()) == ["four", "one", "three"]
+    await session.set_prompt("five")
+    assert sorted(server.stream.characters[1].prompts.values()) == ["five", "four"]
+
+
+async def test_constraints_are_added_replaced_and_removed_by_id(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    first = session.add_waypoint(1, 2, frame=30)
+    second = session.add_trajectory(np.zeros((3, 2)), first_frame=40)
+    await second
+    character = server.stream.characters[session.handle]
+    assert (first.constraint_ids, second.constraint_ids) == ((1,), (2,))
+    assert character.constraint_ids == {1, 2}
+    await session.remove_constraints(first.constraint_ids)
+    assert character.constraint_ids == {2}
+    await session.set_constraints([Waypoint(50, 0, 0), Waypoint(60, 0, 0)])
+    assert character.constraint_ids == {3, 4}
+    await session.clear_constraints()
+    assert character.constraint_ids == set()
+
+
+async def test_a_refusal_raises_where_awaited_and_the_session_goes_on(
+    client: MotionClient, server: FakeServer, caplog: pytest.LogCaptureFixture
+) -> None:
+    server.refuse = lambda event: "BLANK_PROMPT" if event.WhichOneof("event") == "edit_prompts" else ""
+    session = await client.open("a person walks")
+    with caplog.at_level(logging.WARNING), pytest.raises(EventRefused, match="BLANK_PROMPT") as refusal:
+        await session.set_prompt("  ")
+    assert (refusal.value.code, refusal.value.field) == ("INVALID_ARGUMENT", "edit_prompts.x")
+    assert refusal.value.allowed == "other things"
+    assert "BLANK_PROMPT" in caplog.text
+    assert len([frame async for frame in session.frames(seconds=0.2)]) == 20
+
+
+async def test_a_refused_open_raises_and_leaves_the_stream_alive(client: MotionClient, server: FakeServer) -> None:
+    server.refuse = lambda event: "UNKNOWN_MODEL" if event.open.model_id == "none" else ""
+    with pytest.raises(EventRefused, match="opening a session was refused with UNKNOWN_MODEL"):
+        await client.open("a person walks", options=SessionOptions(model_id="none"))
+    session = await client.open("a person walks")
+    assert [frame.index async for frame in session.frames(seconds=0.1)]
+    assert len(server.streams) == 1
+
+
+async def test_pause_holds_the_frame_and_resume_goes_on(client: MotionClient) -> None:
+    session = await client.open("a person walks")
+    async for _ in session.frames(seconds=0.1):
+        pass
+    outcome = await session.pause()
+    assert outcome.effective_frame is None
+    held = session.poll()
+    await asyncio.sleep(0.05)
+    still = session.poll()
+    assert held is not None
+    assert still is not None
+    assert held.index == still.index
+    await session.resume()
+    later = [frame.index async for frame in session.frames(seconds=0.1)]
+    assert later[0] == held.index + 1
+    assert session.stats.underruns == 0
+
+
+async def test_poll_gives_the_frame_of_now(client: MotionClient) -> None:
+    session = await client.open("a person walks")
+    first = await until(session.poll)
+    await asyncio.sleep(0.05)
+    later = session.poll()
+    assert first.index == 0
+    assert later is not None
+    assert later.index >= 5
+
+
+async def test_closing_ends_frames_and_returns_the_same_end_again(client: MotionClient) -> None:
+    session = await client.open("a person walks")
+    playing = asyncio.create_task(anext(session.frames()))
+    await playing
+    end = await session.close()
+    assert (end.reason, end.frames > 0) == ("client", True)
+    assert await session.close() is end
+    assert [frame async for frame in session.frames()] == []
+    with pytest.raises(SessionEnded, match="client"):
+        session.set_prompt("too late")
+
+
+async def test_a_session_the_server_ends_plays_what_is_left_then_raises(
+    client: MotionClient, server: FakeServer
+) -> None:
+    session = await client.open("a person walks")
+    frames = session.frames()
+    await anext(frames)
+    closed = session_pb2.SessionClosed(reason=session_pb2.CLOSE_REASON_ENGINE_FAULT, code=13, message="not finite")
+    server.stream.push(session.handle, closed=closed)
+    with pytest.raises(SessionEnded, match=r"engine_fault.*not finite"):
+        await collect(frames)
+    assert session.playback.playhead == session.playback.buffered_to - 1
+    other = await client.open("another one")
+    assert [frame.index async for frame in other.frames(seconds=0.05)]
+
+
+@pytest.mark.parametrize("code", [grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.INTERNAL])
+async def test_a_lost_stream_is_told_to_every_session_and_edit(
+    client: MotionClient, server: FakeServer, code: grpc.StatusCode
+) -> None:
+    one, two = await client.open("one"), await client.open("two")
+    server.refuse = lambda event: server.stream.fail(code) or ""  # type: ignore[func-returns-value]
+    edit = one.set_prompt("never answered")
+    with pytest.raises(StreamLost, match=code.name):
+        async for _ in two.frames():
+            pass
+    with pytest.raises(StreamLost, match="as the test wished"):
+        async for _ in one.frames():
+            pass
+    with pytest.raises(StreamLost):
+        one.set_prompt("again")
+    assert edit.done()
+
+
+async def test_a_server_that_breaks_the_rules_is_given_up(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    notice = session_pb2.PlanNotice(plan=1, valid_from=0, cause=session_pb2.PLAN_CAUSE_EDIT)
+    server.stream.push(session.handle, plan=notice)
+    with pytest.raises(ProtocolViolation, match="plans must rise"):
+        async for _ in session.frames():
+            pass
+
+
+async def test_updates_it_does_not_know_are_ignored(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    server.stream.push(session.handle)
+    server.stream.push(999, closed=session_pb2.SessionClosed())
+    assert len([frame async for frame in session.frames(seconds=0.1)]) == 10
+
+
+async def test_an_event_too_big_for_a_message_is_refused_here(client: MotionClient) -> None:
+    session = await client.open("a person walks")
+    with pytest.raises(InvalidInput, match="at most 3686 bytes"):
+        session.add_trajectory(np.zeros((1000, 2)), first_frame=10)
+    assert (await session.set_prompt("still in order")).event_seq == 2
+
+
+async def test_a_full_outbox_is_split_over_messages(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    edits = [session.set_prompt("x" * 90) for _ in range(200)]
+    assert [(await edit).event_seq for edit in edits] == list(range(2, 202))
+
+
+async def test_no_server_is_said_with_the_address() -> None:
+    with pytest.raises(ServerUnavailable, match=r"127\.0\.0\.1:1: UNAVAILABLE"):
+        await MotionClient("127.0.0.1:1").connect()
+
+
+@pytest.mark.parametrize("address", ["", "localhost", "localhost:", "localhost:0", "localhost:x", ":50051"])
+def test_an_address_that_is_none_is_refused(address: str) -> None:
+    with pytest.raises(InvalidInput, match="host:port"):
+        MotionClient(address)
+
+
+@pytest.mark.parametrize("report_hz", [0.5, 6.0])
+async def test_report_rates_out_of_range_are_refused(client: MotionClient, report_hz: float) -> None:
+    with pytest.raises(InvalidInput, match="from 1 to 5"):
+        client.stream(report_hz=report_hz)
+
+
+async def test_the_round_trip_is_measured(client: MotionClient) -> None:
+    async with client.stream() as stream:
+        assert 0 < await until(lambda: stream.round_trip_s) < 5

@@ -232,7 +232,7 @@ class TorchRunner:
 
 
 def job_noise(job: WindowJob, num_tokens: int, width: int) -> Tensor:
-    """What the job's window starts from. Plans count from 1 and a rollout's windows from 0, so plan k is window k - 1."""
+    """What the job's window starts from. Plans count from 1, a rollout's windows from 0: plan k is window k - 1."""
     return window_noise(job.seed, job.plan - 1, num_tokens, width)
 
 

@@ -105,7 +105,12 @@ def _build(options: argparse.Namespace, console: Console) -> int:
     dataset = result.dataset(settings)
     dataset.save(options.out, result.skipped, notes=f"built from {options.labels.name}")
     console.print(_summary(dataset, len(result.skipped)))
-    unusable = [id_ for label in labels for id_, _ in result.skipped if id_ == label.id and not label.flags & settings.skip_flags]
+    unusable = [
+        id_
+        for label in labels
+        for id_, _ in result.skipped
+        if id_ == label.id and not label.flags & settings.skip_flags
+    ]
     if options.strict and unusable:
         print(f"error: {len(unusable)} files could not be used (--strict)", file=sys.stderr)
         return 1
@@ -118,7 +123,9 @@ def _summary(dataset: MotionDataset, num_skipped: int) -> Table:
         table.add_column(column, justify="left" if column in ("split", "kind") else "right")
     for split in sorted({clip.split for clip in dataset.clips}):
         for kind in ("captured", "derived"):
-            clips = [clip for clip in dataset.clips if clip.split == split and bool(clip.derived_from) == (kind == "derived")]
+            clips = [
+                clip for clip in dataset.clips if clip.split == split and bool(clip.derived_from) == (kind == "derived")
+            ]
             frames = sum(clip.num_frames for clip in clips)
             table.add_row(split, kind, str(len(clips)), str(frames), f"{frames / dataset.fps / 3600:.3f}")
     return table

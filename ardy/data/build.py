@@ -115,9 +115,7 @@ def _standing(clip: Clip, settings: BuildSettings) -> list[Clip]:
     captions = paraphrases("stand", clip.style)
     if clip.split == "test_unseen" or not captions:
         return []
-    stretches = standing_clips(
-        settings.skeleton, clip.content, clip.local_rotations, clip.root_positions, settings.fps
-    )
+    stretches = standing_clips(settings.skeleton, clip.content, clip.local_rotations, clip.root_positions, settings.fps)
     return [
         Clip(
             id=f"{clip.id}~stand{number}",

@@ -192,7 +192,7 @@ class _Parser:
             words = self.words()
 
     def open_joint(self, words: list[str], stack: list[int]) -> None:
-        if words[0] == "ROOT" and stack or len(words) < 2:
+        if (words[0] == "ROOT" and stack) or len(words) < 2:
             raise self.error(f"expected JOINT and a name, found {' '.join(words)!r}")
         name = " ".join(words[1:])
         if name in self.names:

@@ -113,7 +113,9 @@ def _judge(dataset: MotionDataset, by_content: dict[str, list[ClipFigures]]) -> 
         weights = np.array([entry["planted_frames"] for entry in planted])
         drift = _weighted_median(np.array([entry["planted_drift_m_s"] for entry in planted]), weights)
         height = _weighted_median(np.array([entry["planted_height_m"] for entry in planted]), weights)
-        verdicts.append(Verdict(drift < 0.02, f"planted feet stay: median ankle drift {drift * 100:.2f} cm/s (below 2)"))
+        verdicts.append(
+            Verdict(drift < 0.02, f"planted feet stay: median ankle drift {drift * 100:.2f} cm/s (below 2)")
+        )
         verdicts.append(Verdict(0.05 < height < 0.1, f"median planted ankle height {height:.4f} m (0.05 to 0.1)"))
     for content, sign in (("walk-turn-left", 1), ("walk-turn-right", -1)):
         turns = [sign * figures.turn_deg for figures in by_content.get(content, ())]

@@ -7,14 +7,13 @@ import math
 import os
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_client import Frame, Motion, convert
+from motiongen_client import Motion
 from motiongen_client.cli import run
 from motiongen_client.demo import CAST, waypoint_ahead
-from tests.client.fake_server import FakeServer, rig
+from tests.client.fake_server import FakeServer
 
 
 async def demo(server: FakeServer, out: Path) -> int:
@@ -51,12 +50,14 @@ async def test_a_character_that_gets_no_motion_fails_the_demo(
     assert "problem: wave-right: the session has ended (engine_fault): broken" in printed
 
 
-@pytest.mark.parametrize(("heading", "place"), [(0.0, (0.5, 2.2)), (math.pi / 2, (2.2, -0.5))])
-def test_the_waypoint_is_ahead_and_to_the_left(heading: float, place: tuple[float, float]) -> None:
-    stick = convert.rig(rig(20))
-    row = np.zeros((1, stick.row_width), np.float32)
-    row[0, 3::4] = 1
-    row[0, 3:7] = [math.cos(heading / 2), 0, math.sin(heading / 2), 0]
-    row[0, :3] = [10, 0.9, 20]
-    waypoint = waypoint_ahead(Frame(stick, 0, Motion(stick, 0, row).rows[0]), 50)
-    assert (waypoint.x_m - 10, waypoint.z_m - 20) == pytest.approx(place, abs=1e-5)
+@pytest.mark.parametrize(("heading", "place"), [(0.0, (0.5, 5.0)), (math.pi / 2, (0.0, 4.5))])
+def test_the_waypoint_is_where_the_walk_leads_and_half_a_metre_to_the_left(
+    stick_motion: Motion, heading: float, place: tuple[float, float]
+) -> None:
+    """The stick figure moves 1 m/s along +Z, here facing along it or to its left, and has come to 1.95 m."""
+    rows = stick_motion.rows.copy()
+    rows[:, 0] = 0
+    rows[:, 3:7] = [math.cos(heading / 2), 0, math.sin(heading / 2), 0]
+    waypoint = waypoint_ahead(Motion(stick_motion.rig, 100, rows), 3.05)
+    assert waypoint.frame == 139 + 61
+    assert (waypoint.x_m, waypoint.z_m) == pytest.approx(place, abs=1e-4)

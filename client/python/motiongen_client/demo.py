@@ -20,7 +20,7 @@ from motiongen_client.client import MotionClient
 from motiongen_client.console import make_console, make_progress, make_table
 from motiongen_client.errors import MissingExtra, MotiongenError
 from motiongen_client.kinematics import heading_rad, quaternion_to_matrix
-from motiongen_client.motion import Frame, Motion
+from motiongen_client.motion import Motion
 from motiongen_client.picture import Panel, write_picture
 from motiongen_client.server_process import ServerFailed, ServerProcess
 from motiongen_client.session import Edit, Session
@@ -51,8 +51,8 @@ CAST = (
     Role("elderly", "an elderly person walks forward"),
 )
 
-# The waypoint lies this far ahead of the walker and to its left, and this much later.
-_AHEAD_M, _LEFT_M, _LATER_S = 2.2, 0.5, 2.5
+# The waypoint lies this far to the left of where the walker would be this much later.
+_LEFT_M, _LATER_S = 0.5, 2.5
 
 
 @dataclass
@@ -160,7 +160,7 @@ async def play(take: Take, seconds: float) -> None:
                     take.edits.append(session.set_prompt(role.then))
                     take.notes.append((frame.index, role.then))
                 if role.goes_to and not take.waypoints and frame.time_s >= quarter:
-                    waypoint = waypoint_ahead(frame, session.frame_in(min(_LATER_S, half)))
+                    waypoint = waypoint_ahead(session.motion(), min(_LATER_S, half))
                     take.waypoints.append(waypoint)
                     take.edits.append(session.add_constraints([waypoint]))
         for edit in take.edits:
@@ -172,13 +172,14 @@ async def play(take: Take, seconds: float) -> None:
         take.failure = str(error)
 
 
-def waypoint_ahead(frame: Frame, at_frame: int) -> Waypoint:
-    """A point ahead of a character and to its left, to be reached at a later frame."""
-    facing = float(heading_rad(quaternion_to_matrix(frame.joint_rotation_quat_wxyz[0])))
-    x, _, z = (float(value) for value in frame.root_translation_m)
-    ahead, left = np.array([math.sin(facing), math.cos(facing)]), np.array([math.cos(facing), -math.sin(facing)])
-    offset = _AHEAD_M * ahead + _LEFT_M * left
-    return Waypoint(at_frame, x + float(offset[0]), z + float(offset[1]))
+def waypoint_ahead(motion: Motion, seconds: float) -> Waypoint:
+    """Where a character would be after `seconds` if it went on as in its last second, and half a metre to the left."""
+    rig, root = motion.rig, motion.root_translation_m[:, [0, 2]].astype(np.float64)
+    since = min(rig.frame_rate_hz, len(root) - 1)
+    velocity = (root[-1] - root[-1 - since]) * rig.frame_rate_hz / max(since, 1)  # metres a second
+    facing = float(heading_rad(quaternion_to_matrix(motion.joint_rotation_quat_wxyz[-1, 0])))
+    x, z = root[-1] + velocity * seconds + _LEFT_M * np.array([math.cos(facing), -math.sin(facing)])
+    return Waypoint(motion.first_frame + len(root) - 1 + rig.frames_in(seconds), float(x), float(z))
 
 
 async def close(take: Take) -> None:
@@ -246,7 +247,7 @@ def print_report(takes: Sequence[Take], console: Console) -> None:
             str(stats.underruns),
             "-" if motion is None else f"{travelled_m(motion):.1f} m",
             milliseconds(own),
-            ", ".join(f"{100 * error:.0f} cm" for error in take.waypoint_errors_m()) or "-",
+            ", ".join(f"{100 * error:.0f} cm off" for error in take.waypoint_errors_m()) or "-",
         )
     console.print(table)
     late = sum(take.session.stats.late_plans for take in takes)

@@ -26,7 +26,7 @@ _log = logging.getLogger(__name__)
 _Call: TypeAlias = "grpc.aio.StreamStreamCall[service_pb2.StreamMotionRequest, service_pb2.StreamMotionResponse]"
 
 _PING_PERIOD_S = 10.0  # below the idle limit of every common proxy
-_MIN_REPORT_GAP_S = 0.05  # 20 a second, well below what a server allows
+_MIN_REPORT_GAP_S = 0.025  # 40 a second; servers allow 50 events of a session
 _CLOSE_GRACE_S = 5.0
 
 

@@ -223,16 +223,8 @@ def write_results(takes: Sequence[Take], out: Path, console: Console) -> None:
 
 def print_report(takes: Sequence[Take], console: Console) -> None:
     """One line a character, and the figures of all of them."""
-    table = make_table(
-        "",
-        "character",
-        "first frame",
-        "windows",
-        "underruns",
-        "travelled",
-        "edit to changed frame",
-        "waypoint missed by",
-    )
+    columns = ("first frame", "windows", "underruns", "path", "edit to frame", "waypoint")
+    table = make_table("", "character", *columns)
     first_frames, latencies = [], []
     for take in takes:
         stats, motion = take.session.stats, take.motion()

@@ -87,7 +87,7 @@ def test_it_learns(golden: Any, variant: str) -> None:
     model = make_model(golden, variant)
     if model.tokenizer is not None:
         model.tokenizer.requires_grad_(False)
-    loss = DenoiserLoss(model, model.codec).train()
+    loss = DenoiserLoss(model).train()
     batch = make_batch(model)
     optimizer = torch.optim.Adam(loss.parameters(), lr=3e-3)
     totals = []

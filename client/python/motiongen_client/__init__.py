@@ -11,6 +11,7 @@ frame rate. Right-handed, +Y up, +Z forward, metres, seconds, radians, quaternio
 
 from motiongen_client.bvh import write_bvh
 from motiongen_client.client import MotionClient
+from motiongen_client.edit import Edit
 from motiongen_client.errors import (
     EventRefused,
     InvalidInput,
@@ -25,7 +26,7 @@ from motiongen_client.errors import (
 from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.npz import read_npz, write_npz
 from motiongen_client.playback import Playback
-from motiongen_client.session import Edit, Session, SessionStats
+from motiongen_client.session import Session, SessionStats
 from motiongen_client.stream import Stream
 from motiongen_client.types import (
     Catalog,

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import grpc
 from numpy.typing import ArrayLike
 
-from motiongen_client import client, session, stream
+from motiongen_client import client, edit, session, stream
 from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.session import SessionStats
 from motiongen_client.types import NO_PROMPTS, Catalog, Constraint, Opened, Outcome, SessionEnd, SessionOptions
@@ -62,29 +62,29 @@ class BackgroundLoop:
 class Edit:
     """A change on its way to the server. `wait()` for its Outcome, or leave it and go on."""
 
-    def __init__(self, loop: BackgroundLoop, edit: session.Edit) -> None:
+    def __init__(self, loop: BackgroundLoop, inner: edit.Edit) -> None:
         self._loop = loop
-        self._edit = edit
-        self.event_seq = edit.event_seq
-        self.constraint_ids = edit.constraint_ids
+        self._inner = inner
+        self.event_seq = inner.event_seq
+        self.constraint_ids = inner.constraint_ids
 
     def wait(self) -> Outcome:
         """The server's answer. Raises EventRefused, SessionEnded or StreamLost."""
 
         async def work() -> Outcome:
-            return await self._edit
+            return await self._inner
 
         return self._loop.run(work())
 
     @property
     def outcome(self) -> Outcome | None:
         """The server's answer, if it has accepted the change already."""
-        return self._edit.outcome
+        return self._inner.outcome
 
     @property
     def latency_s(self) -> float | None:
         """Seconds from sending the change to receiving the first frame it changed; None until then."""
-        return self._edit.latency_s
+        return self._inner.latency_s
 
 
 class Session:
@@ -188,7 +188,7 @@ class Session:
     def __exit__(self, *exc_info: object) -> None:
         self._loop.run(self._inner.__aexit__(*exc_info))
 
-    def _edit(self, make: Callable[[], session.Edit]) -> Edit:
+    def _edit(self, make: Callable[[], edit.Edit]) -> Edit:
         return Edit(self._loop, self._loop.call(make))
 
 

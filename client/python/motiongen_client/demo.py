@@ -18,12 +18,13 @@ from motiongen_client.bvh import write_bvh
 from motiongen_client.cli_stream import waypoint_error_m
 from motiongen_client.client import MotionClient
 from motiongen_client.console import make_console, make_progress, make_table
+from motiongen_client.edit import Edit
 from motiongen_client.errors import MissingExtra, MotiongenError
 from motiongen_client.kinematics import heading_rad, quaternion_to_matrix
 from motiongen_client.motion import Motion
 from motiongen_client.picture import Panel, write_picture
 from motiongen_client.server_process import ServerFailed, ServerProcess
-from motiongen_client.session import Edit, Session
+from motiongen_client.session import Session
 from motiongen_client.types import SessionOptions, Waypoint
 
 if TYPE_CHECKING:

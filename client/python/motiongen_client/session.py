@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncGenerator, Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import AsyncGenerator, Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 from numpy.typing import ArrayLike
 
 from motiongen.v1 import session_pb2
 from motiongen_client import convert
-from motiongen_client.errors import EventRefused, MotiongenError, SessionEnded
+from motiongen_client.edit import Edit, EditBook
+from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolation, SessionEnded, UnknownName
 from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.playback import Playback
 from motiongen_client.types import (
     Catalog,
     Constraint,
     Opened,
-    Outcome,
     SessionEnd,
     SessionOptions,
     Trajectory,
@@ -41,51 +41,6 @@ class Carrier(Protocol):
 
     def report_soon(self) -> None:
         """Report playheads without waiting for the next regular report."""
-
-
-class Edit:
-    """A change on its way to the server: `await` it for its Outcome, or leave it and go on.
-
-    Awaiting raises EventRefused when the server refused the change and SessionEnded or StreamLost when it can no
-    longer be answered. A refusal that nobody awaits is logged as a warning. The server answers when the plan that
-    holds the change is made; for a prompt scheduled far ahead that is only when its frames are generated.
-
-    event_seq: its number in the session. constraint_ids: ids given to the constraints it adds.
-    """
-
-    def __init__(self, what: str, event_seq: int, sent_at_s: float, constraint_ids: tuple[int, ...] = ()) -> None:
-        self.what = what
-        self.event_seq = event_seq
-        self.constraint_ids = constraint_ids
-        self._sent_at_s = sent_at_s
-        self._first_frame_at_s: float | None = None
-        self._answer: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
-
-    def __await__(self) -> Generator[Any, None, Outcome]:
-        return asyncio.shield(self._answer).__await__()  # one awaiter that gives up must not cancel it for the others
-
-    def done(self) -> bool:
-        """Whether the server has answered, or never will: then awaiting returns or raises at once."""
-        return self._answer.done()
-
-    @property
-    def outcome(self) -> Outcome | None:
-        """The server's answer, if it has accepted the change already."""
-        return self._answer.result() if self._answer.done() and self._answer.exception() is None else None
-
-    @property
-    def latency_s(self) -> float | None:
-        """Seconds from sending the change to receiving the first frame it changed; None until then."""
-        return None if self._first_frame_at_s is None else self._first_frame_at_s - self._sent_at_s
-
-    def _settle(self, answer: Outcome | MotiongenError) -> None:
-        if self._answer.done():
-            return
-        if isinstance(answer, Outcome):
-            self._answer.set_result(answer)
-            return
-        self._answer.set_exception(answer)
-        self._answer.exception()  # marks it as seen: asyncio would otherwise report an edit nobody awaits as a bug
 
 
 @dataclass(frozen=True)
@@ -122,9 +77,7 @@ class Session:
         self._next_constraint_id = 1
         self._next_prompt_id = _PRESENT_PROMPT_ID + 1
         self._scheduled_prompts: dict[int, int] = {}  # prompt id -> start frame, those the server has accepted
-        self._edits: dict[int, Edit] = {}  # by event number, until answered and seen in a frame
-        self._plan_valid_from = 0
-        self._plan_edits: list[Edit] = []  # of the latest plan, waiting for its first frame
+        self._edits = EditBook()
         self._opening: asyncio.Future[Opened] = asyncio.get_running_loop().create_future()
         self._keep_s: float | None = None
         self._changed = asyncio.Event()
@@ -162,7 +115,7 @@ class Session:
         sent = self._send_edit(f"the prompt {text!r}", session_pb2.SessionEvent(edit_prompts=edit))
         if frame is not None:
             scheduled = frame
-            sent._answer.add_done_callback(lambda answer: self._note_scheduled(prompt_id, scheduled, answer))
+            sent.when_accepted(lambda: self._scheduled_prompts.__setitem__(prompt_id, scheduled))
         return sent
 
     def add_waypoint(self, x_m: float, z_m: float, *, frame: int, heading_rad: float | None = None) -> Edit:
@@ -359,14 +312,16 @@ class Session:
 
     def _handle(self, update: session_pb2.SessionUpdate) -> None:
         """Take one update of the server. Raises ProtocolViolation when it breaks a rule."""
-        match update.WhichOneof("update"):
+        kind = update.WhichOneof("update")
+        if kind in ("plan", "chunk") and not self._opening.done():
+            raise ProtocolViolation(f"a {kind} came before the session was opened")
+        match kind:
             case "opened":
                 self._handle_opened(convert.opened(update.opened))
             case "plan":
                 self.playback.announce_plan(update.plan.plan, update.plan.valid_from)
                 self._num_plans += 1
-                self._plan_valid_from = update.plan.valid_from
-                self._plan_edits += [self._edits[seq] for seq in update.plan.event_seqs if seq in self._edits]
+                self._edits.plan(update.plan.event_seqs, update.plan.valid_from)
             case "chunk":
                 chunk = update.chunk
                 rows = convert.chunk_rows(chunk, self.rig.row_width)
@@ -381,7 +336,10 @@ class Session:
 
     def _handle_opened(self, opened: Opened) -> None:
         self.opened = opened
-        self.rig = self._catalog.rig(opened.rig_id)
+        try:
+            self.rig = self._catalog.rig(opened.rig_id)
+        except UnknownName as unknown:
+            raise ProtocolViolation(f"a session was opened on a rig the catalogue does not have: {unknown}") from None
         self.playback = Playback(
             self.rig.frame_rate_hz,
             self.rig.row_width,
@@ -398,39 +356,26 @@ class Session:
             if isinstance(refusal, EventRefused):
                 self._fail(refusal)
             return
-        edit = self._edits.get(message.event_seq)
+        edit = self._edits.find(message.event_seq)
         if edit is None:
             return
         answer = convert.outcome(message, edit.what)
         if isinstance(answer, EventRefused):
             _log.warning("session %d: %s", self.handle, answer)
-        edit._settle(answer)
-        if isinstance(answer, EventRefused) or answer.effective_frame is None or edit.latency_s is not None:
-            del self._edits[message.event_seq]
+        self._edits.answer(edit, answer)
 
     def _note_frames(self, num_frames: int, end_frame: int) -> None:
         now_s = self._clock()
         self._num_frames += num_frames
         if self._first_frame_s is None:
             self._first_frame_s = now_s - self._opened_at_s
-        if end_frame > self._plan_valid_from:
-            for edit in self._plan_edits:
-                edit._first_frame_at_s = now_s
-                if edit._answer.done():
-                    self._edits.pop(edit.event_seq, None)
-            self._plan_edits.clear()
-
-    def _note_scheduled(self, prompt_id: int, frame: int, answer: asyncio.Future[Outcome]) -> None:
-        if not answer.cancelled() and answer.exception() is None:
-            self._scheduled_prompts[prompt_id] = frame
+        self._edits.receive(end_frame, now_s)
 
     def _fail(self, failure: MotiongenError) -> None:
         """The session is over: nothing more will be answered."""
         if self._failure is None:
             self._failure = failure
-        for edit in self._edits.values():
-            edit._settle(failure)
-        self._edits.clear()
+        self._edits.fail(failure)
         if not self._opening.done():
             self._opening.set_exception(failure)
             self._opening.exception()
@@ -466,7 +411,7 @@ class Session:
     def _send_edit(self, what: str, event: session_pb2.SessionEvent, constraint_ids: tuple[int, ...] = ()) -> Edit:
         edit = Edit(what, self._next_seq, self._clock(), constraint_ids)
         self._send(event)
-        self._edits[edit.event_seq] = edit
+        self._edits.add(edit)
         return edit
 
     def _send(self, event: session_pb2.SessionEvent) -> None:

@@ -1,0 +1,86 @@
+"""What the compliance suite talks to: the server at MOTIONGEN_ADDRESS, else one inside this process.
+
+    MOTIONGEN_ADDRESS=localhost:50051 python -m pytest tests/contract
+
+Tests that must look inside a server, or stop it, use `local_server` and never touch the one at the address.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+
+import grpc.aio
+import pytest
+
+from motiongen.v1 import service_pb2, service_pb2_grpc
+from tests.contract.local import LocalServer
+from tests.contract.talk import Talk
+
+
+@dataclass
+class Target:
+    """A server under test, reached over one connection."""
+
+    stub: service_pb2_grpc.MotionServiceAsyncStub
+    catalog: service_pb2.GetCatalogResponse
+
+    def stream(self) -> Talk:
+        """A new stream on which nothing has been said."""
+        return Talk(self.stub, self.catalog)
+
+    async def talk(self) -> Talk:
+        """A new stream on which both sides have said hello."""
+        return await self.stream().hello()
+
+
+@dataclass
+class Scene:
+    """A session at 1 for a test to mistreat, one at 2 on the same stream, and one at 1 on another stream."""
+
+    talk: Talk
+    other: Talk
+
+    async def others_play_on(self) -> None:
+        await self.talk.plays_on(2)
+        await self.other.plays_on(1)
+
+
+async def connect(address: str) -> AsyncIterator[Target]:
+    async with grpc.aio.insecure_channel(address) as channel:
+        stub = service_pb2_grpc.MotionServiceStub(channel)
+        yield Target(stub, await stub.GetCatalog(service_pb2.GetCatalogRequest()))  # type: ignore[arg-type, misc]
+
+
+@pytest.fixture
+async def local_server() -> AsyncIterator[LocalServer]:
+    async with LocalServer() as server:
+        yield server
+
+
+@pytest.fixture
+async def local(local_server: LocalServer) -> AsyncIterator[Target]:
+    async for target in connect(local_server.address):
+        yield target
+
+
+@pytest.fixture
+async def target() -> AsyncIterator[Target]:
+    address = os.environ.get("MOTIONGEN_ADDRESS")
+    if address:
+        async for target in connect(address):
+            yield target
+        return
+    async with LocalServer() as server:
+        async for target in connect(server.address):
+            yield target
+
+
+@pytest.fixture
+async def scene(target: Target) -> Scene:
+    talk, other = await target.talk(), await target.talk()
+    await talk.open(1)
+    await talk.open(2)
+    await other.open(1)
+    return Scene(talk, other)

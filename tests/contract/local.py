@@ -1,0 +1,71 @@
+"""A server inside the test process: the real service and engine over gRPC, a fake runner and a fake text encoder."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Sequence
+
+import grpc.aio
+import numpy as np
+from numpy.typing import NDArray
+
+from motiongen.v1 import service_pb2_grpc
+from server.catalog import Catalog
+from server.engine.config import EngineConfig
+from server.engine.engine import Engine
+from server.engine.types import Guidance
+from server.limits import Limits
+from server.prompts import PromptEncoder
+from server.service import MotionService
+from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
+
+JOIN_S = 10.0
+
+
+class RealTime(FakeClock):
+    """Time that passes by itself; a runner's work takes none of it."""
+
+    def now(self) -> float:
+        return time.monotonic()
+
+    def advance(self, seconds: float) -> None:
+        del seconds
+
+
+class LengthEncoder:
+    """Embeds a text by its length."""
+
+    identity = "length-1"
+
+    def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
+        return np.array([[len(text), 0] for text in texts], np.float32)
+
+
+class LocalServer:
+    """Use as `async with LocalServer() as server`. address: where it listens."""
+
+    async def __aenter__(self) -> LocalServer:
+        limits = Limits()
+        self.runner = FakeRunner(RealTime())
+        self.prompts = PromptEncoder(LengthEncoder(), 1000)
+        self.engine = Engine(self.runner, self.runner.clock, self._deliver, EngineConfig())
+        catalog = Catalog(FACTS, limits, Guidance(2.0, 2.0), "CC0-1.0", self.prompts.identity, history_frames=16)
+        self.service = MotionService(self.engine, self.prompts, catalog)
+        self._server = grpc.aio.server(options=[("grpc.max_receive_message_length", limits.max_request_bytes)])
+        service_pb2_grpc.add_MotionServiceServicer_to_server(self.service, self._server)
+        self.address = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"
+        await self._server.start()
+        self.engine.start()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self._server.stop(None)
+        self.engine.stop()
+        assert await asyncio.to_thread(self.engine.join, JOIN_S)
+        self.prompts.close()
+        assert self.engine.failure is None
+        assert self.runner.breaches == []
+
+    def _deliver(self, outputs: object) -> None:
+        self.service.deliver(outputs)  # type: ignore[arg-type]

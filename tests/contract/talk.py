@@ -1,0 +1,264 @@
+"""A bare client for the compliance suite: it says what a test tells it to, and checks every rule on what it hears."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import grpc.aio
+import numpy as np
+
+from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
+
+LIMIT_S = 20.0
+"""How long a message may take before the test fails; nothing is measured by it."""
+
+
+class RuleBroken(AssertionError):
+    """The server did what the protocol forbids."""
+
+
+class StreamOver(Exception):
+    """The stream ended with OK while the test waited for more."""
+
+
+def require(holds: bool, rule: str) -> None:
+    if not holds:
+        raise RuleBroken(rule)
+
+
+def span(text: str = "walk", prompt_id: int = 1, start: int = 0, end: int = 0) -> motion_pb2.PromptSpan:
+    return motion_pb2.PromptSpan(prompt_id=prompt_id, start_frame=start, end_frame=end, text=text)
+
+
+def waypoint(frame: int, constraint_id: int = 1, **root: float) -> motion_pb2.Constraint:
+    return motion_pb2.Constraint(constraint_id=constraint_id, frame=frame, root=motion_pb2.RootPose(**root))
+
+
+def edit_prompts(*upsert: motion_pb2.PromptSpan, remove: Sequence[int] = ()) -> session_pb2.SessionEvent:
+    return session_pb2.SessionEvent(edit_prompts=session_pb2.EditPrompts(upsert=upsert, remove=remove))
+
+
+def edit_constraints(*upsert: motion_pb2.Constraint, remove: Sequence[int] = ()) -> session_pb2.SessionEvent:
+    return session_pb2.SessionEvent(edit_constraints=session_pb2.EditConstraints(upsert=upsert, remove=remove))
+
+
+def play_state(state: int) -> session_pb2.SessionEvent:
+    return session_pb2.SessionEvent(set_play_state=session_pb2.SetPlayState(state=state))  # type: ignore[arg-type]
+
+
+def close() -> session_pb2.SessionEvent:
+    return session_pb2.SessionEvent(close=session_pb2.CloseSession())
+
+
+PAUSE = play_state(session_pb2.PLAY_STATE_PAUSED)
+RESUME = play_state(session_pb2.PLAY_STATE_PLAYING)
+
+
+@dataclass
+class Heard:
+    """What was said of one session, checked as it comes. sent_seq: the last number the test has used."""
+
+    row_bytes: int
+    sent_seq: int = 1
+    playhead: int = 0
+    opened: session_pb2.SessionOpened | None = None
+    closed: session_pb2.SessionClosed | None = None
+    plans: list[session_pb2.PlanNotice] = field(default_factory=list)
+    chunks: list[motion_pb2.FrameChunk] = field(default_factory=list)
+    outcomes: list[session_pb2.EditOutcome] = field(default_factory=list)
+    applied_seq: int = 0
+    next_frame: int = 0
+    end: int = 0
+    committed_to: int = 0
+
+    def take(self, update: session_pb2.SessionUpdate) -> None:
+        require(self.closed is None, "nothing is said of a session after SessionClosed")
+        require(update.applied_seq >= self.applied_seq, "applied_seq never falls")
+        self.applied_seq = update.applied_seq
+        kind = update.WhichOneof("update")
+        require(kind is not None, "an update says something")
+        if kind == "outcome":
+            self._take_outcome(update.outcome)
+            return
+        if kind == "opened":
+            require(self.opened is None, "SessionOpened comes once")
+            self.opened = update.opened
+            self.next_frame = self.end = update.opened.start_frame
+            return
+        require(self.opened is not None, f"SessionOpened comes before {kind}")
+        if kind == "plan":
+            self._take_plan(update.plan)
+        elif kind == "chunk":
+            self._take_chunk(update.chunk)
+        else:
+            self.closed = update.closed
+
+    def _take_outcome(self, outcome: session_pb2.EditOutcome) -> None:
+        self.outcomes.append(outcome)
+        if outcome.code == 0:
+            require(not (outcome.reason or outcome.field or outcome.allowed), "an accepted event has no reason")
+            return
+        require(bool(outcome.reason and outcome.message), "a refusal says why, for programs and for people")
+        require(not outcome.HasField("effective_frame"), "a refused event is in effect nowhere")
+
+    def _take_plan(self, plan: session_pb2.PlanNotice) -> None:
+        require(plan.plan > (self.plans[-1].plan if self.plans else 0), "plan numbers rise")
+        require(plan.valid_from >= self.committed_to, "valid_from is not below committed_to")
+        if plan.cause == session_pb2.PLAN_CAUSE_CONTINUE:
+            require(plan.valid_from >= self.end, "a continuation replaces nothing")
+        else:
+            require(plan.cause == session_pb2.PLAN_CAUSE_EDIT, "a plan has a cause")
+            require(len(plan.event_seqs) > 0, "an edit's plan names its events")
+        self.plans.append(plan)
+        self.next_frame = min(self.next_frame, plan.valid_from)
+
+    def _take_chunk(self, chunk: motion_pb2.FrameChunk) -> None:
+        assert self.opened is not None
+        require(bool(self.plans), "a PlanNotice precedes the first chunk")
+        require(chunk.plan == self.plans[-1].plan, "a chunk is of the latest plan")
+        require(chunk.first_frame == self.next_frame, "chunks neither leave out nor repeat a frame")
+        require(chunk.frame_count >= 1, "a chunk holds a frame")
+        require(len(chunk.data) == chunk.frame_count * self.row_bytes, "data is as long as its rows")
+        require(bool(np.isfinite(np.frombuffer(chunk.data, "<f4")).all()), "frames are finite")
+        require(chunk.scalar_type == self.opened.scalar_type, "the scalar type is the one agreed on")
+        require(chunk.committed_to >= self.committed_to, "committed_to never falls")
+        self.next_frame += chunk.frame_count
+        require(self.next_frame <= self.playhead + self.opened.lookahead_frames, "no frame is sent beyond the credit")
+        self.end = max(self.end, self.next_frame)
+        self.committed_to = chunk.committed_to
+        self.chunks.append(chunk)
+
+    def outcome(self, event_seq: int) -> session_pb2.EditOutcome | None:
+        """The answer to an event; fails where there are two."""
+        answers = [outcome for outcome in self.outcomes if outcome.event_seq == event_seq]
+        require(len(answers) <= 1, "an event is answered once")
+        return answers[0] if answers else None
+
+
+class Talk:
+    """One stream. Sessions are known by their handles; a handle that is opened again begins anew."""
+
+    def __init__(self, stub: service_pb2_grpc.MotionServiceAsyncStub, catalog: service_pb2.GetCatalogResponse) -> None:
+        self.catalog = catalog
+        self.call = stub.StreamMotion()
+        self.sessions: dict[int, Heard] = {}
+        self.responses: list[service_pb2.StreamMotionResponse] = []
+        self._row_bytes = 4 * sum(block.width for block in catalog.rigs[0].blocks)
+
+    # ---- saying -----------------------------------------------------------------------------------------------------
+
+    async def hello(self) -> Talk:
+        """Greet the server and wait for its greeting; updates are gathered for as short a time as may be."""
+        hello = service_pb2.ClientHello(client_agent="compliance")
+        hello.flush_interval.FromMilliseconds(5)
+        await self.say(service_pb2.StreamMotionRequest(hello=hello))
+        first = await self.hear()
+        require(first.HasField("hello"), "the server's first message has hello")
+        return self
+
+    async def say(self, request: service_pb2.StreamMotionRequest) -> None:
+        async with asyncio.timeout(LIMIT_S):
+            await self.call.write(request)
+
+    async def send(self, *events: session_pb2.SessionEvent) -> None:
+        """Send events as they are."""
+        await self.say(service_pb2.StreamMotionRequest(events=events))
+
+    async def ask_open(self, handle: int, **fields: object) -> Heard:
+        """Send an OpenSession on a handle that carries none."""
+        heard = self.sessions[handle] = Heard(self._row_bytes)
+        opening = session_pb2.OpenSession(**fields)  # type: ignore[arg-type]
+        await self.send(session_pb2.SessionEvent(session=handle, event_seq=1, open=opening))
+        return heard
+
+    async def open(self, handle: int, **fields: object) -> Heard:
+        """Open a session and wait for its first frames."""
+        heard = await self.ask_open(handle, **fields)
+        await self.until(lambda: heard.chunks or heard.outcomes)
+        require(heard.opened is not None, f"the session opens: {heard.outcomes}")
+        return heard
+
+    async def edit(self, handle: int, event: session_pb2.SessionEvent) -> session_pb2.EditOutcome:
+        """Send the next event of a session and wait for its answer."""
+        heard = self.sessions[handle]
+        heard.sent_seq += 1
+        await self.send(addressed(event, handle, heard.sent_seq))
+        return await self.answer(handle, heard.sent_seq)
+
+    async def answer(self, handle: int, event_seq: int) -> session_pb2.EditOutcome:
+        heard = self.sessions[handle]
+        await self.until(lambda: heard.outcome(event_seq) is not None)
+        outcome = heard.outcome(event_seq)
+        assert outcome is not None
+        return outcome
+
+    async def report(self, handle: int, frame: int) -> None:
+        """Report the playhead; credit grows with it from here on."""
+        heard = self.sessions[handle]
+        heard.playhead = max(heard.playhead, frame)
+        playhead = session_pb2.Playhead(frame=frame, buffered_to=heard.next_frame)
+        await self.send(session_pb2.SessionEvent(session=handle, playhead=playhead))
+
+    async def close(self, handle: int) -> session_pb2.SessionClosed:
+        heard = self.sessions[handle]
+        heard.sent_seq += 1
+        await self.send(addressed(close(), handle, heard.sent_seq))
+        await self.until(lambda: heard.closed is not None)
+        assert heard.closed is not None
+        return heard.closed
+
+    async def ping(self, number: int) -> service_pb2.Pong:
+        """Send a ping and wait for its answer."""
+        await self.say(service_pb2.StreamMotionRequest(ping=service_pb2.Ping(client_time_ns=number)))
+        while True:
+            response = await self.hear()
+            if response.HasField("pong"):
+                return response.pong
+
+    # ---- hearing ----------------------------------------------------------------------------------------------------
+
+    async def hear(self) -> service_pb2.StreamMotionResponse:
+        """The next message. Raises StreamOver at the end, and AioRpcError where that is not OK."""
+        async with asyncio.timeout(LIMIT_S):
+            response = await self.call.read()
+        if not isinstance(response, service_pb2.StreamMotionResponse):
+            raise StreamOver
+        self.responses.append(response)
+        for update in response.updates:
+            if update.session not in self.sessions:
+                self.sessions[update.session] = Heard(self._row_bytes)
+            self.sessions[update.session].take(update)
+        return response
+
+    async def until(self, holds: Callable[[], object]) -> None:
+        """Hear messages until something holds."""
+        while not holds():
+            await self.hear()
+
+    async def to_the_end(self) -> grpc.StatusCode:
+        """Hear all that is left; returns the status, OK or not."""
+        try:
+            while True:
+                await self.hear()
+        except StreamOver:
+            return await self.call.code()
+        except grpc.aio.AioRpcError as error:
+            return error.code()
+
+    async def plays_on(self, handle: int) -> None:
+        """Play what a session has sent, and wait for more of it."""
+        heard = self.sessions[handle]
+        before = heard.end
+        await self.report(handle, before - 1)
+        await self.until(lambda: heard.end > before or heard.closed is not None)
+        require(heard.closed is None, f"the session lives: {heard.closed}")
+
+
+def addressed(event: session_pb2.SessionEvent, handle: int, event_seq: int) -> session_pb2.SessionEvent:
+    """A copy of an event with its session and number."""
+    copy = session_pb2.SessionEvent()
+    copy.CopyFrom(event)
+    copy.session, copy.event_seq = handle, event_seq
+    return copy

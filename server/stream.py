@@ -113,7 +113,6 @@ class Stream:
         self._prompts = prompts
         self._catalog = catalog
         self._links: dict[int, Link] = {}
-        self._last_seqs: dict[int, int] = {}  # of sessions whose end is not written yet
         self._bucket = TokenBucket(catalog.limits.stream_events_per_second, time.monotonic())
         self._backlog_since: float | None = None
 
@@ -130,7 +129,8 @@ class Stream:
             link = self._admit(event, now)
         except EventRefused as refusal:
             # It never became an event of the session, so the session's books must not know its number.
-            self._say(refusal_outcome(SessionKey(self.number, event.session), event.event_seq, refusal))
+            outcome = refusal_outcome(SessionKey(self.number, event.session), event.event_seq, refusal)
+            self._say(outcome, self._links.get(event.session))
             return
         if link is None:
             return
@@ -311,12 +311,13 @@ class Stream:
                 if output.event_seq == 1:  # an OpenSession has an outcome only when it is refused: the handle is unused
                     del self._links[output.session.handle]
             elif isinstance(output, Closed):
-                self._last_seqs[output.session.handle] = link.last_seq
+                link.applied_seq = link.last_seq
                 del self._links[output.session.handle]
-        self._say(output)
+        self._say(output, link)
 
-    def _say(self, output: Output) -> None:
-        self.outbox.put(output)
+    def _say(self, output: Output, link: Link | None) -> None:
+        # The number as of now: by the time it is written, later events may have been answered in later updates.
+        self.outbox.put(output, link.applied_seq if link is not None else 0)
         self.check_backlog()
         self.ready.set()
 
@@ -328,13 +329,9 @@ class Stream:
         if not outputs:
             return None
         response = service_pb2.StreamMotionResponse()
-        for output in outputs:
+        for output, applied_seq in outputs:
             update = session_update(output, self._catalog)
-            link = self._links.get(output.session.handle)
-            if isinstance(output, Closed):
-                update.applied_seq = self._last_seqs.pop(output.session.handle)
-            elif link is not None:
-                update.applied_seq = link.applied_seq
+            update.applied_seq = applied_seq
             response.updates.append(update)
         return response
 

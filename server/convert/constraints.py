@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from motiongen.v1 import motion_pb2
 from server.catalog import Catalog
@@ -84,16 +85,15 @@ def _joint_targets(
     numbers = number_array(
         message.rotations, count, f"{field}.rotations", f"{count} numbers (w, x, y, z a joint), or none"
     )
-    quaternions = numbers.reshape(-1, 4)
+    check_finite(numbers, f"{field}.rotations", "finite numbers")
+    quaternions = numbers.reshape(-1, 4).astype(np.float64)  # squares of great float32 numbers fit
     norms = np.linalg.norm(quaternions, axis=1)
-    if not np.all(np.abs(norms - 1) <= UNIT_TOLERANCE):  # NaN fails this too
-        raise refuse(
-            "NOT_A_ROTATION", f"{field}.rotations", f"quaternion lengths are {norms[:8]}", "1 within 0.001, finite"
-        )
+    if not np.all(np.abs(norms - 1) <= UNIT_TOLERANCE):
+        raise refuse("NOT_A_ROTATION", f"{field}.rotations", f"quaternion lengths are {norms[:8]}", "1 within 0.001")
     return JointTargets(identifier, frame, joints, positions, _matrices(quaternions / norms[:, None]))
 
 
-def _matrices(quaternions: Float32Array) -> Float32Array:
+def _matrices(quaternions: NDArray[np.float64]) -> Float32Array:
     """(K, 4) unit quaternions w x y z -> (K, 3, 3)."""
     w, x, y, z = quaternions.T
     rows = [

@@ -48,12 +48,12 @@ Embeddings = Mapping[str, NDArray[np.float32]]
 def prompt_texts(event: session_pb2.SessionEvent, catalog: Catalog) -> tuple[str, ...]:
     """The texts that must be encoded before `engine_event` can be called. Raises EventRefused for a bad one."""
     name = event.WhichOneof("event")
+    spans, field = event.edit_prompts.upsert, "edit_prompts.upsert"
     if name == "open":
-        return tuple(prompt_text(span, f"open.prompts[{i}]", catalog) for i, span in enumerate(event.open.prompts))
-    if name == "edit_prompts":
-        spans = event.edit_prompts.upsert
-        return tuple(prompt_text(span, f"edit_prompts.upsert[{i}]", catalog) for i, span in enumerate(spans))
-    return ()
+        spans, field = event.open.prompts, "open.prompts"
+    # Before any of them is encoded: a message has room for a thousand times as many as a session.
+    check_count(spans, catalog.limits.max_prompts, "TOO_MANY_PROMPTS", field)
+    return tuple(prompt_text(span, f"{field}[{index}]", catalog) for index, span in enumerate(spans))
 
 
 def engine_event(
@@ -148,9 +148,8 @@ def _guidance(message: session_pb2.Guidance, default: Guidance) -> Guidance:
     for name in ("text", "constraint"):
         weight = getattr(message, name) if message.HasField(name) else getattr(default, name)
         if not (math.isfinite(weight) and 0 <= weight <= MAX_GUIDANCE):
-            raise refuse(
-                "GUIDANCE_OUT_OF_RANGE", f"open.guidance.{name}", f"the weight is {weight}", f"0 to {MAX_GUIDANCE:g}"
-            )
+            reason = "GUIDANCE_OUT_OF_RANGE" if math.isfinite(weight) else "NOT_FINITE"
+            raise refuse(reason, f"open.guidance.{name}", f"the weight is {weight}", f"0 to {MAX_GUIDANCE:g}")
         weights[name] = float(weight)
     return Guidance(**weights)
 
@@ -177,7 +176,6 @@ def prompt_text(span: motion_pb2.PromptSpan, field: str, catalog: Catalog) -> st
 def _prompts(
     spans: Sequence[motion_pb2.PromptSpan], field: str, embeddings: Embeddings, catalog: Catalog
 ) -> tuple[Prompt, ...]:
-    check_count(spans, catalog.limits.max_prompts, "TOO_MANY_PROMPTS", field)
     prompts = []
     for index, span in enumerate(spans):
         where = f"{field}[{index}]"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import secrets
+
 import numpy as np
 
 from motiongen.v1 import motion_pb2, session_pb2
@@ -27,7 +29,8 @@ def session_update(output: Output, catalog: Catalog) -> session_pb2.SessionUpdat
     elif isinstance(output, Outcome):
         update.outcome.CopyFrom(outcome_message(output))
     elif isinstance(output, Opened):
-        update.opened.session_id = f"{output.session.stream}-{output.session.handle}"
+        # Stream and handle find it in the logs; the rest tells it from sessions of other servers and of a used handle.
+        update.opened.session_id = f"{output.session.stream}-{output.session.handle}-{secrets.token_hex(6)}"
         update.opened.seed = output.seed
         update.opened.start_frame = output.start_frame
         update.opened.rig_id = catalog.facts.rig.rig_id

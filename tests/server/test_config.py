@@ -1,0 +1,78 @@
+"""Settings: flags, environment, defaults, and refusals that say what is allowed."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import pytest
+
+from server.config import ServerConfig, environment_name, parse_config
+from server.errors import SettingError
+
+
+def test_help_names_every_flag_and_environment_name(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        parse_config(["--help"], {})
+    assert ended.value.code == 0
+    text = " ".join(capsys.readouterr().out.split())
+    for each in fields(ServerConfig):
+        assert f"--{each.name.replace('_', '-')} " in text
+        assert environment_name(each.name) in text.replace(" ", "")
+
+
+def test_a_flag_wins_over_the_environment_and_that_over_the_default() -> None:
+    environment = {"MOTIONGEN_PORT": "1111", "MOTIONGEN_MAX_ROWS": "7", "PATH": "/bin"}
+    config = parse_config(["--port", "2222"], environment)
+    assert (config.port, config.max_rows, config.ops_port) == (2222, 7, ServerConfig().ops_port)
+
+
+@pytest.mark.parametrize(
+    ("words", "value"),
+    [(["--print-ports"], True), (["--print-ports", "no"], False), (["--print-ports=TRUE"], True), ([], False)],
+)
+def test_switches(words: list[str], value: bool) -> None:
+    assert parse_config(words, {}).print_ports is value
+
+
+@pytest.mark.parametrize("name", [each.name for each in fields(ServerConfig) if each.metadata["least"] is not None])
+def test_a_value_beyond_its_range_is_refused_with_the_range(name: str) -> None:
+    metadata = {each.name: each.metadata for each in fields(ServerConfig)}[name]
+    for bound, step in ((metadata["least"], -1), (metadata["most"], 1)):
+        with pytest.raises(SettingError) as refused:
+            parse_config([f"--{name.replace('_', '-')}={bound + step}"], {})
+        words = str(refused.value).replace(";", " ").split()
+        assert name in words
+        assert [float(word) for word in (words[-3], words[-1])] == [metadata["least"], metadata["most"]]
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--port", "many"], ["port", "'many'", "whole number"]),
+        (["--port", "1.5"], ["port", "'1.5'", "whole number"]),
+        (["--flush-ms", "nan"], ["flush_ms", "nan", "1 to 1000"]),
+        (["--idle-timeout-s", "soon"], ["idle_timeout_s", "'soon'", "a number"]),
+        (["--reflection", "perhaps"], ["reflection", "'perhaps'", "true or false"]),
+        (["--device", "abacus"], ["device", "'abacus'", "cpu, cuda"]),
+        (["--history-frames", "18"], ["history_frames", "18", "multiple of 4"]),
+        (["--lookahead-frames", "100"], ["max_lookahead_frames", "100"]),
+        (["--colour", "red"], ["--colour", "--help"]),
+        (["--port"], ["--port", "--help"]),
+    ],
+)
+def test_wrong_values_are_refused_by_name(words: list[str], expected: list[str]) -> None:
+    with pytest.raises(SettingError) as refused:
+        parse_config(words, {})
+    for part in expected:
+        assert part in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_wrong_values_of_the_environment_are_refused_too() -> None:
+    with pytest.raises(SettingError, match=r"port is 70000; it must be from 0 to 65535"):
+        parse_config([], {"MOTIONGEN_PORT": "70000"})
+
+
+def test_an_environment_name_that_is_no_setting_is_refused() -> None:
+    with pytest.raises(SettingError, match=r"MOTIONGEN_PROT.*--help"):
+        parse_config([], {"MOTIONGEN_PROT": "1"})

@@ -1,0 +1,44 @@
+"""How errors are told: status, details, fields."""
+
+from __future__ import annotations
+
+import grpc
+import pytest
+from google.rpc import error_details_pb2, status_pb2
+
+from server.engine.types import Code
+from server.errors import EventRefused, StreamRefused
+
+
+def decoded(refusal: StreamRefused) -> status_pb2.Status:
+    """The status as a client reads it from the trailing metadata."""
+    trailing = dict(refusal.status().trailing_metadata)
+    return status_pb2.Status.FromString(trailing["grpc-status-details-bin"])
+
+
+def test_a_stream_s_end_says_why_and_which_field() -> None:
+    refusal = StreamRefused(grpc.StatusCode.INVALID_ARGUMENT, "HELLO_EXPECTED", "say hello first", field="hello")
+    status = decoded(refusal)
+    assert (status.code, status.message) == (3, "say hello first")
+    info, request = error_details_pb2.ErrorInfo(), error_details_pb2.BadRequest()
+    assert [detail.Unpack(into) for detail, into in zip(status.details, (info, request), strict=True)] == [True, True]
+    assert (info.reason, info.domain) == ("HELLO_EXPECTED", "motiongen")
+    (violation,) = request.field_violations
+    assert (violation.field, violation.description, violation.reason) == ("hello", "say hello first", "HELLO_EXPECTED")
+
+
+def test_without_a_field_there_is_no_bad_request() -> None:
+    status = decoded(StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_STREAMS", "too many"))
+    assert status.code == 8
+    assert len(status.details) == 1
+
+
+@pytest.mark.parametrize("code", list(Code))
+def test_the_engine_s_codes_are_those_of_grpc(code: Code) -> None:
+    assert grpc.StatusCode[code.name].value[0] == code
+
+
+def test_a_refused_event_keeps_what_an_outcome_needs() -> None:
+    refusal = EventRefused(Code.NOT_FOUND, "UNKNOWN_RIG", "no rig 'x'", field="open.rig_id", allowed="core27")
+    assert (refusal.code, refusal.reason, str(refusal)) == (Code.NOT_FOUND, "UNKNOWN_RIG", "no rig 'x'")
+    assert (refusal.field, refusal.allowed) == ("open.rig_id", "core27")

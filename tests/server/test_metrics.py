@@ -1,0 +1,92 @@
+"""Metrics: all have the prefix, none stays unset, and a step report's numbers arrive."""
+
+from __future__ import annotations
+
+from prometheus_client import Metric
+
+from server.engine.report import EventLatency, StepReport
+from server.engine.types import CloseReason, Code, PlanCause, PlayState, Priority
+from server.metrics import Metrics
+
+SET_BY_THE_APPLICATION = {
+    "motiongen_build_info",
+    "motiongen_prompt_encode_seconds",
+    "motiongen_engine_heartbeat_age_seconds",
+}
+
+
+def full_report() -> StepReport:
+    """A step in which everything happened."""
+    return StepReport(
+        rows=3,
+        bucket=4,
+        prepare_seconds=0.001,
+        step_seconds=0.02,
+        decode_seconds=0.003,
+        queue_waits=[0.01, 0.02],
+        slacks=[(Priority.NEAR, 0.7)],
+        deadlines=[Priority.HERO, Priority.HERO],
+        windows=[(Priority.NEAR, PlanCause.EDIT)],
+        deadline_misses=[Priority.HERO],
+        frames_sent=40,
+        frames_superseded=7,
+        windows_discarded=1,
+        windows_restarted=2,
+        nan_rows=1,
+        runner_faults=1,
+        client_underruns=[(Priority.CROWD, 5)],
+        event_latencies=[EventLatency(Priority.NEAR, "prompt", 0.12)],
+        opens=[Code.OK, Code.RESOURCE_EXHAUSTED],
+        closes=[CloseReason.CLIENT],
+        sessions={(Priority.NEAR, PlayState.PLAYING): 6},
+    )
+
+
+def families(metrics: Metrics) -> dict[str, Metric]:
+    return {family.name: family for family in metrics.registry.collect()}
+
+
+def touched(family: Metric) -> bool:
+    values = [sample.value for sample in family.samples if not sample.name.endswith("_created")]
+    return any(value > 0 for value in values)
+
+
+def test_every_metric_has_the_prefix_and_a_meaning() -> None:
+    for name, family in families(Metrics()).items():
+        assert name.startswith("motiongen_")
+        assert family.documentation.endswith(".")
+
+
+def test_a_full_report_sets_every_metric_that_the_application_does_not() -> None:
+    metrics = Metrics()
+    metrics.observe(full_report())
+    untouched = {name for name, family in families(metrics).items() if not touched(family)}
+    assert untouched == SET_BY_THE_APPLICATION
+
+
+def test_the_numbers_arrive() -> None:
+    metrics = Metrics()
+    metrics.observe(full_report())
+    metrics.observe(full_report())
+    value = metrics.registry.get_sample_value
+    assert value("motiongen_frames_sent_total") == 80
+    assert value("motiongen_batch_rows_sum") == 6
+    assert value("motiongen_step_seconds_count", {"bucket": "4"}) == 2
+    assert value("motiongen_windows_total", {"class": "NEAR", "cause": "EDIT"}) == 2
+    assert value("motiongen_client_underruns_total", {"class": "CROWD"}) == 10
+    assert value("motiongen_session_opens_total", {"code": "RESOURCE_EXHAUSTED"}) == 2
+    assert value("motiongen_event_first_frame_seconds_sum", {"class": "NEAR", "kind": "prompt"}) == 0.24
+    assert value("motiongen_sessions", {"class": "NEAR", "state": "PLAYING"}) == 6
+
+
+def test_a_step_without_rows_is_no_denoising_step() -> None:
+    metrics = Metrics()
+    metrics.observe(StepReport())
+    assert metrics.registry.get_sample_value("motiongen_batch_rows_count") == 0
+
+
+def test_classes_without_sessions_disappear() -> None:
+    metrics = Metrics()
+    metrics.observe(full_report())
+    metrics.observe(StepReport(sessions={}))
+    assert metrics.registry.get_sample_value("motiongen_sessions", {"class": "NEAR", "state": "PLAYING"}) is None

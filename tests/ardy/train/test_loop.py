@@ -1,0 +1,59 @@
+"""The training loop: it learns, stops, and goes on where it stopped."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from ardy.checkpoint import load_checkpoint, load_tokenizer
+from ardy.config import TokenizerConfig, TransformerConfig
+from ardy.denoiser.guidance import GuidanceWeights
+from ardy.rollout import RolloutRequest, rollout
+from ardy.train.denoiser import MINI_DENOISER, denoiser_of, train_denoiser
+from ardy.train.loop import LoopSettings
+from ardy.train.tokenizer import train_tokenizer
+from tests.ardy.train.clips import swinging_dataset
+
+SMALL = TransformerConfig(width=16, feed_forward=32, num_layers=1, num_heads=2)
+TOKENIZER = TokenizerConfig(transformer=SMALL, latent_dim=8, levels=(16,) * 8)
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> LoopSettings:
+    return LoopSettings(out=tmp_path / "run", steps=6, learning_rate=1e-3, warmup_steps=2, log_every=2, bfloat16=False)
+
+
+def test_training_goes_on_from_the_saved_step_and_exports_a_working_model(settings: LoopSettings) -> None:
+    dataset = swinging_dataset()
+    first = train_tokenizer(TOKENIZER, dataset, replace(settings, steps=4), batch=2)
+    assert first.step == 4
+    weights = first.task.module.state_dict()["tokenizer.encoder.input_proj.weight"].clone()
+    second = train_tokenizer(TOKENIZER, dataset, settings, batch=2)
+    assert second.step == 6
+    moved = second.task.module.state_dict()["tokenizer.encoder.input_proj.weight"] - weights
+    assert 0 < float(moved.abs().max()) < 0.02  # two more small steps, not a fresh start
+    tokenizer = load_tokenizer(settings.out)
+    model = denoiser_of(tokenizer, replace(MINI_DENOISER, transformer=SMALL, latent_dim=8, text_dim=8), horizon=16)
+    denoising = replace(settings, out=settings.out / "denoiser")
+    trainer = train_denoiser(model, dataset, "hashed", denoising, batch=4)
+    assert trainer.step == 6
+    trained = load_checkpoint(denoising.out)
+    request = RolloutRequest(num_frames=32, text=torch.zeros(8), num_steps=2, weights=GuidanceWeights(1.0, 1.0))
+    assert bool(rollout(trained, request).isfinite().all())
+
+
+def test_a_finished_run_is_not_trained_further(settings: LoopSettings) -> None:
+    dataset = swinging_dataset()
+    train_tokenizer(TOKENIZER, dataset, settings, batch=2)
+    again = train_tokenizer(TOKENIZER, dataset, settings, batch=2)
+    assert again.step == settings.steps
+
+
+def test_it_stops_when_asked_and_has_saved(settings: LoopSettings) -> None:
+    trainer = train_tokenizer(TOKENIZER, swinging_dataset(), replace(settings, steps=10_000, minutes=0.01), batch=2)
+    assert 0 < trainer.step < 10_000
+    assert (settings.out / "state.pt").exists()
+    assert load_tokenizer(settings.out).config == TOKENIZER

@@ -57,6 +57,10 @@ test-gpu: $(READY) ## run the tests that need a CUDA device
 parity: $(READY) ## test that batched, streamed and saved motion equals the plain rollout
 	$(PYTHON) -m pytest tests/parity $(ARGS)
 
+.PHONY: contract
+contract: $(READY) ## test that a server keeps the protocol; any server: MOTIONGEN_ADDRESS=host:port make contract
+	$(PYTHON) -m pytest tests/contract $(ARGS)
+
 .PHONY: e2e
 e2e: $(READY) ## test a real server process with the real client
 	$(PYTHON) -m pytest tests/e2e $(ARGS)

@@ -23,7 +23,7 @@ from tests.contract.talk import Talk
 class Target:
     """A server under test, reached over one connection."""
 
-    stub: service_pb2_grpc.MotionServiceAsyncStub
+    stub: service_pb2_grpc.MotionServiceStub
     catalog: service_pb2.GetCatalogResponse
 
     def stream(self) -> Talk:

@@ -140,7 +140,7 @@ class Heard:
 class Talk:
     """One stream. Sessions are known by their handles; a handle that is opened again begins anew."""
 
-    def __init__(self, stub: service_pb2_grpc.MotionServiceAsyncStub, catalog: service_pb2.GetCatalogResponse) -> None:
+    def __init__(self, stub: service_pb2_grpc.MotionServiceStub, catalog: service_pb2.GetCatalogResponse) -> None:
         self.catalog = catalog
         self.call = stub.StreamMotion()
         self.sessions: dict[int, Heard] = {}

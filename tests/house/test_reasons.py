@@ -16,10 +16,11 @@ VALUES = {"F32_LE"}
 
 
 def reasons_in(source: str) -> Iterator[str]:
-    """String literals that look like a reason, in the arguments of a refusal or in a tuple with its parts."""
+    """What looks like a reason in a refusal's arguments, in a tuple of its parts, or assigned to `reason`."""
     for node in ast.walk(ast.parse(source)):
         is_refusal = isinstance(node, ast.Call) and getattr(node.func, "id", "") in REFUSALS
-        if is_refusal or isinstance(node, ast.Tuple):
+        is_reason = isinstance(node, ast.Assign) and any(getattr(name, "id", "") == "reason" for name in node.targets)
+        if is_refusal or is_reason or isinstance(node, ast.Tuple):
             for inner in ast.walk(node):
                 if isinstance(inner, ast.Constant) and isinstance(inner.value, str) and REASON.fullmatch(inner.value):
                     yield inner.value
@@ -38,5 +39,5 @@ def test_the_page_lists_the_reasons_that_the_server_gives(repository: Any) -> No
 
 
 def test_a_reason_is_seen() -> None:
-    source = "raise EventRefused(Code.NOT_FOUND, 'NO_SUCH_THING', 'no')\nLEVEL = 'LOG_LEVEL'"
-    assert list(reasons_in(source)) == ["NO_SUCH_THING"]
+    source = "raise EventRefused(code, 'NO_SUCH_THING', 'no')\nLEVEL = 'LOG_LEVEL'\nreason = 'TOO_FAR' if x else ''"
+    assert sorted(reasons_in(source)) == ["NO_SUCH_THING", "TOO_FAR"]

@@ -74,7 +74,7 @@ def check_setting(name: str, value: Any, metadata: Mapping[str, Any]) -> None:
     if choices is not None and value not in choices:
         raise SettingError(f"{name} is {value!r}; it must be one of {', '.join(choices)}")
     if least is not None and not least <= value <= most:
-        raise SettingError(f"{name} is {value}; it must be from {least:g} to {most:g}")
+        raise SettingError(f"{name} is {value}; it must be from {least:.12g} to {most:.12g}")
 
 
 def environment_name(name: str) -> str:
@@ -134,7 +134,7 @@ def _parser() -> argparse.ArgumentParser:
         if metadata.get("choices"):
             allowed = f"; one of {', '.join(metadata['choices'])}"
         elif metadata["least"] is not None:
-            allowed = f"; {metadata['least']:g} to {metadata['most']:g}"
+            allowed = f"; {metadata['least']:.12g} to {metadata['most']:.12g}"
         is_switch = isinstance(each.default, bool)
         parser.add_argument(
             f"--{each.name.replace('_', '-')}",

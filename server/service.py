@@ -37,7 +37,7 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
         self._numbers = itertools.count(1)
         self._streams: dict[int, Stream] = {}
         self._loop = asyncio.get_running_loop()
-        self._draining = False
+        self._ends_at: float | None = None  # monotonic seconds, known once the server drains
         self._all_ended = asyncio.Event()
         self._all_ended.set()
 
@@ -76,7 +76,7 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
         """One stream, from its hello to its end."""
         stream = Stream(next(self._numbers), self._engine, self._prompts, self._catalog)
         stream.flush_s = self._flush_s
-        stream.accepts_opens = not self._draining
+        stream.accepts_opens = self._ends_at is None
         self._streams[stream.number] = stream
         self._all_ended.clear()
         reader = asyncio.create_task(self._read(stream, context))
@@ -84,10 +84,12 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
         try:
             await asyncio.wait({reader, writer}, return_when=asyncio.FIRST_COMPLETED)
             if reader.done():
-                reader.result()  # raises StreamRefused
                 stream.close_all(CloseReason.CLIENT)
                 stream.end()
+            # To its end also where the stream is refused: a status set while a write is under way may never arrive.
             await writer
+            if reader.done():
+                reader.result()  # raises StreamRefused
         except StreamRefused as refusal:
             await context.abort_with_status(refusal.status())
         finally:
@@ -99,21 +101,19 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
                 self._all_ended.set()
 
     async def _read(self, stream: Stream, context: Context) -> None:
-        greeted = False
         while True:
             request = await context.read()
             if not isinstance(request, service_pb2.StreamMotionRequest):  # grpc.aio.EOF
                 return
             kind = request.WhichOneof("stream_event")
-            if greeted == (kind == "hello"):
+            if stream.greeted == (kind == "hello"):
                 raise StreamRefused(
                     grpc.StatusCode.INVALID_ARGUMENT,
-                    "HELLO_EXPECTED" if not greeted else "HELLO_REPEATED",
-                    "the first message of a stream must carry hello" if not greeted else "hello was sent twice",
+                    "HELLO_EXPECTED" if not stream.greeted else "HELLO_REPEATED",
+                    "the first message of a stream must carry hello" if not stream.greeted else "hello was sent twice",
                     field="hello",
                 )
             if kind == "hello":
-                greeted = True
                 self._greet(stream, request.hello)
             elif kind == "ping":
                 pong = service_pb2.Pong(client_time_ns=request.ping.client_time_ns, server_time_ns=time.time_ns())
@@ -129,6 +129,9 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
             replica_id=self._replica_id, limits=self._catalog.limits_message, server_time_ns=time.time_ns()
         )
         stream.reply(service_pb2.StreamMotionResponse(hello=answer))
+        stream.greeted = True
+        if self._ends_at is not None:
+            self._say_goodbye(stream, self._ends_at - time.monotonic())
 
     async def _write(self, stream: Stream, context: Context) -> None:
         """Write what waits, gathered over the flush interval, until the stream ends and all is written."""
@@ -150,12 +153,17 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
 
     def goodbye(self, grace_s: float) -> None:
         """Open nothing more, and tell every client that the server goes away in grace_s seconds."""
-        self._draining = True
+        self._ends_at = time.monotonic() + grace_s
         for stream in self._streams.values():
             stream.accepts_opens = False
-            goodbye = service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASON_DRAINING)
-            goodbye.grace.FromMilliseconds(round(1000 * grace_s))
-            stream.reply(service_pb2.StreamMotionResponse(goodbye=goodbye))
+            if stream.greeted:  # else its hello, which comes first, is followed by the goodbye
+                self._say_goodbye(stream, grace_s)
+
+    @staticmethod
+    def _say_goodbye(stream: Stream, grace_s: float) -> None:
+        goodbye = service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASON_DRAINING)
+        goodbye.grace.FromMilliseconds(max(0, round(1000 * grace_s)))
+        stream.reply(service_pb2.StreamMotionResponse(goodbye=goodbye))
 
     def close_all(self) -> None:
         """Close every session as drained and end every stream once it has been told."""

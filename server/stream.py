@@ -107,6 +107,7 @@ class Stream:
         self.ready = asyncio.Event()  # something to write, or the end
         self.flush_s = 0.0
         self.accepts_opens = True
+        self.greeted = False  # both sides have said hello
         self.ended = False
         self.responses: deque[service_pb2.StreamMotionResponse] = deque()
         self._engine = engine
@@ -266,19 +267,34 @@ class Stream:
     async def _encode_waiting(self, link: Link) -> None:
         try:
             while link.waiting:
-                event, received_at = link.waiting[0]
+                event, received_at = link.waiting[0]  # it stays while it is encoded, so that `_refuse_waiting` finds it
+                embeddings: dict[str, NDArray[np.float32]] = {}
+                failure: Exception | None = None
                 try:
-                    texts = () if link.closing else prompt_texts(event, self._catalog)
-                    embeddings = {text: await self._prompts.encode(text) for text in texts}
+                    for text in () if link.closing else prompt_texts(event, self._catalog):
+                        embeddings[text] = await self._prompts.encode(text)
+                except Exception as error:
+                    failure = error
+                link.waiting.popleft()
+                try:
+                    if failure is not None:
+                        raise failure
                     self._submit(link, event, received_at, embeddings)
                 except EventRefused as refusal:
                     self.take(refusal_outcome(link.key, event.event_seq, refusal))
                 except Exception as error:
                     self._internal_error(link, event.event_seq, error)
-                link.waiting.popleft()
         finally:
             link.encoding = None
             self.ready.set()
+
+    def _refuse_waiting(self, link: Link) -> None:
+        """Answer what waits for the encoder: its session is over."""
+        if link.encoding is not None and link.encoding is not asyncio.current_task():
+            link.encoding.cancel()
+        waiting, link.waiting = link.waiting, deque()
+        for event, _ in waiting:
+            self.take(refusal_outcome(link.key, event.event_seq, closed_before()))
 
     def _submit(
         self, link: Link, message: session_pb2.SessionEvent, now: float, embeddings: dict[str, NDArray[np.float32]]
@@ -309,8 +325,10 @@ class Stream:
             elif isinstance(output, Outcome) and output.event_seq:
                 link.answer(output.event_seq)
                 if output.event_seq == 1:  # an OpenSession has an outcome only when it is refused: the handle is unused
+                    self._refuse_waiting(link)
                     del self._links[output.session.handle]
             elif isinstance(output, Closed):
+                self._refuse_waiting(link)  # before the end is told and the handle can be used again
                 link.applied_seq = link.last_seq
                 del self._links[output.session.handle]
         self._say(output, link)
@@ -356,11 +374,7 @@ class Stream:
         """Ask the engine to close every session of the stream that is not closing already."""
         now = time.monotonic()
         for link in list(self._links.values()):
-            if link.encoding is not None:
-                link.encoding.cancel()
-            waiting, link.waiting = link.waiting, deque()
-            for event, _ in waiting:  # the first may be the OpenSession itself, which is then refused
-                self.take(refusal_outcome(link.key, event.event_seq, closed_before()))
+            self._refuse_waiting(link)  # the first may be the OpenSession itself, which is then refused
             if link.known_to_engine and not link.closing:
                 link.closing = True
                 self._engine.submit(Close(link.key, link.last_seq + 1, now, reason))

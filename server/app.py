@@ -7,6 +7,7 @@ import contextlib
 import json
 import logging
 import signal
+import socket
 import sys
 import time
 from collections.abc import Callable
@@ -119,11 +120,17 @@ class Application:
 
     async def _start_ops(self) -> None:
         app = ops_app(self._metrics.registry, self._is_alive, self._is_ready)
-        self._ops = OpsServer(app, self._config.ops_host, self._config.ops_port)
-        self._ops_task = asyncio.create_task(self._ops.serve())
+        host, port = self._config.ops_host, self._config.ops_port
+        try:
+            # Bound here, because uvicorn ends the process when it cannot.
+            listener = socket.create_server((host, port))
+        except OSError as error:
+            raise SettingError(f"cannot listen on {host}:{port} (ops); choose another port, or 0: {error}") from error
+        self._ops = OpsServer(app, host, port)
+        self._ops_task = asyncio.create_task(self._ops.serve([listener]))
         while not self._ops.started:
             if self._ops_task.done():
-                raise SettingError(f"cannot listen on ops port {self._config.ops_port}; choose another, or 0")
+                self._ops_task.result()
             await asyncio.sleep(0.01)
         self.ops_port = self._ops.port
 

@@ -1,0 +1,132 @@
+"""How a server process ends: drained by SIGTERM under a live stream, and refused at the start for a wrong setting."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import socket
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import grpc
+import grpc.aio
+import httpx
+import pytest
+
+from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
+from tests.conftest import ROOT, TINY_MODEL
+from tests.contract.talk import Talk
+
+LIMIT_S = 60.0
+MODEL = ["--model", str(TINY_MODEL), "--text-encoder", "hashed", "--threads", "1"]
+FREE_PORTS = ["--port", "0", "--ops-port", "0", "--print-ports"]
+
+
+async def start(*arguments: str, **environment: str) -> asyncio.subprocess.Process:
+    return await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-m",
+        "server",
+        *arguments,
+        cwd=ROOT,
+        env={**os.environ, **environment},
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+
+
+@asynccontextmanager
+async def serving(*arguments: str) -> AsyncIterator[tuple[asyncio.subprocess.Process, dict[str, int]]]:
+    """A server that is ready, and its ports. It is killed if the test has not ended it."""
+    process = await start(*MODEL, *FREE_PORTS, *arguments)
+    assert process.stdout is not None
+    try:
+        line = await process.stdout.readline()
+        if not line:
+            pytest.fail((await process.communicate())[1].decode())
+        yield process, json.loads(line)
+    finally:
+        if process.returncode is None:
+            process.kill()
+        await process.communicate()
+
+
+async def test_sigterm_under_a_live_stream_says_goodbye_and_ends_with_0() -> None:
+    async with (
+        asyncio.timeout(LIMIT_S),
+        serving("--drain-wait-s", "0", "--drain-grace-s", "60") as (process, ports),
+        grpc.aio.insecure_channel(f"localhost:{ports['grpc_port']}") as channel,
+        httpx.AsyncClient(base_url=f"http://localhost:{ports['ops_port']}") as ops,
+    ):
+        stub = service_pb2_grpc.MotionServiceStub(channel)
+        talk = Talk(stub, await stub.GetCatalog(service_pb2.GetCatalogRequest()))  # type: ignore[arg-type, misc]
+        await talk.hello()
+        await talk.open(1)
+        assert (await ops.get("/readyz")).status_code == 200
+        process.send_signal(signal.SIGTERM)
+        await talk.until(lambda: talk.responses[-1].HasField("goodbye"))
+        assert (await ops.get("/readyz")).status_code == 503
+        assert (await ops.get("/livez")).status_code == 200
+        await talk.plays_on(1)
+        await talk.close(1)
+        await talk.call.done_writing()
+        assert await talk.to_the_end() is grpc.StatusCode.OK
+        assert await process.wait() == 0, "it did not wait for the end of the grace"
+
+
+async def test_sessions_that_stay_are_closed_as_drained_when_the_grace_is_over() -> None:
+    async with (
+        asyncio.timeout(LIMIT_S),
+        serving("--drain-wait-s", "0", "--drain-grace-s", "0.1") as (process, ports),
+        grpc.aio.insecure_channel(f"localhost:{ports['grpc_port']}") as channel,
+    ):
+        stub = service_pb2_grpc.MotionServiceStub(channel)
+        talk = Talk(stub, await stub.GetCatalog(service_pb2.GetCatalogRequest()))  # type: ignore[arg-type, misc]
+        await talk.hello()
+        heard = await talk.open(1)
+        process.send_signal(signal.SIGTERM)
+        assert await talk.to_the_end() is grpc.StatusCode.OK
+        assert heard.closed is not None
+        assert heard.closed.reason == session_pb2.CLOSE_REASON_DRAINED
+        assert any(response.HasField("goodbye") for response in talk.responses)
+        assert await process.wait() == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "environment", "named"),
+    [
+        (["--port", "99999"], {}, "port is 99999; it must be from 0 to 65535"),
+        ([], {"MOTIONGEN_DENOISE_STEPS": "few"}, "denoise_steps is 'few'"),
+        ([], {"MOTIONGEN_PORTS": "1"}, "MOTIONGEN_PORTS"),
+        ([*MODEL, *FREE_PORTS, "--model", "no-such-model"], {}, "no-such-model"),
+        ([*MODEL, *FREE_PORTS, "--lookahead-frames", "20"], {}, "lookahead_frames is 20"),
+    ],
+    ids=["range", "kind", "name", "model", "fit"],
+)
+async def test_a_wrong_setting_is_named_in_one_line(
+    arguments: list[str], environment: dict[str, str], named: str
+) -> None:
+    async with asyncio.timeout(LIMIT_S):
+        process = await start(*arguments, **environment)
+        out, err = await process.communicate()
+    assert process.returncode == 2
+    assert out == b""
+    (line,) = err.decode().splitlines()
+    assert line.startswith("error: ")
+    assert named in line
+
+
+@pytest.mark.parametrize("flag", ["--port", "--ops-port"])
+async def test_a_port_in_use_is_named_in_one_line(flag: str) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        async with asyncio.timeout(LIMIT_S):
+            process = await start(*MODEL, *FREE_PORTS, flag, str(port))
+            _, err = await process.communicate()
+    assert process.returncode == 2, err.decode()
+    (line,) = [line for line in err.decode().splitlines() if line.startswith("error: ")]
+    assert str(port) in line
+    assert "Traceback" not in err.decode()

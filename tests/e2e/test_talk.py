@@ -1,0 +1,54 @@
+"""The Python client and a real server process: sessions open, play, change and close."""
+
+from __future__ import annotations
+
+import asyncio
+
+import httpx
+import numpy as np
+import pytest
+
+from motiongen_client import EventRefused, MotionClient, SessionOptions
+from tests.conftest import LiveServer
+
+LIMIT_S = 30.0
+
+
+async def test_two_sessions_play_and_one_changes_its_prompt(live_server: LiveServer) -> None:
+    async with asyncio.timeout(LIMIT_S), MotionClient(live_server.address) as client:
+        walker = await client.open("a person walks", options=SessionOptions(seed=3))
+        waver = await client.open("a person waves")
+        frames = [frame async for frame in walker.frames(seconds=3, realtime=False)]
+        outcome = await walker.set_prompt("a person runs")
+        assert outcome.effective_frame is not None
+        assert outcome.effective_frame > frames[-1].index, "no frame that was shown is replaced"
+        frames += [frame async for frame in walker.frames(seconds=3, realtime=False)]
+        assert [frame.index for frame in frames] == list(range(120))
+        assert all(np.isfinite(frame.joint_positions_m()).all() for frame in frames)
+        others = [frame async for frame in waver.frames(seconds=2, realtime=False)]
+        assert [frame.index for frame in others] == list(range(40))
+        end = await walker.close()
+        assert end.reason == "client"
+
+
+async def test_a_mistake_is_an_error_of_its_edit_alone(live_server: LiveServer) -> None:
+    async with asyncio.timeout(LIMIT_S), MotionClient(live_server.address) as client:
+        session = await client.open("a person walks")
+        with pytest.raises(EventRefused) as refused:
+            await session.remove_constraints([99])
+        assert refused.value.reason == "UNKNOWN_CONSTRAINT"
+        assert len([frame async for frame in session.frames(seconds=1, realtime=False)]) == 20
+
+
+async def test_a_running_server_is_alive_ready_and_counts(live_server: LiveServer) -> None:
+    async with asyncio.timeout(LIMIT_S), MotionClient(live_server.address) as client:
+        session = await client.open("a person walks")
+        _ = [frame async for frame in session.frames(seconds=1, realtime=False)]
+        async with httpx.AsyncClient(base_url=live_server.ops_url) as ops:
+            answers = [(await ops.get(path)).status_code for path in ("/livez", "/healthz", "/readyz")]
+            metrics = (await ops.get("/metrics")).text
+    assert answers == [200, 200, 200]
+    lines = dict(line.rsplit(" ", 1) for line in metrics.splitlines() if not line.startswith("#"))
+    assert float(lines["motiongen_frames_sent_total"]) >= 20
+    assert float(lines['motiongen_session_opens_total{code="OK"}']) >= 1
+    assert 'motiongen_build_info{model="' in metrics

@@ -107,6 +107,7 @@ class Application:
         self._service = MotionService(self._engine, self._prompts, catalog, config.flush_ms / 1000)
         await self._start_grpc()
         self._engine.start()
+        self._metrics.heartbeat_age.set_function(self._heartbeat_age_s)
         self._metrics.build.labels(facts.model_id, facts.rig.rig_id).set(1)
         await self._set_health(health_pb2.HealthCheckResponse.SERVING)
         self._ready = True
@@ -172,9 +173,10 @@ class Application:
         return self._ready and self._engine_is_well()
 
     def _engine_is_well(self) -> bool:
-        age = time.monotonic() - self._engine.heartbeat_at
-        self._metrics.heartbeat_age.set(age)
-        return self._engine.failure is None and age < HEARTBEAT_LIMIT_S
+        return self._engine.failure is None and self._heartbeat_age_s() < HEARTBEAT_LIMIT_S
+
+    def _heartbeat_age_s(self) -> float:
+        return time.monotonic() - self._engine.heartbeat_at
 
     # ---- serve, drain, stop -----------------------------------------------------------------------------------------
 

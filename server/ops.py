@@ -43,7 +43,11 @@ class OpsServer(uvicorn.Server):
     """uvicorn inside the application's event loop, which keeps its own signal handlers."""
 
     def __init__(self, app: Starlette, host: str, port: int) -> None:
-        super().__init__(uvicorn.Config(app, host=host, port=port, log_config=None, lifespan="off", access_log=False))
+        super().__init__(
+            uvicorn.Config(
+                app, host=host, port=port, log_config=None, log_level="warning", lifespan="off", access_log=False
+            )
+        )
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:

@@ -1,0 +1,171 @@
+"""The application's life with a fake model: loading, ready, serving, draining, failing."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import grpc
+import grpc.aio
+import httpx
+import pytest
+from grpc_health.v1 import health_pb2, health_pb2_grpc
+from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
+
+from motiongen.v1 import service_pb2, service_pb2_grpc
+from server.app import SERVICE_NAME, Application, Loaded, warm_up
+from server.config import ServerConfig
+from server.errors import SettingError
+from tests.contract.local import LengthEncoder, RealTime
+from tests.contract.talk import Talk
+from tests.server.engine.fakes import FakeRunner
+
+LIMIT_S = 20.0
+SERVING, NOT_SERVING = health_pb2.HealthCheckResponse.SERVING, health_pb2.HealthCheckResponse.NOT_SERVING
+
+
+def config(**settings: object) -> ServerConfig:
+    return ServerConfig(port=0, ops_port=0, drain_wait_s=0, drain_grace_s=0, **settings)  # type: ignore[arg-type]
+
+
+def load(_: ServerConfig) -> Loaded:
+    return Loaded(FakeRunner(RealTime()), LengthEncoder(), "CC0-1.0")
+
+
+@asynccontextmanager
+async def running(settings: ServerConfig) -> AsyncIterator[Application]:
+    """An application that serves, drained at the end unless the test did it."""
+    async with asyncio.timeout(LIMIT_S):
+        application = Application(settings, load)
+        await application.start()
+        try:
+            yield application
+        finally:
+            await application.drain()
+
+
+async def get(application: Application, path: str) -> httpx.Response:
+    async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{application.ops_port}") as client:
+        return await client.get(path)
+
+
+async def test_while_it_loads_it_is_alive_and_not_ready() -> None:
+    loaded = threading.Event()
+
+    def slow(settings: ServerConfig) -> Loaded:
+        assert loaded.wait(LIMIT_S)
+        return load(settings)
+
+    application = Application(config(), slow)
+    async with asyncio.timeout(LIMIT_S):
+        starting = asyncio.create_task(application.start())
+        while not application.ops_port:
+            await asyncio.sleep(0)
+        assert (await get(application, "/livez")).status_code == 200
+        assert (await get(application, "/readyz")).status_code == 503
+        assert (await get(application, "/metrics")).status_code == 200
+        loaded.set()
+        await starting
+        assert (await get(application, "/readyz")).status_code == 200
+        assert await application.drain() == 0
+
+
+async def test_health_reflection_and_metrics_are_served() -> None:
+    async with (
+        running(config()) as application,
+        grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel,
+    ):
+        health = health_pb2_grpc.HealthStub(channel)
+        for service in ("", SERVICE_NAME):
+            assert (await health.Check(health_pb2.HealthCheckRequest(service=service))).status == SERVING
+        call = reflection_pb2_grpc.ServerReflectionStub(channel).ServerReflectionInfo()
+        await call.write(reflection_pb2.ServerReflectionRequest(list_services=""))
+        listed = {service.name for service in (await call.read()).list_services_response.service}
+        assert {"motiongen.v1.MotionService", "grpc.health.v1.Health"} <= listed
+        call.cancel()
+        metrics = (await get(application, "/metrics")).text
+        assert 'motiongen_build_info{model="fake",rig="fake"} 1.0' in metrics
+        assert "motiongen_engine_heartbeat_age_seconds" in metrics
+
+
+async def test_limits_and_licence_of_the_settings_are_told() -> None:
+    settings = config(max_prompt_characters=77, max_sessions_per_stream=5, text_guidance=1.25)
+    async with (
+        running(settings) as application,
+        grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel,
+    ):
+        stub = service_pb2_grpc.MotionServiceStub(channel)
+        catalog = await stub.GetCatalog(service_pb2.GetCatalogRequest())  # type: ignore[misc]
+        assert (catalog.limits.max_prompt_characters, catalog.limits.max_sessions_per_stream) == (77, 5)
+        assert (catalog.models[0].licence, catalog.models[0].default_guidance.text) == ("CC0-1.0", 1.25)
+
+
+async def test_one_stream_too_many_is_refused() -> None:
+    async with (
+        running(config(max_streams=1)) as application,
+        grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel,
+    ):
+        stub = service_pb2_grpc.MotionServiceStub(channel)
+        catalog = await stub.GetCatalog(service_pb2.GetCatalogRequest())  # type: ignore[misc]
+        first, second = (Talk(stub, catalog) for _ in range(2))  # type: ignore[arg-type]
+        await first.hello()
+        with pytest.raises(grpc.aio.AioRpcError) as refused:
+            await second.hello()
+        assert refused.value.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
+        await first.open(1)
+
+
+async def test_asked_to_stop_it_ends_with_0_and_tells_health() -> None:
+    async with asyncio.timeout(LIMIT_S):
+        application = Application(config(), load)
+        await application.start()
+        async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
+            watch = health_pb2_grpc.HealthStub(channel).Watch(health_pb2.HealthCheckRequest(service=SERVICE_NAME))
+            assert (await watch.read()).status == SERVING
+            application.ask_to_stop()
+            await application.serve()
+            draining = asyncio.create_task(application.drain())
+            assert (await watch.read()).status == NOT_SERVING
+            watch.cancel()
+            assert await draining == 0
+
+
+async def test_when_the_engine_fails_it_ends_with_1(caplog: pytest.LogCaptureFixture) -> None:
+    application = Application(config(), load)
+
+    def observe(report: object) -> None:
+        raise RuntimeError("the books do not fit together")
+
+    application._metrics.observe = observe  # type: ignore[method-assign]
+    async with asyncio.timeout(LIMIT_S):
+        await application.start()
+        await application.serve()
+        assert (await get(application, "/readyz")).status_code == 503
+        assert (await get(application, "/livez")).status_code == 503
+        assert await application.drain() == 1
+    assert "the engine's loop failed" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [
+        ({"denoise_steps": 11}, "denoise_steps is 11; fake takes 2 to 10"),
+        ({"lookahead_frames": 20}, "lookahead_frames is 20; fake needs at least 40"),
+        ({"history_frames": 400}, "history_crop is 400"),
+        ({"host": "256.0.0.1"}, "cannot listen on 256.0.0.1:0"),
+    ],
+)
+async def test_settings_that_do_not_fit_the_model_are_named(settings: dict[str, object], named: str) -> None:
+    application = Application(config(**settings), load)
+    async with asyncio.timeout(LIMIT_S):
+        with pytest.raises(SettingError, match=named):
+            await application.start()
+        await application.stop_ops()
+
+
+def test_a_model_that_gives_no_finite_frames_is_not_served() -> None:
+    assert warm_up(FakeRunner()) >= 0
+    with pytest.raises(SettingError, match="not finite"):
+        warm_up(FakeRunner(poisoned_result=lambda job: True))

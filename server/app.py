@@ -100,10 +100,10 @@ class Application:
         facts = loaded.runner.facts
         warm_up_s = await asyncio.to_thread(warm_up, loaded.runner)
         self._prompts = PromptEncoder(loaded.encoder, config.prompt_cache, self._metrics.prompt_seconds.observe)
-        catalog = make_catalog(config, facts, loaded)
         self._engine = make_engine(
             config, loaded.runner, self._deliver, self._metrics, warm_up_s / config.denoise_steps
         )
+        catalog = make_catalog(config, facts, loaded)
         self._service = MotionService(self._engine, self._prompts, catalog, config.flush_ms / 1000)
         await self._start_grpc()
         self._engine.start()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from server.engine.types import Chunk, Output, PlanNotice
+from server.engine.types import Chunk, Outcome, Output, PlanNotice
 
 UPDATE_OVERHEAD_BYTES = 64
 
@@ -57,4 +57,8 @@ class Outbox:
 
 def size_of(output: Output) -> int:
     """About how many bytes an output takes on the wire."""
-    return UPDATE_OVERHEAD_BYTES + (output.rows.nbytes if isinstance(output, Chunk) else 0)
+    if isinstance(output, Chunk):
+        return UPDATE_OVERHEAD_BYTES + output.rows.nbytes
+    if isinstance(output, Outcome):
+        return UPDATE_OVERHEAD_BYTES + len(output.reason + output.message + output.field + output.allowed)
+    return UPDATE_OVERHEAD_BYTES

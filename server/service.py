@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import itertools
 import logging
 import secrets
@@ -22,6 +23,8 @@ from server.stream import EventSink, Stream
 _log = logging.getLogger(__name__)
 
 FLUSH_RANGE_S = (0.005, 0.1)
+MAX_AGENT_CHARACTERS = 128
+EVENTS_A_TURN = 64
 Context = grpc.aio.ServicerContext[service_pb2.StreamMotionRequest, service_pb2.StreamMotionResponse]
 
 
@@ -92,6 +95,11 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
                 reader.result()  # raises StreamRefused
         except StreamRefused as refusal:
             await context.abort_with_status(refusal.status())
+        except Exception as error:
+            error_id = secrets.token_hex(4)
+            _log.error("stream %d failed, error id %s", stream.number, error_id, exc_info=error)
+            message = f"the stream failed inside the server, error id {error_id}"
+            await context.abort_with_status(StreamRefused(grpc.StatusCode.INTERNAL, "INTERNAL", message).status())
         finally:
             stream.abandon()
             for task in (reader, writer):
@@ -102,6 +110,7 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
 
     async def _read(self, stream: Stream, context: Context) -> None:
         while True:
+            await stream.room()
             request = await context.read()
             if not isinstance(request, service_pb2.StreamMotionRequest):  # grpc.aio.EOF
                 return
@@ -118,12 +127,23 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
             elif kind == "ping":
                 pong = service_pb2.Pong(client_time_ns=request.ping.client_time_ns, server_time_ns=time.time_ns())
                 stream.reply(service_pb2.StreamMotionResponse(pong=pong))
-            for event in request.events:
+            for number, event in enumerate(request.events):
+                if number % EVENTS_A_TURN == 0:
+                    await stream.room()
                 stream.receive(event)
 
     def _greet(self, stream: Stream, hello: service_pb2.ClientHello) -> None:
+        if len(hello.client_agent) > MAX_AGENT_CHARACTERS:
+            raise StreamRefused(
+                grpc.StatusCode.INVALID_ARGUMENT,
+                "CLIENT_AGENT_TOO_LONG",
+                f"client_agent has {len(hello.client_agent)} characters; at most {MAX_AGENT_CHARACTERS} are allowed",
+                field="hello.client_agent",
+            )
+        _log.info("stream %d begins, client %r", stream.number, hello.client_agent)
         if hello.HasField("flush_interval"):
-            asked = hello.flush_interval.ToTimedelta().total_seconds()
+            # Not by ToTimedelta, which cannot hold every Duration that fits into a message.
+            asked = hello.flush_interval.seconds + hello.flush_interval.nanos / 1e9
             stream.flush_s = min(max(asked, FLUSH_RANGE_S[0]), FLUSH_RANGE_S[1])
         answer = service_pb2.ServerHello(
             replica_id=self._replica_id, limits=self._catalog.limits_message, server_time_ns=time.time_ns()
@@ -137,8 +157,11 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
         """Write what waits, gathered over the flush interval, until the stream ends and all is written."""
         while True:
             await stream.ready.wait()
-            if not stream.responses and not stream.ended:
-                await asyncio.sleep(stream.flush_s)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(stream.flush_s):
+                    await stream.urgent.wait()
+            if not stream.ended:
+                stream.urgent.clear()
             stream.ready.clear()
             while (response := stream.next_response()) is not None:
                 try:

@@ -35,6 +35,7 @@ from server.rate import TokenBucket
 _log = logging.getLogger(__name__)
 
 MAX_RESPONSE_BYTES = 3 << 20
+MAX_WAITING_REPLIES = 64
 
 
 class EventSink(Protocol):
@@ -105,6 +106,7 @@ class Stream:
         self.number = number
         self.outbox = Outbox()
         self.ready = asyncio.Event()  # something to write, or the end
+        self.urgent = asyncio.Event()  # something that must not wait for the flush interval
         self.flush_s = 0.0
         self.accepts_opens = True
         self.greeted = False  # both sides have said hello
@@ -116,6 +118,7 @@ class Stream:
         self._links: dict[int, Link] = {}
         self._bucket = TokenBucket(catalog.limits.stream_events_per_second, time.monotonic())
         self._backlog_since: float | None = None
+        self._room = asyncio.Event()
 
     @property
     def num_sessions(self) -> int:
@@ -136,10 +139,8 @@ class Stream:
         if link is None:
             return
         try:
-            if not self._bucket.take(now):
-                raise self._too_fast("the stream", self._catalog.limits.stream_events_per_second)
-            if not link.bucket.take(now):
-                raise self._too_fast("the session", self._catalog.limits.events_per_second)
+            if event.WhichOneof("event") != "close":  # which asks for less work, not for more
+                self._take_tokens(link, now)
             self._pass_on(link, event, now)
         except EventRefused as refusal:
             self.take(refusal_outcome(link.key, event.event_seq, refusal))
@@ -230,15 +231,21 @@ class Stream:
             allowed=str(expected),
         )
 
-    @staticmethod
-    def _too_fast(what: str, rate: float) -> EventRefused:
-        return EventRefused(
-            Code.RESOURCE_EXHAUSTED,
-            "TOO_MANY_EVENTS",
-            f"{what} sends events too fast",
-            field="event",
-            allowed=f"{rate:g} a second",
+    def _take_tokens(self, link: Link, now: float) -> None:
+        limits = self._catalog.limits
+        buckets = (
+            ("stream", self._bucket, limits.stream_events_per_second),
+            ("session", link.bucket, limits.events_per_second),
         )
+        for what, bucket, rate in buckets:
+            if not bucket.take(now):
+                raise EventRefused(
+                    Code.RESOURCE_EXHAUSTED,
+                    "TOO_MANY_EVENTS",
+                    f"the {what} sends events too fast",
+                    field="event",
+                    allowed=f"{rate:g} a second",
+                )
 
     def _pass_on(self, link: Link, event: session_pb2.SessionEvent, now: float) -> None:
         """Submit at once if nothing of the session waits and its prompts are known, else queue behind the encoder."""
@@ -341,6 +348,7 @@ class Stream:
 
     def next_response(self) -> service_pb2.StreamMotionResponse | None:
         """The next message to write: pongs and goodbyes first, then updates of many sessions in one."""
+        self._room.set()
         if self.responses:
             return self.responses.popleft()
         outputs = self.outbox.take(MAX_RESPONSE_BYTES)
@@ -356,7 +364,21 @@ class Stream:
     def reply(self, response: service_pb2.StreamMotionResponse) -> None:
         """Send a message that belongs to no session ahead of the updates."""
         self.responses.append(response)
+        self.urgent.set()
         self.ready.set()
+
+    async def room(self) -> None:
+        """Let other streams have a turn, and wait until there is room for more answers, or the stream ends.
+
+        Events that are refused cost the client a few bytes and the server an answer each; one that sends them and does
+        not read would fill the memory. Not reading on passes the wait to the client, by gRPC's own flow control.
+        """
+        await asyncio.sleep(0)
+        while not self.ended and (
+            self.outbox.num_bytes > self._catalog.limits.hard_backlog_bytes or len(self.responses) > MAX_WAITING_REPLIES
+        ):
+            self._room.clear()
+            await self._room.wait()
 
     # ---- ends -------------------------------------------------------------------------------------------------------
 
@@ -387,4 +409,6 @@ class Stream:
     def end(self) -> None:
         """Let the write loop finish what is there and stop."""
         self.ended = True
+        self._room.set()
+        self.urgent.set()
         self.ready.set()

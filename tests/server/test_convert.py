@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from google.protobuf.message import DecodeError
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motiongen.v1 import motion_pb2, session_pb2
@@ -150,6 +150,7 @@ def numbers_of(event: Event) -> list[float]:
     return found
 
 
+@settings(deadline=None)
 @given(members)
 def test_any_message_is_taken_with_finite_numbers_or_refused_with_field_and_allowed(members: dict[str, object]) -> None:
     message = session_pb2.SessionEvent(session=KEY.handle, event_seq=4, **members)  # type: ignore[arg-type]
@@ -165,6 +166,7 @@ def test_any_message_is_taken_with_finite_numbers_or_refused_with_field_and_allo
         assert all(math.isfinite(number) for number in numbers_of(answer))
 
 
+@settings(deadline=None)
 @given(st.binary(max_size=200))
 def test_bytes_that_parse_at_all_are_taken_or_refused(data: bytes) -> None:
     message = session_pb2.SessionEvent()

@@ -5,15 +5,14 @@ from __future__ import annotations
 import asyncio
 
 from server.catalog import Catalog
-from server.engine.types import Guidance, Outcome, SessionKey
-from server.engine.types import Code as EngineCode
+from server.engine.types import Code, Guidance, Outcome, SessionKey
 from server.limits import Limits
 from server.prompts import PromptEncoder
 from server.service import MotionService
 from tests.contract.local import LengthEncoder, LocalServer
 from tests.server.engine.fakes import FACTS
 
-STRAY = Outcome(SessionKey(99, 1), 2, EngineCode.OK)
+STRAY = Outcome(SessionKey(99, 1), 2, Code.OK)
 
 
 class NoEngine:

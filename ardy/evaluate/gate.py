@@ -20,6 +20,7 @@ from torch import Tensor
 from ardy.checkpoint import load_checkpoint
 from ardy.constraint import Targets
 from ardy.data.dataset import MotionDataset
+from ardy.denoiser.guidance import GuidanceWeights
 from ardy.evaluate.generate import generate_batch
 from ardy.evaluate.measures import foot_sliding, hand_raised, joint_error, travel
 from ardy.model import Model
@@ -50,11 +51,14 @@ class Figure:
 class Gate:
     """Runs the gate's checks on one model and the test split of one data set."""
 
-    def __init__(self, model: Model, encoder: TextEncoder, bank: FeatureBank, num_steps: int) -> None:
+    def __init__(
+        self, model: Model, encoder: TextEncoder, bank: FeatureBank, num_steps: int, weights: GuidanceWeights
+    ) -> None:
         self.model = model
         self.encoder = encoder
         self.bank = bank
         self.num_steps = num_steps
+        self.weights = weights
 
     def text(self, prompt: str, count: int) -> Tensor:
         """The prompt's embedding, repeated: (count, W)."""
@@ -82,7 +86,7 @@ class Gate:
         """A walk from nothing, 4 s, 20 seeds."""
         layout = self.model.representation
         text = self.text("a person walks forward", len(SEEDS))
-        motion = generate_batch(self.model, text, SEEDS, 2, self.num_steps)
+        motion = generate_batch(self.model, text, SEEDS, 2, self.num_steps, weights=self.weights)
         finite = motion.isfinite().all(dim=-1).all(dim=-1)
         far = (travel(motion) >= 2.0) & finite
         return [
@@ -108,7 +112,7 @@ class Gate:
             text = torch.from_numpy(self.encoder.encode(captions))
             history = layout.normalize(frames[:, :HISTORY])
             seeds = [int(clip) for clip in chunk]
-            motion = generate_batch(self.model, text, seeds, 1, self.num_steps, history, targets)
+            motion = generate_batch(self.model, text, seeds, 1, self.num_steps, history, targets, self.weights)
             errors.append((motion[:, WAYPOINT_FRAMES - 1, [0, 2]] - goal).norm(dim=-1))
         return Figure("root waypoint 2 s ahead, mean error", float(torch.cat(errors).mean()), 0.15, "m")
 
@@ -118,7 +122,7 @@ class Gate:
         figures = []
         for side, other in (("right", "left"), ("left", "right")):
             text = self.text(f"a person waves with the {side} hand", len(SEEDS))
-            motion = generate_batch(self.model, text, SEEDS, 2, self.num_steps)
+            motion = generate_batch(self.model, text, SEEDS, 2, self.num_steps, weights=self.weights)
             right = hand_raised(layout, motion, side) & ~hand_raised(layout, motion, other)
             figures.append(Figure(f"waves with the {side} hand only", float(right.sum()), 16, "of 20", at_least=True))
         return figures
@@ -130,6 +134,8 @@ def main() -> None:
     parser.add_argument("model", help="built-in model's name or a checkpoint folder")
     parser.add_argument("data", type=Path, help="data set made by `python -m ardy.data build`")
     parser.add_argument("--steps", type=int, default=10, help="denoising steps (default %(default)s)")
+    parser.add_argument("--text-guidance", type=float, default=1.5, help="as the server's default (%(default)s)")
+    parser.add_argument("--constraint-guidance", type=float, default=2.5, help="as the server's default (%(default)s)")
     parser.add_argument("--text-encoder", default="static")
     parser.add_argument("--json", type=Path, help="write the figures here too")
     arguments = parser.parse_args()
@@ -137,7 +143,8 @@ def main() -> None:
     encoder = load_text_encoder(arguments.text_encoder, model.config.denoiser.text_dim)
     dataset = MotionDataset.load(arguments.data, "test")
     bank = build_feature_bank(dataset, natural_layout(dataset.skeleton, model.config.fps), mirror=False)
-    figures = Gate(model, encoder, bank, arguments.steps).figures()
+    weights = GuidanceWeights(arguments.text_guidance, arguments.constraint_guidance)
+    figures = Gate(model, encoder, bank, arguments.steps, weights).figures()
     table = Table("figure", "value", "bound", "met", title=f"{arguments.model}, {arguments.steps} steps")
     for figure in figures:
         bound = f"{'>=' if figure.at_least else '<='} {figure.bound:g} {figure.unit}"

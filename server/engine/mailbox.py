@@ -30,7 +30,9 @@ class Mailbox:
             if isinstance(event, Playhead):
                 index = self._playhead_at.setdefault(key, len(self._events))
                 if index < len(self._events):
-                    self._events[index] = event
+                    held = self._events[index]
+                    if not isinstance(held, Playhead) or event.frame >= held.frame:  # a playhead that falls is ignored
+                        self._events[index] = event
                     return True
             else:
                 if self._waiting[key] >= self._max_pending and not isinstance(event, Close):

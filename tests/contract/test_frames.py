@@ -74,7 +74,7 @@ async def test_what_is_committed_does_not_change(target: Target) -> None:
     for index in range(6):
         await talk.plays_on(1)
         committed = heard.committed_to
-        outcome = await talk.edit(1, edit_prompts(span(f"number {index}")))
+        outcome = await talk.edit(1, edit_prompts(span("again " * (index + 1))))
         assert outcome.code == 0
         assert outcome.HasField("effective_frame")
         assert outcome.effective_frame >= committed

@@ -86,3 +86,13 @@ def test_nothing_is_lost_between_threads() -> None:
     taken += mailbox.take_all()
     for n in range(4):
         assert [event.event_seq for event in taken if event.session.handle == n] == list(range(500))
+
+
+def test_a_report_that_falls_does_not_replace_a_higher_one() -> None:
+    box = Mailbox(4)
+    key = SessionKey(1, 1)
+    for frame in (20, 3):
+        box.put(Playhead(key, 0, 0.0, frame, 40, 0))
+    (held,) = box.take_all()
+    assert isinstance(held, Playhead)
+    assert held.frame == 20

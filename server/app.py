@@ -21,6 +21,7 @@ from grpc_reflection.v1alpha import reflection
 from motiongen.v1 import service_pb2, service_pb2_grpc
 from server.catalog import Catalog
 from server.config import ServerConfig
+from server.door import Door
 from server.engine.config import EngineConfig
 from server.engine.engine import Engine
 from server.engine.ports import Runner
@@ -36,6 +37,9 @@ _log = logging.getLogger("server")
 
 SERVICE_NAME = service_pb2.DESCRIPTOR.services_by_name["MotionService"].full_name
 HEARTBEAT_LIMIT_S = 2.0
+"""Older than this, the engine is too busy to be given more sessions."""
+HUNG_S = 30.0
+"""Older than this, the engine will not come back and the process had better be restarted."""
 STOP_GRACE_S = 5.0
 
 
@@ -58,7 +62,7 @@ class Loaded:
 def load_model(config: ServerConfig) -> Loaded:
     """Load the configured model with its text encoder. Raises SettingError saying what is wrong with the settings.
 
-    torch is imported here and not above, so that the port answers while that takes its seconds.
+    torch is imported here and not above, so that the ports answer while that takes its seconds.
     """
     import torch
 
@@ -86,6 +90,7 @@ class Application:
         self._metrics = Metrics()
         self._health = health.aio.HealthServicer()
         self._stop = asyncio.Event()
+        self._door = Door()
         self._ready = False
         self.grpc_port = 0
         self.ops_port = 0
@@ -93,11 +98,20 @@ class Application:
     # ---- startup ----------------------------------------------------------------------------------------------------
 
     async def start(self) -> None:
-        """Load, warm up, listen, and become ready. Raises SettingError for settings that cannot be served."""
-        config = self._config
+        """Listen, load, warm up, and become ready. Raises SettingError for settings that cannot be served."""
         await self._start_ops()
+        await self._start_grpc()
+        try:
+            await self._open()
+        except SettingError:
+            await self._server.stop(None)
+            raise
+
+    async def _open(self) -> None:
+        config = self._config
         loaded = await asyncio.to_thread(self._load, config)
         facts = loaded.runner.facts
+        check_fit(config, facts)
         warm_up_s = await asyncio.to_thread(warm_up, loaded.runner)
         self._prompts = PromptEncoder(loaded.encoder, config.prompt_cache, self._metrics.prompt_seconds.observe)
         self._engine = make_engine(
@@ -105,8 +119,8 @@ class Application:
         )
         catalog = make_catalog(config, facts, loaded)
         self._service = MotionService(self._engine, self._prompts, catalog, config.flush_ms / 1000)
-        await self._start_grpc()
         self._engine.start()
+        self._door.open(self._service)
         self._metrics.heartbeat_age.set_function(self._heartbeat_age_s)
         self._metrics.build.labels(facts.model_id, facts.rig.rig_id).set(1)
         await self._set_health(health_pb2.HealthCheckResponse.SERVING)
@@ -149,7 +163,7 @@ class Application:
             ],
             maximum_concurrent_rpcs=config.max_streams,
         )
-        service_pb2_grpc.add_MotionServiceServicer_to_server(self._service, self._server)
+        service_pb2_grpc.add_MotionServiceServicer_to_server(self._door, self._server)
         health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
         if config.reflection:
             reflection.enable_server_reflection(
@@ -167,13 +181,13 @@ class Application:
             await self._health.set(name, status)
 
     def _is_alive(self) -> bool:
-        return not self._ready or self._engine_is_well()
+        return not self._ready or self._engine_is_well(HUNG_S)
 
     def _is_ready(self) -> bool:
-        return self._ready and self._engine_is_well()
+        return self._ready and self._engine_is_well(HEARTBEAT_LIMIT_S)
 
-    def _engine_is_well(self) -> bool:
-        return self._engine.failure is None and self._heartbeat_age_s() < HEARTBEAT_LIMIT_S
+    def _engine_is_well(self, limit_s: float) -> bool:
+        return self._engine.failure is None and self._heartbeat_age_s() < limit_s
 
     def _heartbeat_age_s(self) -> float:
         return time.monotonic() - self._engine.heartbeat_at
@@ -234,11 +248,8 @@ def make_catalog(config: ServerConfig, facts: ModelFacts, loaded: Loaded) -> Cat
     return Catalog(facts, limits, guidance, loaded.licence, loaded.encoder.identity, config.history_frames)
 
 
-def make_engine(
-    config: ServerConfig, runner: Runner, deliver: Callable[[object], None], metrics: Metrics, step_s: float
-) -> Engine:
-    """The engine with the configured limits. step_s: what one denoising step cost while warming up."""
-    facts = runner.facts
+def check_fit(config: ServerConfig, facts: ModelFacts) -> None:
+    """Raise SettingError where the settings ask for what the model cannot do."""
     if not facts.min_steps <= config.denoise_steps <= facts.max_steps:
         raise SettingError(
             f"denoise_steps is {config.denoise_steps}; {facts.model_id} takes {facts.min_steps} to {facts.max_steps}"
@@ -247,6 +258,12 @@ def make_engine(
         raise SettingError(
             f"lookahead_frames is {config.lookahead_frames}; {facts.model_id} needs at least {facts.horizon}"
         )
+
+
+def make_engine(
+    config: ServerConfig, runner: Runner, deliver: Callable[[object], None], metrics: Metrics, step_s: float
+) -> Engine:
+    """The engine with the configured limits. step_s: what one denoising step cost while warming up."""
     engine_config = EngineConfig(
         max_sessions=config.max_sessions,
         max_rows=config.max_rows,

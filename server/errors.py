@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import grpc
 from google.protobuf.any_pb2 import Any
+from google.protobuf.message import Message
 from google.rpc import code_pb2, error_details_pb2, status_pb2  # type: ignore[import-untyped]
 from grpc_status import rpc_status
 
@@ -31,28 +32,34 @@ class EventRefused(Exception):
 
 
 class StreamRefused(Exception):
-    """A mistake that ends the whole stream with a status and details."""
+    """What ends a whole stream with a status and details. retry_after_s: when to try again, 0 where it is of no use."""
 
-    def __init__(self, code: grpc.StatusCode, reason: str, message: str, field: str = "") -> None:
+    def __init__(
+        self, code: grpc.StatusCode, reason: str, message: str, field: str = "", retry_after_s: float = 0.0
+    ) -> None:
         super().__init__(message)
         self.code = code
         self.reason = reason
         self.field = field
+        self.retry_after_s = retry_after_s
 
     def status(self) -> grpc.Status:
-        """The status with ErrorInfo, and BadRequest where a field is at fault (google.rpc error model)."""
-        details = [error_details_pb2.ErrorInfo(reason=self.reason, domain=ERROR_DOMAIN)]
-        packed = [_pack(detail) for detail in details]
+        """With ErrorInfo; BadRequest where a field is at fault, RetryInfo where waiting helps (google.rpc model)."""
+        packed = [_pack(error_details_pb2.ErrorInfo(reason=self.reason, domain=ERROR_DOMAIN))]
         if self.field:
             violation = error_details_pb2.BadRequest.FieldViolation(
                 field=self.field, description=str(self), reason=self.reason
             )
             packed.append(_pack(error_details_pb2.BadRequest(field_violations=[violation])))
+        if self.retry_after_s:
+            retry = error_details_pb2.RetryInfo()
+            retry.retry_delay.FromMilliseconds(round(1000 * self.retry_after_s))
+            packed.append(_pack(retry))
         code = code_pb2.Code.Value(self.code.name)
         return rpc_status.to_status(status_pb2.Status(code=code, message=str(self), details=packed))
 
 
-def _pack(detail: error_details_pb2.ErrorInfo | error_details_pb2.BadRequest) -> Any:
+def _pack(detail: Message) -> Any:
     packed = Any()
     packed.Pack(detail)
     return packed

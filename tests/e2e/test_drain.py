@@ -103,8 +103,9 @@ async def test_sessions_that_stay_are_closed_as_drained_when_the_grace_is_over()
         ([], {"MOTIONGEN_PORTS": "1"}, "MOTIONGEN_PORTS"),
         ([*MODEL, *FREE_PORTS, "--model", "no-such-model"], {}, "no-such-model"),
         ([*MODEL, *FREE_PORTS, "--lookahead-frames", "20"], {}, "lookahead_frames is 20"),
+        ([*MODEL, *FREE_PORTS, "--denoise-steps", "500"], {}, "denoise_steps is 500"),
     ],
-    ids=["range", "kind", "name", "model", "fit"],
+    ids=["range", "kind", "name", "model", "fit", "steps"],
 )
 async def test_a_wrong_setting_is_named_in_one_line(
     arguments: list[str], environment: dict[str, str], named: str

@@ -72,6 +72,39 @@ async def test_while_it_loads_it_is_alive_and_not_ready() -> None:
         assert await application.drain() == 0
 
 
+async def test_while_it_loads_its_port_answers_that_it_does_not_serve_yet() -> None:
+    loop, loading, loaded = asyncio.get_running_loop(), asyncio.Event(), threading.Event()
+
+    def slow(settings: ServerConfig) -> Loaded:
+        loop.call_soon_threadsafe(loading.set)
+        assert loaded.wait(LIMIT_S)
+        return load(settings)
+
+    application = Application(config(), slow)
+    async with asyncio.timeout(LIMIT_S):
+        starting = asyncio.create_task(application.start())
+        await loading.wait()
+        async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
+            watch = health_pb2_grpc.HealthStub(channel).Watch(health_pb2.HealthCheckRequest(service=SERVICE_NAME))
+            assert (await watch.read()).status == NOT_SERVING
+            stub = service_pb2_grpc.MotionServiceStub(channel)
+            with pytest.raises(grpc.aio.AioRpcError) as refused:
+                await stub.GetCatalog(service_pb2.GetCatalogRequest())  # type: ignore[misc]
+            assert refused.value.code() is grpc.StatusCode.UNAVAILABLE
+            stream = stub.StreamMotion()
+            assert await stream.code() is grpc.StatusCode.UNAVAILABLE
+            loaded.set()
+            await starting
+            assert (await watch.read()).status == SERVING
+            watch.cancel()
+            catalog = await stub.GetCatalog(service_pb2.GetCatalogRequest())  # type: ignore[misc]
+            talk = await Talk(stub, catalog).hello()  # type: ignore[arg-type]
+            await talk.open(1)
+            await talk.call.done_writing()
+            assert await talk.to_the_end() is grpc.StatusCode.OK
+        assert await application.drain() == 0
+
+
 async def test_health_reflection_and_metrics_are_served() -> None:
     async with (
         running(config()) as application,

@@ -33,6 +33,13 @@ def test_without_a_field_there_is_no_bad_request() -> None:
     assert len(status.details) == 1
 
 
+def test_where_waiting_helps_the_end_says_how_long() -> None:
+    status = decoded(StreamRefused(grpc.StatusCode.UNAVAILABLE, "STARTING", "wait", retry_after_s=1.5))
+    retry = error_details_pb2.RetryInfo()
+    assert status.details[1].Unpack(retry)
+    assert retry.retry_delay.ToMilliseconds() == 1500
+
+
 @pytest.mark.parametrize("code", list(Code))
 def test_the_engine_s_codes_are_those_of_grpc(code: Code) -> None:
     assert grpc.StatusCode[code.name].value[0] == code

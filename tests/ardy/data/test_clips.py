@@ -1,0 +1,95 @@
+"""Mirroring, resampling, captions, retargets and the set on disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ardy.data.captions import mirror_caption, mirror_content, paraphrases
+from ardy.data.dataset import DatasetError, MotionDataset
+from ardy.data.mirror import mirror_clip
+from ardy.data.resample import resample, resampled_length
+from ardy.data.retarget_file import RetargetError, built_in_retargets, read_retarget
+from ardy.rotation import matrix_from_6d, matrix_to_quaternion, quaternion_to_matrix, rotation_y
+from ardy.skeleton import forward_kinematics, load_skeleton
+from tests.ardy.train.clips import swinging_dataset
+
+CORE = load_skeleton("core27")
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_mirroring_swaps_sides_in_space_and_undoes_itself(seed: int) -> None:
+    generator = torch.Generator().manual_seed(seed)
+    quaternions = matrix_to_quaternion(matrix_from_6d(torch.randn(3, 27, 6, generator=generator)))
+    root = torch.randn(3, 3, generator=generator)
+    mirrored, moved = mirror_clip(CORE, quaternions, root)
+    again, back = mirror_clip(CORE, mirrored, moved)
+    torch.testing.assert_close(again, quaternions)
+    torch.testing.assert_close(back, root)
+    _, before = forward_kinematics(CORE, quaternion_to_matrix(quaternions), root)
+    _, after = forward_kinematics(CORE, quaternion_to_matrix(mirrored), moved)
+    left, right = CORE.index("LeftHand"), CORE.index("RightHand")
+    flipped = before[:, left] * torch.tensor([-1.0, 1.0, 1.0])
+    torch.testing.assert_close(after[:, right], flipped, atol=2e-3, rtol=0)
+
+
+@pytest.mark.parametrize(("frames", "expected"), [(1, 1), (2, 1), (4, 3), (91, 61)])
+def test_the_number_of_resampled_frames(frames: int, expected: int) -> None:
+    assert resampled_length(frames, 30, 20) == expected
+
+
+def test_resampling_turns_at_constant_rate_across_the_whole_circle() -> None:
+    angles = torch.arange(31).double() * 0.3  # far beyond one turn
+    rotations = rotation_y(angles)[:, None]
+    positions = angles[:, None, None].expand(-1, 1, 3)
+    turned, moved = resample(rotations, positions, 30, 20)
+    expected = torch.arange(len(turned)).double() * 0.45
+    torch.testing.assert_close(turned[:, 0], rotation_y(expected), atol=1e-9, rtol=0)
+    torch.testing.assert_close(moved[:, 0, 0], expected, atol=1e-9, rtol=0)
+
+
+def test_captions_swap_sides_and_keep_their_case() -> None:
+    assert mirror_caption("Left, then the right hand; leftover") == "Right, then the left hand; leftover"
+    assert mirror_content("walk-turn-left") == "walk-turn-right"
+    assert mirror_caption(mirror_caption("a person turns left")) == "a person turns left"
+
+
+def test_plain_captions_promise_plain_motion() -> None:
+    plain, styled = paraphrases("walk", "normal"), paraphrases("walk", "elderly")
+    assert "a person walks forward" in plain
+    assert not set(plain) & set(styled)
+    assert len(set(plain)) == len(plain) <= 30
+    assert paraphrases("walk", "no such style") == ()
+
+
+def test_the_built_in_retargets_are_sound_and_name_their_joints() -> None:
+    names = {retarget.name for retarget in built_in_retargets()}
+    assert names == {"bandai_namco", "cmu"}
+    assert all(retarget.skeleton is CORE for retarget in built_in_retargets())
+
+
+def test_a_retarget_file_with_an_unknown_key_lists_the_known_ones(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("name: mine\nskeleton: core27\nbones: {}\n")
+    with pytest.raises(RetargetError, match="joints"):
+        read_retarget(path)
+
+
+def test_a_set_is_read_as_it_was_written(tmp_path: Path) -> None:
+    dataset = swinging_dataset()
+    dataset.save(tmp_path, skipped=[("bad", "it has no frames")])
+    again = MotionDataset.load(tmp_path, "train")
+    assert [clip.id for clip in again.clips] == [clip.id for clip in dataset.clips]
+    for before, after in zip(dataset.clips, again.clips, strict=True):
+        assert torch.equal(before.local_rotations, after.local_rotations)
+        assert before.captions == after.captions
+    with pytest.raises(DatasetError, match="train"):
+        MotionDataset.load(tmp_path, "validation")
+    (tmp_path / "clips.json").unlink()
+    with pytest.raises(DatasetError, match=r"ardy\.data build"):
+        MotionDataset.load(tmp_path)

@@ -127,7 +127,10 @@ class Trainer:
         self.optimizer = AdamAtan2(trained, settings.learning_rate)
         self.schedule = LambdaLR(self.optimizer, warmup_cosine(settings.warmup_steps, settings.steps))
         self.averaged = AveragedModel(task.module, multi_avg_fn=moving_average(settings.ema_decay))
-        self.forward: nn.Module = DistributedDataParallel(task.module) if num_processes > 1 else task.module
+        self.forward: nn.Module = task.module
+        if num_processes > 1:
+            # A tokenizer carries tensors that take no part (`target_cond_blocks`), which must not be waited for.
+            self.forward = DistributedDataParallel(task.module, find_unused_parameters=True)
         self.generator = torch.Generator().manual_seed(settings.seed * num_processes + rank)
         self.step = 0
         self.stopping = False
@@ -216,6 +219,8 @@ class Trainer:
             if writer is not None:
                 writer.close()
         self.save()
+        if torch.distributed.is_initialized():
+            torch.distributed.barrier()  # whoever returns may rely on what the first process has written
 
     def _log(self, writer: SummaryWriter, running: dict[str, Tensor]) -> None:
         for name, value in running.items():

@@ -1,0 +1,32 @@
+"""What test_distributed starts in two processes: a few steps of tokenizer and denoiser. Argument: the folder."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from ardy.checkpoint import load_tokenizer
+from ardy.config import TokenizerConfig, TransformerConfig
+from ardy.train.denoiser import MINI_DENOISER, denoiser_of, train_denoiser
+from ardy.train.loop import LoopSettings
+from ardy.train.tokenizer import train_tokenizer
+from tests.ardy.train.clips import swinging_dataset
+
+
+def main() -> None:
+    """Train both parts for three steps."""
+    out = Path(sys.argv[1])
+    small = TransformerConfig(width=16, feed_forward=32, num_layers=1, num_heads=2)
+    settings = LoopSettings(out=out / "tokenizer", steps=3, learning_rate=1e-3, warmup_steps=1, bfloat16=False)
+    config = TokenizerConfig(transformer=small, latent_dim=8, levels=(16,) * 8)
+    dataset = swinging_dataset()
+    train_tokenizer(config, dataset, settings, batch=1)
+    model = denoiser_of(
+        load_tokenizer(settings.out), replace(MINI_DENOISER, transformer=small, latent_dim=8, text_dim=8), horizon=16
+    )
+    train_denoiser(model, dataset, "hashed", replace(settings, out=out / "denoiser"), batch=2)
+
+
+if __name__ == "__main__":
+    main()

@@ -52,11 +52,12 @@ class MonotonicClock:
 
 @dataclass(frozen=True)
 class Loaded:
-    """What start-up loads from disk: the runner, the encoder that fits its model, and the weights' licence."""
+    """What start-up loads: the runner and its CPU threads, the encoder that fits its model, the weights' licence."""
 
     runner: Runner
     encoder: TextEncoder
     licence: str
+    threads: int
 
 
 def load_model(config: ServerConfig) -> Loaded:
@@ -70,6 +71,8 @@ def load_model(config: ServerConfig) -> Loaded:
     from ardy.text import load_text_encoder
     from server.runner import load_runner
 
+    if config.device == "cuda" and not torch.cuda.is_available():
+        raise SettingError("device is 'cuda', but torch finds no CUDA device and driver here; use cpu")
     if config.threads:
         torch.set_num_threads(config.threads)
     try:
@@ -78,7 +81,7 @@ def load_model(config: ServerConfig) -> Loaded:
         card = read_model_card(model_folder(config.model))
     except (ValueError, RuntimeError) as error:
         raise SettingError(f"cannot serve model {config.model!r}: {error}") from error
-    return Loaded(runner, encoder, card.licence)
+    return Loaded(runner, encoder, card.licence, torch.get_num_threads())
 
 
 class Application:
@@ -125,8 +128,8 @@ class Application:
         self._metrics.build.labels(facts.model_id, facts.rig.rig_id).set(1)
         await self._set_health(health_pb2.HealthCheckResponse.SERVING)
         self._ready = True
-        _log.info("serving %s (weights: %s) on port %d, ops on port %d",
-                  facts.model_id, loaded.licence, self.grpc_port, self.ops_port)  # fmt: skip
+        _log.info("serving %s (weights: %s) on port %d, ops on port %d, with %d threads",
+                  facts.model_id, loaded.licence, self.grpc_port, self.ops_port, loaded.threads)  # fmt: skip
         if config.print_ports:
             print(json.dumps({"grpc_port": self.grpc_port, "ops_port": self.ops_port}), flush=True)
 
@@ -138,9 +141,10 @@ class Application:
         host, port = self._config.ops_host, self._config.ops_port
         try:
             # Bound here, because uvicorn ends the process when it cannot.
-            listener = socket.create_server((host, port))
+            listener = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
         except OSError as error:
-            raise SettingError(f"cannot listen on {host}:{port} (ops); choose another port, or 0: {error}") from error
+            address = join_address(host, port)
+            raise SettingError(f"cannot listen on {address} (ops); choose another port, or 0: {error}") from error
         self._ops = OpsServer(app, host, port)
         self._ops_task = asyncio.create_task(self._ops.serve([listener]))
         while not self._ops.started:
@@ -170,10 +174,11 @@ class Application:
                 (SERVICE_NAME, health.SERVICE_NAME, reflection.SERVICE_NAME), self._server
             )
         await self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
+        address = join_address(config.host, config.port)
         try:
-            self.grpc_port = self._server.add_insecure_port(f"{config.host}:{config.port}")
+            self.grpc_port = self._server.add_insecure_port(address)
         except RuntimeError as error:
-            raise SettingError(f"cannot listen on {config.host}:{config.port}; choose another port, or 0") from error
+            raise SettingError(f"cannot listen on {address}; choose another port, or 0") from error
         await self._server.start()
 
     async def _set_health(self, status: int) -> None:
@@ -210,8 +215,9 @@ class Application:
         _log.info("draining")
         self._ready = False
         await self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
-        self._engine.drain()
+        # Balancers see the changed health only some time later: until then, whoever they send is served.
         await asyncio.sleep(config.drain_wait_s)
+        self._engine.drain()
         self._service.goodbye(config.drain_grace_s)
         finished = asyncio.create_task(self._service.finished())
         await asyncio.wait({finished}, timeout=config.drain_grace_s)
@@ -231,6 +237,11 @@ class Application:
         """End the HTTP server."""
         self._ops.should_exit = True
         await self._ops_task
+
+
+def join_address(host: str, port: int) -> str:
+    """host:port, with an IPv6 host in brackets."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def make_catalog(config: ServerConfig, facts: ModelFacts, loaded: Loaded) -> Catalog:

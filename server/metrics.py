@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
 
 from server.engine.report import StepReport
-from server.engine.types import Code
+from server.engine.types import Code, PlayState, Priority
 
 LATENCY_BUCKETS = (0.005, 0.01, 0.02, 0.03, 0.05, 0.075, 0.1, 0.15, 0.25, 0.5, 1.0, 2.5)
 STEP_BUCKETS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
@@ -79,6 +81,7 @@ class Metrics:
         self.heartbeat_age = Gauge(
             "motiongen_engine_heartbeat_age_seconds", "Since the engine's loop last went round.", registry=registry
         )
+        self._set_sessions({})
 
     def observe(self, report: StepReport) -> None:
         """Count what one engine step did; called on the engine's thread."""
@@ -117,6 +120,10 @@ class Metrics:
         for reason in report.closes:
             self.closes.labels(reason.name).inc()
         if report.sessions is not None:
-            self.sessions.clear()
-            for (priority, state), count in report.sessions.items():
-                self.sessions.labels(priority.name, state.name).set(count)
+            self._set_sessions(report.sessions)
+
+    def _set_sessions(self, counts: Mapping[tuple[Priority, PlayState], int]) -> None:
+        # All of them, 0 too: a series that comes and goes makes gaps, and clearing first would race with a scrape.
+        for priority in Priority:
+            for state in PlayState:
+                self.sessions.labels(priority.name, state.name).set(counts.get((priority, state), 0))

@@ -15,7 +15,7 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
 from motiongen.v1 import service_pb2, service_pb2_grpc
-from server.app import SERVICE_NAME, Application, Loaded, warm_up
+from server.app import SERVICE_NAME, Application, Loaded, join_address, load_model, warm_up
 from server.config import ServerConfig
 from server.errors import SettingError
 from tests.contract.local import LengthEncoder, RealTime
@@ -27,11 +27,12 @@ SERVING, NOT_SERVING = health_pb2.HealthCheckResponse.SERVING, health_pb2.Health
 
 
 def config(**settings: object) -> ServerConfig:
-    return ServerConfig(port=0, ops_port=0, drain_wait_s=0, drain_grace_s=0, **settings)  # type: ignore[arg-type]
+    defaults = {"port": 0, "ops_port": 0, "drain_wait_s": 0, "drain_grace_s": 0}
+    return ServerConfig(**{**defaults, **settings})  # type: ignore[arg-type]
 
 
 def load(_: ServerConfig) -> Loaded:
-    return Loaded(FakeRunner(RealTime()), LengthEncoder(), "CC0-1.0")
+    return Loaded(FakeRunner(RealTime()), LengthEncoder(), "CC0-1.0", 3)
 
 
 @asynccontextmanager
@@ -161,6 +162,49 @@ async def test_asked_to_stop_it_ends_with_0_and_tells_health() -> None:
             assert (await watch.read()).status == NOT_SERVING
             watch.cancel()
             assert await draining == 0
+
+
+async def test_until_the_goodbye_sessions_still_open() -> None:
+    """Balancers see the changed health some time after it changed."""
+    async with asyncio.timeout(LIMIT_S):
+        application = Application(config(drain_wait_s=600), load)
+        await application.start()
+        async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
+            watch = health_pb2_grpc.HealthStub(channel).Watch(health_pb2.HealthCheckRequest(service=SERVICE_NAME))
+            assert (await watch.read()).status == SERVING
+            waiting = asyncio.create_task(application.drain())
+            assert (await watch.read()).status == NOT_SERVING
+            watch.cancel()
+            stub = service_pb2_grpc.MotionServiceStub(channel)
+            catalog = await stub.GetCatalog(service_pb2.GetCatalogRequest())  # type: ignore[misc]
+            talk = await Talk(stub, catalog).hello()  # type: ignore[arg-type]
+            await talk.open(1)
+            waiting.cancel()
+            application._config = config()
+            assert await application.drain() == 0
+
+
+async def test_the_line_at_the_start_names_model_licence_ports_and_threads(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level("INFO", "server"):
+        async with running(config()) as application:
+            pass
+    (line,) = [line for line in caplog.messages if line.startswith("serving")]
+    for part in ("fake", "CC0-1.0", str(application.grpc_port), str(application.ops_port), "3 threads"):
+        assert part in line
+
+
+@pytest.mark.parametrize(
+    ("host", "address"),
+    [("127.0.0.1", "127.0.0.1:50051"), ("localhost", "localhost:50051"), ("::1", "[::1]:50051"), ("::", "[::]:50051")],
+)
+def test_ipv6_hosts_are_told_from_their_ports(host: str, address: str) -> None:
+    assert join_address(host, 50051) == address
+
+
+def test_cuda_where_there_is_none_is_named_as_the_setting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    with pytest.raises(SettingError, match=r"device is 'cuda', .* use cpu"):
+        load_model(config(device="cuda"))
 
 
 async def test_when_the_engine_fails_it_ends_with_1(caplog: pytest.LogCaptureFixture) -> None:

@@ -85,8 +85,12 @@ def test_a_step_without_rows_is_no_denoising_step() -> None:
     assert metrics.registry.get_sample_value("motiongen_batch_rows_count") == 0
 
 
-def test_classes_without_sessions_disappear() -> None:
+def test_every_class_and_state_is_there_from_the_start_and_falls_back_to_0() -> None:
     metrics = Metrics()
+    value = metrics.registry.get_sample_value
+    for priority in Priority:
+        for state in PlayState:
+            assert value("motiongen_sessions", {"class": priority.name, "state": state.name}) == 0
     metrics.observe(full_report())
     metrics.observe(StepReport(sessions={}))
-    assert metrics.registry.get_sample_value("motiongen_sessions", {"class": "NEAR", "state": "PLAYING"}) is None
+    assert value("motiongen_sessions", {"class": "NEAR", "state": "PLAYING"}) == 0

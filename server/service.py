@@ -16,9 +16,10 @@ import grpc.aio
 from motiongen.v1 import service_pb2, service_pb2_grpc
 from server.catalog import Catalog
 from server.engine.types import CloseReason, Output
+from server.engine_port import EventSink
 from server.errors import StreamRefused
 from server.prompts import PromptEncoder
-from server.stream import EventSink, Stream
+from server.stream import Stream
 
 _log = logging.getLogger(__name__)
 

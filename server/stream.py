@@ -8,7 +8,6 @@ import secrets
 import time
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +20,12 @@ from server.engine.types import (
     Closed,
     CloseReason,
     Code,
-    Event,
     Opened,
     Outcome,
     Output,
     SessionKey,
 )
+from server.engine_port import EventSink
 from server.errors import EventRefused
 from server.outbox import Outbox
 from server.prompts import PromptEncoder
@@ -36,14 +35,6 @@ _log = logging.getLogger(__name__)
 
 MAX_RESPONSE_BYTES = 3 << 20
 MAX_WAITING_REPLIES = 64
-
-
-class EventSink(Protocol):
-    """The way into the engine."""
-
-    def submit(self, event: Event) -> Outcome | None:
-        """Hand in an event; an outcome that comes back is a refusal at the door."""
-        ...
 
 
 @dataclass(slots=True)

@@ -283,6 +283,8 @@ def model_facts(model: Model, model_id: str, default_steps: int) -> ModelFacts:
         max_steps=config.num_base_steps,
         default_steps=default_steps,
         embedding_dim=config.denoiser.text_dim,
+        token_width=ROOT_TOKEN_WIDTH + config.denoiser.latent_dim,
+        guidance_passes={"separated": 3, "regular": 2, "none": 1}[config.guidance],
     )
 
 

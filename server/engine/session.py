@@ -39,6 +39,7 @@ from server.engine.types import (
     SetConstraints,
     SetPlayState,
     SetPrompts,
+    SetVelocity,
     WindowJob,
     WindowResult,
 )
@@ -150,7 +151,7 @@ class SessionState:
     # ---- events -----------------------------------------------------------------------------------------------------
 
     def apply(
-        self, event: SetPrompts | SetConstraints | Playhead | SetPlayState, now: float, report: StepReport
+        self, event: SetPrompts | SetConstraints | SetVelocity | Playhead | SetPlayState, now: float, report: StepReport
     ) -> list[Output]:
         """Take in one event. If this ends the running window (`running` becomes None), its job is to be discarded."""
         match event:
@@ -160,6 +161,8 @@ class SessionState:
             case SetPlayState():
                 self.clock.set_state(event.state, event.received_at, self.sent_to)
                 return [Outcome(self.key, event.event_seq, Code.OK)]
+            case SetVelocity():
+                return [Outcome(self.key, event.event_seq, Code.UNIMPLEMENTED, None, "UNIMPLEMENTED", "")]
             case SetPrompts() | SetConstraints():
                 try:
                     return self._edit(event, now, report)

@@ -64,7 +64,7 @@ class Model(_message.Message):
     def __init__(self, model_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., licence: _Optional[str] = ..., horizon_frames: _Optional[int] = ..., patch_frames: _Optional[int] = ..., default_denoise_steps: _Optional[int] = ..., max_denoise_steps: _Optional[int] = ..., text_encoder: _Optional[str] = ..., default_guidance: _Optional[_Union[_session_pb2.Guidance, _Mapping]] = ..., future_frames: _Optional[int] = ..., min_denoise_steps: _Optional[int] = ...) -> None: ...
 
 class Limits(_message.Message):
-    __slots__ = ("max_sessions_per_stream", "max_constraints", "max_events_per_second", "max_lookahead_frames", "max_prompts", "max_prompt_characters", "max_request_bytes", "default_lookahead_frames", "max_trajectory_frames", "max_coordinate_m", "max_guidance", "max_stream_events_per_second")
+    __slots__ = ("max_sessions_per_stream", "max_constraints", "max_events_per_second", "max_lookahead_frames", "max_prompts", "max_prompt_characters", "max_request_bytes", "default_lookahead_frames", "max_trajectory_frames", "max_coordinate_m", "max_guidance", "max_stream_events_per_second", "max_speed_mps", "max_hold_frames")
     MAX_SESSIONS_PER_STREAM_FIELD_NUMBER: _ClassVar[int]
     MAX_CONSTRAINTS_FIELD_NUMBER: _ClassVar[int]
     MAX_EVENTS_PER_SECOND_FIELD_NUMBER: _ClassVar[int]
@@ -77,6 +77,8 @@ class Limits(_message.Message):
     MAX_COORDINATE_M_FIELD_NUMBER: _ClassVar[int]
     MAX_GUIDANCE_FIELD_NUMBER: _ClassVar[int]
     MAX_STREAM_EVENTS_PER_SECOND_FIELD_NUMBER: _ClassVar[int]
+    MAX_SPEED_MPS_FIELD_NUMBER: _ClassVar[int]
+    MAX_HOLD_FRAMES_FIELD_NUMBER: _ClassVar[int]
     max_sessions_per_stream: int
     max_constraints: int
     max_events_per_second: float
@@ -89,7 +91,9 @@ class Limits(_message.Message):
     max_coordinate_m: float
     max_guidance: float
     max_stream_events_per_second: float
-    def __init__(self, max_sessions_per_stream: _Optional[int] = ..., max_constraints: _Optional[int] = ..., max_events_per_second: _Optional[float] = ..., max_lookahead_frames: _Optional[int] = ..., max_prompts: _Optional[int] = ..., max_prompt_characters: _Optional[int] = ..., max_request_bytes: _Optional[int] = ..., default_lookahead_frames: _Optional[int] = ..., max_trajectory_frames: _Optional[int] = ..., max_coordinate_m: _Optional[float] = ..., max_guidance: _Optional[float] = ..., max_stream_events_per_second: _Optional[float] = ...) -> None: ...
+    max_speed_mps: float
+    max_hold_frames: int
+    def __init__(self, max_sessions_per_stream: _Optional[int] = ..., max_constraints: _Optional[int] = ..., max_events_per_second: _Optional[float] = ..., max_lookahead_frames: _Optional[int] = ..., max_prompts: _Optional[int] = ..., max_prompt_characters: _Optional[int] = ..., max_request_bytes: _Optional[int] = ..., default_lookahead_frames: _Optional[int] = ..., max_trajectory_frames: _Optional[int] = ..., max_coordinate_m: _Optional[float] = ..., max_guidance: _Optional[float] = ..., max_stream_events_per_second: _Optional[float] = ..., max_speed_mps: _Optional[float] = ..., max_hold_frames: _Optional[int] = ...) -> None: ...
 
 class StreamMotionRequest(_message.Message):
     __slots__ = ("events", "hello", "ping")
@@ -132,10 +136,12 @@ class ServerHello(_message.Message):
     def __init__(self, replica_id: _Optional[str] = ..., limits: _Optional[_Union[Limits, _Mapping]] = ..., server_time_ns: _Optional[int] = ...) -> None: ...
 
 class Ping(_message.Message):
-    __slots__ = ("client_time_ns",)
+    __slots__ = ("client_time_ns", "round_trip")
     CLIENT_TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    ROUND_TRIP_FIELD_NUMBER: _ClassVar[int]
     client_time_ns: int
-    def __init__(self, client_time_ns: _Optional[int] = ...) -> None: ...
+    round_trip: _duration_pb2.Duration
+    def __init__(self, client_time_ns: _Optional[int] = ..., round_trip: _Optional[_Union[datetime.timedelta, _duration_pb2.Duration, _Mapping]] = ...) -> None: ...
 
 class Pong(_message.Message):
     __slots__ = ("client_time_ns", "server_time_ns")

@@ -1,3 +1,6 @@
+import datetime
+
+from google.protobuf import duration_pb2 as _duration_pb2
 from motiongen.v1 import motion_pb2 as _motion_pb2
 from google.protobuf.internal import containers as _containers
 from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
@@ -27,6 +30,16 @@ class PlanCause(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     PLAN_CAUSE_UNSPECIFIED: _ClassVar[PlanCause]
     PLAN_CAUSE_CONTINUE: _ClassVar[PlanCause]
     PLAN_CAUSE_EDIT: _ClassVar[PlanCause]
+    PLAN_CAUSE_FALLBACK: _ClassVar[PlanCause]
+
+class ServiceTier(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    SERVICE_TIER_UNSPECIFIED: _ClassVar[ServiceTier]
+    SERVICE_TIER_FULL: _ClassVar[ServiceTier]
+    SERVICE_TIER_FEWER_STEPS: _ClassVar[ServiceTier]
+    SERVICE_TIER_NO_GUIDANCE: _ClassVar[ServiceTier]
+    SERVICE_TIER_SMALL_MODEL: _ClassVar[ServiceTier]
+    SERVICE_TIER_HOLD: _ClassVar[ServiceTier]
 
 class CloseReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -36,6 +49,7 @@ class CloseReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     CLOSE_REASON_SLOW_READER: _ClassVar[CloseReason]
     CLOSE_REASON_DRAINED: _ClassVar[CloseReason]
     CLOSE_REASON_ENGINE_FAULT: _ClassVar[CloseReason]
+    CLOSE_REASON_OVERLOAD: _ClassVar[CloseReason]
 PRIORITY_CLASS_UNSPECIFIED: PriorityClass
 PRIORITY_CLASS_HERO: PriorityClass
 PRIORITY_CLASS_NEAR: PriorityClass
@@ -47,20 +61,29 @@ PLAY_STATE_PAUSED: PlayState
 PLAN_CAUSE_UNSPECIFIED: PlanCause
 PLAN_CAUSE_CONTINUE: PlanCause
 PLAN_CAUSE_EDIT: PlanCause
+PLAN_CAUSE_FALLBACK: PlanCause
+SERVICE_TIER_UNSPECIFIED: ServiceTier
+SERVICE_TIER_FULL: ServiceTier
+SERVICE_TIER_FEWER_STEPS: ServiceTier
+SERVICE_TIER_NO_GUIDANCE: ServiceTier
+SERVICE_TIER_SMALL_MODEL: ServiceTier
+SERVICE_TIER_HOLD: ServiceTier
 CLOSE_REASON_UNSPECIFIED: CloseReason
 CLOSE_REASON_CLIENT: CloseReason
 CLOSE_REASON_IDLE: CloseReason
 CLOSE_REASON_SLOW_READER: CloseReason
 CLOSE_REASON_DRAINED: CloseReason
 CLOSE_REASON_ENGINE_FAULT: CloseReason
+CLOSE_REASON_OVERLOAD: CloseReason
 
 class SessionEvent(_message.Message):
-    __slots__ = ("session", "event_seq", "open", "edit_prompts", "edit_constraints", "playhead", "set_play_state", "close")
+    __slots__ = ("session", "event_seq", "open", "edit_prompts", "edit_constraints", "set_velocity", "playhead", "set_play_state", "close")
     SESSION_FIELD_NUMBER: _ClassVar[int]
     EVENT_SEQ_FIELD_NUMBER: _ClassVar[int]
     OPEN_FIELD_NUMBER: _ClassVar[int]
     EDIT_PROMPTS_FIELD_NUMBER: _ClassVar[int]
     EDIT_CONSTRAINTS_FIELD_NUMBER: _ClassVar[int]
+    SET_VELOCITY_FIELD_NUMBER: _ClassVar[int]
     PLAYHEAD_FIELD_NUMBER: _ClassVar[int]
     SET_PLAY_STATE_FIELD_NUMBER: _ClassVar[int]
     CLOSE_FIELD_NUMBER: _ClassVar[int]
@@ -69,10 +92,11 @@ class SessionEvent(_message.Message):
     open: OpenSession
     edit_prompts: EditPrompts
     edit_constraints: EditConstraints
+    set_velocity: SetVelocity
     playhead: Playhead
     set_play_state: SetPlayState
     close: CloseSession
-    def __init__(self, session: _Optional[int] = ..., event_seq: _Optional[int] = ..., open: _Optional[_Union[OpenSession, _Mapping]] = ..., edit_prompts: _Optional[_Union[EditPrompts, _Mapping]] = ..., edit_constraints: _Optional[_Union[EditConstraints, _Mapping]] = ..., playhead: _Optional[_Union[Playhead, _Mapping]] = ..., set_play_state: _Optional[_Union[SetPlayState, _Mapping]] = ..., close: _Optional[_Union[CloseSession, _Mapping]] = ...) -> None: ...
+    def __init__(self, session: _Optional[int] = ..., event_seq: _Optional[int] = ..., open: _Optional[_Union[OpenSession, _Mapping]] = ..., edit_prompts: _Optional[_Union[EditPrompts, _Mapping]] = ..., edit_constraints: _Optional[_Union[EditConstraints, _Mapping]] = ..., set_velocity: _Optional[_Union[SetVelocity, _Mapping]] = ..., playhead: _Optional[_Union[Playhead, _Mapping]] = ..., set_play_state: _Optional[_Union[SetPlayState, _Mapping]] = ..., close: _Optional[_Union[CloseSession, _Mapping]] = ...) -> None: ...
 
 class OpenSession(_message.Message):
     __slots__ = ("request_id", "rig_id", "model_id", "seed", "priority", "lookahead_frames", "scalar_type", "prompts", "constraints", "initial_root", "denoise_steps", "guidance")
@@ -128,6 +152,18 @@ class EditConstraints(_message.Message):
     clear: bool
     def __init__(self, upsert: _Optional[_Iterable[_Union[_motion_pb2.Constraint, _Mapping]]] = ..., remove: _Optional[_Iterable[int]] = ..., clear: _Optional[bool] = ...) -> None: ...
 
+class SetVelocity(_message.Message):
+    __slots__ = ("x", "z", "heading", "hold_frames")
+    X_FIELD_NUMBER: _ClassVar[int]
+    Z_FIELD_NUMBER: _ClassVar[int]
+    HEADING_FIELD_NUMBER: _ClassVar[int]
+    HOLD_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    x: float
+    z: float
+    heading: float
+    hold_frames: int
+    def __init__(self, x: _Optional[float] = ..., z: _Optional[float] = ..., heading: _Optional[float] = ..., hold_frames: _Optional[int] = ...) -> None: ...
+
 class Playhead(_message.Message):
     __slots__ = ("frame", "buffered_to", "underruns")
     FRAME_FIELD_NUMBER: _ClassVar[int]
@@ -149,13 +185,14 @@ class CloseSession(_message.Message):
     def __init__(self) -> None: ...
 
 class SessionUpdate(_message.Message):
-    __slots__ = ("session", "applied_seq", "opened", "chunk", "plan", "outcome", "closed")
+    __slots__ = ("session", "applied_seq", "opened", "chunk", "plan", "outcome", "service_level", "closed")
     SESSION_FIELD_NUMBER: _ClassVar[int]
     APPLIED_SEQ_FIELD_NUMBER: _ClassVar[int]
     OPENED_FIELD_NUMBER: _ClassVar[int]
     CHUNK_FIELD_NUMBER: _ClassVar[int]
     PLAN_FIELD_NUMBER: _ClassVar[int]
     OUTCOME_FIELD_NUMBER: _ClassVar[int]
+    SERVICE_LEVEL_FIELD_NUMBER: _ClassVar[int]
     CLOSED_FIELD_NUMBER: _ClassVar[int]
     session: int
     applied_seq: int
@@ -163,8 +200,9 @@ class SessionUpdate(_message.Message):
     chunk: _motion_pb2.FrameChunk
     plan: PlanNotice
     outcome: EditOutcome
+    service_level: ServiceLevel
     closed: SessionClosed
-    def __init__(self, session: _Optional[int] = ..., applied_seq: _Optional[int] = ..., opened: _Optional[_Union[SessionOpened, _Mapping]] = ..., chunk: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., plan: _Optional[_Union[PlanNotice, _Mapping]] = ..., outcome: _Optional[_Union[EditOutcome, _Mapping]] = ..., closed: _Optional[_Union[SessionClosed, _Mapping]] = ...) -> None: ...
+    def __init__(self, session: _Optional[int] = ..., applied_seq: _Optional[int] = ..., opened: _Optional[_Union[SessionOpened, _Mapping]] = ..., chunk: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., plan: _Optional[_Union[PlanNotice, _Mapping]] = ..., outcome: _Optional[_Union[EditOutcome, _Mapping]] = ..., service_level: _Optional[_Union[ServiceLevel, _Mapping]] = ..., closed: _Optional[_Union[SessionClosed, _Mapping]] = ...) -> None: ...
 
 class SessionOpened(_message.Message):
     __slots__ = ("session_id", "seed", "start_frame", "rig_id", "model_id", "frame_rate", "lookahead_frames", "committed_horizon_frames", "denoise_steps", "scalar_type")
@@ -203,7 +241,7 @@ class PlanNotice(_message.Message):
     def __init__(self, plan: _Optional[int] = ..., valid_from: _Optional[int] = ..., cause: _Optional[_Union[PlanCause, str]] = ..., event_seqs: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class EditOutcome(_message.Message):
-    __slots__ = ("event_seq", "code", "reason", "message", "effective_frame", "field", "allowed")
+    __slots__ = ("event_seq", "code", "reason", "message", "effective_frame", "field", "allowed", "retry_after")
     EVENT_SEQ_FIELD_NUMBER: _ClassVar[int]
     CODE_FIELD_NUMBER: _ClassVar[int]
     REASON_FIELD_NUMBER: _ClassVar[int]
@@ -211,6 +249,7 @@ class EditOutcome(_message.Message):
     EFFECTIVE_FRAME_FIELD_NUMBER: _ClassVar[int]
     FIELD_FIELD_NUMBER: _ClassVar[int]
     ALLOWED_FIELD_NUMBER: _ClassVar[int]
+    RETRY_AFTER_FIELD_NUMBER: _ClassVar[int]
     event_seq: int
     code: int
     reason: str
@@ -218,7 +257,16 @@ class EditOutcome(_message.Message):
     effective_frame: int
     field: str
     allowed: str
-    def __init__(self, event_seq: _Optional[int] = ..., code: _Optional[int] = ..., reason: _Optional[str] = ..., message: _Optional[str] = ..., effective_frame: _Optional[int] = ..., field: _Optional[str] = ..., allowed: _Optional[str] = ...) -> None: ...
+    retry_after: _duration_pb2.Duration
+    def __init__(self, event_seq: _Optional[int] = ..., code: _Optional[int] = ..., reason: _Optional[str] = ..., message: _Optional[str] = ..., effective_frame: _Optional[int] = ..., field: _Optional[str] = ..., allowed: _Optional[str] = ..., retry_after: _Optional[_Union[datetime.timedelta, _duration_pb2.Duration, _Mapping]] = ...) -> None: ...
+
+class ServiceLevel(_message.Message):
+    __slots__ = ("tier", "denoise_steps")
+    TIER_FIELD_NUMBER: _ClassVar[int]
+    DENOISE_STEPS_FIELD_NUMBER: _ClassVar[int]
+    tier: ServiceTier
+    denoise_steps: int
+    def __init__(self, tier: _Optional[_Union[ServiceTier, str]] = ..., denoise_steps: _Optional[int] = ...) -> None: ...
 
 class SessionClosed(_message.Message):
     __slots__ = ("reason", "code", "message", "frames", "late_frames")

@@ -93,6 +93,10 @@ proto-current: $(READY) ## test that the protos keep their rules and proto/pytho
 bench: $(READY) ## measure latency, throughput and memory of the built-in model; writes out/bench
 	$(PYTHON) -m tests.bench --out $(OUT)/bench $(ARGS)
 
+.PHONY: bench-service
+bench-service: $(READY) ## measure what the service costs without a model; writes out/bench
+	$(PYTHON) -m tests.bench.service_cost --out $(OUT)/bench $(ARGS)
+
 .PHONY: data
 data: $(READY) ## turn motion capture into a training set: make data CLIPS=folder-of-bvh LABELS=table.csv [DATA=out/data]
 	$(PYTHON) -m ardy.data build "$(or $(CLIPS),$(error $(DATA_USE)))" "$(or $(LABELS),$(error $(DATA_USE)))" "$(DATA)" $(ARGS)

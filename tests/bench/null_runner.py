@@ -1,0 +1,85 @@
+"""A runner that computes nothing: what is left of the time is the cost of the engine and of the service.
+
+It gives frames of the built-in rig's size, so that the bytes on the wire are the real ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from server.engine.types import ChannelBlock, ModelFacts, RigLayout, RowStatus, WindowJob, WindowResult
+
+NUM_JOINTS = 27
+FEATURE_DIM = 12 * NUM_JOINTS + 6
+TOKEN_WIDTH = 52
+
+FACTS = ModelFacts(
+    model_id="null",
+    rig=RigLayout(
+        rig_id="core27",
+        joint_names=tuple(f"joint{number}" for number in range(NUM_JOINTS)),
+        parents=tuple(range(-1, NUM_JOINTS - 1)),
+        neutral_offsets=np.zeros((NUM_JOINTS, 3), np.float32),
+        blocks=(
+            ChannelBlock("root_translation_m", 3),
+            ChannelBlock("joint_rotation_quat_wxyz", 4 * NUM_JOINTS),
+            ChannelBlock("foot_contact", 4),
+        ),
+    ),
+    fps=20,
+    horizon=40,
+    patch=4,
+    feature_dim=FEATURE_DIM,
+    max_window_frames=200,
+    min_steps=2,
+    max_steps=10,
+    default_steps=4,
+    embedding_dim=8,
+    token_width=TOKEN_WIDTH,
+    guidance_passes=1,
+)
+
+
+class NullRunner:
+    """Satisfies `server.engine.ports.Runner`; every window is the same zeros."""
+
+    facts = FACTS
+
+    def __init__(self) -> None:
+        self._steps_done: dict[int, int] = {}
+        self._frames = np.zeros((FACTS.horizon, FACTS.row_width), np.float32)
+        self._features = np.zeros((FACTS.horizon, FACTS.feature_dim), np.float32)
+        self._tokens = np.zeros((FACTS.horizon // FACTS.patch, FACTS.token_width), np.float32)
+
+    def num_passes(self, job: WindowJob) -> int:
+        del job
+        return 1
+
+    def prepare(self, jobs: Sequence[WindowJob]) -> None:
+        self._steps_done.update((job.job_id, 0) for job in jobs)
+
+    def denoise(self, job_ids: Sequence[int]) -> list[RowStatus]:
+        for job_id in job_ids:
+            self._steps_done[job_id] += 1
+        return [RowStatus(job_id, self._steps_done[job_id], finite=True) for job_id in job_ids]
+
+    def decode(self, job_ids: Sequence[int]) -> list[WindowResult]:
+        for job_id in job_ids:
+            del self._steps_done[job_id]
+        return [WindowResult(job_id, self._frames, self._features, self._tokens) for job_id in job_ids]
+
+    def discard(self, job_ids: Sequence[int]) -> None:
+        for job_id in job_ids:
+            self._steps_done.pop(job_id, None)
+
+
+class NullEncoder:
+    """A text encoder that knows a prompt by its length; were all equal, edits would change nothing."""
+
+    identity = "null-1"
+
+    def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
+        return np.repeat(np.array([[len(text)] for text in texts], np.float32), FACTS.embedding_dim, axis=1)

@@ -14,8 +14,8 @@ from typing import TypeVar
 import numpy as np
 
 from server.engine.config import EngineConfig
-from server.engine.mailbox import Mailbox
-from server.engine.ports import Clock, Deliver, Observe, Runner
+from server.engine.mailbox import Mailbox, refuse_pending
+from server.engine.ports import Clock, Deliver, Inbox, Observe, Runner
 from server.engine.report import StepReport
 from server.engine.scheduler import ScheduledJob, Scheduler
 from server.engine.session import SessionState
@@ -50,9 +50,18 @@ class Engine:
     """
 
     def __init__(
-        self, runner: Runner, clock: Clock, deliver: Deliver, config: EngineConfig, observe: Observe | None = None
+        self,
+        runner: Runner,
+        clock: Clock,
+        deliver: Deliver,
+        config: EngineConfig,
+        observe: Observe | None = None,
+        inbox: Inbox | None = None,
     ) -> None:
-        """Raises ValueError where the configuration does not fit the runner's model."""
+        """inbox: where events come from, when not from `submit` alone.
+
+        Raises ValueError where the configuration does not fit the runner's model.
+        """
         config.check_against(runner.facts)
         self._runner = runner
         self._facts = runner.facts
@@ -60,7 +69,7 @@ class Engine:
         self._deliver = deliver
         self._observe = observe
         self._config = config
-        self._mailbox = Mailbox(config.max_pending_events)
+        self._mailbox: Inbox = inbox or Mailbox(config.max_pending_events)
         self._scheduler = Scheduler(config.max_rows, config.initial_step_s)
         self._sessions: dict[SessionKey, SessionState] = {}
         self._owners: dict[int, SessionState] = {}
@@ -103,14 +112,7 @@ class Engine:
         """Hand in an event. The answer comes through `deliver`; only a refusal at the door is returned."""
         if self._mailbox.put(event):
             return None
-        return Outcome(
-            event.session,
-            event.event_seq,
-            Code.RESOURCE_EXHAUSTED,
-            reason="TOO_MANY_PENDING_EVENTS",
-            message="the session's earlier events still wait; send again when one has been answered",
-            allowed=f"at most {self._config.max_pending_events} events waiting for a session",
-        )
+        return refuse_pending(event, self._config.max_pending_events)
 
     def drain(self) -> None:
         """Take no new sessions; those that are open are served on."""

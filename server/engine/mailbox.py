@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import Counter
 
-from server.engine.types import Close, Event, Open, Playhead, SessionKey
+from server.engine.types import Close, Code, Event, Open, Outcome, Playhead, SessionKey
 
 
 class Mailbox:
@@ -64,3 +64,15 @@ class Mailbox:
         """Sleep until something has come, or timeout_s has passed."""
         with self._arrived:
             self._arrived.wait_for(lambda: self._events or self._rung, timeout_s)
+
+
+def refuse_pending(event: Event, max_pending_events: int) -> Outcome:
+    """The answer to an event that was not taken."""
+    return Outcome(
+        event.session,
+        event.event_seq,
+        Code.RESOURCE_EXHAUSTED,
+        reason="TOO_MANY_PENDING_EVENTS",
+        message="the session's earlier events still wait; send again when one has been answered",
+        allowed=f"at most {max_pending_events} events waiting for a session",
+    )

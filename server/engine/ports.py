@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol, TypeAlias
 
 from server.engine.report import StepReport
-from server.engine.types import ModelFacts, Output, RowStatus, WindowJob, WindowResult
+from server.engine.types import Event, ModelFacts, Output, RowStatus, WindowJob, WindowResult
 
 
 class Runner(Protocol):
@@ -45,6 +45,26 @@ class Clock(Protocol):
 
     def now(self) -> float:
         """Seconds since some fixed moment."""
+        ...
+
+
+class Inbox(Protocol):
+    """Where the loop takes its events from; `server.engine.mailbox.Mailbox` is the one within a process."""
+
+    def put(self, event: Event) -> bool:
+        """Hand in an event, from any thread. False: it was not taken, its session has too many waiting."""
+        ...
+
+    def take_all(self) -> list[Event]:
+        """All events that wait, oldest first. Called on the engine's thread."""
+        ...
+
+    def wait(self, timeout_s: float) -> None:
+        """Sleep until something has come, or timeout_s has passed. Called on the engine's thread."""
+        ...
+
+    def ring(self) -> None:
+        """End the current or the next `wait` without an event, from any thread."""
         ...
 
 

@@ -8,6 +8,7 @@ the bytes, so nothing can be made that the table does not name. `schema` is equa
 from __future__ import annotations
 
 import hashlib
+import threading
 import types
 import typing
 from collections.abc import Callable, Mapping, Sequence
@@ -40,6 +41,9 @@ class Codec(Generic[Message]):
         """Raises TypeError for a field whose type has no place in the table."""
         table = _Table()
         self._encode, self._decode = table.union(messages)
+        # Kept, because a new buffer of a megabyte for each message costs more than what is put into it.
+        self._packer = msgpack.Packer(default=_pack_number)
+        self._packing = threading.Lock()
         self.table = table.lines
         """Messages, fields and types, in order, for people to read."""
         self.schema = hashlib.sha256("\n".join(table.lines).encode()).hexdigest()[:16]
@@ -48,7 +52,9 @@ class Codec(Generic[Message]):
     def encode(self, message: Message) -> bytes:
         """Raises CodecError for a value that its field's type does not allow."""
         try:
-            packed: bytes = msgpack.packb(self._encode(message), default=_pack_number)
+            content = self._encode(message)
+            with self._packing:
+                packed: bytes = self._packer.pack(content)
         except (TypeError, ValueError, OverflowError, AttributeError, KeyError) as error:
             raise CodecError(f"cannot encode {type(message).__name__}: {error}") from error
         return packed
@@ -166,7 +172,7 @@ class _Table:
     def _mapping(self, arguments: tuple[Any, ...]) -> tuple[Convert, Convert]:
         keys, values = self.of(arguments[0]), self.of(arguments[1])
         encode, decode = _fields_converter([keys[0], values[0]]), _fields_converter([keys[1], values[1]])
-        return lambda mapping: [encode(item) for item in mapping.items()], lambda items: dict(map(decode, items))
+        return _items_encoder(encode), _items_decoder(decode)
 
     def _named_tuple(self, kind: Any) -> tuple[Convert | None, Convert]:
         hints = typing.get_type_hints(kind)
@@ -216,6 +222,14 @@ def _fields_converter(converters: list[Convert | None]) -> Convert:
     return lambda values: tuple(
         value if convert is None else convert(value) for value, convert in zip(values, converters, strict=True)
     )
+
+
+def _items_encoder(encode: Convert) -> Convert:
+    return lambda mapping: [encode(item) for item in mapping.items()]
+
+
+def _items_decoder(decode: Convert) -> Convert:
+    return lambda items: dict(map(decode, items))
 
 
 def _each(convert: Convert | None, make: Convert) -> Convert | None:

@@ -137,6 +137,7 @@ def test_what_is_no_message_is_refused(data: bytes) -> None:
 def test_what_no_type_can_hold_is_refused(message: typing.Any) -> None:
     with pytest.raises(CodecError, match="cannot encode"):
         ROWS.encode(message)
+    assert len(ROWS.decode(ROWS.encode(Row(np.zeros(3, np.float32)))).values) == 3, "the one after it is not spoilt"
 
 
 def test_a_field_without_a_place_in_the_table_is_an_error_at_once() -> None:

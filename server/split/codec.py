@@ -190,7 +190,7 @@ def _struct_encoder(names: list[str], encoders: list[Convert | None]) -> Convert
     if not names:
         return lambda value: ()
     special = [(index, convert) for index, convert in enumerate(encoders) if convert is not None]
-    get: Convert = attrgetter(*names) if len(names) > 1 else lambda value, name=names[0]: (getattr(value, name),)
+    get: Convert = attrgetter(*names) if len(names) > 1 else _alone(attrgetter(names[0]))
     if not special:
         return get
 
@@ -201,6 +201,10 @@ def _struct_encoder(names: list[str], encoders: list[Convert | None]) -> Convert
         return content
 
     return encode
+
+
+def _alone(get: Convert) -> Convert:
+    return lambda value: (get(value),)
 
 
 def _struct_decoder(kind: Callable[..., Any], decoders: list[Convert | None]) -> Convert:

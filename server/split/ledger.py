@@ -1,0 +1,161 @@
+"""Ledger: what the gateway knows of every session in the engine process, so that none is left without an answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+from server.engine.types import (
+    Chunk,
+    Close,
+    Closed,
+    CloseReason,
+    Code,
+    Event,
+    Open,
+    Opened,
+    Outcome,
+    Output,
+    Playhead,
+    SessionKey,
+)
+
+RETRY_AFTER_S = 2.0
+
+
+@dataclass(slots=True)
+class Entry:
+    """One session, from the Open that was submitted to the Closed that came back.
+
+    unanswered: event_seqs without an Outcome, oldest first. opened, last: the numbers, on the way to the engine, of its
+    Open and of its last event, 0 while they have not been sent. close: submitted, and to be sent ahead.
+    """
+
+    open_seq: int
+    unanswered: dict[int, None] = field(default_factory=dict)
+    opened: int = 0
+    last: int = 0
+    close: Close | None = None
+    is_open: bool = False
+    num_frames: int = 0
+
+
+class Ledger:
+    """The sessions of one engine process. Not thread-safe: its owner holds a lock."""
+
+    def __init__(self) -> None:
+        self._entries: dict[SessionKey, Entry] = {}
+        self._closing: dict[SessionKey, Close] = {}
+        self._number = 0
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    # ---- on the way to the engine -----------------------------------------------------------------------------------
+
+    def note(self, event: Event) -> None:
+        """An event has been taken in. The engine answers those of sessions that are not known here by itself."""
+        entry = self._entries.get(event.session)
+        if entry is None:
+            if isinstance(event, Open):
+                self._entries[event.session] = Entry(event.event_seq, {event.event_seq: None})
+        elif isinstance(event, Close):
+            entry.close = event
+            self._closing[event.session] = event
+        elif not isinstance(event, Playhead) and event.event_seq:
+            entry.unanswered[event.event_seq] = None
+
+    def goes_ahead(self, event: Event) -> bool:
+        """Whether an event is a Close of a known session, which does not wait behind other events."""
+        return isinstance(event, Close) and event.session in self._entries
+
+    def number(self, events: Iterable[Event]) -> tuple[int, list[Event]]:
+        """The number of the first of these events, and those that are to be sent.
+
+        Of a session that is closing, only the Open still goes; its Closed answers the rest.
+        """
+        sent: list[Event] = []
+        first = self._number + 1
+        for event in events:
+            entry = self._entries.get(event.session)
+            if entry is not None:
+                if entry.close is not None and entry.opened:
+                    continue
+                if not entry.opened:
+                    entry.opened = self._number + 1
+                entry.last = self._number + 1
+            self._number += 1
+            sent.append(event)
+        return first, sent
+
+    def take_closes(self) -> list[tuple[Close, int, int]]:
+        """Closes that can be sent, each with the numbers of its session's Open and last event."""
+        ready = [key for key in self._closing if self._entries[key].opened]
+        return [(self._closing.pop(key), self._entries[key].opened, self._entries[key].last) for key in ready]
+
+    # ---- on the way back --------------------------------------------------------------------------------------------
+
+    def settle(self, outputs: Sequence[Output]) -> list[Output]:
+        """Enter what the engine has delivered; where a close overtook events, their answers come before the Closed."""
+        settled: list[Output] = []
+        for output in outputs:
+            entry = self._entries.get(output.session)
+            if entry is not None:
+                if isinstance(output, Chunk):
+                    entry.num_frames += len(output.rows)
+                elif isinstance(output, Outcome):
+                    self._answer(entry, output)
+                elif isinstance(output, Opened):
+                    entry.is_open = True
+                    entry.unanswered.pop(entry.open_seq, None)
+                elif isinstance(output, Closed):
+                    settled += self._cancelled(output.session, entry)
+                    self._forget(output.session)
+            settled.append(output)
+        return settled
+
+    def _answer(self, entry: Entry, outcome: Outcome) -> None:
+        entry.unanswered.pop(outcome.event_seq, None)
+        if outcome.event_seq == entry.open_seq and not entry.is_open and outcome.code is not Code.OK:
+            self._forget(outcome.session)
+
+    def _forget(self, key: SessionKey) -> None:
+        del self._entries[key]
+        self._closing.pop(key, None)
+
+    @staticmethod
+    def _cancelled(key: SessionKey, entry: Entry) -> list[Output]:
+        message = "the session closed before it"
+        return [
+            Outcome(key, seq, Code.CANCELLED, None, "SESSION_CLOSED", message)
+            for seq in entry.unanswered
+            if seq != entry.open_seq
+        ]
+
+    def lose_all(self, message: str) -> list[Output]:
+        """The engine process is gone: an end for every session, and an answer for everything that waits for one."""
+        outputs: list[Output] = []
+        for key, entry in self._entries.items():
+            outputs += self._cancelled(key, entry)
+            if entry.is_open:
+                reason = CloseReason.ENGINE_FAULT
+                outputs.append(Closed(key, reason, Code.UNAVAILABLE, message, entry.num_frames, 0))
+            else:
+                outputs.append(refuse_without_engine(key, entry.open_seq))
+        self._entries.clear()
+        self._closing.clear()
+        return outputs
+
+
+def refuse_without_engine(key: SessionKey, event_seq: int) -> Outcome:
+    """The answer to an event while there is no engine process."""
+    return Outcome(
+        key,
+        event_seq,
+        Code.UNAVAILABLE,
+        None,
+        "ENGINE_RESTARTING",
+        "the server's engine is being started anew; open a session again in a moment",
+        "session",
+        retry_after_s=RETRY_AFTER_S,
+    )

@@ -78,6 +78,18 @@ class TorchRunner:
     def facts(self) -> ModelFacts:
         return self._facts
 
+    def num_passes(self, job: WindowJob) -> int:
+        """Evaluations of the denoiser that one step of this job costs."""
+        return len(self._passes(job, bool(job.constraints)))
+
+    def _passes(self, job: WindowJob, has_constraints: bool) -> tuple[Pass, ...]:
+        return needed_passes(
+            self._model.config.guidance,
+            GuidanceWeights(job.guidance.text, job.guidance.constraint),
+            has_text=job.embedding is not None and bool(np.any(job.embedding)),
+            has_constraints=has_constraints,
+        )
+
     @torch.inference_mode()
     def prepare(self, jobs: Sequence[WindowJob]) -> None:
         """Take in new jobs. Those that share history length and window length are encoded together."""
@@ -122,12 +134,7 @@ class TorchRunner:
                 text=state.window.text[row],
                 observed=None if state.window.observed is None else state.window.observed[row],
                 mask=None if state.window.mask is None else state.window.mask[row],
-                passes=needed_passes(
-                    config.guidance,
-                    GuidanceWeights(job.guidance.text, job.guidance.constraint),
-                    has_text=job.embedding is not None and bool(np.any(job.embedding)),
-                    has_constraints=bool(goals),
-                ),
+                passes=self._passes(job, bool(goals)),
             )
             for row, job in enumerate(jobs)
         ]

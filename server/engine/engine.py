@@ -14,8 +14,9 @@ from typing import TypeVar
 import numpy as np
 
 from server.engine.config import EngineConfig
+from server.engine.costs import CostTable, bucket
 from server.engine.mailbox import Mailbox, refuse_pending
-from server.engine.ports import Clock, Deliver, Inbox, Observe, Runner
+from server.engine.ports import Clock, Deliver, Inbox, Observe, Runner, SchedulingPolicy
 from server.engine.report import StepReport
 from server.engine.scheduler import ScheduledJob, Scheduler
 from server.engine.session import SessionState
@@ -57,8 +58,9 @@ class Engine:
         config: EngineConfig,
         observe: Observe | None = None,
         inbox: Inbox | None = None,
+        scheduler: SchedulingPolicy | None = None,
     ) -> None:
-        """inbox: where events come from, when not from `submit` alone.
+        """inbox: where events come from, when not from `submit` alone. scheduler: a policy in place of `Scheduler`.
 
         Raises ValueError where the configuration does not fit the runner's model.
         """
@@ -70,7 +72,9 @@ class Engine:
         self._observe = observe
         self._config = config
         self._mailbox: Inbox = inbox or Mailbox(config.max_pending_events)
-        self._scheduler = Scheduler(config.max_rows, config.initial_step_s)
+        self._scheduler: SchedulingPolicy = scheduler or Scheduler(
+            CostTable.assumed(config.initial_step_s), config.max_rows
+        )
         self._sessions: dict[SessionKey, SessionState] = {}
         self._owners: dict[int, SessionState] = {}
         self._job_ids = itertools.count(1)
@@ -155,7 +159,7 @@ class Engine:
         self._take_events()
         self._wake_sessions()
         self._attend_touched()
-        self._denoise(self._scheduler.schedule())
+        self._denoise(self._scheduler.schedule(self._clock.now()))
         self._attend_touched()
         if self._report.opens or self._report.closes:
             self._count_sessions()
@@ -163,7 +167,7 @@ class Engine:
 
     def idle_s(self) -> float:
         """How long the loop may sleep if nothing comes in."""
-        wake_at = min(self._next_sweep_at, self._wakes[0][0] if self._wakes else math.inf)
+        wake_at = min(self._next_sweep_at, self._scheduler.wake_at(), self._wakes[0][0] if self._wakes else math.inf)
         return min(_IDLE_TICK_S, max(0.0, wake_at - self._clock.now()))
 
     # ---- events and sessions ----------------------------------------------------------------------------------------
@@ -258,10 +262,12 @@ class Engine:
 
     def _start_window(self, state: SessionState, now: float) -> None:
         if state.window_due(now):
-            predicted_s = self._scheduler.predict_s(state.spec.priority, state.spec.denoise_steps)
+            predicted_s = self._scheduler.predict_s(
+                state.spec.priority, state.deadline(now), state.spec.denoise_steps, self._facts.guidance_passes
+            )
             job = state.next_window(now, predicted_s, next(self._job_ids))
             self._owners[job.job_id] = state
-            self._scheduler.add(job)
+            self._scheduler.add(job, self._runner.num_passes(job))
             return
         wake_at = state.wake_at()
         if wake_at < math.inf:
@@ -282,8 +288,10 @@ class Engine:
         if not batch:
             return
         begun_at = self._clock.now()
+        num_new = sum(not held.prepared for held in batch)
         rows = self._prepare(batch, begun_at)
         prepared_at = self._clock.now()
+        evaluations = sum(held.passes for held in batch)
         statuses = self._call(self._runner.denoise, rows, rows)
         for status in statuses:
             if status.finite:
@@ -294,9 +302,14 @@ class Engine:
         stepped_at = self._clock.now()
         self._decode(finished)
         ended_at = self._clock.now()
-        self._scheduler.costs.observe(len(batch), ended_at - begun_at)
+        costs = self._scheduler.costs
+        if num_new:
+            costs.prepare.observe(num_new, prepared_at - begun_at)
+        if finished:
+            costs.decode.observe(len(finished), ended_at - stepped_at)
+        costs.step.observe(evaluations, stepped_at - prepared_at)
         self._report.rows = len(batch)
-        self._report.bucket = self._scheduler.costs.bucket(len(batch))
+        self._report.bucket = bucket(evaluations)
         self._report.prepare_seconds = prepared_at - begun_at
         self._report.step_seconds = stepped_at - prepared_at
         self._report.decode_seconds = ended_at - stepped_at

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol, TypeAlias
 
+from server.engine.costs import CostTable
 from server.engine.report import StepReport
-from server.engine.types import Event, ModelFacts, Output, RowStatus, WindowJob, WindowResult
+from server.engine.scheduler import ScheduledJob
+from server.engine.types import Event, ModelFacts, Output, Priority, RowStatus, WindowJob, WindowResult
+
+
+class OutOfMemory(RuntimeError):
+    """A runner's call did not fit the device's memory. Every job is where it was: the call may be made in parts."""
+
+
+class DeviceLost(RuntimeError):
+    """The device is gone, and every job with it. The engine ends: only a new process can serve again."""
 
 
 class Runner(Protocol):
@@ -23,6 +33,10 @@ class Runner(Protocol):
         """The loaded model's rates and limits; they never change."""
         ...
 
+    def num_passes(self, job: WindowJob) -> int:
+        """Evaluations of the denoiser that one step of this job costs, 1 to 3."""
+        ...
+
     def prepare(self, jobs: Sequence[WindowJob]) -> None:
         """Take in new jobs: history tokens, conditions, initial noise."""
         ...
@@ -37,6 +51,51 @@ class Runner(Protocol):
 
     def discard(self, job_ids: Sequence[int]) -> None:
         """Forget jobs at any stage. An id that is not held is no error. Never raises."""
+        ...
+
+
+class SchedulingPolicy(Protocol):
+    """Decides which jobs are in the next denoising step. Holds every job from `add` to `remove`; never waits.
+
+    Called from the engine's thread alone. `Scheduler` is the one that is served with; others can be measured in its
+    place.
+    """
+
+    @property
+    def costs(self) -> CostTable:
+        """What calls of the runner cost; the engine keeps it up to date."""
+        ...
+
+    def __len__(self) -> int:
+        """Jobs held."""
+        ...
+
+    def add(self, job: WindowJob, passes: int) -> None:
+        """Take in a job. passes: what `Runner.num_passes` says of it."""
+        ...
+
+    def remove(self, job_id: int) -> None:
+        """Let go of a job that is held, at any stage."""
+        ...
+
+    def schedule(self, now: float) -> Sequence[ScheduledJob]:
+        """The jobs of the next step, most urgent first. Empty: none before `wake_at`, unless more comes."""
+        ...
+
+    def wake_at(self) -> float:
+        """When to ask again though nothing has come; infinity: no need to."""
+        ...
+
+    def mark_prepared(self, job_ids: Iterable[int]) -> None:
+        """Note that the runner holds these jobs."""
+        ...
+
+    def commit(self, statuses: Iterable[RowStatus]) -> list[int]:
+        """Note the steps that were done; returns the jobs that have done all of theirs."""
+        ...
+
+    def predict_s(self, priority: Priority, deadline: float, num_steps: int, passes: int) -> float:
+        """Seconds until a job that is added now would be finished, as things stand."""
         ...
 
 

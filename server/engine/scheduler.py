@@ -1,103 +1,148 @@
-"""Scheduler: which jobs are in the next denoising step, and what steps cost. Pure: time comes in as an argument.
+"""Scheduler: which jobs are in the next denoising step. Pure: time comes in as an argument.
 
-Within a class the earliest deadline goes first; classes go in order of priority. When jobs are left over, one row of
-the step goes to the earliest deadline of any class, so that no class starves.
+Within a class the earliest deadline goes first. Classes go in order of priority, but each has a share of all rows
+reserved: while jobs of a class are left over, it gets a row at the latest when it is owed a whole one, so that no class
+starves. A step is as large as the caps and the tightest deadline allow. Jobs pause and go on between steps, at no cost.
 """
 
 from __future__ import annotations
 
-import heapq
-import math
-from collections import Counter
-from collections.abc import Iterable
+from bisect import bisect_left, insort
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import ceil, inf
 
+from server.engine.costs import CostTable
 from server.engine.types import Priority, RowStatus, WindowJob
 
-_LEARNING_RATE = 0.125
-
-
-class CostTable:
-    """Seconds of one engine iteration by bucket of rows: a running mean, and a running mean deviation from it."""
-
-    def __init__(self, initial_step_s: float) -> None:
-        self._initial_step_s = initial_step_s
-        self._means: dict[int, float] = {}
-        self._deviations: dict[int, float] = {}
-
-    @staticmethod
-    def bucket(rows: int) -> int:
-        """The power of two at or above rows."""
-        return 1 << (rows - 1).bit_length()
-
-    def observe(self, rows: int, seconds: float) -> None:
-        bucket = self.bucket(rows)
-        if bucket not in self._means:
-            self._means[bucket], self._deviations[bucket] = seconds, 0.0
-            return
-        error = seconds - self._means[bucket]
-        self._means[bucket] += _LEARNING_RATE * error
-        self._deviations[bucket] += _LEARNING_RATE * (abs(error) - self._deviations[bucket])
-
-    def window_s(self, rows: int, num_steps: int) -> float:
-        """What num_steps iterations with so many rows will take, with two deviations on top.
-
-        A bucket not measured yet is judged by the next greater one, else by the greatest in proportion to its rows.
-        """
-        if not self._means:
-            return num_steps * self._initial_step_s
-        bucket = self.bucket(rows)
-        greater = [known for known in self._means if known >= bucket]
-        known = min(greater) if greater else max(self._means)
-        scale = max(1.0, bucket / known)
-        return scale * (num_steps * self._means[known] + 2 * self._deviations[known])
+DEFAULT_SHARES = (0.0, 0.15, 0.1, 0.05)
+# A class is never owed more than so many rows: what it did not ask for in time is not kept for later.
+_MOST_OWED = 2.0
+# Steps are not made smaller for a deadline than the size at which a row costs so many times its least.
+_MOST_WASTE = 2.0
 
 
 @dataclass(slots=True)
 class ScheduledJob:
-    """A job in the scheduler's care. prepared: the runner holds it."""
+    """A job in the scheduler's care. passes: evaluations of a step. prepared: the runner holds it."""
 
     job: WindowJob
+    passes: int = 1
     prepared: bool = False
     steps_done: int = 0
 
     @property
-    def urgency(self) -> tuple[Priority, float, int]:
-        return (self.job.priority, self.job.deadline, self.job.job_id)
-
-    @property
     def dueness(self) -> tuple[float, int]:
+        """What orders the jobs of a class."""
         return (self.job.deadline, self.job.job_id)
 
 
 class Scheduler:
-    """Holds every window job from `add` to `remove`. Jobs join, pause and leave between steps, at no cost."""
+    """Holds every window job from `add` to `remove`.
 
-    def __init__(self, max_rows: int, initial_step_s: float) -> None:
+    max_rows, max_evaluations: of one step. max_step_s: a step is not made larger than what this time allows, so that
+    whoever comes meanwhile need not wait longer; shares: of all rows, reserved for each class, most urgent first.
+    """
+
+    def __init__(
+        self,
+        costs: CostTable,
+        max_rows: int,
+        max_evaluations: int | None = None,
+        max_step_s: float = inf,
+        shares: Sequence[float] = DEFAULT_SHARES,
+    ) -> None:
+        self.costs = costs
         self._max_rows = max_rows
+        self._max_evaluations = max_evaluations or 3 * max_rows
+        self._max_step_s = max_step_s
+        self._shares = tuple(shares)
         self._jobs: dict[int, ScheduledJob] = {}
-        self._num_by_class: Counter[Priority] = Counter()
-        self.costs = CostTable(initial_step_s)
+        self._queues: tuple[list[tuple[float, int]], ...] = tuple([] for _ in Priority)
+        self._evaluations = [0 for _ in Priority]
+        self._owed = [0.0 for _ in Priority]
 
     def __len__(self) -> int:
         return len(self._jobs)
 
-    def add(self, job: WindowJob) -> None:
-        self._jobs[job.job_id] = ScheduledJob(job)
-        self._num_by_class[job.priority] += 1
+    def add(self, job: WindowJob, passes: int) -> None:
+        held = ScheduledJob(job, passes)
+        self._jobs[job.job_id] = held
+        insort(self._queues[job.priority - 1], held.dueness)
+        self._evaluations[job.priority - 1] += passes
 
     def remove(self, job_id: int) -> None:
         held = self._jobs.pop(job_id)
-        self._num_by_class[held.job.priority] -= 1
+        queue = self._queues[held.job.priority - 1]
+        del queue[bisect_left(queue, held.dueness)]
+        self._evaluations[held.job.priority - 1] -= held.passes
 
-    def schedule(self) -> list[ScheduledJob]:
+    def schedule(self, now: float) -> list[ScheduledJob]:
         """The jobs of the next step, most urgent first."""
-        rows = heapq.nsmallest(self._max_rows, self._jobs.values(), key=lambda held: held.urgency)
-        if len(rows) < len(self._jobs) and self._max_rows > 1:
-            chosen = {held.job.job_id for held in rows[:-1]}
-            others = (held for held in self._jobs.values() if held.job.job_id not in chosen)
-            rows[-1] = min(others, key=lambda held: held.dueness)
-        return rows
+        taken = self._reserved()
+        rows = sum(taken)
+        evaluations = sum(
+            self._jobs[job_id].passes
+            for queue, count in zip(self._queues, taken, strict=True)
+            for _, job_id in queue[:count]
+        )
+        budget_s, most = inf, self._step_cap()
+        for index, queue in enumerate(self._queues):
+            for _, job_id in queue[taken[index] :]:
+                held = self._jobs[job_id]
+                larger = evaluations + held.passes
+                if rows >= self._max_rows or (rows and larger > most):
+                    return self._commit_rows(taken)
+                step_s = self.costs.step.seconds(larger)
+                if step_s > budget_s and larger > self.least_efficient():
+                    return self._commit_rows(taken)
+                allowed_s = self._allowed_step_s(held, now)
+                if allowed_s >= step_s:  # else it is late whatever is done, and nobody need make room for it
+                    budget_s = min(budget_s, allowed_s)
+                rows, evaluations = rows + 1, larger
+                taken[index] += 1
+        return self._commit_rows(taken)
+
+    def wake_at(self) -> float:
+        """Jobs that are held are never made to wait."""
+        return inf
+
+    def _reserved(self) -> list[int]:
+        """Rows that each class must have in this step: the whole rows it is owed, the most owed first."""
+        taken = [0 for _ in Priority]
+        rows = self._max_rows
+        for index in sorted(range(len(taken)), key=lambda index: -self._owed[index]):
+            taken[index] = min(int(self._owed[index]), len(self._queues[index]), rows)
+            rows -= taken[index]
+        return taken
+
+    def _commit_rows(self, taken: Sequence[int]) -> list[ScheduledJob]:
+        """Keep the books of what the classes are owed, and give out the rows."""
+        rows = sum(taken)
+        for index, queue in enumerate(self._queues):
+            left_out = len(queue) > taken[index]
+            owed = self._owed[index] + self._shares[index] * rows - taken[index]
+            self._owed[index] = min(max(owed, 0.0), max(_MOST_OWED, self._shares[index] * rows)) if left_out else 0.0
+        return [
+            self._jobs[job_id] for queue, count in zip(self._queues, taken, strict=True) for _, job_id in queue[:count]
+        ]
+
+    def _step_cap(self) -> int:
+        """Most evaluations of a step."""
+        if self._max_step_s == inf:
+            return self._max_evaluations
+        within = max(self.costs.step.largest_within(self._max_step_s), self.least_efficient())
+        return min(self._max_evaluations, within)
+
+    def least_efficient(self) -> int:
+        """The fewest evaluations that do not waste the machine."""
+        return self.costs.step.efficient_from(self._max_evaluations, _MOST_WASTE)
+
+    def _allowed_step_s(self, held: ScheduledJob, now: float) -> float:
+        """How long each step of a job may take for it to make its deadline."""
+        costs = self.costs
+        rest_s = costs.decode.seconds(1) + (0.0 if held.prepared else costs.prepare.seconds(1))
+        return (held.job.deadline - now - rest_s) / max(1, held.job.num_steps - held.steps_done)
 
     def mark_prepared(self, job_ids: Iterable[int]) -> None:
         for job_id in job_ids:
@@ -113,9 +158,15 @@ class Scheduler:
                 finished.append(status.job_id)
         return finished
 
-    def predict_s(self, priority: Priority, num_steps: int) -> float:
+    def predict_s(self, priority: Priority, deadline: float, num_steps: int, passes: int) -> float:
         """Seconds until a job that is added now would be finished, as things stand."""
+        queue = self._queues[priority - 1]
+        in_class = self._evaluations[priority - 1]
+        ahead = sum(self._evaluations[: priority - 1]) + passes
+        if queue:
+            ahead += in_class * bisect_left(queue, (deadline, 0)) // len(queue)
+        cap = self._step_cap()
+        evaluations = min(sum(self._evaluations) + passes, cap)
         rows = min(len(self._jobs) + 1, self._max_rows)
-        ahead = 1 + sum(count for held, count in self._num_by_class.items() if held <= priority)
-        rounds = max(1.0, ahead / self._max_rows)
-        return self.costs.window_s(rows, math.ceil(num_steps * rounds))
+        rounds = ceil(num_steps * max(1.0, ahead / cap))
+        return self.costs.window_s(num_steps, rounds, evaluations, rows)

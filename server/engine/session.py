@@ -278,7 +278,7 @@ class SessionState:
             seed=self.spec.seed,
             num_steps=self.spec.denoise_steps,
             guidance=self.spec.guidance,
-            deadline=self._deadline(now),
+            deadline=self.deadline(now),
             priority=self.spec.priority,
             cause=cause,
             created_at=now,
@@ -288,8 +288,8 @@ class SessionState:
         self.pending = ()
         return job
 
-    def _deadline(self, now: float) -> float:
-        """An edit is due its class target after it came; a continuation, when the client would run out of frames."""
+    def deadline(self, now: float) -> float:
+        """When the window that is due is to be done: its class target after an edit came, or before frames run out."""
         if self.planned_to == 0:
             return self.opened_at + self.config.open_target_s
         if self.pending:

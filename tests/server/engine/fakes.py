@@ -87,6 +87,10 @@ class FakeRunner:
     discarded: list[int] = field(default_factory=list)
     decoded: list[int] = field(default_factory=list)
     breaches: list[str] = field(default_factory=list)
+    passes: Callable[[WindowJob], int] = lambda job: 1
+
+    def num_passes(self, job: WindowJob) -> int:
+        return self.passes(job)
 
     def prepare(self, jobs: Sequence[WindowJob]) -> None:
         self._raise_if_told("prepare", [job.job_id for job in jobs])

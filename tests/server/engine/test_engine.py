@@ -267,7 +267,7 @@ def test_an_error_of_the_loop_itself_is_kept_and_closes_every_session() -> None:
     stage, (viewer,) = _crowd(1)
     stage.step()
 
-    def broken() -> list[ScheduledJob]:
+    def broken(now: float) -> list[ScheduledJob]:
         raise ZeroDivisionError
 
     stage.engine._scheduler.schedule = broken  # type: ignore[method-assign]

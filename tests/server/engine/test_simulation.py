@@ -115,36 +115,6 @@ def _check_jobs(stage: Stage) -> None:
     assert stage.engine._owners.keys() >= stage.runner.jobs.keys()
 
 
-def test_every_step_takes_the_most_urgent_rows() -> None:
-    stage = Stage(EngineConfig(max_rows=4))
-    crowd = Crowd(stage, 5)
-    schedule = stage.engine._scheduler.schedule
-    jobs = stage.engine._scheduler._jobs
-    waited: Counter[int] = Counter()
-    longest = 0
-
-    def checked() -> list[object]:
-        nonlocal longest
-        chosen = schedule()
-        ids = [held.job.job_id for held in chosen]
-        rest = [held for job_id, held in jobs.items() if job_id not in ids]
-        if rest:
-            assert len(chosen) == 4
-            assert all(held.urgency >= taken.urgency for held in rest for taken in chosen[:-1])
-            assert all(held.dueness >= chosen[-1].dueness for held in rest)
-        for held in rest:
-            waited[held.job.job_id] += 1
-            longest = max(longest, waited[held.job.job_id])
-        return list(chosen)
-
-    stage.engine._scheduler.schedule = checked  # type: ignore[method-assign, assignment]
-    for _ in range(400):
-        crowd.act()
-        stage.run(0.05)
-    assert 0 < longest < 600
-    stage.check_finished()
-
-
 def test_a_replay_of_the_same_events_gives_the_same_motion() -> None:
     def play() -> list[list[float]]:
         stage = Stage()

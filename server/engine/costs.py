@@ -1,0 +1,169 @@
+"""CostTable: seconds of preparing windows, of a denoising step, and of decoding, by how much is in one call.
+
+Filled by a profile at start-up and tracked from then on. Sizes are counted in buckets; what a bucket costs is a running
+mean of what was measured there. The curve over all buckets is made from those means so that more never costs less.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass, field
+
+_LEARNING_RATE = 0.125
+# A neighbour that takes the cores slows every size: the other buckets follow a measurement at half the rate.
+_SHARED_RATE = 0.0625
+# One hiccup must not pass for the new normal: a measurement counts as at most so many times what was expected.
+_MOST_SURPRISE = 4.0
+_REFRESH_EVERY = 8
+_LEAST_S = 1e-7
+_MOST_WEIGHT = 32.0
+
+
+def _grid(most: int) -> tuple[int, ...]:
+    """1, 2, ... 8, and from there on four sizes to every doubling."""
+    sizes = [*range(1, 8)]
+    octave = 8
+    while octave <= most:
+        sizes += [octave + octave * quarter // 4 for quarter in range(4)]
+        octave *= 2
+    return tuple(sizes)
+
+
+SIZES = _grid(1 << 14)
+
+
+def bucket(size: int) -> int:
+    """The size as which so many rows, evaluations or jobs are counted: the least of SIZES that holds them."""
+    return SIZES[min(bisect_left(SIZES, size), len(SIZES) - 1)]
+
+
+@dataclass(slots=True)
+class CallCosts:
+    """What one kind of call costs by its size. assumed_s: of any size, before anything was measured.
+
+    deviation: the mean distance of a measurement from what was expected, as a share of it.
+    """
+
+    assumed_s: float
+    deviation: float = 0.0
+    _means: dict[int, float] = field(default_factory=dict)
+    _weights: dict[int, float] = field(default_factory=dict)
+    _curve: list[float] = field(default_factory=list)
+    _efficient: dict[tuple[int, float], int] = field(default_factory=dict)
+    _unread: int = 0
+
+    def observe(self, size: int, seconds: float) -> None:
+        """Take in what a call of this size took."""
+        index = bisect_left(SIZES, size)
+        mean = self._means.get(index)
+        if mean is None:
+            self._means[index], self._weights[index] = max(seconds, _LEAST_S), 1.0
+            self._forget_curve()
+            return
+        ratio = min(seconds / mean, _MOST_SURPRISE)
+        self.deviation += _LEARNING_RATE * (abs(ratio - 1.0) - self.deviation)
+        shared = 1.0 + _SHARED_RATE * (ratio - 1.0)
+        for other in self._means:
+            self._means[other] = max(self._means[other] * shared, _LEAST_S)
+        self._means[index] = max(mean * (1.0 + _LEARNING_RATE * (ratio - 1.0)), _LEAST_S)
+        self._weights[index] = min(self._weights[index] + 1.0, _MOST_WEIGHT)
+        self._unread += 1
+        if self._unread >= _REFRESH_EVERY:
+            self._forget_curve()
+
+    def _forget_curve(self) -> None:
+        self._curve, self._unread = [], 0
+        self._efficient.clear()
+
+    def seconds(self, size: int) -> float:
+        """What a call of this size is expected to take; it never falls as the size rises. 0 for size 0."""
+        if size <= 0:
+            return 0.0
+        if not self._means:
+            return self.assumed_s
+        if not self._curve:
+            self._curve = _monotone_curve(self._means, self._weights)
+        index = bisect_left(SIZES, size)
+        if index < len(self._curve):
+            return self._curve[index]
+        return self._curve[-1] * size / SIZES[-1]
+
+    def each_s(self, size: int) -> float:
+        """The share of one in a call of this size."""
+        return self.seconds(size) / max(1, size)
+
+    def largest_within(self, seconds: float) -> int:
+        """The greatest bucket that is expected to take no longer than this; 0 where none is."""
+        if not self._means:
+            return SIZES[-1] if self.assumed_s <= seconds else 0
+        self.seconds(1)  # makes the curve
+        index = bisect_right(self._curve, seconds)
+        return SIZES[index - 1] if index else 0
+
+    def efficient_from(self, most: int, waste: float) -> int:
+        """The least bucket in which one costs no more than `waste` times what it costs in a call of size `most`."""
+        self.seconds(1)
+        key = (most, waste)
+        if key not in self._efficient:
+            limit_s = waste * self.each_s(most)
+            self._efficient[key] = next((size for size in SIZES if self.each_s(size) <= limit_s or size >= most), most)
+        return self._efficient[key]
+
+
+def _monotone_curve(means: dict[int, float], weights: dict[int, float]) -> list[float]:
+    """Seconds for every size of the grid: the means made monotone, straight lines between, in proportion beyond.
+
+    Means that fall as the size rises are replaced by their weighted mean (pool adjacent violators), so that a size
+    that was seen rarely yields to its neighbours.
+    """
+    pools: list[tuple[float, float, list[int]]] = []
+    for index in sorted(means):
+        value, weight, members = means[index], weights[index], [index]
+        while pools and pools[-1][0] > value:
+            other_value, other_weight, other_members = pools.pop()
+            value = (value * weight + other_value * other_weight) / (weight + other_weight)
+            weight, members = weight + other_weight, other_members + members
+        pools.append((value, weight, members))
+    known = [(index, value) for value, _, members in pools for index in members]
+    curve = [known[0][1]] * (known[0][0] + 1)
+    for (low, low_s), (high, high_s) in itertools.pairwise(known):
+        slope = (high_s - low_s) / (SIZES[high] - SIZES[low])
+        # The last point is taken as it is: a rounding error must not make the curve fall there.
+        curve += [min(low_s + slope * (SIZES[index] - SIZES[low]), high_s) for index in range(low + 1, high)]
+        curve.append(high_s)
+    last, last_s = known[-1]
+    curve += [last_s * SIZES[index] / SIZES[last] for index in range(last + 1, len(SIZES))]
+    return curve
+
+
+@dataclass(slots=True)
+class CostTable:
+    """Seconds by size of call. prepare, decode: by windows. step: by evaluations of the denoiser, over all rows."""
+
+    prepare: CallCosts
+    step: CallCosts
+    decode: CallCosts
+
+    @classmethod
+    def assumed(cls, step_s: float) -> CostTable:
+        """A table without measurements: a step costs step_s, the rest nothing."""
+        return cls(CallCosts(0.0), CallCosts(step_s), CallCosts(0.0))
+
+    def round_s(self, evaluations: int, rows: int, num_steps: int) -> float:
+        """One round of the engine with so many rows of num_steps each: its step, and its share of coming and going."""
+        turnover = math.ceil(rows / num_steps)
+        return self.step.seconds(evaluations) + self.prepare.seconds(turnover) + self.decode.seconds(turnover)
+
+    def window_s(self, num_steps: int, rounds: int, evaluations: int, rows: int) -> float:
+        """A window that is done after so many rounds, with two mean deviations of a step on top."""
+        doubt = 2.0 * self.step.deviation * self.step.seconds(evaluations)
+        return rounds * self.round_s(evaluations, rows, num_steps) + doubt
+
+    def demand_s(self, num_steps: int, passes: int, evaluations: int) -> float:
+        """What one window takes of the machine when steps are full: `evaluations` in each."""
+        rows = max(1, evaluations // passes)
+        turnover = math.ceil(rows / num_steps)
+        shared = self.prepare.each_s(turnover) + self.decode.each_s(turnover)
+        return num_steps * passes * self.step.each_s(evaluations) + shared

@@ -1,0 +1,77 @@
+"""A session that starts where the robot is: measured qpos -> the history of a window."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from ardy.checkpoint import load_checkpoint
+from ardy.model import Model
+from ardy.noise import window_noise
+from ardy.robot.g1 import RobotError, motion_to_qpos, qpos_to_motion
+from ardy.robot.seed import history_from_qpos
+from ardy.rollout import WindowRequest, generate_window
+from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
+from tests.ardy.robot.poses import walking_qpos
+
+GOLDEN = Path(__file__).resolve().parents[2] / "data" / "golden"
+
+
+@pytest.fixture(scope="module")
+def g1() -> Model:
+    """The golden model of the robot's skeleton."""
+    return load_checkpoint(GOLDEN / "tiny-g134" / "checkpoint")
+
+
+def test_the_history_is_the_measured_motion(g1: Model) -> None:
+    layout = g1.representation
+    qpos = walking_qpos(16, layout.fps)
+    history = history_from_qpos(layout, qpos, layout.fps)
+    assert history.shape == (16, layout.feature_dim)
+    again = layout.motion(layout.denormalize(history))
+    measured = qpos_to_motion(qpos, layout.fps)
+    error = again.positions(layout.skeleton) - measured.positions(layout.skeleton).float()
+    assert error.abs().max() < 1e-4
+    angles = motion_to_qpos(again)[:, 7:]
+    torch.testing.assert_close(angles, qpos[:, 7:], atol=1e-3, rtol=0)
+
+
+def test_a_faster_robot_ends_at_its_newest_row(g1: Model) -> None:
+    layout = g1.representation
+    qpos = walking_qpos(203, 500)
+    history = history_from_qpos(layout, qpos, 500, max_frames=8)
+    assert history.shape[0] == 8
+    root = layout.denormalize(history)[:, layout.root_position_block]
+    assert root[-1, 2] == pytest.approx(float(qpos[-1, 0]), abs=1e-4)
+    assert float(root[-1, 2] - root[0, 2]) == pytest.approx(0.6 * 7 / layout.fps, abs=1e-3)
+
+
+def test_too_little_state_is_refused(g1: Model) -> None:
+    with pytest.raises(RobotError, match="give 4 or more"):
+        history_from_qpos(g1.representation, walking_qpos(3, 25), 25)
+    with pytest.raises(RobotError, match="of which 3 may be used"):
+        history_from_qpos(g1.representation, walking_qpos(30, 25), 25, max_frames=3)
+
+
+def test_a_model_of_people_is_refused() -> None:
+    people = load_checkpoint(GOLDEN / "tiny-core27" / "checkpoint")
+    with pytest.raises(RobotError, match="skeleton is core27"):
+        history_from_qpos(people.representation, walking_qpos(16, 25), 25)
+
+
+def test_a_window_goes_on_from_it(g1: Model) -> None:
+    layout, config = g1.representation, g1.config
+    history = history_from_qpos(layout, walking_qpos(8, layout.fps), layout.fps)
+    noise = window_noise(1, 0, config.horizon // 4, ROOT_TOKEN_WIDTH + config.denoiser.latent_dim)
+    request = WindowRequest(
+        num_frames=8 + config.horizon,
+        num_steps=2,
+        text=torch.zeros(1, 1, config.denoiser.text_dim),
+        noise=noise[None],
+        history=history[None],
+    )
+    features = generate_window(g1, request)
+    assert features.shape == (1, 8 + config.horizon, layout.feature_dim)
+    assert features.isfinite().all()

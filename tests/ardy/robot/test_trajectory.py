@@ -1,0 +1,109 @@
+"""What a controller is given: angles in range, one sign of the quaternion, any rate, a report of what was changed."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ardy.robot.g1 import RobotError, load_g1, qpos_to_motion
+from ardy.robot.trajectory import (
+    clamp_to_range,
+    continuous_signs,
+    controller_trajectory,
+    motion_trajectory,
+    resample_qpos,
+    velocities,
+)
+from ardy.rotation import quaternion_to_matrix
+from tests.ardy.robot.poses import random_qpos, walking_qpos
+
+ROBOT = load_g1()
+KNEE = 7 + ROBOT.hinges.index("left_knee")
+SHOULDER = 7 + ROBOT.hinges.index("left_shoulder_pitch")
+
+
+def test_angles_beyond_the_range_are_clamped_and_counted() -> None:
+    qpos = walking_qpos(6, 25)
+    qpos[2:4, KNEE] = torch.tensor([-0.5, -0.2])
+    kept, clamped = clamp_to_range(qpos)
+    assert [(one.joint, one.frames, one.num_frames) for one in clamped] == [("left_knee", 2, 6)]
+    assert clamped[0].worst == pytest.approx(0.5 - 0.087267)
+    assert kept[2:4, KNEE].tolist() == pytest.approx([-0.087267, -0.087267])
+    kept[2:4, KNEE] = qpos[2:4, KNEE]
+    assert torch.equal(kept[:, :7], qpos[:, :7])
+    torch.testing.assert_close(kept, qpos)
+
+
+def test_a_turn_past_half_a_circle_goes_to_the_nearer_end() -> None:
+    """The left shoulder's range ends at 2.6704; 3.0 is told as -3.283 by others, and must not become -3.0892."""
+    qpos = walking_qpos(2, 25)
+    qpos[:, SHOULDER] = torch.tensor([2.7, 2.7 - 2 * math.pi])
+    assert clamp_to_range(qpos)[0][:, SHOULDER].tolist() == pytest.approx([2.6704, 2.6704])
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 2**31))
+def test_quaternions_keep_their_rotation_and_never_flip(seed: int) -> None:
+    random = torch.Generator().manual_seed(seed)
+    quaternions = torch.randn(20, 4, generator=random, dtype=torch.float64)
+    smooth = continuous_signs(quaternions)
+    assert smooth[0, 0] >= 0
+    assert ((smooth[1:] * smooth[:-1]).sum(-1) >= 0).all()
+    torch.testing.assert_close(quaternion_to_matrix(smooth), quaternion_to_matrix(quaternions))
+
+
+@pytest.mark.parametrize(("rate_hz", "num_rows"), [(25, 26), (50, 51), (500, 501), (20, 21), (60, 61), (12.5, 13)])
+def test_another_rate_follows_the_same_path(rate_hz: float, num_rows: int) -> None:
+    trajectory, report = controller_trajectory(walking_qpos(26, 25), 25, rate_hz)
+    expected = walking_qpos(num_rows, rate_hz)
+    torch.testing.assert_close(trajectory.time_s, torch.arange(num_rows, dtype=torch.float64) / rate_hz)
+    torch.testing.assert_close(trajectory.qpos, expected, atol=4e-3, rtol=0)  # straight lines between 25 Hz samples
+    assert report.lines == ()
+
+
+def test_rows_that_exist_are_kept_and_the_turn_between_is_even() -> None:
+    qpos = walking_qpos(11, 25)
+    finer = resample_qpos(qpos, 25, 100)
+    torch.testing.assert_close(finer[::4], qpos)
+    turns = velocities(finer, 100)[:, 3:6]
+    torch.testing.assert_close(turns, torch.tensor([0.0, 0.0, 0.4], dtype=torch.float64).expand_as(turns))
+
+
+def test_velocities_are_of_the_root_in_the_world_and_of_the_hinges() -> None:
+    qpos = walking_qpos(50, 25)
+    qvel = velocities(qpos, 25)
+    assert qvel[:, 0].tolist() == pytest.approx([0.6] * 50)
+    assert torch.equal(qvel[-1], qvel[-2])
+    speed = 0.4 * 2 * math.pi * 0.8
+    assert qvel[:, 6].abs().max() == pytest.approx(speed, rel=0.02)
+    assert torch.equal(velocities(qpos[:1], 25), torch.zeros(1, 35, dtype=torch.float64))
+
+
+def test_speeds_beyond_the_robots_are_told() -> None:
+    qpos = walking_qpos(5, 25)
+    qpos[2, KNEE] = 2.0
+    _, report = controller_trajectory(qpos, 25)
+    (fast,) = report.too_fast
+    assert (fast.joint, fast.unit) == ("left_knee", "rad/s")
+    steps = (qpos[1:, KNEE] - qpos[:-1, KNEE]).abs()
+    assert fast.worst == pytest.approx(float(steps.max()) * 25 - 20)
+    assert "left_knee in 2 of 5 frames" in report.lines[0]
+
+
+def test_the_report_says_what_the_hinges_cannot_do() -> None:
+    motion = qpos_to_motion(walking_qpos(4, 25), 25)
+    assert motion_trajectory(motion)[1].lost == ()
+    toes = ROBOT.skeleton.index("left_toe_base")
+    motion.local_rotations[:, toes] = quaternion_to_matrix(torch.tensor([0.9, 0.1, 0.0, 0.0], dtype=torch.float64))
+    (lost,) = motion_trajectory(motion, 50)[1].lost
+    assert (lost.joint, lost.frames) == ("left_toe_base", 4)
+
+
+@pytest.mark.parametrize("rate_hz", [0, -1, math.nan, math.inf, 1e9])
+def test_rates_without_meaning_are_refused(rate_hz: float) -> None:
+    with pytest.raises(RobotError, match="above 0"):
+        controller_trajectory(random_qpos(3, 0), 25, rate_hz)

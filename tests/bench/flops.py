@@ -1,0 +1,73 @@
+"""Useful arithmetic of a window, by formula: what any correct implementation has to compute, and nothing else.
+
+Counted are the vectors that attention can see, once each: no padding, no hidden token, no guidance pass that is not
+needed. Not counted is what stays the same over a window's steps (text, heading and history vectors, what constraints
+add) nor the encoding of a history whose tokens could have been kept. A multiplication and its addition are two FLOPs;
+norms, softmax and activations are not counted, as in every such figure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ardy.config import FRAMES_PER_TOKEN, ModelConfig, TransformerConfig
+from ardy.representation import LOCAL_ROOT_WIDTH
+from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One evaluation of the denoiser for one row: its visible tokens before and after the horizon."""
+
+    history_tokens: int
+    future_tokens: int = 0
+
+
+def linear_flops(vectors: int, inputs: int, outputs: int) -> int:
+    return 2 * vectors * inputs * outputs
+
+
+def stack_flops(config: TransformerConfig, sequence: int) -> int:
+    """All layers for one sequence of so many vectors, each seeing all."""
+    width = config.width
+    linear = linear_flops(sequence, width, 4 * width) + 2 * linear_flops(sequence, width, config.feed_forward)
+    scores_and_mixing = 2 * linear_flops(sequence, width, sequence)
+    return config.num_layers * (linear + scores_and_mixing)
+
+
+def step_flops(config: ModelConfig, one: Pass) -> int:
+    """One denoising step of one pass: all stages' transformers, and the horizon's projections in and out."""
+    denoiser = config.denoiser
+    width, latent = denoiser.transformer.width, denoiser.latent_dim
+    horizon = config.horizon // FRAMES_PER_TOKEN
+    prefix = denoiser.text_tokens + 1 + int(denoiser.heading_token)
+    stack = stack_flops(denoiser.transformer, prefix + one.history_tokens + horizon + one.future_tokens)
+    if denoiser.num_stages == 1:
+        hybrid = ROOT_TOKEN_WIDTH + latent
+        return stack + linear_flops(horizon, hybrid, width) + linear_flops(horizon, width, hybrid)
+    first = linear_flops(horizon, ROOT_TOKEN_WIDTH + latent, width) + linear_flops(horizon, width, ROOT_TOKEN_WIDTH)
+    # The last history token's local root has a velocity that looks into the prediction, so it changes with each step.
+    changing = horizon + int(one.history_tokens > 0)
+    local = FRAMES_PER_TOKEN * LOCAL_ROOT_WIDTH + latent
+    second = linear_flops(changing, local, width) + linear_flops(horizon, width, latent)
+    return 2 * stack + first + second
+
+
+def decode_flops(config: ModelConfig, body_dim: int, history_tokens: int) -> int:
+    """The decoder for the horizon alone, which attends to the history: what is left with the history's keys kept."""
+    tokenizer = config.tokenizer
+    if tokenizer is None:
+        return 0
+    transformer = tokenizer.transformer
+    width, horizon = transformer.width, config.horizon // FRAMES_PER_TOKEN
+    condition = FRAMES_PER_TOKEN * LOCAL_ROOT_WIDTH
+    linear = linear_flops(horizon, width, 4 * width) + 2 * linear_flops(horizon, width, transformer.feed_forward)
+    # Token i of the horizon sees the history, those before it and itself.
+    seen = horizon * history_tokens + horizon * (horizon + 1) // 2
+    attention = 2 * linear_flops(1, width, seen)
+    ends = (
+        linear_flops(horizon, tokenizer.latent_dim, width)
+        + linear_flops(horizon, width + condition, width)
+        + linear_flops(horizon, width, FRAMES_PER_TOKEN * (body_dim + LOCAL_ROOT_WIDTH))
+    )
+    return transformer.num_layers * (linear + attention) + ends

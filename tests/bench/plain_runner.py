@@ -1,0 +1,285 @@
+"""Runners without speed-ups, as baselines: the formulas as `ardy.rollout` has them, rows padded to one length.
+
+`RolloutRunner` computes one window at a time with `ardy.rollout`'s own functions. `PlainRunner` does the same for many
+rows at once, which may differ in everything. Both make every guidance pass, encode each history again, and decode
+history and horizon; what they share with the served runner is the reading of a job and the form of its frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from ardy.config import FRAMES_PER_TOKEN
+from ardy.constraint import Targets
+from ardy.denoiser.guidance import GuidanceWeights, batch_passes, full_passes, guided_prediction
+from ardy.diffusion import cosine_schedule
+from ardy.model import Model
+from ardy.rollout import (
+    WindowRequest,
+    WindowState,
+    denoise_step,
+    finish_window,
+    start_window,
+    visible_frames,
+    world_tokens_of,
+)
+from ardy.rotation import matrix_to_quaternion
+from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
+from ardy.window import Window
+from server.engine.types import ModelFacts, RowStatus, WindowJob, WindowResult
+from server.runner import job_noise, job_targets, model_facts
+
+
+@dataclass(slots=True)
+class Row:
+    """One job between prepare and decode, its state a batch of one."""
+
+    job: WindowJob
+    state: WindowState
+    steps_done: int = 0
+
+    @property
+    def num_tokens(self) -> int:
+        return self.state.window.num_tokens
+
+    @property
+    def known_frames(self) -> int:
+        return int(self.state.window.history_len + self.state.window.generation_len)
+
+
+class RolloutRunner:
+    """One row a call by `ardy.rollout`; satisfies `server.engine.ports.Runner` for a scheduler that runs one at a time.
+
+    bf16: whether matrix products run in bfloat16.
+    """
+
+    def __init__(self, model: Model, model_id: str, default_steps: int = 4, bf16: bool = False) -> None:
+        self._model = model
+        self._device = model.representation.stats.mean.device
+        self._bf16 = bf16
+        self._rows: dict[int, Row] = {}
+        self._facts = replace(
+            model_facts(model, model_id, default_steps), guidance_passes=len(self._passes(GuidanceWeights()))
+        )
+
+    @property
+    def facts(self) -> ModelFacts:
+        return self._facts
+
+    def _passes(self, weights: GuidanceWeights) -> tuple[object, ...]:
+        return full_passes(self._model.config.guidance, weights)
+
+    def num_passes(self, job: WindowJob) -> int:
+        """As many as the formula has, whatever the job."""
+        del job
+        return self._facts.guidance_passes
+
+    def _precision(self) -> AbstractContextManager[None]:
+        return torch.autocast(self._device.type, torch.bfloat16, enabled=self._bf16)
+
+    @torch.inference_mode()
+    def prepare(self, jobs: Sequence[WindowJob]) -> None:
+        for job in jobs:
+            with self._precision():
+                self._rows[job.job_id] = Row(job, start_window(self._model, self._request([job])))
+
+    def _request(self, jobs: Sequence[WindowJob]) -> WindowRequest:
+        """Jobs that share history length, window length, and whether they have constraints."""
+        model, first = self._model, jobs[0]
+        history_len = len(first.history)
+        num_tokens = model.config.horizon // FRAMES_PER_TOKEN
+        width = ROOT_TOKEN_WIDTH + model.config.denoiser.latent_dim
+        targets = [job_targets(model, job) for job in jobs]
+        span = window_frames(model, first, targets[0])
+        goals = [
+            goal.observe(model.representation, job.first_frame - history_len, span)
+            for job, goal in zip(jobs, targets, strict=True)
+            if goal is not None
+        ]
+        starts = [job.start_pose for job in jobs]
+        return WindowRequest(
+            num_frames=span,
+            num_steps=max(job.num_steps for job in jobs),
+            text=torch.stack([self._text(job) for job in jobs]),
+            noise=torch.stack([job_noise(job, num_tokens, width) for job in jobs]).to(self._device),
+            weights=GuidanceWeights(first.guidance.text, first.guidance.constraint),
+            history=self._stack(job.history for job in jobs) if history_len else None,
+            translation=self._stack(np.array([pose.x, 0, pose.z] if pose else [0, 0, 0], "f4") for pose in starts),
+            heading=self._stack(np.float32(pose.heading if pose else 0) for pose in starts),
+            observed=torch.stack([observed for observed, _ in goals]).to(self._device) if goals else None,
+            mask=torch.stack([mask for _, mask in goals]).to(self._device) if goals else None,
+        )
+
+    def _stack(self, arrays: Iterable[np.ndarray | np.float32]) -> Tensor:
+        return torch.from_numpy(np.stack(list(arrays))).to(self._device)
+
+    def _text(self, job: WindowJob) -> Tensor:
+        config = self._model.config.denoiser
+        text = torch.zeros(config.text_tokens, config.text_dim, device=self._device)
+        if job.embedding is not None:
+            vectors = torch.from_numpy(np.atleast_2d(job.embedding)).to(self._device)[: config.text_tokens]
+            text[: len(vectors)] = vectors
+        return text
+
+    @torch.inference_mode()
+    def denoise(self, job_ids: Sequence[int]) -> list[RowStatus]:
+        statuses = []
+        for job_id in job_ids:
+            row = self._rows[job_id]
+            with self._precision():
+                row.state = denoise_step(
+                    self._model, row.state, row.job.num_steps - 1 - row.steps_done, row.job.num_steps
+                )
+            row.steps_done += 1
+            statuses.append(RowStatus(job_id, row.steps_done, bool(row.state.tokens.isfinite().all())))
+        return statuses
+
+    @torch.inference_mode()
+    def decode(self, job_ids: Sequence[int]) -> list[WindowResult]:
+        results = []
+        for job_id in job_ids:
+            row = self._rows[job_id]
+            with self._precision():
+                features = finish_window(self._model, row.state)[:, len(row.job.history) :].float()
+            results.append(WindowResult(job_id, wire_rows(self._model, features)[0], features[0].cpu().numpy()))
+        self.discard(job_ids)
+        return results
+
+    def discard(self, job_ids: Sequence[int]) -> None:
+        for job_id in job_ids:
+            self._rows.pop(job_id, None)
+
+
+class PlainRunner(RolloutRunner):
+    """Many rows a call: jobs of one shape are prepared together, rows are padded to the longest of the call."""
+
+    @torch.inference_mode()
+    def prepare(self, jobs: Sequence[WindowJob]) -> None:
+        for members in by_shape(self._model, jobs):
+            with self._precision():
+                state = start_window(self._model, self._request(members))
+            for position, job in enumerate(members):
+                self._rows[job.job_id] = Row(job, row_of(state, position))
+
+    @torch.inference_mode()
+    def denoise(self, job_ids: Sequence[int]) -> list[RowStatus]:
+        rows = [self._rows[job_id] for job_id in job_ids]
+        num_tokens = max(row.num_tokens for row in rows)
+        window = padded_window([row.state.window for row in rows], num_tokens)
+        tokens = torch.cat([padded(row.state.tokens, num_tokens) for row in rows])
+        num_steps = torch.tensor([row.job.num_steps for row in rows], device=self._device)
+        index = num_steps - 1 - torch.tensor([row.steps_done for row in rows], device=self._device)
+        schedule = cosine_schedule(self._model.config.num_base_steps).to(self._device)
+        weights = [GuidanceWeights(row.job.guidance.text, row.job.guidance.constraint) for row in rows]
+        passes = batch_passes([full_passes(self._model.config.guidance, each) for each in weights], self._device)
+        with self._precision():
+            clean = guided_prediction(
+                self._model.denoiser, tokens, schedule.base_step[num_steps, index], window, passes
+            )
+            moved = schedule.reverse_step(tokens, clean, index, num_steps)
+        tokens = torch.where(window.generation_tokens[..., None], moved, tokens)
+        statuses = []
+        finite = tokens.isfinite().flatten(1).all(1).tolist()
+        for position, row in enumerate(rows):
+            row.state = replace(row.state, tokens=tokens[position : position + 1, : row.num_tokens])
+            row.steps_done += 1
+            statuses.append(RowStatus(row.job.job_id, row.steps_done, finite[position]))
+        return statuses
+
+    @torch.inference_mode()
+    def decode(self, job_ids: Sequence[int]) -> list[WindowResult]:
+        rows = [self._rows[job_id] for job_id in job_ids]
+        horizon = self._model.config.horizon
+        known = [row.known_frames for row in rows]
+        num_tokens = max(known) // FRAMES_PER_TOKEN
+        tokens = torch.cat([padded(row.state.tokens[:, :num_tokens], num_tokens) for row in rows])
+        lengths = torch.tensor(known, device=self._device)
+        valid = torch.arange(num_tokens * FRAMES_PER_TOKEN, device=self._device) < lengths[:, None]
+        with self._precision():
+            tokens = world_tokens_of(self._model, tokens, torch.cat([row.state.translation for row in rows]))
+            features = self._model.codec.from_hybrid(tokens, lengths, valid).float()
+        new = torch.stack([features[i, end - horizon : end] for i, end in enumerate(known)])
+        frames, new_features = wire_rows(self._model, new), new.cpu().numpy()
+        self.discard(job_ids)
+        return [WindowResult(job_id, frames[i], new_features[i]) for i, job_id in enumerate(job_ids)]
+
+
+def window_frames(model: Model, job: WindowJob, targets: Targets | None) -> int:
+    """How many frames the job's window has."""
+    return visible_frames(model, len(job.history), targets, job.first_frame - len(job.history))
+
+
+def by_shape(model: Model, jobs: Sequence[WindowJob]) -> list[list[WindowJob]]:
+    """Jobs that can be prepared together, and are guided alike."""
+    groups: dict[object, list[WindowJob]] = {}
+    for job in jobs:
+        groups.setdefault((job_shape(model, job), job.guidance), []).append(job)
+    return list(groups.values())
+
+
+def job_shape(model: Model, job: WindowJob) -> tuple[int, int, bool]:
+    """History frames, window frames, and whether there are constraints: what jobs of one plain batch share."""
+    targets = job_targets(model, job)
+    return len(job.history), window_frames(model, job, targets), targets is not None
+
+
+def row_of(state: WindowState, position: int) -> WindowState:
+    """One row of a state as a batch of one."""
+    one = slice(position, position + 1)
+    window = state.window
+    return replace(
+        state,
+        tokens=state.tokens[one],
+        translation=state.translation[one],
+        window=replace(
+            window,
+            history_len=window.history_len[one],
+            generation_len=window.generation_len[one],
+            text=window.text[one],
+            heading=window.heading[one],
+            observed=None if window.observed is None else window.observed[one],
+            mask=None if window.mask is None else window.mask[one],
+        ),
+    )
+
+
+def padded(values: Tensor, length: int) -> Tensor:
+    """(1, N, C) -> (1, length, C), zeros behind."""
+    return functional.pad(values, (0, 0, 0, length - values.shape[1]))
+
+
+def padded_window(windows: Sequence[Window], num_tokens: int) -> Window:
+    """Windows of one row each as one of many; rows without constraints get empty ones where any row has some."""
+    num_frames = num_tokens * FRAMES_PER_TOKEN
+    known = next((window.observed for window in windows if window.observed is not None), None)
+
+    def goals(part: str) -> Tensor | None:
+        if known is None:
+            return None
+        empty = known.new_zeros(1, num_frames, known.shape[-1])
+        values = [getattr(window, part) for window in windows]
+        return torch.cat([empty if value is None else padded(value, num_frames) for value in values])
+
+    return Window(
+        history_len=torch.cat([window.history_len for window in windows]),
+        generation_len=torch.cat([window.generation_len for window in windows]),
+        num_frames=num_frames,
+        text=torch.cat([window.text for window in windows]),
+        heading=torch.cat([window.heading for window in windows]),
+        observed=goals("observed"),
+        mask=goals("mask"),
+    )
+
+
+def wire_rows(model: Model, features: Tensor) -> np.ndarray:
+    """Wire rows (B, G, row width) of normalised features (B, G, D): root, parent-relative quaternions, contacts."""
+    motion = model.representation.motion(model.representation.denormalize(features))
+    quaternions = matrix_to_quaternion(motion.local_rotations).flatten(-2)
+    return torch.cat([motion.root_positions, quaternions, motion.foot_contacts.float()], dim=-1).cpu().numpy()

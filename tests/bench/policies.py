@@ -1,0 +1,137 @@
+"""Scheduling policies to measure against: one window at a time, batches of whole windows, steps first-in first-out.
+
+Each satisfies `server.engine.ports.SchedulingPolicy`, so that it runs in the same engine as `Scheduler`. None knows of
+deadlines, classes or costs; costs are kept only to predict when a window will land, which the engine has to know.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from math import ceil, inf
+
+from server.engine.costs import CostTable
+from server.engine.scheduler import ScheduledJob
+from server.engine.types import Priority, RowStatus, WindowJob
+
+
+class Queue:
+    """Jobs in the order they came. What the policies share; `schedule` and `rounds_ahead` are theirs."""
+
+    def __init__(self, costs: CostTable) -> None:
+        self.costs = costs
+        self._jobs: dict[int, ScheduledJob] = {}
+
+    def __len__(self) -> int:
+        return len(self._jobs)
+
+    def add(self, job: WindowJob, passes: int) -> None:
+        self._jobs[job.job_id] = ScheduledJob(job, passes)
+
+    def remove(self, job_id: int) -> None:
+        del self._jobs[job_id]
+
+    def wake_at(self) -> float:
+        return inf
+
+    def mark_prepared(self, job_ids: Iterable[int]) -> None:
+        for job_id in job_ids:
+            self._jobs[job_id].prepared = True
+
+    def commit(self, statuses: Iterable[RowStatus]) -> list[int]:
+        finished = []
+        for status in statuses:
+            held = self._jobs[status.job_id]
+            held.steps_done = status.steps_done
+            if held.steps_done >= held.job.num_steps:
+                finished.append(status.job_id)
+        return finished
+
+    def _window_s(self, rounds: int, rows: int, num_steps: int, passes: int) -> float:
+        """So many rounds of `rows` windows like one with these steps and passes."""
+        return self.costs.window_s(num_steps, rounds, max(1, rows) * passes, max(1, rows))
+
+
+class OneAtATime(Queue):
+    """The oldest job alone, all its steps, then the next."""
+
+    def schedule(self, now: float) -> list[ScheduledJob]:
+        del now
+        return [next(iter(self._jobs.values()))] if self._jobs else []
+
+    def predict_s(self, priority: Priority, deadline: float, num_steps: int, passes: int) -> float:
+        del priority, deadline
+        return self._window_s((len(self._jobs) + 1) * num_steps, 1, num_steps, passes)
+
+
+class StepsInOrder(Queue):
+    """Step batching, first in first out: the oldest jobs, whatever their shapes; a row that ends makes room at once."""
+
+    def __init__(self, costs: CostTable, max_rows: int) -> None:
+        super().__init__(costs)
+        self._max_rows = max_rows
+
+    def schedule(self, now: float) -> list[ScheduledJob]:
+        del now
+        return [held for held, _ in zip(self._jobs.values(), range(self._max_rows), strict=False)]
+
+    def predict_s(self, priority: Priority, deadline: float, num_steps: int, passes: int) -> float:
+        del priority, deadline
+        jobs = len(self._jobs) + 1
+        rounds = ceil(num_steps * max(1.0, jobs / self._max_rows))
+        return self._window_s(rounds, min(jobs, self._max_rows), num_steps, passes)
+
+
+class WholeWindows(Queue):
+    """Batches of whole windows of one shape: gathered for a short wait, then run to their end; none joins meanwhile.
+
+    shape_of: what the jobs of a batch share. wait_s: how long the oldest waits for others of its shape, at most.
+    """
+
+    def __init__(
+        self, costs: CostTable, max_rows: int, shape_of: Callable[[WindowJob], Hashable], wait_s: float = 0.02
+    ) -> None:
+        super().__init__(costs)
+        self._max_rows = max_rows
+        self._shape_of = shape_of
+        self._wait_s = wait_s
+        self._shapes: dict[int, Hashable] = {}
+        self._batch: list[int] = []
+
+    def add(self, job: WindowJob, passes: int) -> None:
+        super().add(job, passes)
+        self._shapes[job.job_id] = self._shape_of(job)
+
+    def remove(self, job_id: int) -> None:
+        super().remove(job_id)
+        del self._shapes[job_id]
+        if job_id in self._batch:
+            self._batch.remove(job_id)
+
+    def schedule(self, now: float) -> list[ScheduledJob]:
+        if not self._batch and self._jobs:
+            batch = self._next_batch()
+            if len(batch) == self._max_rows or self.wake_at() <= now:
+                self._batch = batch
+        return [self._jobs[job_id] for job_id in self._batch]
+
+    def _next_batch(self) -> list[int]:
+        """The oldest job and those of its shape, as many as fit."""
+        shape = self._shapes[next(iter(self._jobs))]
+        return [job_id for job_id in self._jobs if self._shapes[job_id] == shape][: self._max_rows]
+
+    def wake_at(self) -> float:
+        if self._batch or not self._jobs:
+            return inf
+        return next(iter(self._jobs.values())).job.created_at + self._wait_s
+
+    def predict_s(self, priority: Priority, deadline: float, num_steps: int, passes: int) -> float:
+        del priority, deadline
+        running = max((held.job.num_steps - held.steps_done for held in self._running()), default=0)
+        waiting = len(self._jobs) - len(self._batch) + 1
+        # Jobs of other shapes go in batches of their own: at least one for each shape that waits.
+        batches = max(ceil(waiting / self._max_rows), len(set(self._shapes.values())))
+        rounds = running + batches * num_steps
+        return self._wait_s + self._window_s(rounds, ceil(waiting / batches), num_steps, passes)
+
+    def _running(self) -> Sequence[ScheduledJob]:
+        return [self._jobs[job_id] for job_id in self._batch]

@@ -20,6 +20,12 @@ class EngineConfig:
     is the least lead of a replan. edit_target_s: seconds from an edit to its frames that each class is promised;
     open_target_s: the same from opening. idle_timeout_s: silence after which a session is closed.
     max_restarts: how often in a row edits may restart a running window before one is allowed to finish.
+    replans_hz: most replans a second that edits may cause in a session of each class; edits between them share one.
+    max_waiting_edits: edits of one session that may wait for a plan. reuse_tokens: give windows the tokens of earlier
+    ones for history where these cover it, rather than have it encoded again. align_replans: start replans on the grid
+    of these tokens, which makes them up to patch - 1 frames later. hold_frames: how many a held pose is repeated at a
+    time. max_lean_rad: how far a character may lean on average over a window; root heights in metres, and
+    max_coordinate_m from the origin, beyond which it is lost.
     initial_step_s: the cost of a denoising step before one has been measured.
     """
 
@@ -40,19 +46,35 @@ class EngineConfig:
     open_target_s: float = 0.5
     idle_timeout_s: float = 300.0
     max_restarts: int = 2
+    replans_hz: tuple[float, float, float, float] = (10.0, 5.0, 2.0, 1.0)
+    max_waiting_edits: int = 256
+    reuse_tokens: bool = True
+    align_replans: bool = False
+    hold_frames: int = 8
+    max_lean_rad: float = 1.1
+    min_root_height_m: float = -0.5
+    max_root_height_m: float = 4.0
+    max_coordinate_m: float = 10_000.0
     initial_step_s: float = 0.02
 
     def __post_init__(self) -> None:
         for name in ("max_sessions", "max_rows", "max_pending_events", "max_prompts", "max_constraints"):
             self._check(name, 1)
-        for name in ("first_chunk", "steady_chunk", "continue_threshold"):
+        for name in ("first_chunk", "steady_chunk", "continue_threshold", "max_waiting_edits", "hold_frames"):
             self._check(name, 1)
         for name in ("history_crop", "continue_jitter", "max_restarts", "rtt_s", "flush_s", "margin_s"):
             self._check(name, 0)
-        for name in ("open_target_s", "idle_timeout_s", "initial_step_s"):
+        for name in ("open_target_s", "idle_timeout_s", "initial_step_s", "max_lean_rad", "max_coordinate_m"):
             self._check(name, 0.001)
-        if len(self.edit_target_s) != len(Priority) or min(self.edit_target_s) <= 0:
-            raise ValueError(f"edit_target_s is {self.edit_target_s}; give {len(Priority)} positive numbers of seconds")
+        for name, unit in (("edit_target_s", "seconds"), ("replans_hz", "hertz")):
+            values = getattr(self, name)
+            if len(values) != len(Priority) or min(values) <= 0:
+                raise ValueError(f"{name} is {values}; give {len(Priority)} positive numbers of {unit}")
+        if not self.min_root_height_m < self.max_root_height_m:
+            raise ValueError(
+                f"min_root_height_m is {self.min_root_height_m}; it must be below max_root_height_m, "
+                f"{self.max_root_height_m}"
+            )
 
     def _check(self, name: str, least: float) -> None:
         value = getattr(self, name)
@@ -74,12 +96,12 @@ class EngineConfig:
 
     @property
     def delivery_s(self) -> float:
-        """Seconds by which a notice sent now may trail what the client shows."""
+        """Seconds by which a notice sent now may trail what the client shows, as long as nothing was measured."""
         return self.rtt_s + self.flush_s
 
     @property
     def commit_s(self) -> float:
-        """Seconds beyond the playhead that are promised not to change."""
+        """Seconds beyond the playhead that are promised not to change, as long as nothing was measured."""
         return self.delivery_s + self.margin_s
 
     def target_s(self, priority: Priority) -> float:

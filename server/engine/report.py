@@ -23,6 +23,7 @@ class StepReport:
 
     rows: rows in the denoising step, 0 when there was none; bucket: the size it counts as in the cost table.
     windows: those accepted. slacks: seconds of frames that a client held when it reported its playhead.
+    soft_resets: windows that righted a character. frames_held: frames that repeat a pose for want of a window.
     client_underruns: how many a client has newly reported. sessions: how many there are, where they were counted.
     """
 
@@ -42,6 +43,8 @@ class StepReport:
     windows_restarted: int = 0
     nan_rows: int = 0
     runner_faults: int = 0
+    soft_resets: int = 0
+    frames_held: int = 0
     client_underruns: list[tuple[Priority, int]] = field(default_factory=list)
     event_latencies: list[EventLatency] = field(default_factory=list)
     opens: list[Code] = field(default_factory=list)

@@ -6,7 +6,7 @@ import hashlib
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from server.engine.types import Guidance, ModelFacts
-from server.limits import MAX_COORDINATE_M, MAX_GUIDANCE, Limits
+from server.limits import MAX_COORDINATE_M, MAX_GUIDANCE, MAX_SPEED_MPS, Limits
 
 
 class Catalog:
@@ -36,6 +36,8 @@ class Catalog:
             max_trajectory_frames=limits.max_trajectory_frames,
             max_coordinate_m=MAX_COORDINATE_M,
             max_guidance=MAX_GUIDANCE,
+            max_speed_mps=MAX_SPEED_MPS,
+            max_hold_frames=limits.max_hold_frames,
             max_events_per_second=limits.events_per_second,
             max_stream_events_per_second=limits.stream_events_per_second,
         )

@@ -20,15 +20,25 @@ class SettingError(ValueError):
 class EventRefused(Exception):
     """One event that is answered with an outcome; the stream and its other sessions go on.
 
-    reason: an UPPER_SNAKE word a program can act on; field: the path of the field at fault; allowed: what may be there.
+    reason: an UPPER_SNAKE word a program can act on; field: the path of the field at fault; allowed: what may be there;
+    retry_after_s: when the same would be taken, None where waiting does not help.
     """
 
-    def __init__(self, code: Code, reason: str, message: str, field: str = "", allowed: str = "") -> None:
+    def __init__(
+        self,
+        code: Code,
+        reason: str,
+        message: str,
+        field: str = "",
+        allowed: str = "",
+        retry_after_s: float | None = None,
+    ) -> None:
         super().__init__(message)
         self.code = code
         self.reason = reason
         self.field = field
         self.allowed = allowed
+        self.retry_after_s = retry_after_s
 
 
 class StreamRefused(Exception):

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 MAX_COORDINATE_M = 10_000.0
 MAX_FRAME = 1 << 53
 MAX_GUIDANCE = 10.0
+MAX_SPEED_MPS = 10.0
+"""Of a SetVelocity; a sprinter's."""
 MAX_REQUEST_ID_CHARACTERS = 64
 
 
@@ -26,6 +28,7 @@ class Limits:
     default_lookahead_frames: int = 40
     max_lookahead_frames: int = 80
     max_trajectory_frames: int = 400
+    max_hold_frames: int = 400
     events_per_second: float = 50.0
     stream_events_per_second: float = 5_000.0
     soft_backlog_bytes: int = 1 << 20

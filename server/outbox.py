@@ -2,63 +2,152 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections import deque
+from typing import TypeAlias
 
-from server.engine.types import Chunk, Outcome, Output, PlanNotice
+import numpy as np
+
+from server.engine.types import Chunk, Closed, Float32Array, Outcome, Output, PlanNotice
 
 UPDATE_OVERHEAD_BYTES = 64
+MAX_RUN_FRAMES = 80
+"""Frames that one update may carry: the longest look-ahead there is by default."""
+
+
+class Run:
+    """Neighbouring chunks of one session and plan, to be sent as one.
+
+    parts: their rows, (T, row_width) float32 each, in order. fixed: something was said of the session after it, so that
+    later frames must not join it. num_bytes: about what it takes on the wire; 0 when nothing is left of it.
+    """
+
+    __slots__ = (
+        "applied_seq", "committed_to", "first_frame", "fixed", "handle", "num_bytes", "num_frames", "parts", "plan",
+    )  # fmt: skip
+
+    def __init__(self, chunk: Chunk, applied_seq: int) -> None:
+        self.handle = chunk.session.handle
+        self.plan = chunk.plan
+        self.first_frame = chunk.first_frame
+        self.num_frames = len(chunk.rows)
+        self.committed_to = chunk.committed_to
+        self.parts: list[Float32Array] = [chunk.rows]
+        self.num_bytes = UPDATE_OVERHEAD_BYTES + chunk.rows.nbytes
+        self.applied_seq = applied_seq
+        self.fixed = False
+
+    def joins(self, chunk: Chunk) -> bool:
+        """Add a chunk if it continues this one; whether it did."""
+        num_frames = self.num_frames + len(chunk.rows)
+        follows = chunk.plan == self.plan and chunk.first_frame == self.first_frame + self.num_frames
+        if self.fixed or not follows or num_frames > MAX_RUN_FRAMES:
+            return False
+        self.parts.append(chunk.rows)
+        self.num_bytes += chunk.rows.nbytes
+        self.num_frames = num_frames
+        self.committed_to = chunk.committed_to
+        return True
+
+    def cut(self, end_frame: int) -> int:
+        """Drop the frames from end_frame on; returns how many those were."""
+        dropped = min(self.num_frames, max(0, self.first_frame + self.num_frames - end_frame))
+        left = self.num_frames - dropped
+        if dropped:
+            self.fixed = True
+            self.parts = [np.concatenate(self.parts)[:left]] if left else []
+            self.num_bytes = UPDATE_OVERHEAD_BYTES + self.parts[0].nbytes if left else 0
+            self.num_frames = left
+        return dropped
+
+
+Said: TypeAlias = tuple[Output, int]
+"""An output other than frames, and the session's applied_seq as of it."""
 
 
 class Outbox:
     """Outputs that wait to be written. A plan notice removes the frames it replaces that have not been sent yet."""
 
+    __slots__ = ("_runs", "_waiting", "dropped_frames", "num_bytes")
+
     def __init__(self) -> None:
-        self._waiting: list[tuple[Output, int]] = []
+        self._waiting: deque[Run | Said] = deque()
+        self._runs: dict[int, deque[Run]] = {}  # those that wait, by handle; each session's in order
         self.num_bytes = 0
         self.dropped_frames = 0
 
     def __len__(self) -> int:
         return len(self._waiting)
 
+    def put_chunk(self, chunk: Chunk, applied_seq: int) -> None:
+        """Add frames at the end, or to the frames before them. applied_seq: the session's as of now."""
+        runs = self._runs.get(chunk.session.handle)
+        if runs is not None and runs[-1].joins(chunk):
+            self.num_bytes += chunk.rows.nbytes
+            return
+        run = Run(chunk, applied_seq)
+        if runs is None:
+            self._runs[run.handle] = deque((run,))
+        else:
+            runs.append(run)
+        self._waiting.append(run)
+        self.num_bytes += UPDATE_OVERHEAD_BYTES + chunk.rows.nbytes
+
     def put(self, output: Output, applied_seq: int) -> None:
-        """Add one output at the end. applied_seq: the session's as of this output, to be told with it."""
-        if isinstance(output, PlanNotice):
-            self._supersede(output)
+        """Add anything else at the end. applied_seq: the session's as of this output, to be told with it."""
+        handle = output.session.handle
+        runs = self._runs.get(handle)
+        if runs is not None:
+            runs[-1].fixed = True
+            if isinstance(output, PlanNotice):
+                self._supersede(runs, output.valid_from)
+            elif isinstance(output, Closed):
+                del self._runs[handle]  # a plan of the next session on the handle must not take out these frames
         self._waiting.append((output, applied_seq))
         self.num_bytes += size_of(output)
 
-    def _supersede(self, notice: PlanNotice) -> None:
-        kept: list[tuple[Output, int]] = []
-        for output, applied_seq in self._waiting:
-            if isinstance(output, Chunk) and output.session == notice.session:
-                left = max(0, notice.valid_from - output.first_frame)
-                if left < len(output.rows):
-                    self.dropped_frames += len(output.rows) - left
-                    self.num_bytes -= size_of(output)
-                    if left == 0:
-                        continue
-                    output = replace(output, rows=output.rows[:left])
-                    self.num_bytes += size_of(output)
-            kept.append((output, applied_seq))
-        self._waiting = kept
+    def _supersede(self, runs: deque[Run], valid_from: int) -> None:
+        for run in runs:
+            before = run.num_bytes
+            self.dropped_frames += run.cut(valid_from)
+            self.num_bytes += run.num_bytes - before
 
-    def take(self, max_bytes: int) -> list[tuple[Output, int]]:
-        """The oldest outputs that fit into one message of max_bytes, at least one if there is any; see `put`."""
-        count, total = 0, 0
-        for output, _ in self._waiting:
-            total += size_of(output)
-            if count and total > max_bytes:
+    def drop_frames(self) -> None:
+        """Take out all frames: nobody reads them."""
+        for item in self._waiting:
+            if isinstance(item, Run):
+                self.num_bytes -= item.num_bytes
+                self.dropped_frames += item.cut(item.first_frame)
+
+    def take(self, max_bytes: int) -> list[Run | Said]:
+        """The oldest updates that fit into one message of max_bytes, at least one if there is any."""
+        taken: list[Run | Said] = []
+        left = max_bytes
+        waiting = self._waiting
+        while waiting:
+            item = waiting[0]
+            size = item.num_bytes if isinstance(item, Run) else size_of(item[0])
+            if taken and size > left:
                 break
-            count += 1
-        taken, self._waiting = self._waiting[:count], self._waiting[count:]
-        self.num_bytes -= sum(size_of(output) for output, _ in taken)
+            waiting.popleft()
+            left -= size
+            self.num_bytes -= size
+            if isinstance(item, Run):
+                self._forget(item)
+                if not item.parts:
+                    continue
+            taken.append(item)
         return taken
+
+    def _forget(self, run: Run) -> None:
+        runs = self._runs.get(run.handle)
+        if runs is not None and runs[0] is run:
+            runs.popleft()
+            if not runs:
+                del self._runs[run.handle]
 
 
 def size_of(output: Output) -> int:
-    """About how many bytes an output takes on the wire."""
-    if isinstance(output, Chunk):
-        return UPDATE_OVERHEAD_BYTES + output.rows.nbytes
+    """About how many bytes an output without frames takes on the wire."""
     if isinstance(output, Outcome):
         return UPDATE_OVERHEAD_BYTES + len(output.reason + output.message + output.field + output.allowed)
     return UPDATE_OVERHEAD_BYTES

@@ -6,6 +6,8 @@ from __future__ import annotations
 class TokenBucket:
     """Allows `rate` events a second over time, and as many at once as one second's worth."""
 
+    __slots__ = ("_rate", "_refilled_at", "_tokens")
+
     def __init__(self, rate: float, now: float) -> None:
         self._rate = rate
         self._tokens = rate
@@ -19,3 +21,8 @@ class TokenBucket:
             return False
         self._tokens -= 1
         return True
+
+    @property
+    def wait_s(self) -> float:
+        """Seconds from the last `take` until one would be allowed."""
+        return max(0.0, 1 - self._tokens) / self._rate

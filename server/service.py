@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import itertools
 import logging
 import secrets
@@ -15,6 +14,7 @@ import grpc.aio
 
 from motiongen.v1 import service_pb2, service_pb2_grpc
 from server.catalog import Catalog
+from server.convert import round_trip_s
 from server.engine.types import CloseReason, Output
 from server.engine_port import EventSink
 from server.errors import StreamRefused
@@ -59,10 +59,13 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
             _log.debug("outputs after the event loop's end")
 
     def _dispatch(self, outputs: tuple[Output, ...]) -> None:
+        by_stream: dict[int, list[Output]] = {}
         for output in outputs:
-            stream = self._streams.get(output.session.stream)
+            by_stream.setdefault(output.session.stream, []).append(output)
+        for number, of_stream in by_stream.items():
+            stream = self._streams.get(number)
             if stream is not None:  # else its client has gone
-                stream.take(output)
+                stream.take_all(of_stream)
 
     # ---- calls ------------------------------------------------------------------------------------------------------
 
@@ -126,12 +129,14 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
             if kind == "hello":
                 self._greet(stream, request.hello)
             elif kind == "ping":
+                stream.rtt_s = round_trip_s(request.ping)
                 pong = service_pb2.Pong(client_time_ns=request.ping.client_time_ns, server_time_ns=time.time_ns())
                 stream.reply(service_pb2.StreamMotionResponse(pong=pong))
-            for number, event in enumerate(request.events):
+            now = time.monotonic()
+            for number, event in enumerate(request.events, 1):
+                stream.receive(event, now)
                 if number % EVENTS_A_TURN == 0:
                     await stream.room()
-                stream.receive(event)
 
     def _greet(self, stream: Stream, hello: service_pb2.ClientHello) -> None:
         if len(hello.client_agent) > MAX_AGENT_CHARACTERS:
@@ -155,15 +160,22 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
             self._say_goodbye(stream, self._ends_at - time.monotonic())
 
     async def _write(self, stream: Stream, context: Context) -> None:
-        """Write what waits, gathered over the flush interval, until the stream ends and all is written."""
+        """Write what waits until the stream ends and all is written.
+
+        What comes after a quiet time is written at once; what comes within the flush interval of the last message is
+        gathered into the next.
+        """
+        loop, next_at = self._loop, 0.0
         while True:
             await stream.ready.wait()
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(stream.flush_s):
-                    await stream.urgent.wait()
+            if loop.time() < next_at:
+                timer = loop.call_at(next_at, stream.urgent.set)
+                await stream.urgent.wait()
+                timer.cancel()
             if not stream.ended:
                 stream.urgent.clear()
             stream.ready.clear()
+            next_at = loop.time() + stream.flush_s
             while (response := stream.next_response()) is not None:
                 try:
                     await context.write(response)

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from motiongen.v1 import motion_pb2
+from motiongen.v1 import motion_pb2, session_pb2
 from server.engine.types import Code, Float32Array
 from server.errors import EventRefused
 from server.limits import MAX_COORDINATE_M, MAX_FRAME
@@ -24,7 +24,7 @@ def check_range(value: int, least: int, most: int, reason: str, field: str) -> N
         raise refuse(reason, field, f"{field.rpartition('.')[2]} is {value}", f"{least} to {most}")
 
 
-def heading_of(message: motion_pb2.RootPose, field: str) -> float | None:
+def heading_of(message: motion_pb2.RootPose | session_pb2.SetVelocity, field: str) -> float | None:
     if not message.HasField("heading"):
         return None
     if not math.isfinite(message.heading):

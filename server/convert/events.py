@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from motiongen.v1 import motion_pb2, session_pb2
+from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from server.catalog import Catalog
 from server.convert.checks import (
     check_coordinates,
@@ -37,10 +37,15 @@ from server.engine.types import (
     SetConstraints,
     SetPlayState,
     SetPrompts,
+    SetVelocity,
     StartPose,
 )
 from server.errors import EventRefused
-from server.limits import MAX_GUIDANCE, MAX_REQUEST_ID_CHARACTERS
+from server.limits import MAX_GUIDANCE, MAX_REQUEST_ID_CHARACTERS, MAX_SPEED_MPS
+
+MAX_ROUND_TRIP_S = 1.0
+SPEED_TOLERANCE = 1e-5
+"""Of the greatest speed: two float32 numbers of exactly that speed may come to a little more."""
 
 Embeddings = Mapping[str, NDArray[np.float32]]
 
@@ -48,9 +53,12 @@ Embeddings = Mapping[str, NDArray[np.float32]]
 def prompt_texts(event: session_pb2.SessionEvent, catalog: Catalog) -> tuple[str, ...]:
     """The texts that must be encoded before `engine_event` can be called. Raises EventRefused for a bad one."""
     name = event.WhichOneof("event")
-    spans, field = event.edit_prompts.upsert, "edit_prompts.upsert"
     if name == "open":
         spans, field = event.open.prompts, "open.prompts"
+    elif name == "edit_prompts":
+        spans, field = event.edit_prompts.upsert, "edit_prompts.upsert"
+    else:
+        return ()
     # Before any of them is encoded: a message has room for a thousand times as many as a session.
     check_count(spans, catalog.limits.max_prompts, "TOO_MANY_PROMPTS", field)
     return tuple(prompt_text(span, f"{field}[{index}]", catalog) for index, span in enumerate(spans))
@@ -59,7 +67,10 @@ def prompt_texts(event: session_pb2.SessionEvent, catalog: Catalog) -> tuple[str
 def engine_event(
     event: session_pb2.SessionEvent, key: SessionKey, received_at: float, embeddings: Embeddings, catalog: Catalog
 ) -> Event:
-    """The engine's event for a client's. embeddings: one for each of `prompt_texts`. Raises EventRefused."""
+    """The engine's event for a client's, Playhead aside. embeddings: one for each of `prompt_texts`.
+
+    Raises EventRefused.
+    """
     name = event.WhichOneof("event")
     sequence = event.event_seq
     if name == "open":
@@ -73,11 +84,8 @@ def engine_event(
         constraints = constraints_of(change.upsert, "edit_constraints.upsert", catalog)
         removed = identifiers_of(change.remove, "edit_constraints.remove")
         return SetConstraints(key, sequence, received_at, constraints, removed, change.clear)
-    if name == "playhead":
-        report = event.playhead
-        frame = frame_number(report.frame, "playhead.frame")
-        buffered = frame_number(report.buffered_to, "playhead.buffered_to")
-        return Playhead(key, sequence, received_at, frame, buffered, report.underruns)
+    if name == "set_velocity":
+        return _velocity(event.set_velocity, key, sequence, received_at, catalog)
     if name == "set_play_state":
         if int(event.set_play_state.state) not in tuple(PlayState):
             raise refuse(
@@ -94,8 +102,39 @@ def engine_event(
         "UNKNOWN_EVENT",
         "this server does not know the event, or none was set",
         field="event",
-        allowed="open, edit_prompts, edit_constraints, playhead, set_play_state, close",
+        allowed="open, edit_prompts, edit_constraints, set_velocity, playhead, set_play_state, close",
     )
+
+
+def playhead_of(report: session_pb2.Playhead, key: SessionKey, received_at: float, rtt_s: float | None) -> Playhead:
+    """The engine's event for a report, which has no number. Raises EventRefused."""
+    frame = frame_number(report.frame, "playhead.frame")
+    buffered_to = frame_number(report.buffered_to, "playhead.buffered_to")
+    return Playhead(key, 0, received_at, frame, buffered_to, report.underruns, rtt_s)
+
+
+def round_trip_s(ping: service_pb2.Ping) -> float | None:
+    """Seconds of the client's last round trip, None where it has measured none; moved into 0 to 1."""
+    if not ping.HasField("round_trip"):
+        return None
+    # Not by ToTimedelta, which cannot hold every Duration that fits into a message.
+    return min(max(ping.round_trip.seconds + ping.round_trip.nanos / 1e9, 0.0), MAX_ROUND_TRIP_S)
+
+
+def _velocity(
+    message: session_pb2.SetVelocity, key: SessionKey, sequence: int, received_at: float, catalog: Catalog
+) -> SetVelocity:
+    for name in ("x", "z"):
+        if not math.isfinite(getattr(message, name)):
+            given = f"the velocity is {getattr(message, name)}"
+            raise refuse("NOT_FINITE", f"set_velocity.{name}", given, "finite metres a second")
+    speed = math.hypot(message.x, message.z)
+    if speed > MAX_SPEED_MPS * (1 + SPEED_TOLERANCE):
+        allowed = f"hypot(x, z) up to {MAX_SPEED_MPS:g} m/s"
+        raise refuse("SPEED_OUT_OF_RANGE", "set_velocity", f"the speed is {speed:g} m/s", allowed)
+    check_range(message.hold_frames, 1, catalog.limits.max_hold_frames, "HOLD_OUT_OF_RANGE", "set_velocity.hold_frames")
+    heading = heading_of(message, "set_velocity")
+    return SetVelocity(key, sequence, received_at, message.x, message.z, heading, message.hold_frames)
 
 
 def _session_spec(

@@ -1,64 +1,83 @@
-"""The engine's outputs -> messages."""
+"""The engine's outputs -> messages.
+
+Updates are written in place, field by field: a message that is built apart and then put into another is copied whole,
+which is most of the cost of sending frames.
+"""
 
 from __future__ import annotations
 
 import secrets
-
-import numpy as np
+import sys
+from collections.abc import Sequence
 
 from motiongen.v1 import motion_pb2, session_pb2
 from server.catalog import Catalog
-from server.engine.types import Chunk, Closed, Opened, Outcome, Output, PlanNotice
+from server.engine.types import Closed, Float32Array, Opened, Outcome, Output, PlanNotice, ServiceLevel
+
+_BYTES_ARE_SWAPPED = sys.byteorder != "little"
 
 
-def session_update(output: Output, catalog: Catalog) -> session_pb2.SessionUpdate:
-    """What the client is told of one output of the engine; `applied_seq` is the stream's to fill in."""
-    update = session_pb2.SessionUpdate(session=output.session.handle)
-    if isinstance(output, Chunk):
-        update.chunk.plan = output.plan
-        update.chunk.first_frame = output.first_frame
-        update.chunk.frame_count = len(output.rows)
-        update.chunk.committed_to = output.committed_to
-        update.chunk.data = np.ascontiguousarray(output.rows, dtype="<f4").tobytes()
-        update.chunk.scalar_type = motion_pb2.SCALAR_TYPE_F32_LE
-    elif isinstance(output, PlanNotice):
-        update.plan.plan = output.plan
-        update.plan.valid_from = output.valid_from
-        update.plan.cause = output.cause.value  # type: ignore[assignment]  # the engine's numbers are the protocol's
-        update.plan.event_seqs.extend(output.event_seqs)
+def write_frames(
+    chunk: motion_pb2.FrameChunk, plan: int, first_frame: int, parts: Sequence[Float32Array], committed_to: int
+) -> None:
+    """Fill a chunk with consecutive frames. parts: (T, row_width) each, one after another."""
+    if _BYTES_ARE_SWAPPED:
+        parts = [part.byteswap() for part in parts]
+    chunk.plan = plan
+    chunk.first_frame = first_frame
+    chunk.frame_count = sum(map(len, parts))
+    chunk.committed_to = committed_to
+    chunk.data = b"".join([part.tobytes() for part in parts])
+    chunk.scalar_type = motion_pb2.SCALAR_TYPE_F32_LE
+
+
+def write_update(update: session_pb2.SessionUpdate, output: Output, catalog: Catalog) -> None:
+    """Fill an update with any output but frames; `session` and `applied_seq` are the stream's to fill in."""
+    if isinstance(output, PlanNotice):
+        plan = update.plan
+        plan.plan = output.plan
+        plan.valid_from = output.valid_from
+        plan.cause = output.cause.value  # type: ignore[assignment]  # the engine's numbers are the protocol's
+        plan.event_seqs.extend(output.event_seqs)
     elif isinstance(output, Outcome):
-        update.outcome.CopyFrom(outcome_message(output))
+        _write_outcome(update.outcome, output)
     elif isinstance(output, Opened):
-        # Stream and handle find it in the logs; the rest tells it from sessions of other servers and of a used handle.
-        update.opened.session_id = f"{output.session.stream}-{output.session.handle}-{secrets.token_hex(6)}"
-        update.opened.seed = output.seed
-        update.opened.start_frame = output.start_frame
-        update.opened.rig_id = catalog.facts.rig.rig_id
-        update.opened.model_id = catalog.facts.model_id
-        update.opened.frame_rate = catalog.facts.fps
-        update.opened.lookahead_frames = output.lookahead
-        update.opened.committed_horizon_frames = output.committed_horizon
-        update.opened.denoise_steps = output.denoise_steps
-        update.opened.scalar_type = motion_pb2.SCALAR_TYPE_F32_LE
+        _write_opened(update.opened, output, catalog)
+    elif isinstance(output, ServiceLevel):
+        update.service_level.tier = output.tier.value  # type: ignore[assignment]
+        update.service_level.denoise_steps = output.denoise_steps
     elif isinstance(output, Closed):
-        update.closed.reason = output.reason.value  # type: ignore[assignment]
-        update.closed.code = output.code
-        update.closed.message = output.message
-        update.closed.frames = output.num_frames
-        update.closed.late_frames = output.late_frames
-    return update
+        closed = update.closed
+        closed.reason = output.reason.value  # type: ignore[assignment]
+        closed.code = output.code
+        closed.message = output.message
+        closed.frames = output.num_frames
+        closed.late_frames = output.late_frames
 
 
-def outcome_message(outcome: Outcome) -> session_pb2.EditOutcome:
-    """The message for an engine's or the service's own outcome."""
-    message = session_pb2.EditOutcome(
-        event_seq=outcome.event_seq,
-        code=outcome.code,
-        reason=outcome.reason,
-        message=outcome.message,
-        field=outcome.field,
-        allowed=outcome.allowed,
-    )
+def _write_opened(opened: session_pb2.SessionOpened, output: Opened, catalog: Catalog) -> None:
+    # Stream and handle find it in the logs; the rest tells it from sessions of other servers and of a used handle.
+    opened.session_id = f"{output.session.stream}-{output.session.handle}-{secrets.token_hex(6)}"
+    opened.seed = output.seed
+    opened.start_frame = output.start_frame
+    opened.rig_id = catalog.facts.rig.rig_id
+    opened.model_id = catalog.facts.model_id
+    opened.frame_rate = catalog.facts.fps
+    opened.lookahead_frames = output.lookahead
+    opened.committed_horizon_frames = output.committed_horizon
+    opened.denoise_steps = output.denoise_steps
+    opened.scalar_type = motion_pb2.SCALAR_TYPE_F32_LE
+
+
+def _write_outcome(message: session_pb2.EditOutcome, outcome: Outcome) -> None:
+    message.event_seq = outcome.event_seq
+    message.code = outcome.code
     if outcome.effective_frame is not None:
         message.effective_frame = outcome.effective_frame
-    return message
+    if outcome.reason:
+        message.reason = outcome.reason
+        message.message = outcome.message
+        message.field = outcome.field
+        message.allowed = outcome.allowed
+    if outcome.retry_after_s is not None:
+        message.retry_after.FromMilliseconds(max(1, round(1000 * outcome.retry_after_s)))

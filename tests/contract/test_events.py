@@ -71,8 +71,8 @@ async def test_a_repetition_is_dropped_and_a_gap_refused(scene: Scene) -> None:
 
 async def test_an_event_that_the_server_does_not_know(scene: Scene) -> None:
     talk = scene.talk
-    member_14 = b"\x72\x00"
-    outcome = await talk.edit(1, session_pb2.SessionEvent.FromString(member_14))
+    member_1000 = b"\xc2\x3e\x00"
+    outcome = await talk.edit(1, session_pb2.SessionEvent.FromString(member_1000))
     assert (outcome.code, outcome.reason, outcome.field) == (UNIMPLEMENTED, "UNKNOWN_EVENT", "event")
     assert "edit_prompts" in outcome.allowed
     assert (await talk.edit(1, PAUSE)).code == OK

@@ -7,15 +7,15 @@ import math
 
 import numpy as np
 import pytest
+from google.protobuf.duration_pb2 import Duration
 from google.protobuf.message import DecodeError
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motiongen.v1 import motion_pb2, session_pb2
+from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from server.catalog import Catalog
-from server.convert import engine_event, prompt_texts, session_update
+from server.convert import engine_event, playhead_of, prompt_texts, round_trip_s, write_frames, write_update
 from server.engine.types import (
-    Chunk,
     Close,
     Closed,
     CloseReason,
@@ -26,6 +26,7 @@ from server.engine.types import (
     Open,
     Opened,
     Outcome,
+    Output,
     PlanCause,
     PlanNotice,
     Playhead,
@@ -34,14 +35,17 @@ from server.engine.types import (
     Priority,
     RootPath,
     RootTarget,
+    ServiceLevel,
+    ServiceTier,
     SessionKey,
     SetConstraints,
     SetPlayState,
     SetPrompts,
+    SetVelocity,
     StartPose,
 )
 from server.errors import EventRefused
-from server.limits import Limits
+from server.limits import MAX_SPEED_MPS, Limits
 from tests.server.engine.fakes import FACTS
 
 KEY = SessionKey(3, 9)
@@ -49,8 +53,16 @@ CATALOG = Catalog(FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", "hashed-1", hi
 
 
 def convert(event: session_pb2.SessionEvent) -> Event:
+    if event.HasField("playhead"):
+        return playhead_of(event.playhead, KEY, 12.5, None)
     texts = prompt_texts(event, CATALOG)
     return engine_event(event, KEY, 12.5, {text: np.full(2, len(text), np.float32) for text in texts}, CATALOG)
+
+
+def updated(output: Output) -> session_pb2.SessionUpdate:
+    update = session_pb2.SessionUpdate()
+    write_update(update, output, CATALOG)
+    return update
 
 
 def attempt(event: session_pb2.SessionEvent) -> Event | EventRefused:
@@ -118,12 +130,16 @@ constraint_edits = st.builds(
 )
 playheads = st.builds(session_pb2.Playhead, frame=uint64, buffered_to=uint64, underruns=uint32)
 states = st.builds(session_pb2.SetPlayState, state=enums)
+velocities = st.builds(
+    session_pb2.SetVelocity, x=numbers, z=numbers, heading=st.none() | numbers, hold_frames=st.integers(0, 500)
+)
 members = st.one_of(
     st.fixed_dictionaries({}),
     st.fixed_dictionaries({"open": opens}),
     st.fixed_dictionaries({"edit_prompts": prompt_edits}),
     st.fixed_dictionaries({"edit_constraints": constraint_edits}),
     st.fixed_dictionaries({"playhead": playheads}),
+    st.fixed_dictionaries({"set_velocity": velocities}),
     st.fixed_dictionaries({"set_play_state": states}),
     st.fixed_dictionaries({"close": st.just(session_pb2.CloseSession())}),
 )
@@ -135,6 +151,8 @@ def numbers_of(event: Event) -> list[float]:
     if isinstance(event, Open):
         pose, guidance = event.spec.start_pose, event.spec.guidance
         found += [pose.x, pose.z, pose.heading, guidance.text, guidance.constraint]
+    if isinstance(event, SetVelocity):
+        found += [event.x, event.z, event.heading or 0.0]
     held = event.spec.constraints if isinstance(event, Open) else ()
     if isinstance(event, SetConstraints):
         held = event.upsert
@@ -162,7 +180,7 @@ def test_any_message_is_taken_with_finite_numbers_or_refused_with_field_and_allo
         assert answer.allowed
     else:
         assert answer.session == KEY
-        assert (answer.event_seq, answer.received_at) == (4, 12.5)
+        assert (answer.event_seq, answer.received_at) == (0 if isinstance(answer, Playhead) else 4, 12.5)
         assert all(math.isfinite(number) for number in numbers_of(answer))
 
 
@@ -256,33 +274,88 @@ def test_the_small_events_arrive() -> None:
     assert convert(session_pb2.SessionEvent(event_seq=4, close=session_pb2.CloseSession())) == Close(KEY, 4, 12.5)
 
 
+@pytest.mark.parametrize(("heading", "expected"), [(None, None), (0.0, 0.0), (1.5, 1.5)])
+def test_a_velocity_arrives_and_a_heading_of_0_is_not_an_absent_one(
+    heading: float | None, expected: float | None
+) -> None:
+    velocity = session_pb2.SetVelocity(x=1.5, z=-2, heading=heading, hold_frames=20)
+    event = convert(session_pb2.SessionEvent(event_seq=5, set_velocity=velocity))
+    assert event == SetVelocity(KEY, 5, 12.5, 1.5, -2.0, expected, 20)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "reason", "field"),
+    [
+        (session_pb2.SetVelocity(x=math.nan, hold_frames=1), "NOT_FINITE", "set_velocity.x"),
+        (session_pb2.SetVelocity(z=math.inf, hold_frames=1), "NOT_FINITE", "set_velocity.z"),
+        (session_pb2.SetVelocity(heading=math.nan, hold_frames=1), "NOT_FINITE", "set_velocity.heading"),
+        (session_pb2.SetVelocity(x=8, z=7, hold_frames=1), "SPEED_OUT_OF_RANGE", "set_velocity"),
+        (session_pb2.SetVelocity(x=1), "HOLD_OUT_OF_RANGE", "set_velocity.hold_frames"),
+        (session_pb2.SetVelocity(x=1, hold_frames=401), "HOLD_OUT_OF_RANGE", "set_velocity.hold_frames"),
+    ],
+)
+def test_a_wrong_velocity_is_refused(velocity: session_pb2.SetVelocity, reason: str, field: str) -> None:
+    refusal = attempt(session_pb2.SessionEvent(event_seq=5, set_velocity=velocity))
+    assert isinstance(refusal, EventRefused)
+    assert (refusal.code, refusal.reason, refusal.field) == (Code.INVALID_ARGUMENT, reason, field)
+
+
+def test_the_greatest_speed_is_allowed_in_any_direction() -> None:
+    for angle in np.linspace(0, math.tau, 50):
+        x, z = MAX_SPEED_MPS * math.sin(angle), MAX_SPEED_MPS * math.cos(angle)
+        convert(session_pb2.SessionEvent(set_velocity=session_pb2.SetVelocity(x=x, z=z, hold_frames=1)))
+
+
+@pytest.mark.parametrize(
+    ("told", "expected"),
+    [
+        (None, None),
+        (Duration(nanos=250_000_000), 0.25),
+        (Duration(seconds=2**62), 1.0),
+        (Duration(seconds=-(2**62), nanos=-(2**31)), 0.0),
+    ],
+)
+def test_a_round_trip_is_bounded_whatever_the_client_says(told: Duration | None, expected: float | None) -> None:
+    assert round_trip_s(service_pb2.Ping(round_trip=told)) == expected
+
+
 # ---- outputs --------------------------------------------------------------------------------------------------------
 
 
 def test_rows_are_little_endian_floats_one_after_another() -> None:
-    rows = np.arange(12, dtype=np.float32).reshape(2, 6)
-    chunk = session_update(Chunk(KEY, 3, 40, rows[:, ::-1], 20), CATALOG).chunk
-    assert (chunk.plan, chunk.first_frame, chunk.frame_count, chunk.committed_to) == (3, 40, 2, 20)
+    rows = np.arange(18, dtype=np.float32).reshape(3, 6)
+    chunk = motion_pb2.FrameChunk()
+    write_frames(chunk, 3, 40, [rows[:2], rows[2:]], 20)
+    assert (chunk.plan, chunk.first_frame, chunk.frame_count, chunk.committed_to) == (3, 40, 3, 20)
     assert chunk.scalar_type == motion_pb2.SCALAR_TYPE_F32_LE
-    np.testing.assert_array_equal(np.frombuffer(chunk.data, "<f4").reshape(2, 6), rows[:, ::-1])
+    np.testing.assert_array_equal(np.frombuffer(chunk.data, "<f4").reshape(3, 6), rows)
 
 
 @pytest.mark.parametrize("effective", [None, 0, 44])
 def test_an_effective_frame_of_0_is_not_an_absent_one(effective: int | None) -> None:
-    outcome = session_update(Outcome(KEY, 3, Code.OK, effective), CATALOG).outcome
+    outcome = updated(Outcome(KEY, 3, Code.OK, effective)).outcome
     assert outcome.HasField("effective_frame") == (effective is not None)
     assert outcome.effective_frame == (effective or 0)
 
 
+@pytest.mark.parametrize(("retry_after_s", "nanos"), [(None, None), (0.25, 250_000_000), (0.0, 1_000_000)])
+def test_a_refusal_says_when_to_ask_again_where_that_helps(retry_after_s: float | None, nanos: int | None) -> None:
+    refusal = Outcome(KEY, 1, Code.RESOURCE_EXHAUSTED, reason="FULL", retry_after_s=retry_after_s)
+    outcome = updated(refusal).outcome
+    assert outcome.HasField("retry_after") == (nanos is not None)
+    assert (outcome.retry_after.seconds, outcome.retry_after.nanos) == (0, nanos or 0)
+
+
 def test_the_other_outputs() -> None:
-    opened = session_update(Opened(KEY, 2**64 - 1, 0, 40, 4, 5), CATALOG)
-    assert opened.session == KEY.handle
+    opened = updated(Opened(KEY, 2**64 - 1, 0, 40, 4, 5))
     assert (opened.opened.seed, opened.opened.lookahead_frames) == (2**64 - 1, 40)
     assert (opened.opened.rig_id, opened.opened.model_id) == (FACTS.rig.rig_id, FACTS.model_id)
-    plan = session_update(PlanNotice(KEY, 2, 44, PlanCause.EDIT, (3, 4)), CATALOG).plan
+    plan = updated(PlanNotice(KEY, 2, 44, PlanCause.EDIT, (3, 4))).plan
     assert (plan.plan, plan.valid_from, list(plan.event_seqs)) == (2, 44, [3, 4])
     assert plan.cause == session_pb2.PLAN_CAUSE_EDIT
-    closed = session_update(Closed(KEY, CloseReason.IDLE, Code.OK, "quiet", 120, 3), CATALOG).closed
+    level = updated(ServiceLevel(KEY, ServiceTier.FEWER_STEPS, 3)).service_level
+    assert (level.tier, level.denoise_steps) == (session_pb2.SERVICE_TIER_FEWER_STEPS, 3)
+    closed = updated(Closed(KEY, CloseReason.IDLE, Code.OK, "quiet", 120, 3)).closed
     assert (closed.reason, closed.message) == (session_pb2.CLOSE_REASON_IDLE, "quiet")
     assert (closed.frames, closed.late_frames) == (120, 3)
 
@@ -294,6 +367,7 @@ def test_the_other_outputs() -> None:
         (PlanCause, "PLAN_CAUSE_", session_pb2.PlanCause),
         (PlayState, "PLAY_STATE_", session_pb2.PlayState),
         (CloseReason, "CLOSE_REASON_", session_pb2.CloseReason),
+        (ServiceTier, "SERVICE_TIER_", session_pb2.ServiceTier),
     ],
 )
 def test_the_engine_s_numbers_are_the_protocol_s(ours: type, prefix: str, theirs: object) -> None:

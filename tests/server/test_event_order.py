@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -92,7 +93,8 @@ class Line:
         self.heard: list[session_pb2.SessionUpdate] = []
 
     def send(self, event_seq: int, **event: object) -> None:
-        self.stream.receive(session_pb2.SessionEvent(session=HANDLE, event_seq=event_seq, **event))  # type: ignore[arg-type]
+        message = session_pb2.SessionEvent(session=HANDLE, event_seq=event_seq, **event)  # type: ignore[arg-type]
+        self.stream.receive(message, time.monotonic())
 
     def open(self) -> None:
         """Open a session, and let the engine say so."""

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import copy
 import json
 from typing import Any
 
@@ -9,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ardy.constraint import ConstraintError, Targets, limb_chains
-from ardy.constraint_json import targets_from_json
+from ardy.formats.constraints import constraint_targets, parse_constraints
 from ardy.rotation import matrix_to_6d, rotation_y
 from ardy.skeleton import forward_kinematics
 
@@ -51,7 +50,8 @@ def turn_columns(layout: Any, joint: int) -> set[int]:
 def test_golden_conditions(golden: Any, case: str) -> None:
     vectors = golden.vectors("conditions")
     listed = json.loads((golden.folder / "vectors" / "conditions.json").read_text())
-    targets = targets_from_json(golden.model.skeleton, listed["cases"][case])
+    skeleton = golden.model.skeleton
+    targets = constraint_targets(skeleton, parse_constraints(listed["cases"][case], skeleton))
     observed, mask = targets.fill(golden.model.representation, 0, listed["frames"])
     vectors.check(f"{case}.out.observed", observed)
     vectors.check_equal(f"{case}.out.mask", mask)
@@ -164,48 +164,3 @@ def test_meaningless_targets_are_refused(layout: Any, pose: Any, add: Any, messa
     with pytest.raises(ConstraintError, match=message):
         add(targets, *pose)
     assert not targets.frames, "a refused target leaves nothing behind"
-
-
-def change(**fields: object) -> Any:
-    def apply(entry: dict[str, object]) -> None:
-        entry.update(fields)
-
-    return apply
-
-
-@pytest.mark.parametrize(
-    ("case", "edit", "message"),
-    [
-        ("root2d", change(type="jump"), "constraint 0: type is 'jump'; it must be one of root2d"),
-        ("root2d", change(frame_indices=[2, 7.5, 9]), "whole numbers from 0"),
-        ("root2d", change(frame_indices=[2, -7, 9]), "whole numbers from 0"),
-        ("root2d", change(frame_indices=3), "whole numbers from 0"),
-        ("root2d", change(root_2d=[[1, 2]]), r"root_2d have shape \(1, 2\); give \(3, 2\)"),
-        ("root2d", change(root_2d="here"), "not an array of numbers"),
-        ("root2d", change(root_2d=[[1, 2], [3], [4, 5]]), "not an array of numbers"),
-        ("root2d", lambda entry: entry.pop("root_2d"), "root_2d is missing"),
-        ("root2d", lambda entry: entry.pop("frame_indices"), "frame_indices is missing"),
-        ("root2d_heading", change(global_root_heading=[0.0, float("nan")]), "NaN or infinite"),
-        ("fullbody", lambda entry: entry.pop("root_positions"), "root_positions is missing"),
-        ("fullbody", change(local_joints_rot=[]), "local_joints_rot have shape"),
-        ("end_effector", change(joint_names="LeftHand"), "give a list of names"),
-        ("end_effector", change(joint_names=["Nose"]), "name one or more of LeftHand"),
-    ],
-)
-def test_bad_json_is_refused(golden: Any, case: str, edit: Any, message: str) -> None:
-    listed = json.loads((golden.folder / "vectors" / "conditions.json").read_text())["cases"][case]
-    entries = copy.deepcopy(listed)
-    edit(entries[0])
-    with pytest.raises(ConstraintError, match=message):
-        targets_from_json(golden.model.skeleton, entries)
-
-
-@pytest.mark.parametrize("content", [None, {}, "list", [3], [None]])
-def test_json_that_is_no_list_of_objects_is_refused(golden: Any, content: object) -> None:
-    with pytest.raises(ConstraintError, match="give a"):
-        targets_from_json(golden.model.skeleton, content)
-
-
-def test_the_older_name_of_ground_positions_is_read(golden: Any) -> None:
-    entry = {"type": "root2d", "frame_indices": [4], "smooth_root_2d": [[1.0, 2.0]]}
-    assert targets_from_json(golden.model.skeleton, [entry]).ground[4].tolist() == [1, 2]

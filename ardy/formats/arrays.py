@@ -1,0 +1,80 @@
+"""Arrays out of an NPZ file from strangers: sizes checked before reading, no pickles, no paths."""
+
+from __future__ import annotations
+
+import io
+import math
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ardy.formats.bounded import MAX_ARRAY_BYTES
+from ardy.formats.errors import FormatError, shortened
+
+MAX_MEMBERS = 64
+_HEADER_BYTES = 16_384
+_KINDS = "fiubU"  # numbers, booleans and text
+
+Check = Callable[[str, tuple[int, ...]], None]
+
+
+def read_arrays(path: Path, names: Mapping[str, str], check: Check) -> dict[str, np.ndarray]:
+    """The arrays of an NPZ file that are called as in `names`; others are left alone.
+
+    names: name -> the kinds of type it may have, out of "f" float, "i" and "u" whole, "b" bool, "U" text. check: called
+    with name and shape of each array before it is read; raises FormatError for a shape that cannot be. Raises
+    FormatError for a damaged archive, too many or too large members, objects, and headers that lie about the size.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = _members(path, archive)
+            return {name: _read(path, archive, members[name], names[name], check) for name in names if name in members}
+    except FormatError:
+        raise
+    except (zipfile.BadZipFile, zipfile.LargeZipFile, EOFError, NotImplementedError, RuntimeError) as error:
+        raise FormatError(path, f"not a readable NPZ: {error}", "give what numpy.savez writes, whole") from None
+    except (ValueError, zipfile.zlib.error, MemoryError, OverflowError) as error:  # type: ignore[attr-defined]
+        raise FormatError(path, f"not a readable NPZ: {str(error)[:200]}", "give what numpy.savez writes") from None
+
+
+def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
+    entries = archive.infolist()
+    if len(entries) > MAX_MEMBERS:
+        raise FormatError(path, f"{len(entries)} members", f"an NPZ of motion has at most {MAX_MEMBERS}")
+    members: dict[str, zipfile.ZipInfo] = {}
+    for entry in entries:
+        name = entry.filename
+        if not name.endswith(".npy") or "/" in name or "\\" in name or ".." in name or name in members:
+            raise FormatError(path, f"a member called {shortened(name)}", "members are plain names, each once")
+        members[name.removesuffix(".npy")] = entry
+    declared = sum(entry.file_size for entry in entries)
+    if declared > MAX_ARRAY_BYTES:
+        raise FormatError(path, f"{declared} bytes of arrays", f"at most {MAX_ARRAY_BYTES} are read")
+    return members
+
+
+def _read(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo, kinds: str, check: Check) -> np.ndarray:
+    name = entry.filename.removesuffix(".npy")
+    with archive.open(entry) as file:
+        header = io.BytesIO(file.read(min(_HEADER_BYTES, entry.file_size)))
+        version = np.lib.format.read_magic(header)
+        if version not in ((1, 0), (2, 0)):
+            raise FormatError(path, f"{name} is of npy version {version}", "1.0 and 2.0 are read")
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, by_column, dtype = read(header)
+        if dtype.hasobject or dtype.kind not in _KINDS or dtype.kind not in kinds:
+            given = "Python objects (a pickle)" if dtype.hasobject else f"numbers of type {dtype}"
+            raise FormatError(path, f"{name} holds {given}", f"its type must be one of {', '.join(kinds)}")
+        check(name, shape)
+        size = math.prod(shape) * dtype.itemsize
+        start = header.tell()
+        if any(length < 0 for length in shape) or start + size != entry.file_size:
+            given = f"{name} says {shape} of {dtype} but has {entry.file_size - start} bytes"
+            raise FormatError(path, given, "give what numpy.savez writes, whole")
+        content = header.read() + file.read()
+    if len(content) != size:
+        raise FormatError(path, f"{name} ends after {len(content)} of {size} bytes", "give the whole file")
+    order = "F" if by_column else "C"
+    return np.frombuffer(content, dtype=dtype).reshape(shape, order=order)

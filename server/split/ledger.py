@@ -27,12 +27,14 @@ RETRY_AFTER_S = 2.0
 class Entry:
     """One session, from the Open that was submitted to the Closed that came back.
 
-    unanswered: event_seqs without an Outcome, oldest first. opened, last: the numbers, on the way to the engine, of its
-    Open and of its last event, 0 while they have not been sent. close: submitted, and to be sent ahead.
+    unanswered: event_seqs without an Outcome, oldest first; held_back: those of them that are not sent, because the
+    session is closing. opened, last: the numbers, on the way to the engine, of its Open and of its last event, 0 while
+    they have not been sent. close: submitted, and to be sent ahead.
     """
 
     open_seq: int
     unanswered: dict[int, None] = field(default_factory=dict)
+    held_back: list[int] = field(default_factory=list)
     opened: int = 0
     last: int = 0
     close: Close | None = None
@@ -46,6 +48,7 @@ class Ledger:
     def __init__(self) -> None:
         self._entries: dict[SessionKey, Entry] = {}
         self._closing: dict[SessionKey, Close] = {}
+        self._refused: dict[SessionKey, Entry] = {}  # their Close is on its way, and the engine will answer it
         self._number = 0
 
     def __len__(self) -> int:
@@ -80,6 +83,8 @@ class Ledger:
             entry = self._entries.get(event.session)
             if entry is not None:
                 if entry.close is not None and entry.opened:
+                    if event.event_seq in entry.unanswered:
+                        entry.held_back.append(event.event_seq)
                     continue
                 if not entry.opened:
                     entry.opened = self._number + 1
@@ -96,54 +101,80 @@ class Ledger:
     # ---- on the way back --------------------------------------------------------------------------------------------
 
     def settle(self, outputs: Sequence[Output]) -> list[Output]:
-        """Enter what the engine has delivered; where a close overtook events, their answers come before the Closed."""
+        """Enter what the engine has delivered, and answer before its session's end what a close has overtaken."""
         settled: list[Output] = []
         for output in outputs:
             entry = self._entries.get(output.session)
-            if entry is not None:
-                if isinstance(output, Chunk):
-                    entry.num_frames += len(output.rows)
-                elif isinstance(output, Outcome):
-                    self._answer(entry, output)
-                elif isinstance(output, Opened):
-                    entry.is_open = True
-                    entry.unanswered.pop(entry.open_seq, None)
-                elif isinstance(output, Closed):
-                    settled += self._cancelled(output.session, entry)
-                    self._forget(output.session)
+            if entry is None:
+                if self._refused:
+                    settled += self._after_refusal(output)
+                settled.append(output)
+                continue
+            if isinstance(output, Chunk):
+                entry.num_frames += len(output.rows)
+            elif isinstance(output, Opened):
+                entry.is_open = True
+                entry.unanswered.pop(entry.open_seq, None)
+            elif isinstance(output, Closed):
+                settled += self._cancelled(output.session, entry.unanswered)
+                self._forget(output.session)
             settled.append(output)
+            if isinstance(output, Outcome):
+                entry.unanswered.pop(output.event_seq, None)
+                if output.event_seq == entry.open_seq and not entry.is_open and output.code is not Code.OK:
+                    settled += self._refuse(output.session, entry)
         return settled
 
-    def _answer(self, entry: Entry, outcome: Outcome) -> None:
-        entry.unanswered.pop(outcome.event_seq, None)
-        if outcome.event_seq == entry.open_seq and not entry.is_open and outcome.code is not Code.OK:
-            self._forget(outcome.session)
+    def _refuse(self, key: SessionKey, entry: Entry) -> list[Output]:
+        """The engine has refused an Open, and will refuse what has been sent after it: the answers to all else."""
+        close = self._closing.get(key)
+        self._forget(key)
+        if close is not None:
+            return self._cancelled(key, [*entry.held_back, close.event_seq])
+        if entry.close is not None:
+            self._refused[key] = entry
+        return []
+
+    def _after_refusal(self, output: Output) -> list[Output]:
+        """The answers that are due before the one to the Close of a session that was refused."""
+        key = output.session
+        entry = self._refused.get(key)
+        if entry is None or entry.close is None or not isinstance(output, Outcome):
+            return []
+        entry.unanswered.pop(output.event_seq, None)
+        if output.event_seq != entry.close.event_seq:
+            return []
+        del self._refused[key]
+        return self._cancelled(key, entry.unanswered)
 
     def _forget(self, key: SessionKey) -> None:
         del self._entries[key]
         self._closing.pop(key, None)
 
     @staticmethod
-    def _cancelled(key: SessionKey, entry: Entry) -> list[Output]:
+    def _cancelled(key: SessionKey, event_seqs: Iterable[int]) -> list[Output]:
         message = "the session closed before it"
-        return [
-            Outcome(key, seq, Code.CANCELLED, None, "SESSION_CLOSED", message)
-            for seq in entry.unanswered
-            if seq != entry.open_seq
-        ]
+        return [Outcome(key, seq, Code.CANCELLED, None, "SESSION_CLOSED", message) for seq in event_seqs]
 
-    def lose_all(self, message: str) -> list[Output]:
+    def end_all(self, reason: CloseReason, message: str) -> list[Output]:
         """The engine process is gone: an end for every session, and an answer for everything that waits for one."""
         outputs: list[Output] = []
+        for key, entry in self._refused.items():
+            close_seq = () if entry.close is None else (entry.close.event_seq,)
+            outputs += self._cancelled(key, [*entry.unanswered, *close_seq])
         for key, entry in self._entries.items():
-            outputs += self._cancelled(key, entry)
+            entry.unanswered.pop(entry.open_seq, None)
             if entry.is_open:
-                reason = CloseReason.ENGINE_FAULT
+                outputs += self._cancelled(key, entry.unanswered)
                 outputs.append(Closed(key, reason, Code.UNAVAILABLE, message, entry.num_frames, 0))
             else:
                 outputs.append(refuse_without_engine(key, entry.open_seq))
+                closes = () if entry.close is None else (entry.close.event_seq,)
+                outputs += self._cancelled(key, [*entry.unanswered, *closes])
         self._entries.clear()
+        self._refused.clear()
         self._closing.clear()
+        self._number = 0
         return outputs
 
 

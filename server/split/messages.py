@@ -84,10 +84,9 @@ class Outputs:
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
-    """The loop goes round: when it last did, how many sessions it has, and the steps since the last Pulse."""
+    """The loop goes round: when it last did, and what the steps since the last Pulse did."""
 
     heartbeat_at: float
-    num_sessions: int
     reports: tuple[StepReport, ...]
 
 

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import zmq
 
+from server.errors import SettingError
+
 EVENT_MESSAGES = 32
 """Most messages that wait on `events`, on each side."""
 BACK_MESSAGES = 64
@@ -24,11 +26,21 @@ class GatewayEnd:
     """Listens in a new folder that no other user can enter. Used by one thread."""
 
     def __init__(self) -> None:
-        self.folder = Path(tempfile.mkdtemp(prefix="motiongen-"))
+        """Raises SettingError where the folder for temporary files cannot hold sockets."""
+        try:
+            self.folder = Path(tempfile.mkdtemp(prefix="motiongen-"))
+        except OSError as error:
+            raise SettingError(f"no folder for the engine's sockets can be made; set TMPDIR: {error}") from error
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self.events = self._listen("events", zmq.PUSH, EVENT_MESSAGES)
-        self.ahead = self._listen("ahead", zmq.PUSH, 0)
-        self.back = self._listen("back", zmq.PULL, BACK_MESSAGES)
+        try:
+            self.events = self._listen("events", zmq.PUSH, EVENT_MESSAGES)
+            self.ahead = self._listen("ahead", zmq.PUSH, 0)
+            self.back = self._listen("back", zmq.PULL, BACK_MESSAGES)
+        except zmq.ZMQError as error:
+            self.close()
+            raise SettingError(
+                f"no socket can be made in {self.folder}; set TMPDIR to a shorter path: {error}"
+            ) from error
 
     def _listen(self, way: str, kind: int, most: int) -> zmq.Socket[bytes]:
         socket = self._context.socket(kind)
@@ -43,7 +55,7 @@ class GatewayEnd:
 
     def close(self) -> None:
         """Drop what has not been sent."""
-        self._context.destroy()
+        self._context.destroy(linger=0)
         self.seal()
 
 

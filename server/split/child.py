@@ -1,0 +1,61 @@
+"""Child: an engine process as its parent holds it: started, seen to die, killed."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+END_S = 5.0
+"""How long an engine process that has said its last may take to end."""
+
+
+class Child:
+    """A process that is given the folder of its gateway's sockets, and whose standard input ends with this process.
+
+    It is started anew, not forked: a process in which gRPC runs must not be forked.
+    """
+
+    def __init__(self, command: Sequence[str], folder: Path) -> None:
+        """Raises OSError where it cannot be started."""
+        self._death, held_open = os.pipe()
+        try:
+            self._process = subprocess.Popen(
+                [*command, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, pass_fds=(held_open,)
+            )
+        except OSError:
+            os.close(self._death)
+            raise
+        finally:
+            os.close(held_open)
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def fileno(self) -> int:
+        """A descriptor that becomes readable when the process has died."""
+        return self._death
+
+    def kill(self) -> None:
+        """At once, from any thread."""
+        with contextlib.suppress(ProcessLookupError):
+            self._process.kill()
+
+    def end(self, patience_s: float) -> str:
+        """Wait for its end, kill it where that does not come, and say how it ended."""
+        try:
+            code = self._process.wait(patience_s)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            code = self._process.wait()
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+        return f"killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+
+    def close(self) -> None:
+        """After `end`."""
+        os.close(self._death)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from ardy.problems import Problems
+
 FRAMES_PER_TOKEN = 4
 
 GuidanceMode = Literal["none", "regular", "separated"]
@@ -12,8 +14,8 @@ TokenizerKind = Literal["fsq", "ae", "vae"]
 PositionMode = Literal["learned_prefix_zero_at_first_generation", "default"]
 
 
-class ConfigError(ValueError):
-    """Raised for a configuration that cannot be built; the message names the key, the value and what is allowed."""
+class ConfigError(Problems):
+    """Raised for a configuration that cannot be built; each problem names the key, the value and what is allowed."""
 
 
 def require_positive(owner: str, **values: int) -> None:

@@ -46,6 +46,25 @@ def velocities(positions: Tensor, lengths: Tensor, fps: int) -> Tensor:
     return repeat_last_valid(torch.cat([difference, torch.zeros_like(positions[:, :1])], dim=1), lengths)
 
 
+def contact_labels(skeleton: Skeleton, positions: Tensor, velocity: Tensor) -> Tensor:
+    """Whether (..., 4) each contact joint is slow and low, from positions (metres) and velocities (m/s) (..., J, 3)."""
+    contact_joints = torch.as_tensor(skeleton.contact_joints, device=positions.device)
+    slow = velocity.index_select(-2, contact_joints).norm(dim=-1) < CONTACT_SPEED_M_S
+    low = positions.index_select(-2, contact_joints)[..., 1] < CONTACT_HEIGHT_M
+    return slow & low
+
+
+def motion_from_pose(skeleton: Skeleton, local_rotations: Tensor, root_positions: Tensor, fps: int) -> Motion:
+    """A motion (T) whose foot contacts follow from its poses by the rule of the features.
+
+    local_rotations: (T, J, 3, 3) parent-relative; root_positions: (T, 3) metres.
+    """
+    positions = forward_kinematics(skeleton, local_rotations, root_positions)[1][None]
+    lengths = torch.tensor([positions.shape[1]], device=positions.device)
+    contacts = contact_labels(skeleton, positions, velocities(positions, lengths, fps))[0]
+    return Motion(local_rotations, root_positions, contacts, fps)
+
+
 def wrapped_difference(heading_cos_sin: Tensor) -> Tensor:
     """Turn (B, T-1) in radians between neighbouring headings, wrapped to (-pi, pi]; (B, T, 2) need not be unit."""
     angle = torch.atan2(heading_cos_sin[..., 1], heading_cos_sin[..., 0])
@@ -107,9 +126,6 @@ class Representation(nn.Module):
         heading = heading_angle(self.skeleton, positions)
         ground = torch.stack([root[..., 0], torch.zeros_like(root[..., 1]), root[..., 2]], dim=-1)
         velocity = velocities(positions, lengths, self.fps)
-        contact_joints = torch.as_tensor(self.skeleton.contact_joints, device=positions.device)
-        slow = velocity.index_select(-2, contact_joints).norm(dim=-1) < CONTACT_SPEED_M_S
-        low = positions.index_select(-2, contact_joints)[..., 1] < CONTACT_HEIGHT_M
         return torch.cat(
             [
                 root,
@@ -118,7 +134,7 @@ class Representation(nn.Module):
                 (positions[..., 1:, :] - ground[..., None, :]).flatten(-2),
                 matrix_to_6d(rotations).flatten(-2),
                 velocity.flatten(-2),
-                (slow & low).to(positions.dtype),
+                contact_labels(self.skeleton, positions, velocity).to(positions.dtype),
             ],
             dim=-1,
         )

@@ -81,6 +81,17 @@ def matrix_to_quaternion(matrix: Tensor) -> Tensor:
     return row / (2 * roots.gather(-1, largest[..., None]))
 
 
+def rotation_vector(matrix: Tensor) -> Tensor:
+    """(..., 3, 3) -> (..., 3) axis times angle in radians, the angle in 0..pi; exact also near 0 and pi."""
+    quaternion = matrix_to_quaternion(matrix)
+    quaternion = torch.where(quaternion[..., :1] < 0, -quaternion, quaternion)
+    imaginary = quaternion[..., 1:]
+    sine = imaginary.norm(dim=-1, keepdim=True)
+    angle = 2 * torch.atan2(sine, quaternion[..., :1])
+    tiny = sine < 1e-12  # the axis is undefined; angle / sine tends to 2
+    return imaginary * torch.where(tiny, 2.0, angle / torch.where(tiny, 1.0, sine))
+
+
 def quaternion_to_matrix(quaternion: Tensor) -> Tensor:
     """(..., 4) as (w, x, y, z), of any length but zero -> (..., 3, 3)."""
     w, x, y, z = (quaternion / quaternion.norm(dim=-1, keepdim=True)).unbind(-1)

@@ -94,7 +94,7 @@ class PositionTable(nn.Module):
         super().__init__()
         self.lowest = lowest
         self.highest = highest
-        positions = torch.arange(lowest, highest + 1)
+        positions = torch.arange(lowest, highest + 1, device="cpu")  # no file has it, so it is real even on "meta"
         self.register_buffer("rows", sinusoid_rows(positions, width), persistent=False)
 
     def forward(self, positions: Tensor) -> Tensor:

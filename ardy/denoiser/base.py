@@ -13,6 +13,7 @@ from torch.nn import functional
 
 from ardy.config import FRAMES_PER_TOKEN, DenoiserConfig
 from ardy.denoiser.goals import Goals, goals_of
+from ardy.precision import InWeightPrecision
 from ardy.representation import Representation
 from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
 from ardy.window import Window
@@ -28,7 +29,7 @@ def leading_columns(projection: nn.Linear, values: Tensor) -> Tensor:
     return functional.linear(values, projection.weight[:, : values.shape[-1]], projection.bias)
 
 
-class Denoiser(nn.Module, ABC):
+class Denoiser(InWeightPrecision, ABC):
     """Noisy hybrid tokens -> clean ones."""
 
     def __init__(self, config: DenoiserConfig, representation: Representation) -> None:

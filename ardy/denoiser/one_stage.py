@@ -7,6 +7,7 @@ from torch import Tensor
 from ardy.config import DenoiserConfig
 from ardy.denoiser.base import Denoiser
 from ardy.denoiser.blocks import StageTransformer
+from ardy.precision import in_weight_precision
 from ardy.representation import Representation
 from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
 from ardy.window import Window
@@ -19,6 +20,7 @@ class OneStageDenoiser(Denoiser):
         super().__init__(config, representation)
         self.root_model = StageTransformer(config, ROOT_TOKEN_WIDTH + config.latent_dim)
 
+    @in_weight_precision
     def forward(self, tokens: Tensor, step: Tensor, window: Window) -> Tensor:
         inputs, _ = self.hybrid_inputs(tokens, self.goals(window), window)
         return self.fuse(self.root_model(inputs, self.visible(window), window, step), tokens, window)

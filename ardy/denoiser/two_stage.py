@@ -9,6 +9,7 @@ from ardy.config import FRAMES_PER_TOKEN, DenoiserConfig
 from ardy.denoiser.base import Denoiser, leading_columns
 from ardy.denoiser.blocks import StageTransformer
 from ardy.denoiser.goals import Goals, by_token
+from ardy.precision import in_weight_precision
 from ardy.representation import LOCAL_ROOT_WIDTH, Representation
 from ardy.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens
 from ardy.window import Window
@@ -30,6 +31,7 @@ class TwoStageDenoiser(Denoiser):
         if config.constraints:
             self.local_root_hybrid_constraints_proj = nn.Linear(local_width + self.goal_width, width)
 
+    @in_weight_precision
     def forward(self, tokens: Tensor, step: Tensor, window: Window) -> Tensor:
         goals = self.goals(window)
         visible = self.visible(window)

@@ -7,12 +7,13 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from ardy.config import FRAMES_PER_TOKEN, TokenizerConfig
+from ardy.precision import InWeightPrecision, in_weight_precision
 from ardy.representation import LOCAL_ROOT_WIDTH, ROOT_WIDTH
 from ardy.tokenizer.encoder import MAX_TOKENS, token_visibility
 from ardy.transformer import PositionTable, TransformerStack
 
 
-class Decoder(nn.Module):
+class Decoder(InWeightPrecision):
     """Latents joined with the root condition -> transformer -> frames of body features.
 
     `target_cond_blocks` takes no part in decoding; it exists because released checkpoints carry its tensors.
@@ -30,6 +31,7 @@ class Decoder(nn.Module):
         self.seqTransEncoder = TransformerStack(config.transformer)
         self.output_proj = nn.Linear(width, FRAMES_PER_TOKEN * (body_dim + LOCAL_ROOT_WIDTH))
 
+    @in_weight_precision
     def forward(self, codes: Tensor, root: Tensor, valid_tokens: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Decode codes (B, N, L), not normalised, with the normalised root condition (B, 4N, 4 or 5).
 

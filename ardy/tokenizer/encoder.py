@@ -6,6 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from ardy.config import FRAMES_PER_TOKEN, TokenizerConfig
+from ardy.precision import InWeightPrecision, in_weight_precision
 from ardy.transformer import PositionTable, TransformerStack
 
 MAX_TOKENS = 512
@@ -22,7 +23,7 @@ def token_visibility(num_tokens: int, causal: bool, valid_tokens: Tensor | None,
     return visible
 
 
-class Encoder(nn.Module):
+class Encoder(InWeightPrecision):
     """Patches of frames -> transformer (causal by default) -> latents; a VAE's encoder gives mean and log variance."""
 
     def __init__(self, config: TokenizerConfig, body_dim: int) -> None:
@@ -35,6 +36,7 @@ class Encoder(nn.Module):
         self.seqTransEncoder = TransformerStack(config.transformer)
         self.output_proj = nn.Linear(width, outputs)
 
+    @in_weight_precision
     def forward(self, body: Tensor, valid_tokens: Tensor | None = None) -> Tensor:
         """body: (B, T, D-5) normalised, T a multiple of the patch; valid_tokens: (B, T/4) bool. -> (B, T/4, L)."""
         patches = body.unflatten(1, (-1, FRAMES_PER_TOKEN)).flatten(-2)

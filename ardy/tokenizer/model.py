@@ -142,6 +142,6 @@ def build_tokenizer(config: TokenizerConfig, representation: Representation) -> 
     """A tokenizer with fresh weights and the identity as its latents' statistics."""
 
     def identity() -> Stats:
-        return Stats(torch.zeros(config.latent_dim), torch.ones(config.latent_dim))
+        return Stats(torch.zeros(config.latent_dim, device="cpu"), torch.ones(config.latent_dim, device="cpu"))
 
     return Tokenizer(config, representation, identity(), identity())

@@ -21,7 +21,7 @@ class Quantizer(nn.Module):
 
     def __init__(self, levels: tuple[int, ...]) -> None:
         super().__init__()
-        count = torch.tensor(levels, dtype=torch.float64)
+        count = torch.tensor(levels, dtype=torch.float64, device="cpu")  # no file has it: real even on "meta"
         half_range = (count - 1) * SHRINK / 2
         offset = torch.where(count % 2 == 0, 0.5, 0.0)
         self.register_buffer("half_range", half_range.float(), persistent=False)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from server.engine.types import Code, Constraint, Outcome, Prompt, SessionKey, SetConstraints, SetPrompts
+from server.engine.velocity import Velocity
 
 
 class EditRefused(Exception):
@@ -31,6 +32,7 @@ class Conditions:
 
     prompts: tuple[Prompt, ...] = ()
     constraints: tuple[Constraint, ...] = ()
+    velocity: Velocity | None = None
 
     def prompt_at(self, frame: int) -> Prompt | None:
         """The prompt that holds at a frame: of those that cover it the one that starts last, then the one set last."""
@@ -53,12 +55,20 @@ class Conditions:
         """The constraints with a frame in begin <= frame < end."""
         return tuple(item for item in self.constraints if item.last_frame >= begin and item.first_frame < end)
 
+    def with_velocity_from(self, frame: int) -> Conditions:
+        """The velocity has begun to steer at `frame`, and ends accordingly."""
+        assert self.velocity is not None
+        return replace(self, velocity=replace(self.velocity, steers_from=frame))
+
     def without_past(self, frame: int) -> Conditions:
         """Forget what ends before `frame`."""
-        return Conditions(
-            tuple(item for item in self.prompts if item.end_frame is None or item.end_frame > frame),
-            tuple(item for item in self.constraints if item.last_frame >= frame),
-        )
+        prompts = tuple(item for item in self.prompts if item.end_frame is None or item.end_frame > frame)
+        constraints = tuple(item for item in self.constraints if item.last_frame >= frame)
+        velocity = self.velocity
+        if velocity is not None and velocity.end_if_from(frame) <= frame:
+            velocity = None
+        unchanged = len(prompts) == len(self.prompts) and len(constraints) == len(self.constraints)
+        return self if unchanged and velocity is self.velocity else Conditions(prompts, constraints, velocity)
 
 
 def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) -> tuple[Conditions, int | None]:
@@ -80,7 +90,7 @@ def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) ->
         prompts[prompt.prompt_id] = replace(prompt, start_frame=max(floor, _start(prompt)))
     if len(prompts) > limit:
         raise _too_many("prompts", len(prompts), limit)
-    edited = Conditions(tuple(prompts.values()), held.constraints)
+    edited = replace(held, prompts=tuple(prompts.values()))
     for frame in [floor, *_boundaries((*held.prompts, *edited.prompts))]:
         if frame >= floor and not _same(held.prompt_at(frame), edited.prompt_at(frame)):
             return edited, frame
@@ -113,7 +123,7 @@ def edit_constraints(
         constraints[item.constraint_id] = item
     if len(constraints) > limit:
         raise _too_many("constraints", len(constraints), limit)
-    return Conditions(held.prompts, tuple(constraints.values())), tuple(changed)
+    return replace(held, constraints=tuple(constraints.values())), tuple(changed)
 
 
 def _start(prompt: Prompt) -> int:

@@ -8,20 +8,26 @@ return and what they tally in the StepReport. The rules:
   plan. One that lands too late is discarded, and its edits are tried again with a longer lead.
 - All edits that wait when a window starts are answered by that window. One that arrives while a window runs cuts the
   window (a prompt that starts inside it), restarts it (less than half of its steps are done), or follows it.
+- Each class has a most replans a second; edits in between wait and share one. They are answered however long it takes.
 - A window is taken only up to the next change of prompt, so the window after it starts there with the new prompt.
 - No frame is sent at or beyond the reported playhead + lookahead.
+- A session told to hold makes no windows; it repeats its last pose when it would run out.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
-from server.engine.conditions import Conditions, EditRefused, edit_constraints, edit_prompts
+from server.engine.conditions import Conditions, EditRefused
 from server.engine.config import EngineConfig
+from server.engine.drift import DriftGuard, Remedy
+from server.engine.edits import EditEvent, EditQueue, PendingEdit, edited
+from server.engine.ladder import FULL, Rung
+from server.engine.playback import PlaybackClock, RoundTrip
+from server.engine.pose import PoseReader
 from server.engine.report import EventLatency, StepReport
-from server.engine.timeline import PlaybackClock, Timeline
+from server.engine.timeline import Timeline
 from server.engine.types import (
     Chunk,
     Closed,
@@ -34,67 +40,58 @@ from server.engine.types import (
     PlanCause,
     PlanNotice,
     Playhead,
+    ServiceLevel,
     SessionKey,
     SessionSpec,
-    SetConstraints,
     SetPlayState,
     SetPrompts,
-    SetVelocity,
     WindowJob,
     WindowResult,
+)
+from server.engine.windows import (
+    RunningWindow,
+    guidance_at,
+    history_frames,
+    history_of,
+    no_history,
+    root_before,
+    steps_at,
+    window_conditions,
 )
 
 # A wake-up computed in floating point may come a hair early; the tolerance keeps it from being asked for again.
 _FRAME_TOLERANCE = 1e-3
 
 
-@dataclass(frozen=True, slots=True)
-class PendingEdit:
-    """An edit that waits for the plan that answers it. dirty_from: the first frame it wants changed."""
-
-    event_seq: int
-    kind: str
-    received_at: float
-    dirty_from: int
-
-
-@dataclass(frozen=True, slots=True)
-class RunningWindow:
-    """The window being denoised. accept_to: its frames from there on will be dropped. answers: the edits it is for."""
-
-    job: WindowJob
-    accept_to: int
-    answers: tuple[PendingEdit, ...]
-    predicted_s: float
-    steps_done: int = 0
-
-    @property
-    def first_frame(self) -> int:
-        return self.job.first_frame
-
-
 @dataclass(slots=True)
 class SessionState:
-    """All that is known of a session. sent_to, committed_to: exclusive frame bounds; plan: the newest plan's number."""
+    """All that is known of a session. sent_to, committed_to: exclusive frame bounds; plan: the newest plan's number.
+
+    remedy: what the next window is to right. holding: the newest plan repeats a pose.
+    """
 
     spec: SessionSpec
     facts: ModelFacts
     config: EngineConfig
+    guard: DriftGuard
     continue_threshold: int
     conditions: Conditions
     clock: PlaybackClock
+    round_trip: RoundTrip
     timeline: Timeline
+    edits: EditQueue
     opened_at: float
     last_playhead_at: float
+    rung: Rung = FULL
     plan: int = 0
     sent_to: int = 0
     committed_to: int = 0
-    pending: tuple[PendingEdit, ...] = ()
     running: RunningWindow | None = None
+    remedy: Remedy | None = None
+    holding: bool = False
     restarts: int = 0
     extra_lead_s: float = 0.0
     first_chunk_due: bool = True
-    unseen: list[tuple[PendingEdit, int]] = field(default_factory=list)
     underruns: int = 0
     num_frames: int = 0
     late_frames: int = 0
@@ -106,6 +103,11 @@ class SessionState:
     @property
     def planned_to(self) -> int:
         return self.timeline.end
+
+    @property
+    def num_steps(self) -> int:
+        """Denoising steps of the next window."""
+        return steps_at(self.rung, self.spec, self.facts)
 
     # ---- opening and closing ----------------------------------------------------------------------------------------
 
@@ -119,11 +121,14 @@ class SessionState:
             spec=spec,
             facts=facts,
             config=config,
+            guard=DriftGuard(PoseReader.of(facts.rig), config),
             # A client that asks for a longer lookahead wants it filled.
             continue_threshold=max(config.continue_threshold, spec.lookahead - facts.horizon) + jitter,
             conditions=Conditions(spec.prompts, spec.constraints),
             clock=PlaybackClock(facts.fps),
-            timeline=Timeline.empty(facts.row_width, facts.feature_dim),
+            round_trip=RoundTrip(config.rtt_s),
+            timeline=Timeline.empty(facts.row_width, facts.feature_dim, facts.token_width, facts.patch),
+            edits=EditQueue(config.max_waiting_edits),
             opened_at=received_at,
             last_playhead_at=now,
         )
@@ -140,66 +145,65 @@ class SessionState:
 
     def close(self, reason: CloseReason, code: Code, message: str) -> list[Output]:
         """Answer every edit that still waits, then say goodbye. The session must not be used again."""
-        waiting = (*(self.running.answers if self.running else ()), *self.pending)
+        waiting = (*(self.running.answers if self.running else ()), *self.edits.waiting)
         outputs: list[Output] = [
             Outcome(self.key, edit.event_seq, Code.CANCELLED, None, "SESSION_CLOSED", "the session closed before it")
             for edit in waiting
         ]
-        self.running, self.pending = None, ()
+        self.running, self.edits.waiting = None, ()
         return [*outputs, Closed(self.key, reason, code, message, self.num_frames, self.late_frames)]
+
+    def set_tier(self, rung: Rung) -> list[Output]:
+        """Put the session on a rung of the ladder, from its next window on; tells the client what changes for it."""
+        before = self.rung.tier, self.num_steps
+        self.rung = rung
+        level = rung.tier, self.num_steps
+        return [] if level == before else [ServiceLevel(self.key, *level)]
 
     # ---- events -----------------------------------------------------------------------------------------------------
 
-    def apply(
-        self, event: SetPrompts | SetConstraints | SetVelocity | Playhead | SetPlayState, now: float, report: StepReport
-    ) -> list[Output]:
+    def apply(self, event: EditEvent | Playhead | SetPlayState, now: float, report: StepReport) -> list[Output]:
         """Take in one event. If this ends the running window (`running` becomes None), its job is to be discarded."""
-        match event:
-            case Playhead():
-                self._report_playhead(event, now, report)
-                return []
-            case SetPlayState():
-                self.clock.set_state(event.state, event.received_at, self.sent_to)
-                return [Outcome(self.key, event.event_seq, Code.OK)]
-            case SetVelocity():
-                return [Outcome(self.key, event.event_seq, Code.UNIMPLEMENTED, None, "UNIMPLEMENTED", "")]
-            case SetPrompts() | SetConstraints():
-                try:
-                    return self._edit(event, now, report)
-                except EditRefused as refused:
-                    return [refused.outcome(self.key, event.event_seq)]
+        if isinstance(event, Playhead):
+            self._report_playhead(event, now, report)
+            return []
+        if isinstance(event, SetPlayState):
+            self.clock.set_state(event.state, event.received_at, self.sent_to)
+            return [Outcome(self.key, event.event_seq, Code.OK)]
+        try:
+            return self._edit(event, now, report)
+        except EditRefused as refused:
+            return [refused.outcome(self.key, event.event_seq)]
 
     def _report_playhead(self, event: Playhead, now: float, report: StepReport) -> None:
         self.last_playhead_at = now
         self.clock.report(event.frame, event.received_at, self.sent_to)
+        self.round_trip.report(event.rtt_s, event.received_at)
         if event.underruns > self.underruns:
             report.client_underruns.append((self.spec.priority, event.underruns - self.underruns))
             self.underruns = event.underruns
         report.slacks.append((self.spec.priority, (event.buffered_to - event.frame) / self.facts.fps))
 
-    def _edit(self, event: SetPrompts | SetConstraints, now: float, report: StepReport) -> list[Output]:
-        floor = self._replaceable_from(now, self.config.commit_s)
-        if isinstance(event, SetPrompts):
-            kind = "prompts"
-            self.conditions, dirty_from = edit_prompts(self.conditions, event, floor, self.config.max_prompts)
-        else:
-            kind = "constraints"
-            limit = self.config.max_constraints
-            self.conditions, changed = edit_constraints(self.conditions, event, floor, limit)
-            # A window that starts at floor sees this far; what lies beyond waits until a later window sees it.
-            reach = self.facts.max_window_frames - self._history_at(floor)
-            first = min((item.first_frame for item in changed if item.last_frame >= floor), default=None)
-            dirty_from = None if first is None else max(floor, first - reach + 1)
+    def _edit(self, event: EditEvent, now: float, report: StepReport) -> list[Output]:
+        self.edits.require_room()
+        floor = self._replaceable_from(now, self._commit_s)
+        reach = self.facts.max_window_frames - self._history_at(floor)
+        self.conditions, kind, dirty_from = edited(self.conditions, event, floor, reach, self.config)
         if dirty_from is None:
             return [Outcome(self.key, event.event_seq, Code.OK)]
         if dirty_from > 0:
-            dirty_from = max(dirty_from, self.facts.patch)
+            dirty_from = max(dirty_from, self.timeline.motion_from + self.facts.patch)
         edit = PendingEdit(event.event_seq, kind, event.received_at, dirty_from)
         running = self.running
-        if running is not None and running.first_frame < dirty_from < running.accept_to and kind == "prompts":
-            self.running = replace(running, accept_to=dirty_from, answers=(*running.answers, edit))
+        if (
+            running is not None
+            and isinstance(event, SetPrompts)
+            and running.first_frame < dirty_from < running.accept_to
+            and dirty_from >= self._least_start(running)
+        ):
+            running.accept_to, running.answers = dirty_from, (*running.answers, edit)
             return []
-        self.pending = (*self.pending, edit)
+        self.edits.add(edit)
         if running is not None and dirty_from < running.accept_to and self._worth_restarting(running):
             self._withdraw(running)
             self.restarts += 1
@@ -207,26 +211,37 @@ class SessionState:
         return self._settle()
 
     def _worth_restarting(self, running: RunningWindow) -> bool:
-        return running.steps_done * 2 < running.job.num_steps and self.restarts < self.config.max_restarts
+        early = running.steps_done * 2 < running.job.num_steps
+        return early and self.restarts < self.config.max_restarts and not self.rung.full_stride
 
     def _withdraw(self, running: RunningWindow) -> None:
         """Forget the running window; its edits wait again."""
-        self.pending = (*running.answers, *self.pending)
+        self.edits.put_back(running.answers)
+        self.remedy = running.remedy
         self.running = None
 
     def _settle(self) -> list[Output]:
         """Answer the edits that ask for frames which no window has touched yet: they will be there when it comes."""
         untouched_from = max(self.planned_to, self.running.accept_to if self.running else 0)
-        settled = [edit for edit in self.pending if 0 < untouched_from <= edit.dirty_from]
-        self.pending = tuple(edit for edit in self.pending if edit not in settled)
+        settled = self.edits.settle(untouched_from)
         return [Outcome(self.key, edit.event_seq, Code.OK, edit.dirty_from) for edit in settled]
 
-    # ---- windows ----------------------------------------------------------------------------------------------------
+    # ---- leads ------------------------------------------------------------------------------------------------------
+
+    @property
+    def _delivery_s(self) -> float:
+        """Seconds by which a notice sent now may trail what the client shows."""
+        return self.round_trip.seconds + self.config.flush_s
+
+    @property
+    def _commit_s(self) -> float:
+        """Seconds beyond the playhead that are promised not to change."""
+        return self.round_trip.seconds + self.config.flush_s + self.config.margin_s
 
     def _replaceable_from(self, now: float, lead_s: float) -> int:
         """The first frame that the client cannot be showing lead_s from now, nor was promised; at most planned_to."""
         # Fewer frames than a patch make no history, and a window without history would start from the start pose.
-        least = max(self.committed_to, self._unshown_from(now, lead_s), self.facts.patch)
+        least = max(self.committed_to, self._unshown_from(now, lead_s), self.timeline.motion_from + self.facts.patch)
         return min(least, self.planned_to)
 
     def _unshown_from(self, now: float, lead_s: float) -> int:
@@ -235,72 +250,118 @@ class SessionState:
         return math.ceil(self.clock.estimate(now, self.sent_to) + self.facts.fps * lead_s) + 1
 
     def _history_at(self, frame: int) -> int:
-        return min(self.config.history_crop, frame // self.facts.patch * self.facts.patch)
+        return history_frames(frame, self.timeline, self.config, self.facts.patch)
+
+    def _least_start(self, running: RunningWindow) -> int:
+        """The first frame at which a window may follow the running one: there must be a patch of motion before it."""
+        return (running.first_frame if running.fresh else self.timeline.motion_from) + self.facts.patch
+
+    # ---- windows ----------------------------------------------------------------------------------------------------
 
     def wake_at(self) -> float:
-        """When the next window is due if nothing happens before; infinity if then, too, nothing happens."""
-        frame = self.planned_to - self.continue_threshold
-        waits = self.running is None and not self.pending and frame <= self.sent_to
-        return self.clock.reaches_at(frame) if waits else math.inf
+        """When the session is to be looked at if nothing happens before; infinity if then, too, nothing happens."""
+        if self.running is not None:
+            return math.inf
+        if self.rung.hold and self.planned_to:
+            return self._reaches_unsent(self.planned_to - self._hold_lead)
+        wake_at = self._reaches_unsent(self.planned_to - self.continue_threshold)
+        return min(wake_at, self.edits.not_before) if self._replan_wanted else wake_at
+
+    def _reaches_unsent(self, frame: int) -> float:
+        # The estimate stops at sent_to: beyond it only an event can bring the session on.
+        return self.clock.reaches_at(frame) if frame <= self.sent_to else math.inf
+
+    @property
+    def _replan_wanted(self) -> bool:
+        return bool(self.edits.waiting) or self.remedy is Remedy.FRESH_START
 
     def window_due(self, now: float) -> bool:
         """Whether a window is to be started: for an edit, or because the client will have played what there is."""
         if self.running is not None:
             return False
-        unplayed = self.planned_to - self.clock.estimate(now, self.sent_to)
-        short = self.planned_to == 0 or unplayed <= self.continue_threshold + _FRAME_TOLERANCE
-        return bool(self.pending) or short
+        planned_to = self.timeline.end
+        if planned_to == 0:
+            return True
+        if self.rung.hold:
+            return False
+        unplayed = planned_to - self.clock.estimate(now, self.sent_to)
+        if unplayed <= self.continue_threshold + _FRAME_TOLERANCE:
+            return True
+        return self._replan_wanted and now >= self.edits.not_before
 
     def next_window(self, now: float, predicted_s: float, job_id: int) -> WindowJob:
         """Start the window that is due. predicted_s: how long it will take from now."""
         assert self.window_due(now)
-        first_frame = self.planned_to
-        cause = PlanCause.CONTINUE
-        if self.pending:
-            lead_s = max(predicted_s, self.extra_lead_s) + self.config.commit_s
-            wanted = min(edit.dirty_from for edit in self.pending)
-            first_frame = min(max(self._replaceable_from(now, lead_s), wanted), self.planned_to)
-            cause = PlanCause.EDIT if self.planned_to else PlanCause.CONTINUE
-        history = self._history_at(first_frame)
-        end = first_frame + self.facts.horizon
+        deadline = self.deadline(now)
+        first_frame, cause = self._next_start(now, predicted_s)
+        remedy, self.remedy = self.remedy, None
+        facts, timeline = self.facts, self.timeline
+        if first_frame == 0:
+            history = no_history(facts, self.spec.start_pose)
+        elif remedy is Remedy.FRESH_START:
+            shown = timeline.rows_between(first_frame - 1, first_frame)
+            history = no_history(facts, self.guard.fresh_start(shown[0]))
+        else:
+            history = history_of(first_frame, timeline, self.config, facts.patch, remedy)
         prompt = self.conditions.prompt_at(first_frame)
+        root = root_before(first_frame, timeline, self.guard.reader, self.spec.start_pose, facts.fps)
+        constraints = window_conditions(self.conditions, first_frame, len(history), root, facts)
         job = WindowJob(
             job_id=job_id,
             session=self.key,
             plan=self.plan + 1,
             first_frame=first_frame,
-            history=self.timeline.features_before(first_frame, history),
-            start_pose=None if first_frame else self.spec.start_pose,
+            history=history.features,
+            start_pose=history.start_pose,
             embedding=None if prompt is None else prompt.embedding,
-            constraints=self.conditions.constraints_within(
-                first_frame, first_frame - history + self.facts.max_window_frames
-            ),
+            constraints=constraints,
             seed=self.spec.seed,
-            num_steps=self.spec.denoise_steps,
-            guidance=self.spec.guidance,
-            deadline=self.deadline(now),
+            num_steps=self.num_steps,
+            guidance=guidance_at(self.rung, self.spec.guidance, bool(constraints), facts),
+            deadline=deadline,
             priority=self.spec.priority,
             cause=cause,
             created_at=now,
+            history_tokens=history.tokens,
         )
-        accept_to = max(self.conditions.prompt_change_after(first_frame, end), self.facts.patch)
-        self.running = RunningWindow(job, accept_to, self.pending, predicted_s)
-        self.pending = ()
+        interval_s = 1.0 / (self.config.replans_hz[self.spec.priority - 1] * self.rung.replan_cap_scale)
+        answers = self.edits.take(now, interval_s)
+        if remedy is Remedy.FRESH_START:
+            self.edits.not_before = now + interval_s
+        self.running = RunningWindow(job, first_frame + facts.horizon, answers, self.conditions.velocity, remedy)
+        change = self.conditions.prompt_change_after(first_frame, first_frame + facts.horizon)
+        self.running.accept_to = max(change, self._least_start(self.running))
         return job
 
+    def _next_start(self, now: float, predicted_s: float) -> tuple[int, PlanCause]:
+        """The first frame of the window that is due, and why it is made."""
+        planned_to = self.planned_to
+        if planned_to == 0 or not self._replan_wanted:
+            return planned_to, PlanCause.CONTINUE if self.remedy is None else PlanCause.FALLBACK
+        lead_s = max(predicted_s, self.extra_lead_s) + self._commit_s
+        earliest = self._replaceable_from(now, lead_s)
+        wanted = min((edit.dirty_from for edit in self.edits.waiting), default=earliest)
+        if wanted > earliest:
+            return min(wanted, planned_to), PlanCause.EDIT
+        if self.config.align_replans:
+            earliest = min(earliest + (self.timeline.run.first - earliest) % self.facts.patch, planned_to)
+        return earliest, PlanCause.EDIT if self.edits.waiting else PlanCause.FALLBACK
+
     def deadline(self, now: float) -> float:
-        """When the window that is due is to be done: its class target after an edit came, or before frames run out."""
+        """When the window that is due is to be done: its class target after an edit may be answered, or before frames
+        run out."""
         if self.planned_to == 0:
             return self.opened_at + self.config.open_target_s
-        if self.pending:
-            return min(edit.received_at for edit in self.pending) + self.config.target_s(self.spec.priority)
+        if self.edits.waiting:
+            asked_at = max(min(edit.received_at for edit in self.edits.waiting), self.edits.not_before)
+            return asked_at + self.config.target_s(self.spec.priority)
         unplayed = self.planned_to - self.clock.estimate(now, self.sent_to)
-        return now + unplayed / self.facts.fps - self.config.delivery_s
+        return now + unplayed / self.facts.fps - self._delivery_s
 
     def advance(self, steps_done: int) -> None:
         """Note how far the running window has come."""
         if self.running is not None:
-            self.running = replace(self.running, steps_done=steps_done)
+            self.running.steps_done = steps_done
 
     def accept(self, result: WindowResult, now: float, report: StepReport) -> list[Output]:
         """Append the finished running window to the plan, or discard it where it came too late."""
@@ -308,26 +369,40 @@ class SessionState:
         assert running is not None
         assert running.job.job_id == result.job_id
         self._note_deadline(running, now, report)
-        if running.first_frame < self._replaceable_from(now, self.config.delivery_s):
+        if running.first_frame < self._replaceable_from(now, self._delivery_s):
             self._withdraw(running)
-            took = now - running.job.created_at
-            self.extra_lead_s = max(took, 2 * self.extra_lead_s)
+            self.extra_lead_s = max(now - running.job.created_at, 2 * self.extra_lead_s)
             report.windows_discarded += 1
             return []
         self.running = None
-        num_frames = running.accept_to - running.first_frame
+        first_frame, num_frames = running.first_frame, running.accept_to - running.first_frame
+        rows = result.frames[:num_frames]
         self.timeline = self.timeline.spliced(
-            running.first_frame, result.frames[:num_frames], result.features[:num_frames]
+            first_frame, rows, result.features[:num_frames], result.tokens, anew=running.fresh
         )
         self.plan += 1
+        self.holding = False
         self.restarts, self.extra_lead_s = 0, 0.0
+        self.remedy = self.guard.remedy(rows)
+        self._start_velocity(running)
         self.first_chunk_due = self.first_chunk_due or running.job.cause is PlanCause.EDIT
         report.windows.append((self.spec.priority, running.job.cause))
-        report.frames_superseded += max(0, self.sent_to - running.first_frame)
-        self.sent_to = min(self.sent_to, running.first_frame)
-        self.unseen = [(edit, frame) for edit, frame in self.unseen if frame < self.sent_to]
-        self.unseen += [(edit, max(edit.dirty_from, running.first_frame)) for edit in running.answers]
-        return [self._notice(running), *self._answers(running), *self._settle()]
+        report.soft_resets += running.remedy is not None
+        report.frames_superseded += max(0, self.sent_to - first_frame)
+        self.sent_to = min(self.sent_to, first_frame)
+        answered = self.edits.landed(running.answers, first_frame, self.sent_to)
+        seqs = tuple(edit.event_seq for edit, _ in answered)
+        return [
+            PlanNotice(self.key, self.plan, first_frame, running.job.cause, seqs),
+            *(Outcome(self.key, edit.event_seq, Code.OK, frame) for edit, frame in answered),
+            *self._settle(),
+        ]
+
+    def _start_velocity(self, running: RunningWindow) -> None:
+        """The time that a velocity holds begins with the first window that obeys it."""
+        velocity = self.conditions.velocity
+        if velocity is not None and velocity.steers_from is None and velocity is running.velocity:
+            self.conditions = self.conditions.with_velocity_from(running.first_frame)
 
     def _note_deadline(self, running: RunningWindow, now: float, report: StepReport) -> None:
         report.deadlines.append(self.spec.priority)
@@ -336,57 +411,66 @@ class SessionState:
         if counts and now > running.job.deadline:
             report.deadline_misses.append(self.spec.priority)
 
-    def _notice(self, running: RunningWindow) -> PlanNotice:
-        seqs = tuple(edit.event_seq for edit in running.answers)
-        return PlanNotice(self.key, self.plan, running.first_frame, running.job.cause, seqs)
-
-    def _answers(self, running: RunningWindow) -> list[Output]:
-        return [
-            Outcome(self.key, edit.event_seq, Code.OK, max(edit.dirty_from, running.first_frame))
-            for edit in running.answers
-        ]
-
     # ---- frames -----------------------------------------------------------------------------------------------------
 
     def emit(self, now: float, report: StepReport) -> list[Output]:
         """Send what the credit allows, in chunks: a short one first where a plan is new, then up to steady_chunk."""
-        credit = self.clock.reported + self.spec.lookahead
-        limit = min(self.planned_to, credit)
+        outputs = self._hold(now, report) if self.rung.hold else []
+        limit = min(self.timeline.end, self.clock.reported + self.spec.lookahead)
         if limit <= self.sent_to:
-            return []
+            return outputs
         due_to = math.ceil(self.clock.unheld(now)) if self.clock.running else 0
         self.clock.resume_from(self.sent_to, now)
         self._commit(now, limit)
-        outputs: list[Output] = []
+        begun_at = self.sent_to
         while self.sent_to < limit:
             most = self.config.first_chunk if self.first_chunk_due else self.config.steady_chunk
             end = min(self.sent_to + most, limit)
             rows = self.timeline.rows_between(self.sent_to, end)
             outputs.append(Chunk(self.key, self.plan, self.sent_to, rows, self.committed_to))
-            self.late_frames += max(0, min(due_to, end) - self.sent_to)
             self.first_chunk_due = False
             self.sent_to = end
-        self._tally_sent(now, outputs, report)
+        self.late_frames += max(0, min(due_to, limit) - begun_at)
+        self._tally_sent(now, limit - begun_at, report)
         self._trim()
         return outputs
 
+    @property
+    def _hold_lead(self) -> int:
+        """Unplayed frames at which a held pose must be sent for the client not to run out."""
+        return math.ceil(self.facts.fps * self._commit_s) + 1
+
+    def _hold(self, now: float, report: StepReport) -> list[Output]:
+        """Repeat the last pose where the client would run out and no window may be made for it."""
+        if self.running is not None or self.planned_to == 0 or not self.clock.running:
+            return []
+        unplayed = self.planned_to - self.clock.estimate(now, self.sent_to)
+        if unplayed > self._hold_lead + _FRAME_TOLERANCE:
+            return []
+        held_from, num_frames = self.planned_to, self.config.hold_frames
+        self.timeline = self.timeline.held(num_frames)
+        self.committed_to = self.planned_to
+        report.frames_held += num_frames
+        if self.holding:
+            return []
+        self.plan += 1
+        self.holding = True
+        return [PlanNotice(self.key, self.plan, held_from, PlanCause.FALLBACK, ())]
+
     def _commit(self, now: float, sent_to: int) -> None:
         """Promise the frames that no replan could change any more: those that it would reach too late."""
-        promised = min(self._unshown_from(now, self.config.commit_s), sent_to)
+        promised = min(self._unshown_from(now, self._commit_s), sent_to)
         if self.running is not None:
             # The window that runs may still land here; a promise beyond its start would only make it void.
             promised = min(promised, self.running.first_frame)
         self.committed_to = max(self.committed_to, promised)
 
-    def _tally_sent(self, now: float, chunks: Sequence[Output], report: StepReport) -> None:
-        sent = sum(len(chunk.rows) for chunk in chunks if isinstance(chunk, Chunk))
+    def _tally_sent(self, now: float, num_frames: int, report: StepReport) -> None:
         if self.num_frames == 0:
             report.event_latencies.append(EventLatency(self.spec.priority, "open", now - self.opened_at))
         self.num_frames = max(self.num_frames, self.sent_to)
-        report.frames_sent += sent
-        seen = [(edit, frame) for edit, frame in self.unseen if frame < self.sent_to]
-        self.unseen = [pair for pair in self.unseen if pair not in seen]
-        for edit, _ in seen:
+        report.frames_sent += num_frames
+        for edit in self.edits.seen(self.sent_to):
             report.event_latencies.append(EventLatency(self.spec.priority, edit.kind, now - edit.received_at))
 
     def _trim(self) -> None:

@@ -1,48 +1,125 @@
-"""Timeline: the frames a session holds, and PlaybackClock: which of them the client is showing."""
+"""Timeline: the frames a session holds, as rows for the wire, as features and as tokens for histories."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from server.engine.types import Float32Array, PlayState
+from server.engine.types import Float32Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TokenRun:
+    """The tokens of consecutive frames, `patch` frames each, from frame `first` on. tokens: (M, W) float32."""
+
+    first: int
+    tokens: Float32Array
+    patch: int
+
+    @property
+    def end(self) -> int:
+        return self.first + len(self.tokens) * self.patch
+
+    def spliced(self, frame: int, tokens: Float32Array | None, num_frames: int) -> TokenRun:
+        """Keep the tokens of frames below `frame`, and put after them those of num_frames new frames.
+
+        Where `frame` is not on the grid of what is held, or nothing is held up to it, a new run begins there. A token
+        of which not every frame is used is left out; tokens None: nothing is known of the new frames.
+        """
+        new = self.tokens[:0] if tokens is None else tokens[: num_frames // self.patch]
+        keep, off_grid = divmod(frame - self.first, self.patch)
+        if off_grid or not 0 <= keep <= len(self.tokens):
+            return TokenRun(frame, new, self.patch)
+        return TokenRun(self.first, np.concatenate((self.tokens[:keep], new)), self.patch)
+
+    def trimmed(self, frame: int) -> TokenRun:
+        """Drop the tokens that end at or before `frame`, and their memory."""
+        drop = min(max(0, (frame - self.first) // self.patch), len(self.tokens))
+        return TokenRun(self.first + drop * self.patch, self.tokens[drop:].copy(), self.patch)
+
+    def before(self, frame: int, num_frames: int) -> Float32Array | None:
+        """The tokens of exactly the num_frames frames that end just before `frame`; None where they are not held."""
+        stop, off_grid = divmod(frame - self.first, self.patch)
+        count, ragged = divmod(num_frames, self.patch)
+        if off_grid or ragged or not count <= stop <= len(self.tokens):
+            return None
+        return self.tokens[stop - count : stop]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Timeline:
     """Consecutive frames from `first` on; a new value for every change, so that views of an old one stay true.
 
-    rows: (T, row_width) float32, for the wire. features: (T, D) float32, normalized, for histories.
+    rows: (T, row_width) float32, for the wire. features: (T, D) float32, normalized, for histories. motion_from: the
+    first frame that a history may reach back to.
     """
 
     first: int
     rows: Float32Array
     features: Float32Array
+    run: TokenRun
+    motion_from: int = 0
 
     @classmethod
-    def empty(cls, row_width: int, feature_dim: int) -> Timeline:
-        return cls(0, np.empty((0, row_width), np.float32), np.empty((0, feature_dim), np.float32))
+    def empty(cls, row_width: int, feature_dim: int, token_width: int = 0, patch: int = 1) -> Timeline:
+        return cls(
+            0,
+            np.empty((0, row_width), np.float32),
+            np.empty((0, feature_dim), np.float32),
+            TokenRun(0, np.empty((0, token_width), np.float32), patch),
+        )
 
     @property
     def end(self) -> int:
         """The first frame that is not held."""
         return self.first + len(self.rows)
 
-    def spliced(self, frame: int, rows: Float32Array, features: Float32Array) -> Timeline:
-        """Keep the frames below `frame`, which is held or is the end, and put new ones after them."""
+    def spliced(
+        self,
+        frame: int,
+        rows: Float32Array,
+        features: Float32Array,
+        tokens: Float32Array | None = None,
+        anew: bool = False,
+    ) -> Timeline:
+        """Keep the frames below `frame`, which is held or is the end, and put new ones after them.
+
+        anew: they do not go on from the old ones, so no history is to span both.
+        """
         keep = frame - self.first
         return Timeline(
             self.first,
             np.concatenate((self.rows[:keep], rows)),
             np.concatenate((self.features[:keep], features)),
+            self.run.spliced(frame, tokens, len(rows)),
+            frame if anew else self.motion_from,
+        )
+
+    def held(self, num_frames: int) -> Timeline:
+        """Repeat the last row num_frames times. Histories do not see it: at the new end they are as at the old one.
+
+        A still pose in a history would be motion that the model has to explain, and features of it would be wrong: they
+        hold velocities.
+        """
+        return Timeline(
+            self.first,
+            np.concatenate((self.rows, np.repeat(self.rows[-1:], num_frames, axis=0))),
+            np.concatenate((np.repeat(self.features[:1], num_frames, axis=0), self.features)),
+            TokenRun(self.run.first + num_frames, self.run.tokens, self.run.patch),
+            self.motion_from + num_frames,
         )
 
     def trimmed(self, frame: int) -> Timeline:
         """Drop the frames below `frame`, and their memory."""
         drop = max(0, frame - self.first)
-        return Timeline(self.first + drop, self.rows[drop:].copy(), self.features[drop:].copy())
+        return Timeline(
+            self.first + drop,
+            self.rows[drop:].copy(),
+            self.features[drop:].copy(),
+            self.run.trimmed(frame),
+            self.motion_from,
+        )
 
     def rows_between(self, begin: int, end: int) -> Float32Array:
         return self.rows[begin - self.first : end - self.first]
@@ -52,57 +129,6 @@ class Timeline:
         stop = frame - self.first
         return self.features[stop - num_frames : stop]
 
-
-@dataclass(slots=True)
-class PlaybackClock:
-    """The client's playhead between its reports.
-
-    Until the first report the client stands at frame 0, not yet playing. From then on the playhead moves at fps from
-    the newest report, up to what was sent and no further, unless paused. `reported` is the newest report: the credit is
-    counted from it, not from the estimate, so that a silent client gets a lookahead of frames and no more.
-    """
-
-    fps: int
-    state: PlayState = PlayState.PLAYING
-    started: bool = False
-    reported: int = 0
-    anchor_frame: float = 0.0
-    anchor_at: float = 0.0
-
-    @property
-    def running(self) -> bool:
-        return self.started and self.state is PlayState.PLAYING
-
-    def unheld(self, now: float) -> float:
-        """Where the playhead would be had no frame ever been missing."""
-        if not self.running:
-            return self.anchor_frame
-        return self.anchor_frame + max(0.0, now - self.anchor_at) * self.fps
-
-    def estimate(self, now: float, sent_to: int) -> float:
-        """The frame shown now, fractional; at most sent_to, where the client waits for more."""
-        return min(self.unheld(now), float(sent_to))
-
-    def reaches_at(self, frame: float) -> float:
-        """When the playhead reaches a frame; infinity if it stands."""
-        return self.anchor_at + (frame - self.anchor_frame) / self.fps if self.running else math.inf
-
-    def report(self, frame: int, at: float, sent_to: int) -> None:
-        """Take a report. A frame beyond what was sent is taken as sent_to; one below an earlier report is ignored."""
-        if frame < self.reported:
-            return
-        self.reported = min(frame, sent_to)
-        self.anchor_frame = float(self.reported)
-        self.anchor_at = at
-        self.started = True
-
-    def set_state(self, state: PlayState, at: float, sent_to: int) -> None:
-        self.anchor_frame = self.estimate(at, sent_to)
-        self.anchor_at = at
-        self.state = state
-
-    def resume_from(self, sent_to: int, now: float) -> None:
-        """Before more is sent: a client that had run out plays on from where it waited, not from where it would be."""
-        if self.unheld(now) > sent_to:
-            self.anchor_frame = float(sent_to)
-            self.anchor_at = now
+    def tokens_before(self, frame: int, num_frames: int) -> Float32Array | None:
+        """The tokens of the same frames; None where whole tokens do not cover them exactly, or there are none."""
+        return self.run.before(frame, num_frames) if num_frames else None

@@ -1,8 +1,8 @@
 """A runner and a clock for tests: deterministic numpy, virtual time, no torch.
 
-Every row of a fake window tells what it was made from, so that a test can read a client's frames:
-column FRAME holds the frame's number, PLAN the plan's, PROMPT the first entry of the prompt's embedding (-1 for none),
-CONSTRAINTS how many constraints the window saw, SEED the seed.
+Every row of a fake window tells what it was made from, so that a test can read a client's frames. Its root walks along
+x, SPEED metres a second, or as `moves` has it. Column FRAME holds the frame's number, PLAN the plan's, PROMPT the first
+entry of the prompt's embedding (-1 for none), CONSTRAINTS how many constraints the window saw, SEED the seed.
 """
 
 from __future__ import annotations
@@ -21,9 +21,11 @@ from server.engine.types import (
     WindowResult,
 )
 
-FRAME, PLAN, PROMPT, CONSTRAINTS, SEED = range(5)
-ROW_WIDTH = 6
+FRAME, PLAN, PROMPT, CONSTRAINTS, SEED = range(7, 12)
+ROW_WIDTH = 12
 FEATURE_DIM = 3
+TOKEN_WIDTH = 2
+SPEED = 0.5
 
 FACTS = ModelFacts(
     model_id="fake",
@@ -32,7 +34,11 @@ FACTS = ModelFacts(
         joint_names=("root",),
         parents=(-1,),
         neutral_offsets=np.zeros((1, 3), np.float32),
-        blocks=(ChannelBlock("root_translation_m", 3), ChannelBlock("rest", 3)),
+        blocks=(
+            ChannelBlock("root_translation_m", 3),
+            ChannelBlock("joint_rotation_quat_wxyz", 4),
+            ChannelBlock("rest", 5),
+        ),
     ),
     fps=20,
     horizon=40,
@@ -43,6 +49,7 @@ FACTS = ModelFacts(
     max_steps=10,
     default_steps=4,
     embedding_dim=2,
+    token_width=TOKEN_WIDTH,
 )
 
 
@@ -71,7 +78,8 @@ class FakeRunner:
 
     step_s: virtual seconds of a denoising step by rows. fails: called with "prepare", "denoise" or "decode" and the job
     ids; where it says True the call raises. poisoned: whether a job's row turns to NaN in its first step;
-    poisoned_result: whether its frames hold NaN.
+    poisoned_result: whether its frames hold NaN. moves: changes the frames of a window in place. holds, rights: whether
+    sessions may hold a pose, so that histories lag behind frames, or may be started anew.
     """
 
     clock: FakeClock = field(default_factory=FakeClock)
@@ -88,6 +96,9 @@ class FakeRunner:
     decoded: list[int] = field(default_factory=list)
     breaches: list[str] = field(default_factory=list)
     passes: Callable[[WindowJob], int] = lambda job: 1
+    moves: Callable[[WindowJob, np.ndarray], None] = lambda job, frames: None
+    holds: bool = False
+    rights: bool = False
 
     def num_passes(self, job: WindowJob) -> int:
         return self.passes(job)
@@ -134,24 +145,36 @@ class FakeRunner:
         horizon = self.facts.horizon
         frames = np.zeros((horizon, ROW_WIDTH), np.float32)
         frames[:, FRAME] = np.arange(job.first_frame, job.first_frame + horizon)
+        frames[:, 0] = frames[:, FRAME] * (SPEED / self.facts.fps)
+        frames[:, 1:4] = (1.0, 0.0, 1.0)  # a metre above the ground, upright, facing +Z
         frames[:, PLAN] = job.plan
         frames[:, PROMPT] = -1 if job.embedding is None else job.embedding[0]
         frames[:, CONSTRAINTS] = len(job.constraints)
         frames[:, SEED] = job.seed
         if self.poisoned_result(job):
             frames[-1] = np.nan
-        features = np.repeat(frames[:, :1], FEATURE_DIM, axis=1)
-        return WindowResult(job.job_id, frames, features)
+        features = np.repeat(frames[:, FRAME : FRAME + 1], FEATURE_DIM, axis=1)
+        self.moves(job, frames)
+        return WindowResult(job.job_id, frames, features, features[:: self.facts.patch, :TOKEN_WIDTH].copy())
 
     def _check_job(self, job: WindowJob) -> None:
         """The history must be the frames just before the window, and long enough to be one."""
         length = len(job.history)
         self._expect(length % self.facts.patch == 0, f"history of {length} frames")
         self._expect(length <= self.facts.max_history, f"history of {length} frames")
-        self._expect((length == 0) == (job.first_frame == 0), f"window at {job.first_frame} with {length} of history")
-        self._expect((job.start_pose is None) == (job.first_frame > 0), "start pose but in the first window")
-        expected = np.arange(job.first_frame - length, job.first_frame)
-        self._expect(bool((job.history[:, 0] == expected).all()), f"history before {job.first_frame} is not contiguous")
+        self._expect((length == 0) == (job.start_pose is not None), "a start pose beside a history, or neither")
+        self._expect(length > 0 or job.first_frame == 0 or self.rights, f"no history at {job.first_frame}")
+        if length:
+            last = int(job.history[-1, 0])
+            self._expect(
+                last == job.first_frame - 1 or self.holds, f"the history before {job.first_frame} ends at {last}"
+            )
+            expected = np.arange(last + 1 - length, last + 1)
+            contiguous = bool((job.history[:, 0] == expected).all())
+            self._expect(contiguous, f"history before {job.first_frame} is not contiguous")
+        if job.history_tokens is not None:
+            same = np.array_equal(job.history_tokens[:, 0], job.history[:: self.facts.patch, 0])
+            self._expect(same, f"the tokens before {job.first_frame} are not those of the history")
 
     def _raise_if_told(self, call: str, job_ids: Sequence[int]) -> None:
         if self.fails(call, job_ids):

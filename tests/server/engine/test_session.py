@@ -116,7 +116,7 @@ def test_old_frames_and_passed_conditions_are_let_go() -> None:
         assert len(state.timeline.rows) <= 160
         assert len(state.conditions.constraints) < 10
         assert len(state.conditions.prompts) < 10
-        assert len(state.unseen) < 10
+        assert len(state.edits.unseen) < 10
 
 
 # ---- edits -----------------------------------------------------------------------------------------------------------

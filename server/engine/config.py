@@ -27,6 +27,9 @@ class EngineConfig:
     time. max_lean_rad: how far a character may lean on average over a window; root heights in metres, and
     max_coordinate_m from the origin, beyond which it is lost.
     initial_step_s: the cost of a denoising step before one has been measured.
+    admit_load: the share of the machine up to which sessions of each class are let in; retry_after_s: the least time
+    after which one that was refused should ask again. degrade: whether sessions get less than they asked for where the
+    machine cannot keep up.
     """
 
     max_sessions: int = 256
@@ -56,6 +59,9 @@ class EngineConfig:
     max_root_height_m: float = 4.0
     max_coordinate_m: float = 10_000.0
     initial_step_s: float = 0.02
+    admit_load: tuple[float, float, float, float] = (0.95, 0.9, 0.85, 0.7)
+    retry_after_s: float = 2.0
+    degrade: bool = True
 
     def __post_init__(self) -> None:
         for name in ("max_sessions", "max_rows", "max_pending_events", "max_prompts", "max_constraints"):
@@ -64,12 +70,14 @@ class EngineConfig:
             self._check(name, 1)
         for name in ("history_crop", "continue_jitter", "max_restarts", "rtt_s", "flush_s", "margin_s"):
             self._check(name, 0)
-        for name in ("open_target_s", "idle_timeout_s", "initial_step_s", "max_lean_rad", "max_coordinate_m"):
+        for name in ("open_target_s", "idle_timeout_s", "initial_step_s", "retry_after_s"):
             self._check(name, 0.001)
-        for name, unit in (("edit_target_s", "seconds"), ("replans_hz", "hertz")):
+        for name in ("max_lean_rad", "max_coordinate_m"):
+            self._check(name, 0.001)
+        for name, unit in (("edit_target_s", "seconds"), ("replans_hz", "hertz"), ("admit_load", "load")):
             values = getattr(self, name)
             if len(values) != len(Priority) or min(values) <= 0:
-                raise ValueError(f"{name} is {values}; give {len(Priority)} positive numbers of {unit}")
+                raise ValueError(f"{name} is {values}; give {len(Priority)} positive numbers ({unit})")
         if not self.min_root_height_m < self.max_root_height_m:
             raise ValueError(
                 f"min_root_height_m is {self.min_root_height_m}; it must be below max_root_height_m, "

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import heapq
 import itertools
 import logging
 import math
 import threading
 from collections import Counter
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+from collections.abc import Iterable
 
-import numpy as np
-
+from server.engine.admission import Admission
 from server.engine.config import EngineConfig
-from server.engine.costs import CostTable, bucket
+from server.engine.costs import CostTable
+from server.engine.ladder import EXPENDABLE
 from server.engine.mailbox import Mailbox, refuse_pending
 from server.engine.ports import Clock, Deliver, Inbox, Observe, Runner, SchedulingPolicy
+from server.engine.pressure import Pressure
 from server.engine.report import StepReport
-from server.engine.scheduler import ScheduledJob, Scheduler
+from server.engine.rounds import Rounds
+from server.engine.scheduler import Scheduler
 from server.engine.session import SessionState
 from server.engine.types import (
     Close,
@@ -28,15 +28,21 @@ from server.engine.types import (
     Open,
     Outcome,
     Output,
+    PlanCause,
     Playhead,
+    PlayState,
+    Priority,
     SessionKey,
-    WindowJob,
-    WindowResult,
+    SetPlayState,
 )
+from server.engine.wakes import Wakes
 
 _log = logging.getLogger(__name__)
-_Item = TypeVar("_Item")
-_Answer = TypeVar("_Answer")
+
+# The longest sleep: it keeps the heartbeat fresh.
+_IDLE_TICK_S = 0.5
+# Of the sessions that may be shed, so many are, each time that the last rung of the ladder did not help.
+_SHED_SHARE = 0.05
 
 # The longest sleep: it keeps the heartbeat fresh. The sweep looks for sessions that have gone silent.
 _IDLE_TICK_S = 0.5
@@ -65,7 +71,7 @@ class Engine:
         Raises ValueError where the configuration does not fit the runner's model.
         """
         config.check_against(runner.facts)
-        self._runner = runner
+        now = clock.now()
         self._facts = runner.facts
         self._clock = clock
         self._deliver = deliver
@@ -75,21 +81,26 @@ class Engine:
         self._scheduler: SchedulingPolicy = scheduler or Scheduler(
             CostTable.assumed(config.initial_step_s), config.max_rows
         )
+        self._rounds = Rounds(runner, self._scheduler, clock, config.max_rows, self._fail)
+        self._admission = Admission(runner.facts, config)
+        self._pressure = Pressure(runner.facts, self._admission, now, config.degrade)
         self._sessions: dict[SessionKey, SessionState] = {}
+        self._present: Counter[Priority] = Counter()
+        self._counts: Counter[tuple[Priority, PlayState]] = Counter()
+        self._recounted = True
         self._owners: dict[int, SessionState] = {}
         self._job_ids = itertools.count(1)
         self._ordinals = itertools.count()
         self._touched: dict[SessionKey, SessionState] = {}
-        self._wakes: list[tuple[float, int, SessionState]] = []
-        self._wake_order = itertools.count()
-        self._next_sweep_at = clock.now() + _SWEEP_EVERY_S
+        self._wakes = Wakes()
+        self._silences = Wakes()
         self._outbox: list[Output] = []
         self._report = StepReport()
-        self._heartbeat_at = clock.now()
-        self._draining = False
+        self._heartbeat_at = now
         self._stopping = False
         self._failure: BaseException | None = None
         self._thread: threading.Thread | None = None
+        self._measure(now)
 
     # ---- from any thread --------------------------------------------------------------------------------------------
 
@@ -113,18 +124,27 @@ class Engine:
         self._thread.start()
 
     def submit(self, event: Event) -> Outcome | None:
-        """Hand in an event. The answer comes through `deliver`; only a refusal at the door is returned."""
+        """Hand in an event. The answer comes through `deliver`; only a refusal at the door is returned, at once."""
+        if isinstance(event, Open):
+            refusal = self._admission.reserve(event.spec, event.event_seq)
+            if refusal is not None:
+                return refusal
+        elif isinstance(event, Close):
+            self._admission.release(event.session)  # its place can be taken at once
         if self._mailbox.put(event):
             return None
+        if isinstance(event, Open):
+            self._admission.release(event.session, event.spec)
         return refuse_pending(event, self._config.max_pending_events)
 
     def drain(self) -> None:
         """Take no new sessions; those that are open are served on."""
-        self._draining = True
+        self._admission.close()
 
     def stop(self) -> None:
         """Start no new windows, finish those that run, close every session as DRAINED, and end the loop."""
-        self._draining = self._stopping = True
+        self._admission.close()
+        self._stopping = True
         self._mailbox.ring()
 
     def join(self, timeout_s: float | None = None) -> bool:
@@ -139,7 +159,7 @@ class Engine:
     def run(self) -> None:
         """Go round until stopped. An error of the engine itself closes every session; `failure` then holds it."""
         try:
-            while not self._stopping or len(self._scheduler):
+            while not self._stopping or len(self._rounds):
                 report = self.step()
                 if self._observe is not None:
                     self._observe(report)
@@ -150,29 +170,41 @@ class Engine:
         except Exception as error:
             _log.exception("the engine's loop failed")
             self._failure = error
+            self._admission.close()
             self._close_all(CloseReason.ENGINE_FAULT, Code.INTERNAL, "the server's engine failed; open a new session")
 
     def step(self) -> StepReport:
         """One round: events in, one denoising step for the most urgent rows, finished windows out."""
-        self._report = StepReport()
-        self._heartbeat_at = self._clock.now()
+        self._report = report = StepReport()
+        self._heartbeat_at = now = self._clock.now()
         self._take_events()
-        self._wake_sessions()
+        self._wake_sessions(now)
         self._attend_touched()
-        self._denoise(self._scheduler.schedule(self._clock.now()))
+        statuses, finished = self._rounds.step(report)
+        for status in statuses:
+            self._owners[status.job_id].advance(status.steps_done)
+        if finished:
+            self._take_in(finished)
         self._attend_touched()
-        if self._report.opens or self._report.closes:
-            self._count_sessions()
-        return self._report
+        now = self._clock.now()
+        if now >= self._pressure.due_at:
+            self._measure(now)
+            self._flush()
+        report.opens += self._admission.take_refused().elements()
+        if self._recounted:
+            self._recounted = False
+            report.sessions = +self._counts
+        return report
 
     def idle_s(self) -> float:
         """How long the loop may sleep if nothing comes in."""
-        wake_at = min(self._next_sweep_at, self._scheduler.wake_at(), self._wakes[0][0] if self._wakes else math.inf)
+        wake_at = min(self._wakes.next_at(), self._silences.next_at(), self._scheduler.wake_at())
         return min(_IDLE_TICK_S, max(0.0, wake_at - self._clock.now()))
 
     # ---- events and sessions ----------------------------------------------------------------------------------------
 
     def _take_events(self) -> None:
+        now = self._clock.now()
         for event in self._mailbox.take_all():
             state = self._sessions.get(event.session)
             if isinstance(event, Open):
@@ -183,35 +215,46 @@ class Engine:
                 self._close(state, event.reason, Code.OK, "")
             else:
                 job = state.running.job if state.running else None
-                self._outbox += state.apply(event, self._clock.now(), self._report)
+                if isinstance(event, SetPlayState):
+                    self._recount(state, -1)
+                    self._outbox += state.apply(event, now, self._report)
+                    self._recount(state, 1)
+                else:
+                    self._outbox += state.apply(event, now, self._report)
                 if job is not None and state.running is None:
                     self._discard(job.job_id)
-                self._touch(state)
+                self._touched[state.key] = state
 
     def _open(self, event: Open, held: SessionState | None) -> None:
-        refusal: tuple[Code, str, str, str] | None = None
         if held is not None:
             message = "a session with this handle is open on this stream; choose another handle"
-            refusal = (Code.ALREADY_EXISTS, "HANDLE_IN_USE", message, "a handle that is not in use")
-        elif self._draining:
-            refusal = (Code.UNAVAILABLE, "DRAINING", "the server is going away; open the session elsewhere", "")
-        elif len(self._sessions) >= self._config.max_sessions:
-            limit = f"at most {self._config.max_sessions} sessions at once"
-            refusal = (Code.RESOURCE_EXHAUSTED, "SESSION_LIMIT", "the server is full; try again later", limit)
-        if refusal is not None:
-            code, reason, message, allowed = refusal
             self._outbox.append(
-                Outcome(event.session, event.event_seq, code, None, reason, message, "session", allowed)
+                Outcome(
+                    event.session,
+                    event.event_seq,
+                    Code.ALREADY_EXISTS,
+                    None,
+                    "HANDLE_IN_USE",
+                    message,
+                    "session",
+                    "a handle that is not in use",
+                )
             )
-            self._report.opens.append(code)
+            self._report.opens.append(Code.ALREADY_EXISTS)
             return
-        state = SessionState.opened(
-            event.spec, event.received_at, next(self._ordinals), self._facts, self._config, self._clock.now()
-        )
-        self._sessions[state.key] = state
+        refusal = self._admission.reserve(event.spec, event.event_seq)
+        if refusal is not None:
+            self._outbox.append(refusal)
+            return
+        now = self._clock.now()
+        state = SessionState.opened(event.spec, event.received_at, next(self._ordinals), self._facts, self._config, now)
+        self._sessions[state.key] = self._touched[state.key] = state
+        self._present[state.spec.priority] += 1
+        self._recount(state, 1)
+        self._silences.ask(state.key, now + self._config.idle_timeout_s)
         self._outbox.append(state.greeting())
+        self._outbox += state.set_tier(self._pressure.rung(state.spec.priority))
         self._report.opens.append(Code.OK)
-        self._touch(state)
 
     def _refuse_unopened(self, event: Event) -> None:
         if not isinstance(event, Playhead):
@@ -225,30 +268,33 @@ class Engine:
             self._discard(state.running.job.job_id)
         self._outbox += state.close(reason, code, message)
         self._report.closes.append(reason)
+        self._present[state.spec.priority] -= 1
+        self._recount(state, -1)
         del self._sessions[state.key]
         self._touched.pop(state.key, None)
+        self._wakes.forget(state.key)
+        self._silences.forget(state.key)
+        self._admission.release(state.key, state.spec)
 
     def _close_all(self, reason: CloseReason, code: Code, message: str) -> None:
         for state in list(self._sessions.values()):
             self._close(state, reason, code, message)
         self._flush()
 
-    def _touch(self, state: SessionState) -> None:
-        self._touched[state.key] = state
+    def _recount(self, state: SessionState, change: int) -> None:
+        self._counts[(state.spec.priority, state.clock.state)] += change
+        self._recounted = True
 
-    def _wake_sessions(self) -> None:
-        now = self._clock.now()
-        while self._wakes and self._wakes[0][0] <= now:
-            _, _, state = heapq.heappop(self._wakes)
-            if self._sessions.get(state.key) is state:
-                self._touch(state)
-        if now >= self._next_sweep_at:
-            self._next_sweep_at = now + _SWEEP_EVERY_S
-            limit = self._config.idle_timeout_s
-            for state in [held for held in self._sessions.values() if now - held.last_playhead_at > limit]:
+    def _wake_sessions(self, now: float) -> None:
+        for key in self._wakes.due(now):
+            self._touched[key] = self._sessions[key]
+        for key in self._silences.due(now):
+            state, limit = self._sessions[key], self._config.idle_timeout_s
+            if now - state.last_playhead_at >= limit:
                 message = f"no Playhead for {limit:g} s; report the playhead at least that often"
                 self._close(state, CloseReason.IDLE, Code.OK, message)
-            self._count_sessions()
+            else:
+                self._silences.ask(key, state.last_playhead_at + limit)
 
     def _attend_touched(self) -> None:
         """Send what the touched sessions may send, start the windows that are due, and deliver."""
@@ -267,14 +313,9 @@ class Engine:
             )
             job = state.next_window(now, predicted_s, next(self._job_ids))
             self._owners[job.job_id] = state
-            self._scheduler.add(job, self._runner.num_passes(job))
-            return
-        wake_at = state.wake_at()
-        if wake_at < math.inf:
-            heapq.heappush(self._wakes, (wake_at, next(self._wake_order), state))
-
-    def _count_sessions(self) -> None:
-        self._report.sessions = Counter((held.spec.priority, held.clock.state) for held in self._sessions.values())
+            self._rounds.add(job)
+        else:
+            self._wakes.ask(state.key, state.wake_at())
 
     def _flush(self) -> None:
         outputs, self._outbox = self._outbox, []
@@ -283,100 +324,57 @@ class Engine:
 
     # ---- windows ----------------------------------------------------------------------------------------------------
 
-    def _denoise(self, batch: Sequence[ScheduledJob]) -> None:
-        """Advance the batch by one step and take in the windows that this finishes."""
-        if not batch:
-            return
-        begun_at = self._clock.now()
-        num_new = sum(not held.prepared for held in batch)
-        rows = self._prepare(batch, begun_at)
-        prepared_at = self._clock.now()
-        evaluations = sum(held.passes for held in batch)
-        statuses = self._call(self._runner.denoise, rows, rows)
-        for status in statuses:
-            if status.finite:
-                self._owners[status.job_id].advance(status.steps_done)
-            else:
-                self._fail_row(status.job_id)
-        finished = self._scheduler.commit(status for status in statuses if status.finite)
-        stepped_at = self._clock.now()
-        self._decode(finished)
-        ended_at = self._clock.now()
-        costs = self._scheduler.costs
-        if num_new:
-            costs.prepare.observe(num_new, prepared_at - begun_at)
-        if finished:
-            costs.decode.observe(len(finished), ended_at - stepped_at)
-        costs.step.observe(evaluations, stepped_at - prepared_at)
-        self._report.rows = len(batch)
-        self._report.bucket = bucket(evaluations)
-        self._report.prepare_seconds = prepared_at - begun_at
-        self._report.step_seconds = stepped_at - prepared_at
-        self._report.decode_seconds = ended_at - stepped_at
-
-    def _prepare(self, batch: Sequence[ScheduledJob], now: float) -> list[int]:
-        """Give the runner the jobs it does not hold yet; returns the ids of the batch without those that failed."""
-        new = [held.job for held in batch if not held.prepared]
-        if new:
-            self._report.queue_waits += [now - job.created_at for job in new]
-            self._scheduler.mark_prepared(self._call(self._prepared_by_runner, new, [job.job_id for job in new]))
-        return [held.job.job_id for held in batch if held.prepared]
-
-    def _prepared_by_runner(self, jobs: Sequence[WindowJob]) -> list[int]:
-        self._runner.prepare(jobs)
-        return [job.job_id for job in jobs]
-
-    def _decode(self, finished: Sequence[int]) -> None:
-        results = self._call(self._runner.decode, finished, finished)
-        if results:
-            # What came during the step counts for whether a window is too late: a client may have begun to play.
-            self._take_events()
+    def _take_in(self, finished: Iterable[int]) -> None:
+        """Decode the windows that are done and give them to their sessions."""
+        results = self._rounds.decode(list(finished), self._report)
+        # What came during the step counts for whether a window is too late: a client may have begun to play.
+        self._take_events()
         now = self._clock.now()
+        due = late = 0
         for result in results:
-            if result.job_id not in self._owners:
-                continue
-            if np.isfinite(result.frames).all() and np.isfinite(result.features).all():
-                self._accept(result, now)
-            else:
-                self._fail_row(result.job_id)
-
-    def _accept(self, result: WindowResult, now: float) -> None:
-        state = self._owners.pop(result.job_id)
-        self._scheduler.remove(result.job_id)
-        self._outbox += state.accept(result, now, self._report)
-        self._touch(state)
-
-    def _call(
-        self, call: Callable[[Sequence[_Item]], list[_Answer]], items: Sequence[_Item], job_ids: Sequence[int]
-    ) -> list[_Answer]:
-        """Call the runner for all items at once; if it raises, once more for each alone, and fail those that raise."""
-        if not items:
-            return []
-        try:
-            return call(items)
-        except Exception:
-            self._report.runner_faults += 1
-            _log.exception("the runner failed for %d rows; trying each alone", len(items))
-        answers: list[_Answer] = []
-        for item, job_id in zip(items, job_ids, strict=True):
-            try:
-                answers += call([item])
-            except Exception:
-                self._report.runner_faults += 1
-                _log.exception("the runner failed for session %s", self._owners[job_id].key)
-                self._fail(job_id, "the model failed for this session's window; open a new session")
-        return answers
-
-    def _fail_row(self, job_id: int) -> None:
-        self._report.nan_rows += 1
-        self._fail(job_id, "the model made numbers that are not finite for this session; open a new session")
+            state = self._owners.pop(result.job_id, None)
+            if state is None:
+                continue  # closed or restarted meanwhile, and discarded
+            self._rounds.finish(result.job_id)
+            job = state.running.job if state.running else None
+            misses = len(self._report.deadline_misses)
+            self._outbox += state.accept(result, now, self._report)
+            self._touched[state.key] = state
+            # Only who goes on shows whether the machine keeps up: edits may ask for more than it could ever do.
+            if job is not None and job.cause is PlanCause.CONTINUE and job.first_frame:
+                due += 1
+                late += len(self._report.deadline_misses) - misses
+        self._pressure.note_windows(now, due, late)
 
     def _fail(self, job_id: int, message: str) -> None:
         self._close(self._owners[job_id], CloseReason.ENGINE_FAULT, Code.INTERNAL, message)
 
     def _discard(self, job_id: int) -> None:
-        """Forget a job that runs, here and in the runner; its result can reach nobody any more."""
+        """Forget a job that runs; its result can reach nobody any more."""
         del self._owners[job_id]
-        self._scheduler.remove(job_id)
-        # Also where `prepare` has not succeeded: it may have got half way, and an unknown id is no error.
-        self._runner.discard([job_id])
+        self._rounds.discard(job_id)
+
+    # ---- load -------------------------------------------------------------------------------------------------------
+
+    def _measure(self, now: float) -> None:
+        """Take stock of the load; where the machine cannot keep up, or can again, sessions get less, or more."""
+        moved = self._pressure.measure(now, self._rounds.work_s, self._rounds.prices(), self._present)
+        for priority in moved:
+            rung = self._pressure.rung(priority)
+            _log.warning("sessions of class %s are served at tier %s", priority.name, rung.tier.name)
+            for state in self._sessions.values():
+                if state.spec.priority is priority:
+                    self._outbox += state.set_tier(rung)
+                    self._touched[state.key] = state
+        if self._pressure.shed:
+            self._shed()
+        self._report.load = self._pressure.load
+        self._report.tiers = {priority: self._pressure.rung(priority).tier for priority in Priority}
+
+    def _shed(self) -> None:
+        """Close some of the least urgent sessions, the newest first."""
+        lowest = max(priority for priority in EXPENDABLE if self._present[priority])
+        of_class = [state for state in reversed(self._sessions.values()) if state.spec.priority is lowest]
+        message = "the server cannot keep up with all its sessions; open this one again later, or elsewhere"
+        for state in of_class[: math.ceil(_SHED_SHARE * len(of_class))]:
+            self._close(state, CloseReason.OVERLOAD, Code.RESOURCE_EXHAUSTED, message)

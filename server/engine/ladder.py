@@ -16,7 +16,7 @@ from server.engine.types import ModelFacts, Priority, ServiceTier
 # How many rungs the classes below are ahead of a class: heroes give up their first rung last.
 _HEAD_START = {Priority.BATCH: 0, Priority.CROWD: 0, Priority.NEAR: 2, Priority.HERO: 4}
 # Only these may be made to stand still, and may be closed after that.
-_EXPENDABLE = (Priority.BATCH, Priority.CROWD)
+EXPENDABLE = (Priority.BATCH, Priority.CROWD)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ class Ladder:
                 (priority, level)
                 for priority in Priority
                 for level in range(1, len(rungs))
-                if priority in _EXPENDABLE or not rungs[level].hold
+                if priority in EXPENDABLE or not rungs[level].hold
             ),
             key=lambda move: (move[1] + _HEAD_START[move[0]], -move[0]),
         )
@@ -143,7 +143,7 @@ class Ladder:
             if present.get(priority, 0):
                 self._made = index + 1
                 return (priority,)
-        self.shed = any(present.get(priority, 0) for priority in _EXPENDABLE)
+        self.shed = any(present.get(priority, 0) for priority in EXPENDABLE)
         return ()
 
     def _up(self, present: Mapping[Priority, int]) -> Iterable[Priority]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from server.engine.types import CloseReason, Code, PlanCause, PlayState, Priority
+from server.engine.types import CloseReason, Code, PlanCause, PlayState, Priority, ServiceTier
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +23,10 @@ class StepReport:
 
     rows: rows in the denoising step, 0 when there was none; bucket: the size it counts as in the cost table.
     windows: those accepted. slacks: seconds of frames that a client held when it reported its playhead.
+    client_underruns: how many a client has newly reported. memory_splits: calls made smaller for want of memory.
     soft_resets: windows that righted a character. frames_held: frames that repeat a pose for want of a window.
-    client_underruns: how many a client has newly reported. sessions: how many there are, where they were counted.
+    Where they were taken: sessions, how many there are; load, the share of the machine in use; tiers, what each class
+    gets.
     """
 
     rows: int = 0
@@ -43,6 +45,7 @@ class StepReport:
     windows_restarted: int = 0
     nan_rows: int = 0
     runner_faults: int = 0
+    memory_splits: int = 0
     soft_resets: int = 0
     frames_held: int = 0
     client_underruns: list[tuple[Priority, int]] = field(default_factory=list)
@@ -50,3 +53,5 @@ class StepReport:
     opens: list[Code] = field(default_factory=list)
     closes: list[CloseReason] = field(default_factory=list)
     sessions: Mapping[tuple[Priority, PlayState], int] | None = None
+    load: float | None = None
+    tiers: Mapping[Priority, ServiceTier] | None = None

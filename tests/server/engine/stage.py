@@ -84,7 +84,7 @@ class Stage:
         self.viewers[key] = viewer
         self._next_report_at[key] = 0.0
         seq = next(self._seqs)
-        self._carry(lambda now: self.engine.submit(Open(session, seq, now)))
+        self._carry(lambda now: self._submit(viewer, Open(session, seq, now)))
         return viewer
 
     def set_prompts(self, viewer: Viewer, *upsert: Prompt, remove: tuple[int, ...] = ()) -> int:
@@ -117,7 +117,7 @@ class Stage:
         self._carry(lambda now: self._submit(viewer, event(seq, now)))
         return seq
 
-    def _submit(self, viewer: Viewer, event: SetPrompts | SetConstraints | SetPlayState) -> None:
+    def _submit(self, viewer: Viewer, event: Open | SetPrompts | SetConstraints | SetPlayState) -> None:
         refused = self.engine.submit(event)
         if refused is not None:
             viewer.take(refused, self.clock.now())

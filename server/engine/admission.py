@@ -1,0 +1,132 @@
+"""Admission: who may come in, by what sessions ask of the machine and what it has been measured to do.
+
+A session asks for windows at the rate at which its client plays them; what edits ask for besides shows in the measured
+load. Whichever of the two is greater counts. Threads: `reserve` and `release` from any, the rest from the engine's.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from dataclasses import dataclass
+
+from server.engine.config import EngineConfig
+from server.engine.types import Code, ModelFacts, Outcome, SessionKey, SessionSpec
+
+# Those who are sent away together should not come back together: the hints are spread over as much again.
+_GOLDEN_RATIO = 0.618033988749895
+
+
+@dataclass(frozen=True, slots=True)
+class Prices:
+    """Seconds of the machine when its steps are full: of one evaluation of the denoiser, and of a window besides."""
+
+    evaluation_s: float = 0.0
+    window_s: float = 0.0
+
+
+class Admission:
+    """Holds a place for every session from `reserve` to `release`."""
+
+    def __init__(self, facts: ModelFacts, config: EngineConfig) -> None:
+        self._config = config
+        self._passes = facts.guidance_passes
+        self._windows_a_second = facts.fps / facts.horizon
+        self._prices = Prices()
+        self._measured = 0.0
+        self._lock = threading.Lock()
+        self._places: dict[SessionKey, SessionSpec] = {}
+        self._evaluations = 0
+        self._refusals = 0
+        self._refused: Counter[Code] = Counter()
+        self._closed_for_good = False
+
+    def close(self) -> None:
+        """Let nobody in any more."""
+        self._closed_for_good = True
+
+    def set_prices(self, prices: Prices, measured: float) -> None:
+        """What the machine costs by now, and the share of it that was in use of late."""
+        self._prices, self._measured = prices, measured
+
+    @property
+    def asked(self) -> float:
+        """The share of the machine that the sessions ask for, edits left out."""
+        return self._share(self._evaluations, len(self._places))
+
+    @property
+    def load(self) -> float:
+        """The share of the machine that is spoken for."""
+        return max(self.asked, self._measured)
+
+    def _share(self, evaluations: int, sessions: int) -> float:
+        prices = self._prices
+        return self._windows_a_second * (evaluations * prices.evaluation_s + sessions * prices.window_s)
+
+    def reserve(self, spec: SessionSpec, event_seq: int) -> Outcome | None:
+        """Hold a place for a session, if it has none yet. A refusal where there is no place for it."""
+        with self._lock:
+            if spec.session in self._places:
+                return None
+            refusal = self._refusal(spec, event_seq)
+            if refusal is None:
+                self._places[spec.session] = spec
+                self._evaluations += self._evaluations_of(spec)
+            else:
+                self._refused[refusal.code] += 1
+            return refusal
+
+    def release(self, session: SessionKey, spec: SessionSpec | None = None) -> None:
+        """Give up a session's place. spec: only if the place is this one's, not that of a later one of the same key."""
+        with self._lock:
+            held = self._places.get(session)
+            if held is not None and (spec is None or held is spec):
+                del self._places[session]
+                self._evaluations -= self._evaluations_of(held)
+
+    def _evaluations_of(self, spec: SessionSpec) -> int:
+        """Of one window, at the most."""
+        return spec.denoise_steps * self._passes
+
+    def take_refused(self) -> Counter[Code]:
+        """How many were refused since this was last asked, by answer."""
+        if not self._refused:
+            return self._refused
+        with self._lock:
+            refused, self._refused = self._refused, Counter()
+            return refused
+
+    def _refusal(self, spec: SessionSpec, event_seq: int) -> Outcome | None:
+        config = self._config
+        if self._closed_for_good:
+            message = "the server is going away; open the session elsewhere"
+            return Outcome(spec.session, event_seq, Code.UNAVAILABLE, None, "DRAINING", message, "open")
+        if len(self._places) >= config.max_sessions:
+            limit = f"at most {config.max_sessions} sessions at once"
+            return self._full(spec, event_seq, "SESSION_LIMIT", "the server is full; try again later", limit)
+        most = config.admit_load[spec.priority - 1]
+        load = self.load + self._share(self._evaluations_of(spec), 1)
+        if load <= most or not self._places:
+            return None
+        return self._full(
+            spec,
+            event_seq,
+            "OVERLOADED",
+            f"the machine would be {load:.0%} busy with this session; try again later, or ask for fewer steps",
+            f"sessions of class {spec.priority.name} up to a load of {most:.0%}",
+        )
+
+    def _full(self, spec: SessionSpec, event_seq: int, reason: str, message: str, allowed: str) -> Outcome:
+        self._refusals += 1
+        retry_after_s = self._config.retry_after_s * (1.0 + self._refusals * _GOLDEN_RATIO % 1.0)
+        return Outcome(
+            spec.session,
+            event_seq,
+            Code.RESOURCE_EXHAUSTED,
+            None,
+            reason,
+            message,
+            "open",
+            allowed,
+            round(retry_after_s, 2),
+        )

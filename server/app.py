@@ -10,11 +10,9 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 import grpc.aio
-import numpy as np
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
@@ -22,15 +20,14 @@ from motiongen.v1 import service_pb2, service_pb2_grpc
 from server.catalog import Catalog
 from server.config import ServerConfig
 from server.door import Door
-from server.engine.config import EngineConfig
-from server.engine.engine import Engine
-from server.engine.ports import Runner
-from server.engine.types import Guidance, ModelFacts, PlanCause, Priority, SessionKey, StartPose, WindowJob
+from server.engine.types import Guidance, Output
 from server.errors import SettingError
+from server.hosting import Hosted, host_engine
 from server.limits import Limits
+from server.loading import Loaded, load_all
 from server.metrics import Metrics
 from server.ops import OpsServer, ops_app
-from server.prompts import PromptEncoder, TextEncoder
+from server.prompts import PromptEncoder
 from server.service import MotionService
 
 _log = logging.getLogger("server")
@@ -43,51 +40,10 @@ HUNG_S = 30.0
 STOP_GRACE_S = 5.0
 
 
-class MonotonicClock:
-    """The engine's clock."""
-
-    def now(self) -> float:
-        return time.monotonic()
-
-
-@dataclass(frozen=True)
-class Loaded:
-    """What start-up loads: the runner and its CPU threads, the encoder that fits its model, the weights' licence."""
-
-    runner: Runner
-    encoder: TextEncoder
-    licence: str
-    threads: int
-
-
-def load_model(config: ServerConfig) -> Loaded:
-    """Load the configured model with its text encoder. Raises SettingError saying what is wrong with the settings.
-
-    torch is imported here and not above, so that the ports answer while that takes its seconds.
-    """
-    import torch
-
-    from ardy.model_card import model_folder, read_model_card
-    from ardy.text import load_text_encoder
-    from server.runner import load_runner
-
-    if config.device == "cuda" and not torch.cuda.is_available():
-        raise SettingError("device is 'cuda', but torch finds no CUDA device and driver here; use cpu")
-    if config.threads:
-        torch.set_num_threads(config.threads)
-    try:
-        runner = load_runner(config.model, config.device, config.denoise_steps)
-        encoder = load_text_encoder(config.text_encoder, runner.facts.embedding_dim)
-        card = read_model_card(model_folder(config.model))
-    except (ValueError, RuntimeError) as error:
-        raise SettingError(f"cannot serve model {config.model!r}: {error}") from error
-    return Loaded(runner, encoder, card.licence, torch.get_num_threads())
-
-
 class Application:
     """One server process. `start`, then `serve` until a signal, then `drain`."""
 
-    def __init__(self, config: ServerConfig, load: Callable[[ServerConfig], Loaded] = load_model) -> None:
+    def __init__(self, config: ServerConfig, load: Callable[[ServerConfig], Loaded] = load_all) -> None:
         self._config = config
         self._load = load
         self._metrics = Metrics()
@@ -112,16 +68,11 @@ class Application:
 
     async def _open(self) -> None:
         config = self._config
-        loaded = await asyncio.to_thread(self._load, config)
-        facts = loaded.runner.facts
-        check_fit(config, facts)
-        warm_up_s = await asyncio.to_thread(warm_up, loaded.runner)
-        self._prompts = PromptEncoder(loaded.encoder, config.prompt_cache, self._metrics.prompt_seconds.observe)
-        self._engine = make_engine(
-            config, loaded.runner, self._deliver, self._metrics, warm_up_s / config.denoise_steps
-        )
-        catalog = make_catalog(config, facts, loaded)
-        self._service = MotionService(self._engine, self._prompts, catalog, config.flush_ms / 1000)
+        hosted = await asyncio.to_thread(host_engine, config, self._load, self._deliver, self._metrics.observe)
+        facts = hosted.facts
+        self._prompts = PromptEncoder(hosted.encoder, config.prompt_cache, self._metrics.prompt_seconds.observe)
+        self._engine = hosted.engine
+        self._service = MotionService(self._engine, self._prompts, make_catalog(config, hosted), config.flush_ms / 1000)
         self._engine.start()
         self._door.open(self._service)
         self._metrics.heartbeat_age.set_function(self._heartbeat_age_s)
@@ -129,12 +80,12 @@ class Application:
         await self._set_health(health_pb2.HealthCheckResponse.SERVING)
         self._ready = True
         _log.info("serving %s (weights: %s) on port %d, ops on port %d, with %d threads",
-                  facts.model_id, loaded.licence, self.grpc_port, self.ops_port, loaded.threads)  # fmt: skip
+                  facts.model_id, hosted.licence, self.grpc_port, self.ops_port, hosted.threads)  # fmt: skip
         if config.print_ports:
             print(json.dumps({"grpc_port": self.grpc_port, "ops_port": self.ops_port}), flush=True)
 
-    def _deliver(self, outputs: object) -> None:
-        self._service.deliver(outputs)  # type: ignore[arg-type]
+    def _deliver(self, outputs: Sequence[Output]) -> None:
+        self._service.deliver(outputs)
 
     async def _start_ops(self) -> None:
         app = ops_app(self._metrics.registry, self._is_alive, self._is_ready)
@@ -244,7 +195,7 @@ def join_address(host: str, port: int) -> str:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
-def make_catalog(config: ServerConfig, facts: ModelFacts, loaded: Loaded) -> Catalog:
+def make_catalog(config: ServerConfig, hosted: Hosted) -> Catalog:
     """The catalog of the configured model and limits."""
     limits = Limits(
         max_sessions_per_stream=config.max_sessions_per_stream,
@@ -256,76 +207,10 @@ def make_catalog(config: ServerConfig, facts: ModelFacts, loaded: Loaded) -> Cat
         stream_events_per_second=config.stream_events_per_second,
     )
     guidance = Guidance(config.text_guidance, config.constraint_guidance)
-    return Catalog(facts, limits, guidance, loaded.licence, loaded.encoder.identity, config.history_frames)
+    return Catalog(hosted.facts, limits, guidance, hosted.licence, hosted.encoder.identity, config.history_frames)
 
 
-def check_fit(config: ServerConfig, facts: ModelFacts) -> None:
-    """Raise SettingError where the settings ask for what the model cannot do."""
-    if not facts.min_steps <= config.denoise_steps <= facts.max_steps:
-        raise SettingError(
-            f"denoise_steps is {config.denoise_steps}; {facts.model_id} takes {facts.min_steps} to {facts.max_steps}"
-        )
-    if config.lookahead_frames < facts.horizon:
-        raise SettingError(
-            f"lookahead_frames is {config.lookahead_frames}; {facts.model_id} needs at least {facts.horizon}"
-        )
-
-
-def make_engine(
-    config: ServerConfig, runner: Runner, deliver: Callable[[object], None], metrics: Metrics, step_s: float
-) -> Engine:
-    """The engine with the configured limits. step_s: what one denoising step cost while warming up."""
-    engine_config = EngineConfig(
-        max_sessions=config.max_sessions,
-        max_rows=config.max_rows,
-        history_crop=config.history_frames,
-        flush_s=config.flush_ms / 1000,
-        idle_timeout_s=config.idle_timeout_s,
-        initial_step_s=max(step_s, 0.001),
-    )
-    try:
-        return Engine(runner, MonotonicClock(), deliver, engine_config, metrics.observe)
-    except ValueError as error:
-        raise SettingError(str(error)) from error
-
-
-def warm_up(runner: Runner) -> float:
-    """Generate one window and throw it away; returns the seconds a second one takes.
-
-    The first run allocates, and it proves that the model gives finite frames before anyone depends on it.
-    """
-    facts = runner.facts
-    seconds = 0.0
-    for job_id in (-1, -2):
-        job = WindowJob(
-            job_id=job_id,
-            session=SessionKey(0, 0),
-            plan=1,
-            first_frame=0,
-            history=np.zeros((0, facts.feature_dim), np.float32),
-            start_pose=StartPose(),
-            embedding=None,
-            constraints=(),
-            seed=0,
-            num_steps=facts.default_steps,
-            guidance=Guidance(1.0, 1.0),
-            deadline=0.0,
-            priority=Priority.BATCH,
-            cause=PlanCause.CONTINUE,
-            created_at=0.0,
-        )
-        started = time.monotonic()
-        runner.prepare([job])
-        for _ in range(job.num_steps):
-            runner.denoise([job_id])
-        (result,) = runner.decode([job_id])
-        seconds = time.monotonic() - started
-        if not np.isfinite(result.frames).all():
-            raise SettingError("the model gives frames that are not finite; its checkpoint is damaged")
-    return seconds
-
-
-async def run(config: ServerConfig, load: Callable[[ServerConfig], Loaded] = load_model) -> int:
+async def run(config: ServerConfig, load: Callable[[ServerConfig], Loaded] = load_all) -> int:
     """Start, serve until SIGTERM or SIGINT, drain. Returns the process's exit code."""
     application = Application(config, load)
     loop = asyncio.get_running_loop()

@@ -32,6 +32,7 @@ class ServerConfig:
     text_encoder: str = setting("static", "static (built in), hashed (knows no meaning; for tests), or a folder")
     device: str = setting("cpu", "device the model runs on", choices=("cpu", "cuda"))
     threads: int = setting(0, "CPU threads of the model; 0 = one for each core", 0, 1024)
+    engine_process: bool = setting(False, "run the engine in a process of its own, started anew when it is lost")
     denoise_steps: int = setting(4, "denoising steps of a window when a session does not say", 2, 1000)
     text_guidance: float = setting(1.5, "weight of the prompt when a session does not say", 0, 10)
     constraint_guidance: float = setting(2.5, "weight of constraints when a session does not say", 0, 10)

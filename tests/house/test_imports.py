@@ -55,9 +55,14 @@ ROOMS = (
     room("server/config.py", "server.engine server.errors"),
     room("server/errors.py", "grpc grpc_status google server.engine.types"),
     room("server/prompts.py", "numpy server.errors"),
-    room("server/app.py server/__main__.py", f"{GRPC} google motiongen {NUMBERS} ardy server"),
+    room("server/app.py server/__main__.py", f"{GRPC} google motiongen server"),
+    room("server/loading.py", f"{NUMBERS} ardy server"),
     room("server/split", "msgpack numpy zmq server", never="asyncio"),
     room("server", "grpc google motiongen numpy server"),
+    room(
+        "client/python/motiongen_client/bench",
+        "google grpc motiongen numpy motiongen_client hdrh matplotlib psutil rich yaml",
+    ),
     room("client/python/motiongen_client", "google grpc motiongen numpy motiongen_client matplotlib rich"),
     room("client/python/examples examples", "numpy matplotlib motiongen_client"),
 )
@@ -144,4 +149,4 @@ def test_importing_the_client_brings_no_torch(repository: Any) -> None:
     )
     roots = {name.partition(".")[0] for name in loaded.stdout.split()}
     assert "grpc" in roots
-    assert not roots & {"torch", "ardy", "server", "matplotlib", "rich"}
+    assert not roots & {"torch", "ardy", "server", "hdrh", "matplotlib", "psutil", "rich", "yaml"}

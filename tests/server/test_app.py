@@ -15,9 +15,10 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
 from motiongen.v1 import service_pb2, service_pb2_grpc
-from server.app import SERVICE_NAME, Application, Loaded, join_address, load_model, warm_up
+from server.app import SERVICE_NAME, Application, Loaded, join_address
 from server.config import ServerConfig
 from server.errors import SettingError
+from server.loading import load_model, warm_up
 from tests.contract.local import LengthEncoder, RealTime
 from tests.contract.talk import Talk
 from tests.server.engine.fakes import FakeRunner

@@ -1,0 +1,49 @@
+"""Where the engine runs: on a thread of this process, or in a process of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from server.config import ServerConfig
+from server.engine.ports import Deliver, Observe
+from server.engine.types import ModelFacts
+from server.engine_port import EnginePort
+from server.errors import SettingError
+from server.loading import Loaded, build_engine, load_encoder
+from server.prompts import TextEncoder
+
+
+@dataclass(frozen=True)
+class Hosted:
+    """An engine that is loaded and warm but not started, and what the service needs to know of its model."""
+
+    engine: EnginePort
+    facts: ModelFacts
+    encoder: TextEncoder
+    licence: str
+    threads: int
+
+
+def host_engine(
+    config: ServerConfig, load: Callable[[ServerConfig], Loaded], deliver: Deliver, observe: Observe
+) -> Hosted:
+    """Load and warm up. load: for an engine in this process. Raises SettingError for settings that cannot be served."""
+    if config.engine_process:
+        return _in_its_own_process(config, deliver, observe)
+    loaded = load(config)
+    engine = build_engine(config, loaded.runner, deliver, observe)
+    return Hosted(engine, loaded.runner.facts, loaded.encoder, loaded.licence, loaded.threads)
+
+
+def _in_its_own_process(config: ServerConfig, deliver: Deliver, observe: Observe) -> Hosted:
+    from server.split.gateway import RemoteEngine  # pyzmq and msgpack are for those who ask for it
+
+    engine = RemoteEngine(config, deliver, observe)
+    ready = engine.load()
+    try:
+        encoder = load_encoder(config, ready.facts)
+    except SettingError:
+        engine.stop()
+        raise
+    return Hosted(engine, ready.facts, encoder, ready.licence, ready.threads)

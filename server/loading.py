@@ -1,0 +1,150 @@
+"""What start-up loads: the model with its runner, the text encoder that fits it, and the engine around them."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from server.config import ServerConfig
+from server.engine.config import EngineConfig
+from server.engine.engine import Engine
+from server.engine.ports import Deliver, Inbox, Observe, Runner
+from server.engine.types import Guidance, ModelFacts, PlanCause, Priority, SessionKey, StartPose, WindowJob
+from server.errors import SettingError
+from server.prompts import TextEncoder
+
+
+class MonotonicClock:
+    """The engine's clock."""
+
+    def now(self) -> float:
+        return time.monotonic()
+
+
+@dataclass(frozen=True)
+class LoadedModel:
+    """The runner, the weights' licence, and the CPU threads that the model uses."""
+
+    runner: Runner
+    licence: str
+    threads: int
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """Everything of a server in one process: the runner, the encoder that fits its model, licence and CPU threads."""
+
+    runner: Runner
+    encoder: TextEncoder
+    licence: str
+    threads: int
+
+
+def load_all(config: ServerConfig) -> Loaded:
+    """The configured model and its text encoder. Raises SettingError saying what is wrong with the settings."""
+    model = load_model(config)
+    encoder = load_encoder(config, model.runner.facts)
+    return Loaded(model.runner, encoder, model.licence, model.threads)
+
+
+def load_model(config: ServerConfig) -> LoadedModel:
+    """The configured model. Raises SettingError saying what is wrong with the settings.
+
+    torch is imported here and not above, so that the ports answer while that takes its seconds, and so that a process
+    without the engine never imports it.
+    """
+    import torch
+
+    from ardy.model_card import model_folder, read_model_card
+    from server.runner import load_runner
+
+    if config.device == "cuda" and not torch.cuda.is_available():
+        raise SettingError("device is 'cuda', but torch finds no CUDA device and driver here; use cpu")
+    if config.threads:
+        torch.set_num_threads(config.threads)
+    try:
+        runner = load_runner(config.model, config.device, config.denoise_steps)
+        card = read_model_card(model_folder(config.model))
+    except (ValueError, RuntimeError) as error:
+        raise SettingError(f"cannot serve model {config.model!r}: {error}") from error
+    return LoadedModel(runner, card.licence, torch.get_num_threads())
+
+
+def load_encoder(config: ServerConfig, facts: ModelFacts) -> TextEncoder:
+    """The configured text encoder. Raises SettingError where there is none or it does not fit the model."""
+    from ardy.text import load_text_encoder
+
+    try:
+        return load_text_encoder(config.text_encoder, facts.embedding_dim)
+    except (ValueError, RuntimeError) as error:
+        raise SettingError(f"cannot serve model {config.model!r}: {error}") from error
+
+
+def check_fit(config: ServerConfig, facts: ModelFacts) -> None:
+    """Raise SettingError where the settings ask for what the model cannot do."""
+    if not facts.min_steps <= config.denoise_steps <= facts.max_steps:
+        raise SettingError(
+            f"denoise_steps is {config.denoise_steps}; {facts.model_id} takes {facts.min_steps} to {facts.max_steps}"
+        )
+    if config.lookahead_frames < facts.horizon:
+        raise SettingError(
+            f"lookahead_frames is {config.lookahead_frames}; {facts.model_id} needs at least {facts.horizon}"
+        )
+
+
+def build_engine(
+    config: ServerConfig, runner: Runner, deliver: Deliver, observe: Observe, inbox: Inbox | None = None
+) -> Engine:
+    """Check that the settings fit, warm up, and make the engine. Raises SettingError where they do not."""
+    check_fit(config, runner.facts)
+    step_s = warm_up(runner) / config.denoise_steps
+    engine_config = EngineConfig(
+        max_sessions=config.max_sessions,
+        max_rows=config.max_rows,
+        history_crop=config.history_frames,
+        flush_s=config.flush_ms / 1000,
+        idle_timeout_s=config.idle_timeout_s,
+        initial_step_s=max(step_s, 0.001),
+    )
+    try:
+        return Engine(runner, MonotonicClock(), deliver, engine_config, observe, inbox)
+    except ValueError as error:
+        raise SettingError(str(error)) from error
+
+
+def warm_up(runner: Runner) -> float:
+    """Generate one window and throw it away; returns the seconds a second one takes.
+
+    The first run allocates, and it proves that the model gives finite frames before anyone depends on it.
+    """
+    facts = runner.facts
+    seconds = 0.0
+    for job_id in (-1, -2):
+        job = WindowJob(
+            job_id=job_id,
+            session=SessionKey(0, 0),
+            plan=1,
+            first_frame=0,
+            history=np.zeros((0, facts.feature_dim), np.float32),
+            start_pose=StartPose(),
+            embedding=None,
+            constraints=(),
+            seed=0,
+            num_steps=facts.default_steps,
+            guidance=Guidance(1.0, 1.0),
+            deadline=0.0,
+            priority=Priority.BATCH,
+            cause=PlanCause.CONTINUE,
+            created_at=0.0,
+        )
+        started = time.monotonic()
+        runner.prepare([job])
+        for _ in range(job.num_steps):
+            runner.denoise([job_id])
+        (result,) = runner.decode([job_id])
+        seconds = time.monotonic() - started
+        if not np.isfinite(result.frames).all():
+            raise SettingError("the model gives frames that are not finite; its checkpoint is damaged")
+    return seconds

@@ -1,0 +1,22 @@
+"""`python -m server.split FOLDER`: the engine process; the gateway that listens in the folder starts it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from server.config import ServerConfig
+from server.engine.ports import Deliver, Inbox, Observe
+from server.loading import build_engine, load_model
+from server.split.engine_main import Built, run
+
+
+def build(config: ServerConfig, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
+    """Load the configured model and make the engine around it."""
+    model = load_model(config)
+    engine = build_engine(config, model.runner, deliver, observe, inbox)
+    return Built(engine, model.runner.facts, model.licence, model.threads)
+
+
+if __name__ == "__main__":
+    sys.exit(run(Path(sys.argv[1]), build))

@@ -1,4 +1,4 @@
-"""The command line: `motiongen stream`, `motiongen catalog`, `motiongen demo`."""
+"""The command line: `motiongen stream`, `motiongen catalog`, `motiongen demo`, `motiongen bench`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from motiongen_client import cli_catalog, cli_stream, demo
+from motiongen_client import cli_bench, cli_catalog, cli_stream, demo
 from motiongen_client.errors import MotiongenError
 
 DEFAULT_SERVER = "localhost:50051"
@@ -47,6 +47,8 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     options = parser.parse_args(list(arguments))
     if options.command is cli_stream.stream:
         _check_stream(parser, options)
+    if options.command is cli_bench.bench:
+        cli_bench.check(parser, options)
     return options
 
 
@@ -98,10 +100,24 @@ def _parser() -> argparse.ArgumentParser:
     show.add_argument("--out", type=Path, default=Path("demo_out"), metavar="FOLDER", help="default: %(default)s")
     show.add_argument("--seconds", type=_positive, default=12.0, help="how long (default: %(default)s)")
     show.add_argument("--server", metavar="HOST:PORT", help="use this server instead of starting one")
+
+    bench = commands.add_parser(
+        "bench",
+        help="put a load on a server and measure",
+        description="Put a load on a server: many characters that play in real time and are told things at moments "
+        "fixed beforehand. Prints what was measured and writes it as JSON, PNG and HTML.",
+        epilog="Example: motiongen bench --start-server --scenario crowd --characters 40 --seconds 20 --seed 1. "
+        "Exit code 3: the load itself was late, and the figures do not count.",
+    )
+    bench.set_defaults(command=cli_bench.bench)
+    which = bench.add_mutually_exclusive_group()
+    _add_server(which)
+    which.add_argument("--start-server", action="store_true", help="start one for this, and measure what it uses")
+    cli_bench.add_arguments(bench)
     return parser
 
 
-def _add_server(parser: argparse.ArgumentParser) -> None:
+def _add_server(parser: argparse._ActionsContainer) -> None:
     parser.add_argument("--server", default=DEFAULT_SERVER, metavar="HOST:PORT", help="default: %(default)s")
 
 

@@ -77,10 +77,10 @@ class Engine:
         self._deliver = deliver
         self._observe = observe
         self._config = config
-        self._mailbox: Inbox = inbox or Mailbox(config.max_pending_events)
-        self._scheduler: SchedulingPolicy = scheduler or Scheduler(
-            CostTable.assumed(config.initial_step_s), config.max_rows
-        )
+        self._mailbox: Inbox = Mailbox(config.max_pending_events) if inbox is None else inbox
+        if scheduler is None:  # not `or`: a policy that holds no jobs yet is false
+            scheduler = Scheduler(CostTable.assumed(config.initial_step_s), config.max_rows)
+        self._scheduler: SchedulingPolicy = scheduler
         self._rounds = Rounds(runner, self._scheduler, clock, config.max_rows, self._fail)
         self._admission = Admission(runner.facts, config)
         self._pressure = Pressure(runner.facts, self._admission, now, config.degrade)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import platform
 import subprocess
+import time
+from collections.abc import Callable
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -18,12 +20,16 @@ def machine_facts() -> dict[str, str]:
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "commit": commit(),
         "processor": processor(),
-        "cores": f"{len(os.sched_getaffinity(0))} usable of {os.cpu_count()}",
+        "cores": f"{usable_cores()} usable of {os.cpu_count()}",
         "load before": f"{os.getloadavg()[0]:.2f} (1 minute)",
         "system": f"{platform.system()} {platform.release()}",
         "python": platform.python_version(),
         **{name: installed(name) for name in ("torch", "grpcio", "protobuf", "numpy")},
     }
+
+
+def usable_cores() -> int:
+    return len(os.sched_getaffinity(0))
 
 
 def installed(distribution: str) -> str:
@@ -53,3 +59,25 @@ def processor() -> str:
         return platform.processor() or platform.machine()
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.machine()
+
+
+def busy_share() -> Callable[[], float]:
+    """Ask now, call later: the share of all cores that other processes used meanwhile; 0 where the system keeps it."""
+    started_s, ours_s, all_s = time.monotonic(), time.process_time(), _busy_s()
+
+    def share() -> float:
+        if all_s is None or (now_s := _busy_s()) is None:
+            return 0.0
+        others_s = now_s - all_s - (time.process_time() - ours_s)
+        return max(0.0, others_s / ((time.monotonic() - started_s) * (os.cpu_count() or 1)))
+
+    return share
+
+
+def _busy_s() -> float | None:
+    """Seconds for which cores have been busy, over all cores, since the system started."""
+    try:
+        user, nice, system, _, _, irq, soft, steal, *_ = Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:]
+    except OSError:
+        return None
+    return sum(map(int, (user, nice, system, irq, soft, steal))) / os.sysconf("SC_CLK_TCK")

@@ -1,0 +1,151 @@
+"""The engines that are measured against each other, from the simplest to the one that serves; and their trials."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ardy.model import Model
+from server.engine.config import EngineConfig
+from server.engine.costs import CostTable
+from server.engine.ports import Runner, SchedulingPolicy
+from server.engine.scheduler import Scheduler
+from server.engine.types import Float32Array
+from tests.bench.crowd import Habits
+from tests.bench.null_runner import NullRunner
+from tests.bench.offline import offline_rate, profiled
+from tests.bench.plain_runner import PlainRunner, RolloutRunner, job_shape
+from tests.bench.policies import OneAtATime, StepsInOrder, WholeWindows
+from tests.bench.trial import Contestant, Effort, Trial, most_characters, run_trial
+
+NAMES = ("B0", "B1", "B2", "B3", "B4", "null")
+LATENCY_LOAD = 0.7
+WINDOWS_A_SECOND = 0.5  # of a character that is left alone: 40 frames every two seconds
+MOST_NULL_CHARACTERS = 4000
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What one contestant reached. characters: the most at under 1 % misses. trials: of the search, as they were run.
+
+    offline_windows_per_s: of its runner with the fullest batches it makes. at_load: the trial at 70 % of the
+    characters, for the latencies.
+    """
+
+    name: str
+    meaning: str
+    characters: int
+    offline_windows_per_s: float
+    trials: tuple[Trial, ...]
+    at_load: Trial | None
+
+    def latency_ms(self, percentile: float) -> float | None:
+        """Of edits, to the first changed frame, at 70 % load."""
+        if self.at_load is None or not self.at_load.latencies_s:
+            return None
+        return 1000 * float(np.percentile(self.at_load.latencies_s, percentile))
+
+    @property
+    def best(self) -> Trial | None:
+        """The largest trial that passed."""
+        return max((trial for trial in self.trials if trial.passed), key=lambda trial: trial.characters, default=None)
+
+
+@dataclass(frozen=True)
+class Contest:
+    """What all contestants have in common. runner: makes the runner that serves, with all its speed-ups."""
+
+    model: Model
+    embeddings: Sequence[Float32Array]
+    runner: Runner
+    habits: Habits
+    config: EngineConfig
+    effort: Effort
+    bf16: bool = False
+
+    def contestant(self, name: str) -> Contestant:
+        """One of NAMES, with what its calls cost already measured, as a server does before it is ready."""
+        rows, model = self.config.max_rows, self.model
+
+        def plain() -> Runner:
+            return PlainRunner(model, "plain", bf16=self.bf16)
+
+        match name:
+            case "B0":
+                runner: Runner = RolloutRunner(model, "rollout", bf16=self.bf16)
+                return self._made(name, "one window at a time, ardy.rollout", runner, (1,), OneAtATime)
+            case "B1":
+                meaning = "whole windows of one shape, gathered for 20 ms"
+                return self._made(
+                    name, meaning, plain(), self._sizes,
+                    lambda costs: WholeWindows(costs, rows, lambda job: (job_shape(model, job), job.num_steps)),
+                )  # fmt: skip
+            case "B2":
+                meaning = "steps batched, first in first out"
+                return self._made(name, meaning, plain(), self._sizes, lambda costs: StepsInOrder(costs, rows))
+            case "B3":
+                return self._made(name, "B2 with classes and deadlines", plain(), self._sizes, self._scheduler)
+            case "B4":
+                return self._made(name, "B3 with all speed-ups: as served", self.runner, self._sizes, self._scheduler)
+            case _:
+                return self._made(name, "B4's engine, no model", NullRunner(), (1, rows), self._scheduler)
+
+    @property
+    def _sizes(self) -> tuple[int, ...]:
+        return (*(size for size in (1, 4, 16, 64, 256) if size < self.config.max_rows), self.config.max_rows)
+
+    def _scheduler(self, costs: CostTable) -> SchedulingPolicy:
+        return Scheduler(costs, self.config.max_rows)
+
+    def _made(
+        self,
+        name: str,
+        meaning: str,
+        runner: Runner,
+        sizes: Sequence[int],
+        policy: Callable[[CostTable], SchedulingPolicy],
+    ) -> Contestant:
+        embeddings = self.embeddings if name != "null" else _null_embeddings(runner)
+        costs = profiled(runner, sizes, embeddings, self.effort.offline_s / 2)
+        return Contestant(name, meaning, runner, lambda: policy(costs))
+
+    def measure(self, name: str, say: Callable[[str], None]) -> Standing:
+        """Search for the most characters, then measure latencies below that."""
+        say(f"{name}: profile")
+        one = self.contestant(name)
+        embeddings = self.embeddings if name != "null" else _null_embeddings(one.runner)
+        size = 1 if name == "B0" else self.config.max_rows
+        steps = self.habits.num_steps
+        offline = offline_rate(one.runner, size, steps, embeddings, self.effort.offline_s / 2).windows_per_s
+        trials: list[Trial] = []
+
+        def trial(characters: int, measure_s: float) -> Trial:
+            say(f"{name}: {characters} characters")
+            warm_up_s = self.effort.warm_up_s
+            return run_trial(one, characters, self.habits, embeddings, self.config, warm_up_s, measure_s)
+
+        def passes(characters: int) -> bool:
+            trials.append(trial(characters, self.effort.measure_s))
+            return trials[-1].passed
+
+        guess = min(MOST_NULL_CHARACTERS, int(0.7 * offline / (WINDOWS_A_SECOND + self.habits.edits_hz)))
+        most = most_characters(passes, guess, self.effort.num_trials)
+        at_load = trial(max(1, int(LATENCY_LOAD * most)), self.effort.latency_s) if most else None
+        return Standing(name, one.meaning, most, offline, tuple(trials), at_load)
+
+
+def _null_embeddings(runner: Runner) -> list[Float32Array]:
+    return [np.full(runner.facts.embedding_dim, value, np.float32) for value in range(1, 6)]
+
+
+def contest_config(max_rows: int) -> EngineConfig:
+    """The engine as served, but nobody is turned away or given less: how many it can do is what is sought."""
+    return replace(
+        EngineConfig(),
+        max_rows=max_rows,
+        max_sessions=2 * MOST_NULL_CHARACTERS,
+        admit_load=(1e6, 1e6, 1e6, 1e6),
+        degrade=False,
+    )

@@ -1,0 +1,187 @@
+"""A crowd's script, in real time: who opens, reports and edits when. It is the engine's inbox.
+
+Events come when they were meant to, whatever the engine is doing: what it takes late bears the time it was meant at.
+The same seed gives the same script, save for the playheads, which tell what each character shows.
+"""
+
+from __future__ import annotations
+
+import heapq
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import count
+
+import numpy as np
+
+from server.engine.ports import Clock
+from server.engine.types import (
+    Chunk,
+    Close,
+    Event,
+    Float32Array,
+    Guidance,
+    Open,
+    Opened,
+    Outcome,
+    Output,
+    PlanNotice,
+    Playhead,
+    Priority,
+    Prompt,
+    RootTarget,
+    SessionKey,
+    SessionSpec,
+    SetConstraints,
+    SetPrompts,
+)
+from tests.bench.playback import Playback
+
+REPORT_EVERY_S = 0.25
+OPEN_WITHIN_S = 0.5
+
+
+@dataclass(frozen=True)
+class Habits:
+    """What each character does. walkers: one in so many goes to waypoints; edits_hz: how often each edits."""
+
+    num_steps: int = 4
+    guidance: float = 2.0
+    walkers: int = 4
+    edits_hz: float = 0.1
+    lookahead: int = 40
+    seed: int = 0
+
+
+class Crowd:
+    """Satisfies `server.engine.ports.Inbox`; `deliver` takes what the engine sends."""
+
+    def __init__(
+        self, characters: int, habits: Habits, embeddings: Sequence[Float32Array], model_id: str, fps: int, clock: Clock
+    ) -> None:
+        self.playbacks = [Playback(fps) for _ in range(characters)]
+        self.num_refused_opens = 0
+        self._habits = habits
+        self._embeddings = embeddings
+        self._model_id = model_id
+        self._clock = clock
+        self._random = np.random.default_rng(habits.seed)
+        self._seqs = [0] * characters
+        self._began_at = clock.now()
+        self._order = count()
+        self._due: list[tuple[float, int, Callable[[float], Event]]] = []
+        self._given: list[Event] = []
+        for number in range(characters):
+            self._later(self._began_at + OPEN_WITHIN_S * number / characters, self._opens(number))
+
+    # ---- the script -------------------------------------------------------------------------------------------------
+
+    def _later(self, at: float, make: Callable[[float], Event]) -> None:
+        heapq.heappush(self._due, (at, next(self._order), make))
+
+    def _opens(self, number: int) -> Callable[[float], Event]:
+        """Open; with what is drawn for it now, so that the script does not hang on the order of arrivals."""
+        habits, walks = self._habits, number % self._habits.walkers == 0
+        prompt = self._prompt(None)
+        gap_s = 1.0 / habits.edits_hz if habits.edits_hz else None
+        first_edit_s = 0.0 if gap_s is None else gap_s * (0.2 + 0.8 * float(self._random.random()))
+        spec = SessionSpec(
+            session=SessionKey(1, number),
+            seed=int(self._random.integers(1 << 62)),
+            model_id=self._model_id,
+            priority=Priority.NEAR,
+            lookahead=habits.lookahead,
+            denoise_steps=habits.num_steps,
+            guidance=Guidance(habits.guidance, habits.guidance),
+            prompts=(prompt,),
+            constraints=(self._waypoint(30),) if walks else (),
+        )
+
+        def make(at: float) -> Event:
+            self._later(at + REPORT_EVERY_S, self._reports(number))
+            if gap_s is not None:
+                self._later(at + first_edit_s, self._edits(number, walks, gap_s))
+            return Open(spec, self._next_seq(number), at)
+
+        return make
+
+    def _reports(self, number: int) -> Callable[[float], Event]:
+        def make(at: float) -> Event:
+            self._later(at + REPORT_EVERY_S, self._reports(number))
+            playback = self.playbacks[number]
+            frame = playback.frame_at(at)
+            return Playhead(SessionKey(1, number), 0, at, frame, playback.buffered_to, playback.underruns())
+
+        return make
+
+    def _edits(self, number: int, walks: bool, gap_s: float) -> Callable[[float], Event]:
+        prompt, waypoint = self._prompt(None), self._waypoint(0)
+
+        def make(at: float) -> Event:
+            self._later(at + gap_s, self._edits(number, walks, gap_s))
+            seq, key = self._next_seq(number), SessionKey(1, number)
+            self.playbacks[number].meant(seq, at)
+            if not walks:
+                return SetPrompts(key, seq, at, upsert=(prompt,))
+            frame = self.playbacks[number].frame_at(at) + 40
+            target = RootTarget(waypoint.constraint_id, frame, waypoint.x, waypoint.z)
+            return SetConstraints(key, seq, at, upsert=(target,), clear=True)
+
+        return make
+
+    def _prompt(self, start_frame: int | None) -> Prompt:
+        index = int(self._random.integers(len(self._embeddings)))
+        return Prompt(1, start_frame, None, f"prompt {index} {self._random.random()}", self._embeddings[index])
+
+    def _waypoint(self, frame: int) -> RootTarget:
+        x, z = self._random.uniform(-1.5, 1.5, 2)
+        return RootTarget(1, frame, float(x), float(z))
+
+    def _next_seq(self, number: int) -> int:
+        self._seqs[number] += 1
+        return self._seqs[number]
+
+    # ---- the engine's inbox -----------------------------------------------------------------------------------------
+
+    def put(self, event: Event) -> bool:
+        self._given.append(event)
+        return True
+
+    def take_all(self) -> list[Event]:
+        """What was meant for now or earlier."""
+        now = self._clock.now()
+        events, self._given = self._given, []
+        while self._due and self._due[0][0] <= now:
+            at, _, make = heapq.heappop(self._due)
+            events.append(make(at))
+        return events
+
+    def wait(self, timeout_s: float) -> None:
+        until_next_s = self._due[0][0] - self._clock.now() if self._due else timeout_s
+        time.sleep(max(0.0, min(timeout_s, until_next_s)))
+
+    def ring(self) -> None:
+        """Nobody waits while somebody could ring: script and engine share a thread."""
+
+    def leave(self) -> None:
+        """The script ends: everybody closes at once."""
+        now = self._clock.now()
+        self._due = []
+        self._given += [Close(SessionKey(1, number), 0, now) for number in range(len(self.playbacks))]
+
+    # ---- what the engine sends --------------------------------------------------------------------------------------
+
+    def deliver(self, outputs: Sequence[Output]) -> None:
+        now = self._clock.now()
+        for output in outputs:
+            playback = self.playbacks[output.session.handle]
+            match output:
+                case Chunk():
+                    playback.receive(output, now)
+                case PlanNotice():
+                    playback.notice(output, now)
+                case Outcome():
+                    playback.answer(output)
+                    self.num_refused_opens += output.field == "open"
+                case Opened():
+                    pass

@@ -1,0 +1,140 @@
+"""One run of the engine's table: every figure of it on one machine, one after another."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, replace
+
+import torch
+
+from ardy.config import FRAMES_PER_TOKEN
+from ardy.model import Model
+from server.runner import TorchRunner
+from tests.bench.contest import Contest, Standing, contest_config
+from tests.bench.crowd import Habits
+from tests.bench.flops import Pass, decode_flops, step_flops
+from tests.bench.machine import machine_facts
+from tests.bench.models import BenchModel, bench_model
+from tests.bench.offline import HISTORY_FRAMES, OfflineRate, offline_rate
+from tests.bench.products import product_flops_per_s, waits_for
+from tests.bench.trial import Effort
+
+FULL_SIZE_BATCHES = (1, 8, 32)
+DTYPES = {"float32": torch.float32, "bfloat16": torch.bfloat16}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What to measure: names of contestants, and one model on one device in one precision."""
+
+    model: str
+    device: str
+    precision: str
+    names: tuple[str, ...]
+    num_steps: int
+    max_rows: int
+    threads: int
+    effort: Effort
+
+
+@dataclass(frozen=True)
+class Ceiling:
+    """Full batches of the runner that serves. product_flops_per_s: the machine's best matrix product, in this run.
+
+    window_flops, step_flops: useful ones of a window, and of one window's denoising step.
+    """
+
+    model: str
+    precision: str
+    rate: OfflineRate
+    window_flops: int
+    step_flops: int
+    product_flops_per_s: float
+
+    @property
+    def efficiency(self) -> float:
+        """Of whole windows."""
+        return self.window_flops * self.rate.windows_per_s / self.product_flops_per_s
+
+    @property
+    def step_efficiency(self) -> float:
+        """Of denoising steps alone."""
+        return self.step_flops * self.rate.batch / self.rate.step_s / self.product_flops_per_s
+
+
+@dataclass(frozen=True)
+class Report:
+    """Everything that was measured, and on what."""
+
+    facts: dict[str, str]
+    settings: Settings
+    habits: Habits
+    ceilings: tuple[Ceiling, ...]
+    standings: tuple[Standing, ...]
+
+
+def run(settings: Settings, full_size: bool = False) -> Report:
+    """Measure all of it. Says on stderr what it is doing."""
+    torch.set_num_threads(settings.threads)
+    facts = {**machine_facts(), "threads of torch": str(torch.get_num_threads())}
+    if settings.device != "cpu":
+        facts["device"] = torch.cuda.get_device_name(settings.device)
+    chosen = bench_model(settings.model, settings.device)
+    habits = Habits(num_steps=settings.num_steps)
+    runner = serving_runner(chosen.model, chosen.name, settings.precision)
+    contest = Contest(
+        model=chosen.model,
+        embeddings=chosen.embeddings,
+        runner=runner,
+        habits=habits,
+        config=contest_config(settings.max_rows),
+        effort=settings.effort,
+        bf16=settings.precision == "bfloat16",
+    )
+    say("full batches")
+    batches = sorted({settings.max_rows, 2 * settings.max_rows})
+    ceilings = [ceiling(chosen, runner, settings, batch, settings.effort.offline_s) for batch in batches]
+    standings = [contest.measure(name, say) for name in settings.names]
+    if full_size:
+        ceilings += full_size_ceilings(settings)
+    return Report(facts, settings, habits, tuple(ceilings), tuple(standings))
+
+
+def serving_runner(model: Model, name: str, precision: str) -> TorchRunner:
+    return TorchRunner(model, name) if precision == "float32" else TorchRunner(model, name, precision=precision)
+
+
+def ceiling(
+    chosen: BenchModel,
+    runner: TorchRunner,
+    settings: Settings,
+    batch: int,
+    seconds: float,
+    steps_run: int | None = None,
+) -> Ceiling:
+    """Full batches of one size."""
+    rate = offline_rate(
+        runner, batch, settings.num_steps, chosen.embeddings, seconds, steps_run, waits_for(settings.device)
+    )
+    config, history_tokens = chosen.model.config, HISTORY_FRAMES // FRAMES_PER_TOKEN
+    one_step = rate.passes * step_flops(config, Pass(history_tokens))
+    decoding = decode_flops(config, chosen.model.skeleton.feature_dim - 5, history_tokens)
+    peak = product_flops_per_s(settings.device, DTYPES[settings.precision])
+    window = settings.num_steps * one_step + decoding
+    return Ceiling(chosen.name, settings.precision, rate, window, one_step, peak)
+
+
+def full_size_ceilings(settings: Settings) -> list[Ceiling]:
+    """The released size with random weights: a few steps of each batch, in both precisions."""
+    chosen = bench_model("full", settings.device)
+    found = []
+    for precision in DTYPES:
+        runner = serving_runner(chosen.model, chosen.name, precision)
+        for batch in FULL_SIZE_BATCHES:
+            say(f"{chosen.name}, {precision}, batches of {batch}")
+            found.append(ceiling(chosen, runner, replace(settings, precision=precision), batch, 0.0, steps_run=2))
+    return found
+
+
+def say(what: str) -> None:
+    print(what, file=sys.stderr, flush=True)

@@ -1,0 +1,81 @@
+"""The models to measure: the built-in one or a checkpoint, and random weights in the released shape or a tiny one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from ardy.config import DenoiserConfig, ModelConfig, TokenizerConfig, TransformerConfig
+from ardy.model import Model, build_model
+from ardy.representation import LOCAL_ROOT_WIDTH
+from ardy.skeleton import load_skeleton
+from ardy.stats import Stats
+from server.engine.types import Float32Array
+
+BUILT_IN = "motiongen-mini"
+SEED = 7
+PROMPTS = (
+    "a person walks forward",
+    "a person runs forward",
+    "a person waves with the right hand",
+    "a person walks and turns left",
+    "a person stands still",
+)
+
+
+def _config(denoiser: TransformerConfig, tokenizer: TransformerConfig, latent: int, text: int) -> ModelConfig:
+    return ModelConfig(
+        skeleton="core27",
+        fps=20,
+        horizon=40,
+        denoiser=DenoiserConfig(denoiser, latent_dim=latent, text_tokens=1, text_dim=text),
+        tokenizer=TokenizerConfig(tokenizer, latent_dim=latent, levels=(64,) * latent),
+    )
+
+
+RANDOM_WEIGHTS = {
+    # The shape of the released Core-Horizon40: 156 million parameters in the denoiser, 35 million in the tokenizer.
+    "full": _config(TransformerConfig(1024, 2048, 8, 8), TransformerConfig(512, 1024, 8, 4), latent=128, text=4096),
+    "tiny": _config(TransformerConfig(64, 128, 2, 4), TransformerConfig(48, 80, 2, 4), latent=16, text=32),
+}
+
+
+@dataclass(frozen=True)
+class BenchModel:
+    """A model, what it is called in a table, and prompts that it can be given."""
+
+    name: str
+    model: Model
+    embeddings: Sequence[Float32Array]
+
+
+def bench_model(name: str, device: str = "cpu") -> BenchModel:
+    """A checkpoint folder's model, the built-in one by its name, or random weights: "full" or "tiny".
+
+    Random weights need no file and no library but torch and numpy. Raises as `ardy.checkpoint.load_checkpoint` does.
+    """
+    if name in RANDOM_WEIGHTS:
+        config = RANDOM_WEIGHTS[name]
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(SEED)
+            width = load_skeleton(config.skeleton).feature_dim + LOCAL_ROOT_WIDTH
+            model = build_model(config, Stats(torch.zeros(width), torch.ones(width)))
+        random = np.random.default_rng(SEED)
+        embeddings = random.standard_normal((len(PROMPTS), config.denoiser.text_dim)).astype(np.float32)
+        return BenchModel(f"random weights, {name}", ready(model, device), list(embeddings))
+    # Only here, so that random weights can be measured where these files' libraries are not installed.
+    from ardy.checkpoint import load_checkpoint
+    from ardy.model_card import model_folder
+    from ardy.text import load_text_encoder
+
+    model = load_checkpoint(model_folder(name) if name == BUILT_IN else Path(name), device)
+    encoder = load_text_encoder("static", model.config.denoiser.text_dim)
+    return BenchModel(name, model, list(encoder.encode(list(PROMPTS))))
+
+
+def ready(model: Model, device: str) -> Model:
+    return model.to(device).eval().requires_grad_(False)

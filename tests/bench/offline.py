@@ -1,0 +1,141 @@
+"""What a runner does when all is known beforehand: full batches of one shape, one after another, no clock.
+
+The ceiling of what an engine can get out of it; by parts, what its calls cost.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from statistics import median
+
+import numpy as np
+
+from server.engine.costs import CostTable
+from server.engine.ports import Runner
+from server.engine.types import (
+    Float32Array,
+    Guidance,
+    PlanCause,
+    Priority,
+    SessionKey,
+    StartPose,
+    WindowJob,
+    WindowResult,
+)
+
+HISTORY_FRAMES = 16
+_job_ids = itertools.count(1 << 40)  # far from those of an engine that shares the runner
+
+
+@dataclass(frozen=True)
+class OfflineRate:
+    """Median seconds of the three calls for one batch of `batch` windows."""
+
+    batch: int
+    num_steps: int
+    passes: int
+    prepare_s: float
+    step_s: float
+    decode_s: float
+
+    @property
+    def window_s(self) -> float:
+        """Seconds of the whole batch."""
+        return self.prepare_s + self.num_steps * self.step_s + self.decode_s
+
+    @property
+    def windows_per_s(self) -> float:
+        return self.batch / self.window_s
+
+
+def offline_rate(
+    runner: Runner,
+    batch: int,
+    num_steps: int,
+    embeddings: Sequence[Float32Array],
+    seconds: float,
+    steps_run: int | None = None,
+    synchronize: Callable[[], None] = lambda: None,
+) -> OfflineRate:
+    """Windows that go on from earlier ones, each with a prompt and no constraint, for about so many seconds.
+
+    steps_run: how many steps are run of each window; fewer give the same figures sooner. synchronize: waits for the
+    device, where calls only start what they ask for.
+    """
+    jobs = [_job(number, num_steps, embeddings, None) for number in range(batch)]
+    firsts = [_run(runner, [job], num_steps, synchronize)[0][0] for job in jobs[:1]] * batch
+    until = time.monotonic() + seconds
+    times: list[tuple[float, list[float], float]] = []
+    while len(times) < 2 or (time.monotonic() < until):
+        later = [_job(number, num_steps, embeddings, first) for number, first in enumerate(firsts)]
+        times.append(_run(runner, later, steps_run or num_steps, synchronize)[1:])
+    if len(times) > 2:
+        times = times[1:]  # the first batch of a size is also the first to take memory for it
+    return OfflineRate(
+        batch,
+        num_steps,
+        runner.num_passes(later[0]),
+        median(prepare_s for prepare_s, _, _ in times),
+        median(step_s for _, steps, _ in times for step_s in steps),
+        median(decode_s for _, _, decode_s in times),
+    )
+
+
+def profiled(runner: Runner, sizes: Sequence[int], embeddings: Sequence[Float32Array], seconds: float) -> CostTable:
+    """A cost table filled from full batches of these sizes, in about so many seconds."""
+    costs = CostTable.assumed(0.02)
+    for size in sizes:
+        rate = offline_rate(runner, size, 2, embeddings, seconds / len(sizes))
+        costs.prepare.observe(size, rate.prepare_s)
+        costs.step.observe(size * rate.passes, rate.step_s)
+        costs.decode.observe(size, rate.decode_s)
+    return costs
+
+
+def _run(
+    runner: Runner, jobs: Sequence[WindowJob], num_steps: int, synchronize: Callable[[], None]
+) -> tuple[list[WindowResult], float, list[float], float]:
+    """A batch through the runner: results, and the seconds of prepare, each step, and decode."""
+    ids = [job.job_id for job in jobs]
+    synchronize()
+    stamps = [time.perf_counter()]
+    runner.prepare(jobs)
+    for call in range(num_steps + 1):
+        synchronize()
+        stamps.append(time.perf_counter())
+        if call < num_steps:
+            runner.denoise(ids)
+    results = runner.decode(ids)
+    synchronize()
+    stamps.append(time.perf_counter())
+    spans = [later - earlier for earlier, later in itertools.pairwise(stamps)]
+    return results, spans[0], spans[1:-1], spans[-1]
+
+
+def _job(number: int, num_steps: int, embeddings: Sequence[Float32Array], earlier: WindowResult | None) -> WindowJob:
+    """A session's first window, or the one after an earlier one."""
+    history = np.empty((0, 0), np.float32) if earlier is None else earlier.features[-HISTORY_FRAMES:]
+    tokens = None
+    if earlier is not None and earlier.tokens is not None:
+        tokens = earlier.tokens[-HISTORY_FRAMES // 4 :]
+    return WindowJob(
+        job_id=next(_job_ids),
+        session=SessionKey(0, number),
+        plan=1 if earlier is None else 2,
+        first_frame=0 if earlier is None else len(earlier.features),
+        history=history,
+        start_pose=StartPose() if earlier is None else None,
+        embedding=embeddings[number % len(embeddings)],
+        constraints=(),
+        seed=number,
+        num_steps=num_steps,
+        guidance=Guidance(2.0, 2.0),
+        deadline=0.0,
+        priority=Priority.NEAR,
+        cause=PlanCause.CONTINUE,
+        created_at=0.0,
+        history_tokens=tokens,
+    )

@@ -1,0 +1,38 @@
+"""How fast the machine multiplies matrices: what compute efficiency is measured against."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import torch
+
+# Square products up to where the machine is at its best, and no larger than a moment's work.
+SIZES = {"cpu": (512, 1024, 1536), "cuda": (2048, 4096, 8192)}
+REPEATS_S = 0.4
+
+
+def product_flops_per_s(device: str, dtype: torch.dtype) -> float:
+    """The best rate over several sizes of square products, in FLOPs a second."""
+    return max(_rate(device, dtype, size) for size in SIZES["cpu" if device == "cpu" else "cuda"])
+
+
+def waits_for(device: str) -> Callable[[], None]:
+    """What waits until the device has done all that it was asked to."""
+    return (lambda: None) if device == "cpu" else torch.cuda.synchronize
+
+
+@torch.inference_mode()
+def _rate(device: str, dtype: torch.dtype, size: int) -> float:
+    left, right = (torch.randn(size, size, device=device).to(dtype) for _ in range(2))
+    result = torch.empty(size, size, device=device, dtype=dtype)
+    synchronize = waits_for(device)
+    torch.mm(left, right, out=result)
+    best_s, until = float("inf"), time.monotonic() + REPEATS_S
+    while time.monotonic() < until:
+        synchronize()
+        started_s = time.perf_counter()
+        torch.mm(left, right, out=result)
+        synchronize()
+        best_s = min(best_s, time.perf_counter() - started_s)
+    return 2 * size**3 / best_s

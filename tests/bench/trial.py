@@ -1,0 +1,141 @@
+"""One trial: so many characters, in real time, with one runner and one policy; and the search for the most."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from server.engine.config import EngineConfig
+from server.engine.engine import Engine
+from server.engine.ports import Runner, SchedulingPolicy
+from server.engine.types import Float32Array
+from tests.bench.crowd import Crowd, Habits
+from tests.bench.machine import busy_share
+
+MISS_LIMIT = 0.01
+
+
+class MonotonicClock:
+    def now(self) -> float:
+        return time.monotonic()
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """An engine to measure. make_policy: a fresh one for each trial; it knows what the last one learned."""
+
+    name: str
+    meaning: str
+    runner: Runner
+    make_policy: Callable[[], SchedulingPolicy]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What came of it. missed: the share of frame times without a frame. busy: of the machine, by others than us.
+
+    rows: mean rows of a step. latencies_s: of the edits that were meant while it was measured, or before.
+    """
+
+    characters: int
+    missed: float
+    windows_per_s: float
+    discarded: int
+    rows: float
+    step_ms: float
+    idle: float
+    latencies_s: tuple[float, ...]
+    broken: int
+    refused: int
+    others_share: float
+
+    @property
+    def passed(self) -> bool:
+        return self.missed < MISS_LIMIT and not self.refused
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Seconds of a trial before and while it is measured; trials of the search at most, after the first two."""
+
+    warm_up_s: float = 5.0
+    measure_s: float = 5.0
+    latency_s: float = 15.0
+    num_trials: int = 5
+    offline_s: float = 3.0
+
+    def lasting(self, seconds: float) -> Effort:
+        """The same with trials of so many seconds."""
+        return replace(self, warm_up_s=seconds, measure_s=seconds, latency_s=max(seconds, self.latency_s))
+
+
+QUICK = Effort(warm_up_s=2.5, measure_s=2.5, latency_s=5.0, num_trials=3, offline_s=1.5)
+
+
+def run_trial(
+    contestant: Contestant,
+    characters: int,
+    habits: Habits,
+    embeddings: Sequence[Float32Array],
+    config: EngineConfig,
+    warm_up_s: float,
+    measure_s: float,
+) -> Trial:
+    """Open all characters within half a second, let them settle, and count what each is short of from then on."""
+    clock, facts = MonotonicClock(), contestant.runner.facts
+    gc.collect()
+    crowd = Crowd(characters, habits, embeddings, facts.model_id, facts.fps, clock)
+    engine = Engine(contestant.runner, clock, crowd.deliver, config, inbox=crowd, scheduler=contestant.make_policy())
+    begin = clock.now() + warm_up_s
+    end = begin + measure_s
+    windows = discarded = steps = rows = 0
+    step_s = idle_s = 0.0
+    share = busy_share()
+    while (now := clock.now()) < end:
+        report = engine.step()
+        if now >= begin:
+            windows, discarded = windows + len(report.windows), discarded + report.windows_discarded
+            steps, rows, step_s = steps + bool(report.rows), rows + report.rows, step_s + report.step_seconds
+        if not report.rows:
+            slept_at = clock.now()
+            crowd.wait(min(engine.idle_s(), end - slept_at))
+            idle_s += (clock.now() - slept_at) * (now >= begin)
+    ended_at = clock.now()
+    others_share = share()
+    measured_s = ended_at - begin
+    held_s = sum(playback.held_between(begin, ended_at) for playback in crowd.playbacks)
+    crowd.leave()
+    engine.step()
+    return Trial(
+        characters,
+        held_s / (measured_s * characters),
+        windows / measured_s,
+        discarded,
+        rows / max(1, steps),
+        1000 * step_s / max(1, steps),
+        idle_s / measured_s,
+        tuple(latency for playback in crowd.playbacks for latency in playback.latencies_s),
+        sum(playback.broken for playback in crowd.playbacks),
+        crowd.num_refused_opens,
+        others_share,
+    )
+
+
+def most_characters(passes: Callable[[int], bool], guess: int, num_trials: int) -> int:
+    """The greatest number that was seen to pass, sought by steps of a third from a guess and then by halving."""
+    good, bad, number = 0, None, max(1, guess)
+    while num_trials > 0:
+        num_trials -= 1
+        if passes(number):
+            good = number
+            number = good + max(1, good // 3) if bad is None else (good + bad) // 2
+        else:
+            bad = number
+            number = (good + bad) // 2 if good else 2 * bad // 3
+        if bad is not None and bad - good <= max(1, good // 16):
+            break
+        if number == good or number < 1:
+            break
+    return good

@@ -74,12 +74,9 @@ class EditQueue:
     def add(self, edit: PendingEdit) -> None:
         self.waiting = (*self.waiting, edit)
 
-    def take(self, now: float, interval_s: float) -> tuple[PendingEdit, ...]:
-        """All that wait, for a window that starts now; the next one may start interval_s later."""
-        if not self.waiting:
-            return ()
+    def take(self) -> tuple[PendingEdit, ...]:
+        """All that wait, for a window that starts now."""
         taken, self.waiting = self.waiting, ()
-        self.not_before = now + interval_s
         return taken
 
     def put_back(self, edits: tuple[PendingEdit, ...]) -> None:

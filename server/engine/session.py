@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 from server.engine.conditions import Conditions, EditRefused
 from server.engine.config import EngineConfig
+from server.engine.delivery import Delivery
 from server.engine.drift import DriftGuard, Remedy
 from server.engine.edits import EditEvent, EditQueue, PendingEdit, edited
 from server.engine.ladder import FULL, Rung
@@ -29,7 +30,6 @@ from server.engine.pose import PoseReader
 from server.engine.report import EventLatency, StepReport
 from server.engine.timeline import Timeline
 from server.engine.types import (
-    Chunk,
     Closed,
     CloseReason,
     Code,
@@ -48,16 +48,7 @@ from server.engine.types import (
     WindowJob,
     WindowResult,
 )
-from server.engine.windows import (
-    RunningWindow,
-    guidance_at,
-    history_frames,
-    history_of,
-    no_history,
-    root_before,
-    steps_at,
-    window_conditions,
-)
+from server.engine.windows import RunningWindow, WindowSite, history_frames, steps_at
 
 # A wake-up computed in floating point may come a hair early; the tolerance keeps it from being asked for again.
 _FRAME_TOLERANCE = 1e-3
@@ -65,9 +56,9 @@ _FRAME_TOLERANCE = 1e-3
 
 @dataclass(slots=True)
 class SessionState:
-    """All that is known of a session. sent_to, committed_to: exclusive frame bounds; plan: the newest plan's number.
+    """All that is known of a session. plan: the newest plan's number; holding: it repeats a pose.
 
-    remedy: what the next window is to right. holding: the newest plan repeats a pose.
+    remedy: what the next window is to right. restarts, extra_lead_s: of windows in a row that did not land.
     """
 
     spec: SessionSpec
@@ -76,25 +67,19 @@ class SessionState:
     guard: DriftGuard
     continue_threshold: int
     conditions: Conditions
-    clock: PlaybackClock
-    round_trip: RoundTrip
+    delivery: Delivery
     timeline: Timeline
     edits: EditQueue
     opened_at: float
     last_playhead_at: float
     rung: Rung = FULL
     plan: int = 0
-    sent_to: int = 0
-    committed_to: int = 0
     running: RunningWindow | None = None
     remedy: Remedy | None = None
     holding: bool = False
     restarts: int = 0
     extra_lead_s: float = 0.0
-    first_chunk_due: bool = True
     underruns: int = 0
-    num_frames: int = 0
-    late_frames: int = 0
 
     @property
     def key(self) -> SessionKey:
@@ -103,6 +88,10 @@ class SessionState:
     @property
     def planned_to(self) -> int:
         return self.timeline.end
+
+    @property
+    def clock(self) -> PlaybackClock:
+        return self.delivery.clock
 
     @property
     def num_steps(self) -> int:
@@ -125,8 +114,7 @@ class SessionState:
             # A client that asks for a longer lookahead wants it filled.
             continue_threshold=max(config.continue_threshold, spec.lookahead - facts.horizon) + jitter,
             conditions=Conditions(spec.prompts, spec.constraints),
-            clock=PlaybackClock(facts.fps),
-            round_trip=RoundTrip(config.rtt_s),
+            delivery=Delivery(spec.session, spec.lookahead, config, PlaybackClock(facts.fps), RoundTrip(config.rtt_s)),
             timeline=Timeline.empty(facts.row_width, facts.feature_dim, facts.token_width, facts.patch),
             edits=EditQueue(config.max_waiting_edits),
             opened_at=received_at,
@@ -151,7 +139,7 @@ class SessionState:
             for edit in waiting
         ]
         self.running, self.edits.waiting = None, ()
-        return [*outputs, Closed(self.key, reason, code, message, self.num_frames, self.late_frames)]
+        return [*outputs, Closed(self.key, reason, code, message, self.delivery.num_frames, self.delivery.late_frames)]
 
     def set_tier(self, rung: Rung) -> list[Output]:
         """Put the session on a rung of the ladder, from its next window on; tells the client what changes for it."""
@@ -168,7 +156,7 @@ class SessionState:
             self._report_playhead(event, now, report)
             return []
         if isinstance(event, SetPlayState):
-            self.clock.set_state(event.state, event.received_at, self.sent_to)
+            self.clock.set_state(event.state, event.received_at, self.delivery.sent_to)
             return [Outcome(self.key, event.event_seq, Code.OK)]
         try:
             return self._edit(event, now, report)
@@ -177,8 +165,7 @@ class SessionState:
 
     def _report_playhead(self, event: Playhead, now: float, report: StepReport) -> None:
         self.last_playhead_at = now
-        self.clock.report(event.frame, event.received_at, self.sent_to)
-        self.round_trip.report(event.rtt_s, event.received_at)
+        self.delivery.report(event)
         if event.underruns > self.underruns:
             report.client_underruns.append((self.spec.priority, event.underruns - self.underruns))
             self.underruns = event.underruns
@@ -186,8 +173,8 @@ class SessionState:
 
     def _edit(self, event: EditEvent, now: float, report: StepReport) -> list[Output]:
         self.edits.require_room()
-        floor = self._replaceable_from(now, self._commit_s)
-        reach = self.facts.max_window_frames - self._history_at(floor)
+        floor = self._replaceable_from(now, self.delivery.commit_s)
+        reach = self.facts.max_window_frames - history_frames(floor, self.timeline, self.config, self.facts.patch)
         self.conditions, kind, dirty_from = edited(self.conditions, event, floor, reach, self.config)
         if dirty_from is None:
             return [Outcome(self.key, event.event_seq, Code.OK)]
@@ -228,29 +215,12 @@ class SessionState:
 
     # ---- leads ------------------------------------------------------------------------------------------------------
 
-    @property
-    def _delivery_s(self) -> float:
-        """Seconds by which a notice sent now may trail what the client shows."""
-        return self.round_trip.seconds + self.config.flush_s
-
-    @property
-    def _commit_s(self) -> float:
-        """Seconds beyond the playhead that are promised not to change."""
-        return self.round_trip.seconds + self.config.flush_s + self.config.margin_s
-
     def _replaceable_from(self, now: float, lead_s: float) -> int:
         """The first frame that the client cannot be showing lead_s from now, nor was promised; at most planned_to."""
+        delivery = self.delivery
         # Fewer frames than a patch make no history, and a window without history would start from the start pose.
-        least = max(self.committed_to, self._unshown_from(now, lead_s), self.timeline.motion_from + self.facts.patch)
-        return min(least, self.planned_to)
-
-    def _unshown_from(self, now: float, lead_s: float) -> int:
-        """The first frame that the client cannot be showing lead_s from now."""
-        # A client that reports frame f may be anywhere from f up to, not including, f + 1.
-        return math.ceil(self.clock.estimate(now, self.sent_to) + self.facts.fps * lead_s) + 1
-
-    def _history_at(self, frame: int) -> int:
-        return history_frames(frame, self.timeline, self.config, self.facts.patch)
+        least = self.timeline.motion_from + self.facts.patch
+        return min(max(delivery.committed_to, delivery.unshown_from(now, lead_s), least), self.planned_to)
 
     def _least_start(self, running: RunningWindow) -> int:
         """The first frame at which a window may follow the running one: there must be a patch of motion before it."""
@@ -262,14 +232,11 @@ class SessionState:
         """When the session is to be looked at if nothing happens before; infinity if then, too, nothing happens."""
         if self.running is not None:
             return math.inf
-        if self.rung.hold and self.planned_to:
-            return self._reaches_unsent(self.planned_to - self._hold_lead)
-        wake_at = self._reaches_unsent(self.planned_to - self.continue_threshold)
+        planned_to, delivery = self.timeline.end, self.delivery
+        if self.rung.hold and planned_to:
+            return delivery.reaches_at(planned_to - delivery.commit_frames)
+        wake_at = delivery.reaches_at(planned_to - self.continue_threshold)
         return min(wake_at, self.edits.not_before) if self._replan_wanted else wake_at
-
-    def _reaches_unsent(self, frame: int) -> float:
-        # The estimate stops at sent_to: beyond it only an event can bring the session on.
-        return self.clock.reaches_at(frame) if frame <= self.sent_to else math.inf
 
     @property
     def _replan_wanted(self) -> bool:
@@ -284,53 +251,24 @@ class SessionState:
             return True
         if self.rung.hold:
             return False
-        unplayed = planned_to - self.clock.estimate(now, self.sent_to)
-        if unplayed <= self.continue_threshold + _FRAME_TOLERANCE:
+        if self.delivery.unplayed(now, planned_to) <= self.continue_threshold + _FRAME_TOLERANCE:
             return True
         return self._replan_wanted and now >= self.edits.not_before
 
     def next_window(self, now: float, predicted_s: float, job_id: int) -> WindowJob:
         """Start the window that is due. predicted_s: how long it will take from now."""
         assert self.window_due(now)
-        deadline = self.deadline(now)
         first_frame, cause = self._next_start(now, predicted_s)
-        remedy, self.remedy = self.remedy, None
-        facts, timeline = self.facts, self.timeline
-        if first_frame == 0:
-            history = no_history(facts, self.spec.start_pose)
-        elif remedy is Remedy.FRESH_START:
-            shown = timeline.rows_between(first_frame - 1, first_frame)
-            history = no_history(facts, self.guard.fresh_start(shown[0]))
-        else:
-            history = history_of(first_frame, timeline, self.config, facts.patch, remedy)
-        prompt = self.conditions.prompt_at(first_frame)
-        root = root_before(first_frame, timeline, self.guard.reader, self.spec.start_pose, facts.fps)
-        constraints = window_conditions(self.conditions, first_frame, len(history), root, facts)
-        job = WindowJob(
-            job_id=job_id,
-            session=self.key,
-            plan=self.plan + 1,
-            first_frame=first_frame,
-            history=history.features,
-            start_pose=history.start_pose,
-            embedding=None if prompt is None else prompt.embedding,
-            constraints=constraints,
-            seed=self.spec.seed,
-            num_steps=self.num_steps,
-            guidance=guidance_at(self.rung, self.spec.guidance, bool(constraints), facts),
-            deadline=deadline,
-            priority=self.spec.priority,
-            cause=cause,
-            created_at=now,
-            history_tokens=history.tokens,
-        )
+        site = WindowSite(self.spec, self.facts, self.config, self.guard, self.rung, self.conditions, self.timeline)
+        job = site.job(first_frame, self.remedy, job_id, self.plan + 1, cause, now, self.deadline(now))
         interval_s = 1.0 / (self.config.replans_hz[self.spec.priority - 1] * self.rung.replan_cap_scale)
-        answers = self.edits.take(now, interval_s)
-        if remedy is Remedy.FRESH_START:
+        if self._replan_wanted:
             self.edits.not_before = now + interval_s
-        self.running = RunningWindow(job, first_frame + facts.horizon, answers, self.conditions.velocity, remedy)
-        change = self.conditions.prompt_change_after(first_frame, first_frame + facts.horizon)
+        end = first_frame + self.facts.horizon
+        self.running = RunningWindow(job, end, self.edits.take(), self.conditions.velocity, self.remedy)
+        change = self.conditions.prompt_change_after(first_frame, end)
         self.running.accept_to = max(change, self._least_start(self.running))
+        self.remedy = None
         return job
 
     def _next_start(self, now: float, predicted_s: float) -> tuple[int, PlanCause]:
@@ -338,7 +276,7 @@ class SessionState:
         planned_to = self.planned_to
         if planned_to == 0 or not self._replan_wanted:
             return planned_to, PlanCause.CONTINUE if self.remedy is None else PlanCause.FALLBACK
-        lead_s = max(predicted_s, self.extra_lead_s) + self._commit_s
+        lead_s = max(predicted_s, self.extra_lead_s) + self.delivery.commit_s
         earliest = self._replaceable_from(now, lead_s)
         wanted = min((edit.dirty_from for edit in self.edits.waiting), default=earliest)
         if wanted > earliest:
@@ -355,8 +293,7 @@ class SessionState:
         if self.edits.waiting:
             asked_at = max(min(edit.received_at for edit in self.edits.waiting), self.edits.not_before)
             return asked_at + self.config.target_s(self.spec.priority)
-        unplayed = self.planned_to - self.clock.estimate(now, self.sent_to)
-        return now + unplayed / self.facts.fps - self._delivery_s
+        return now + self.delivery.unplayed(now, self.planned_to) / self.facts.fps - self.delivery.delivery_s
 
     def advance(self, steps_done: int) -> None:
         """Note how far the running window has come."""
@@ -369,7 +306,7 @@ class SessionState:
         assert running is not None
         assert running.job.job_id == result.job_id
         self._note_deadline(running, now, report)
-        if running.first_frame < self._replaceable_from(now, self._delivery_s):
+        if running.first_frame < self._replaceable_from(now, self.delivery.delivery_s):
             self._withdraw(running)
             self.extra_lead_s = max(now - running.job.created_at, 2 * self.extra_lead_s)
             report.windows_discarded += 1
@@ -385,12 +322,11 @@ class SessionState:
         self.restarts, self.extra_lead_s = 0, 0.0
         self.remedy = self.guard.remedy(rows)
         self._start_velocity(running)
-        self.first_chunk_due = self.first_chunk_due or running.job.cause is PlanCause.EDIT
+        self.delivery.first_chunk_due |= running.job.cause is PlanCause.EDIT
         report.windows.append((self.spec.priority, running.job.cause))
         report.soft_resets += running.remedy is not None
-        report.frames_superseded += max(0, self.sent_to - first_frame)
-        self.sent_to = min(self.sent_to, first_frame)
-        answered = self.edits.landed(running.answers, first_frame, self.sent_to)
+        report.frames_superseded += self.delivery.superseded(first_frame)
+        answered = self.edits.landed(running.answers, first_frame, self.delivery.sent_to)
         seqs = tuple(edit.event_seq for edit, _ in answered)
         return [
             PlanNotice(self.key, self.plan, first_frame, running.job.cause, seqs),
@@ -414,68 +350,44 @@ class SessionState:
     # ---- frames -----------------------------------------------------------------------------------------------------
 
     def emit(self, now: float, report: StepReport) -> list[Output]:
-        """Send what the credit allows, in chunks: a short one first where a plan is new, then up to steady_chunk."""
-        outputs = self._hold(now, report) if self.rung.hold else []
-        limit = min(self.timeline.end, self.clock.reported + self.spec.lookahead)
-        if limit <= self.sent_to:
+        """Send what the credit allows."""
+        outputs: list[Output] = self._hold(now, report) if self.rung.hold else []
+        # The window that runs may still land where it starts; a promise beyond that would only make it void.
+        promise_to = math.inf if self.running is None else self.running.first_frame
+        sent_before = self.delivery.sent_to
+        opening = self.delivery.num_frames == 0
+        chunks = self.delivery.chunks(now, self.timeline, self.plan, promise_to)
+        if not chunks:
             return outputs
-        due_to = math.ceil(self.clock.unheld(now)) if self.clock.running else 0
-        self.clock.resume_from(self.sent_to, now)
-        self._commit(now, limit)
-        begun_at = self.sent_to
-        while self.sent_to < limit:
-            most = self.config.first_chunk if self.first_chunk_due else self.config.steady_chunk
-            end = min(self.sent_to + most, limit)
-            rows = self.timeline.rows_between(self.sent_to, end)
-            outputs.append(Chunk(self.key, self.plan, self.sent_to, rows, self.committed_to))
-            self.first_chunk_due = False
-            self.sent_to = end
-        self.late_frames += max(0, min(due_to, limit) - begun_at)
-        self._tally_sent(now, limit - begun_at, report)
+        outputs += chunks
+        report.frames_sent += self.delivery.sent_to - sent_before
+        if opening:
+            report.event_latencies.append(EventLatency(self.spec.priority, "open", now - self.opened_at))
+        for edit in self.edits.seen(self.delivery.sent_to):
+            report.event_latencies.append(EventLatency(self.spec.priority, edit.kind, now - edit.received_at))
         self._trim()
         return outputs
 
-    @property
-    def _hold_lead(self) -> int:
-        """Unplayed frames at which a held pose must be sent for the client not to run out."""
-        return math.ceil(self.facts.fps * self._commit_s) + 1
-
     def _hold(self, now: float, report: StepReport) -> list[Output]:
         """Repeat the last pose where the client would run out and no window may be made for it."""
-        if self.running is not None or self.planned_to == 0 or not self.clock.running:
+        held_from, delivery = self.planned_to, self.delivery
+        if self.running is not None or held_from == 0 or not self.clock.running:
             return []
-        unplayed = self.planned_to - self.clock.estimate(now, self.sent_to)
-        if unplayed > self._hold_lead + _FRAME_TOLERANCE:
+        if delivery.unplayed(now, held_from) > delivery.commit_frames + _FRAME_TOLERANCE:
             return []
-        held_from, num_frames = self.planned_to, self.config.hold_frames
-        self.timeline = self.timeline.held(num_frames)
-        self.committed_to = self.planned_to
-        report.frames_held += num_frames
+        self.timeline = self.timeline.held(self.config.hold_frames)
+        delivery.promise(self.planned_to)
+        report.frames_held += self.config.hold_frames
         if self.holding:
             return []
         self.plan += 1
         self.holding = True
         return [PlanNotice(self.key, self.plan, held_from, PlanCause.FALLBACK, ())]
 
-    def _commit(self, now: float, sent_to: int) -> None:
-        """Promise the frames that no replan could change any more: those that it would reach too late."""
-        promised = min(self._unshown_from(now, self._commit_s), sent_to)
-        if self.running is not None:
-            # The window that runs may still land here; a promise beyond its start would only make it void.
-            promised = min(promised, self.running.first_frame)
-        self.committed_to = max(self.committed_to, promised)
-
-    def _tally_sent(self, now: float, num_frames: int, report: StepReport) -> None:
-        if self.num_frames == 0:
-            report.event_latencies.append(EventLatency(self.spec.priority, "open", now - self.opened_at))
-        self.num_frames = max(self.num_frames, self.sent_to)
-        report.frames_sent += num_frames
-        for edit in self.edits.seen(self.sent_to):
-            report.event_latencies.append(EventLatency(self.spec.priority, edit.kind, now - edit.received_at))
-
     def _trim(self) -> None:
         """Let go of what can neither be sent, nor replaced, nor be history; and of conditions that have passed."""
-        keep_from = min(self.committed_to, self.sent_to) - self.config.history_crop
+        committed_to = self.delivery.committed_to
+        keep_from = min(committed_to, self.delivery.sent_to) - self.config.history_crop
         if keep_from - self.timeline.first >= self.facts.horizon:
             self.timeline = self.timeline.trimmed(keep_from)
-        self.conditions = self.conditions.without_past(self.committed_to)
+        self.conditions = self.conditions.without_past(committed_to)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from server.engine.conditions import Conditions
 from server.engine.config import EngineConfig
-from server.engine.drift import Remedy
+from server.engine.drift import DriftGuard, Remedy
 from server.engine.edits import PendingEdit
 from server.engine.ladder import Rung
-from server.engine.pose import PoseReader
 from server.engine.timeline import Timeline
-from server.engine.types import Constraint, Float32Array, Guidance, ModelFacts, SessionSpec, StartPose, WindowJob
+from server.engine.types import Constraint, Guidance, ModelFacts, PlanCause, SessionSpec, StartPose, WindowJob
 from server.engine.velocity import RootState, Velocity, root_state
 
 
@@ -41,49 +38,83 @@ class RunningWindow:
 
 
 @dataclass(frozen=True, slots=True)
-class History:
-    """What a window goes on from. features: (H, D); tokens: the same, or None; start_pose: in place of both."""
+class WindowSite:
+    """What a session's next window is made from."""
 
-    features: Float32Array
-    tokens: Float32Array | None
-    start_pose: StartPose | None
+    spec: SessionSpec
+    facts: ModelFacts
+    config: EngineConfig
+    guard: DriftGuard
+    rung: Rung
+    conditions: Conditions
+    timeline: Timeline
 
-    def __len__(self) -> int:
-        return len(self.features)
+    def job(
+        self,
+        first_frame: int,
+        remedy: Remedy | None,
+        job_id: int,
+        plan: int,
+        cause: PlanCause,
+        now: float,
+        deadline: float,
+    ) -> WindowJob:
+        """The job of a window from first_frame on."""
+        start_pose = self._start_pose(first_frame, remedy)
+        length = 0 if start_pose else history_frames(first_frame, self.timeline, self.config, self.facts.patch)
+        if remedy is Remedy.SHORT_HISTORY:
+            length = min(length, self.facts.patch)
+        prompt = self.conditions.prompt_at(first_frame)
+        constraints = self._constraints(first_frame, length)
+        return WindowJob(
+            job_id=job_id,
+            session=self.spec.session,
+            plan=plan,
+            first_frame=first_frame,
+            history=self.timeline.features_before(first_frame, length),
+            start_pose=start_pose,
+            embedding=None if prompt is None else prompt.embedding,
+            constraints=constraints,
+            seed=self.spec.seed,
+            num_steps=steps_at(self.rung, self.spec, self.facts),
+            guidance=guidance_at(self.rung, self.spec.guidance, bool(constraints), self.facts),
+            deadline=deadline,
+            priority=self.spec.priority,
+            cause=cause,
+            created_at=now,
+            history_tokens=self.timeline.tokens_before(first_frame, length) if self.config.reuse_tokens else None,
+        )
+
+    def _start_pose(self, first_frame: int, remedy: Remedy | None) -> StartPose | None:
+        """Where a window without history starts; None for one that goes on from the frames before it."""
+        if first_frame == 0:
+            return self.spec.start_pose
+        if remedy is not Remedy.FRESH_START:
+            return None
+        return self.guard.fresh_start(self.timeline.rows_between(first_frame - 1, first_frame)[0])
+
+    def _constraints(self, first_frame: int, history_length: int) -> tuple[Constraint, ...]:
+        """The constraints that a window sees. A velocity comes last: it overrides older root targets of its frames."""
+        end = first_frame - history_length + self.facts.max_window_frames
+        seen = self.conditions.constraints_within(first_frame, end)
+        velocity, fps = self.conditions.velocity, self.facts.fps
+        if velocity is None:
+            return seen
+        path = velocity.path(first_frame, first_frame + self.facts.horizon, self._root_before(first_frame), fps)
+        return seen if path is None else (*seen, path)
+
+    def _root_before(self, first_frame: int) -> RootState:
+        """What the root does just before a window; it stands in the start pose before the first."""
+        reader, start = self.guard.reader, self.spec.start_pose
+        rows = self.timeline.rows_between(max(self.timeline.first, first_frame - 2), first_frame)
+        if not len(rows):
+            return RootState(start.x, start.z, 0.0, 0.0, start.heading)
+        return root_state(reader.positions(rows), reader.heading(rows[-1]), self.facts.fps)
 
 
 def history_frames(frame: int, timeline: Timeline, config: EngineConfig, patch: int) -> int:
     """Frames of history of a window that starts at `frame`: whole patches."""
     return min(config.history_crop, (frame - timeline.motion_from) // patch * patch)
-
-
-def history_of(frame: int, timeline: Timeline, config: EngineConfig, patch: int, remedy: Remedy | None) -> History:
-    """The history of a window that goes on from the frames before `frame`."""
-    length = history_frames(frame, timeline, config, patch)
-    if remedy is Remedy.SHORT_HISTORY:
-        length = min(length, patch)
-    tokens = timeline.tokens_before(frame, length) if config.reuse_tokens else None
-    return History(timeline.features_before(frame, length), tokens, None)
-
-
-def root_before(frame: int, timeline: Timeline, reader: PoseReader, start: StartPose, fps: int) -> RootState:
-    """What the root does just before `frame`; it stands in the start pose before the first."""
-    begin = max(timeline.first, frame - 2)
-    if frame <= begin:
-        return RootState(start.x, start.z, 0.0, 0.0, start.heading)
-    rows = timeline.rows_between(begin, frame)
-    return root_state(reader.positions(rows), reader.heading(rows[-1]), fps)
-
-
-def window_conditions(
-    conditions: Conditions, first_frame: int, history_length: int, root: RootState, facts: ModelFacts
-) -> tuple[Constraint, ...]:
-    """The constraints that a window sees. A velocity comes last: it overrides older root targets of its frames."""
-    seen = conditions.constraints_within(first_frame, first_frame - history_length + facts.max_window_frames)
-    if conditions.velocity is None:
-        return seen
-    path = conditions.velocity.path(first_frame, first_frame + facts.horizon, root, facts.fps)
-    return seen if path is None else (*seen, path)
 
 
 def guidance_at(rung: Rung, asked: Guidance, has_constraints: bool, facts: ModelFacts) -> Guidance:
@@ -102,7 +133,3 @@ def steps_at(rung: Rung, spec: SessionSpec, facts: ModelFacts) -> int:
     if rung.steps is None:
         return spec.denoise_steps
     return min(spec.denoise_steps, max(rung.steps, facts.min_steps))
-
-
-def no_history(facts: ModelFacts, start_pose: StartPose) -> History:
-    return History(np.empty((0, facts.feature_dim), np.float32), None, start_pose)

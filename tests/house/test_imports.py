@@ -29,7 +29,7 @@ def room(paths: str, may: str, never: str = "") -> Room:
 
 
 NUMBERS = "numpy torch"
-FILES = "safetensors yaml"
+FILES = "huggingface_hub safetensors yaml"
 TEXT = "model2vec tokenizers"
 PICTURES = "matplotlib"
 GRPC = "grpc grpc_health grpc_reflection"

@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-import numpy as np
-
 from server.config import ServerConfig
 from server.engine.config import EngineConfig
 from server.engine.engine import Engine
 from server.engine.ports import Deliver, Inbox, Observe, Runner
-from server.engine.types import Guidance, ModelFacts, PlanCause, Priority, SessionKey, StartPose, WindowJob
+from server.engine.profile import profile
+from server.engine.scheduler import Scheduler
+from server.engine.types import ModelFacts
 from server.errors import SettingError
 from server.prompts import TextEncoder
 
@@ -97,54 +97,19 @@ def check_fit(config: ServerConfig, facts: ModelFacts) -> None:
 def build_engine(
     config: ServerConfig, runner: Runner, deliver: Deliver, observe: Observe, inbox: Inbox | None = None
 ) -> Engine:
-    """Check that the settings fit, warm up, and make the engine. Raises SettingError where they do not."""
+    """Check that the settings fit, measure the model, and make the engine. Raises SettingError where they do not."""
     check_fit(config, runner.facts)
-    step_s = warm_up(runner) / config.denoise_steps
-    engine_config = EngineConfig(
-        max_sessions=config.max_sessions,
-        max_rows=config.max_rows,
-        history_crop=config.history_frames,
-        flush_s=config.flush_ms / 1000,
-        idle_timeout_s=config.idle_timeout_s,
-        initial_step_s=max(step_s, 0.001),
-    )
+    clock = MonotonicClock()
     try:
-        return Engine(runner, MonotonicClock(), deliver, engine_config, observe, inbox)
+        measured = profile(runner, clock, config.max_rows, config.history_frames, config.profile_s)
+        engine_config = EngineConfig(
+            max_sessions=config.max_sessions,
+            max_rows=measured.max_rows,
+            history_crop=config.history_frames,
+            flush_s=config.flush_ms / 1000,
+            idle_timeout_s=config.idle_timeout_s,
+        )
+        scheduler = Scheduler(measured.costs, measured.max_rows)
+        return Engine(runner, clock, deliver, engine_config, observe, inbox, scheduler)
     except ValueError as error:
         raise SettingError(str(error)) from error
-
-
-def warm_up(runner: Runner) -> float:
-    """Generate one window and throw it away; returns the seconds a second one takes.
-
-    The first run allocates, and it proves that the model gives finite frames before anyone depends on it.
-    """
-    facts = runner.facts
-    seconds = 0.0
-    for job_id in (-1, -2):
-        job = WindowJob(
-            job_id=job_id,
-            session=SessionKey(0, 0),
-            plan=1,
-            first_frame=0,
-            history=np.zeros((0, facts.feature_dim), np.float32),
-            start_pose=StartPose(),
-            embedding=None,
-            constraints=(),
-            seed=0,
-            num_steps=facts.default_steps,
-            guidance=Guidance(1.0, 1.0),
-            deadline=0.0,
-            priority=Priority.BATCH,
-            cause=PlanCause.CONTINUE,
-            created_at=0.0,
-        )
-        started = time.monotonic()
-        runner.prepare([job])
-        for _ in range(job.num_steps):
-            runner.denoise([job_id])
-        (result,) = runner.decode([job_id])
-        seconds = time.monotonic() - started
-        if not np.isfinite(result.frames).all():
-            raise SettingError("the model gives frames that are not finite; its checkpoint is damaged")
-    return seconds

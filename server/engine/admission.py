@@ -19,9 +19,9 @@ _GOLDEN_RATIO = 0.618033988749895
 
 @dataclass(frozen=True, slots=True)
 class Prices:
-    """Seconds of the machine when its steps are full: of one evaluation of the denoiser, and of a window besides."""
+    """Seconds of the machine when its steps are full: of one step of a window, and of the window besides its steps."""
 
-    evaluation_s: float = 0.0
+    step_s: float = 0.0
     window_s: float = 0.0
 
 
@@ -30,13 +30,12 @@ class Admission:
 
     def __init__(self, facts: ModelFacts, config: EngineConfig) -> None:
         self._config = config
-        self._passes = facts.guidance_passes
         self._windows_a_second = facts.fps / facts.horizon
         self._prices = Prices()
         self._measured = 0.0
         self._lock = threading.Lock()
         self._places: dict[SessionKey, SessionSpec] = {}
-        self._evaluations = 0
+        self._steps = 0
         self._refusals = 0
         self._refused: Counter[Code] = Counter()
         self._closed_for_good = False
@@ -52,16 +51,16 @@ class Admission:
     @property
     def asked(self) -> float:
         """The share of the machine that the sessions ask for, edits left out."""
-        return self._share(self._evaluations, len(self._places))
+        return self._share(self._steps, len(self._places))
 
     @property
     def load(self) -> float:
         """The share of the machine that is spoken for."""
         return max(self.asked, self._measured)
 
-    def _share(self, evaluations: int, sessions: int) -> float:
+    def _share(self, steps: int, sessions: int) -> float:
         prices = self._prices
-        return self._windows_a_second * (evaluations * prices.evaluation_s + sessions * prices.window_s)
+        return self._windows_a_second * (steps * prices.step_s + sessions * prices.window_s)
 
     def reserve(self, spec: SessionSpec, event_seq: int) -> Outcome | None:
         """Hold a place for a session, if it has none yet. A refusal where there is no place for it."""
@@ -71,7 +70,7 @@ class Admission:
             refusal = self._refusal(spec, event_seq)
             if refusal is None:
                 self._places[spec.session] = spec
-                self._evaluations += self._evaluations_of(spec)
+                self._steps += spec.denoise_steps
             else:
                 self._refused[refusal.code] += 1
             return refusal
@@ -82,11 +81,7 @@ class Admission:
             held = self._places.get(session)
             if held is not None and (spec is None or held is spec):
                 del self._places[session]
-                self._evaluations -= self._evaluations_of(held)
-
-    def _evaluations_of(self, spec: SessionSpec) -> int:
-        """Of one window, at the most."""
-        return spec.denoise_steps * self._passes
+                self._steps -= held.denoise_steps
 
     def take_refused(self) -> Counter[Code]:
         """How many were refused since this was last asked, by answer."""
@@ -105,7 +100,7 @@ class Admission:
             limit = f"at most {config.max_sessions} sessions at once"
             return self._full(spec, event_seq, "SESSION_LIMIT", "the server is full; try again later", limit)
         most = config.admit_load[spec.priority - 1]
-        load = self.load + self._share(self._evaluations_of(spec), 1)
+        load = self.load + self._share(spec.denoise_steps, 1)
         if load <= most or not self._places:
             return None
         return self._full(

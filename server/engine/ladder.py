@@ -24,8 +24,8 @@ class Rung:
     """How windows are made from the next one on.
 
     steps: most denoising steps of a window, None for as many as the session asked for. drop_guidance: one evaluation a
-    step. full_stride: windows are started at the last moment that is safe, so that edits supersede fewer frames.
-    replan_cap_scale: on how many replans a second are made for edits. hold: no windows are made, the character stands.
+    step. full_stride: a window that runs is finished, not begun again for an edit. replan_cap_scale: on how many
+    replans a second are made for edits. hold: no windows are made, the character stands.
     """
 
     tier: ServiceTier
@@ -60,15 +60,17 @@ class LadderLimits:
 
     Down where more than miss_share of the windows of miss_window_s were late, or the load is above high_load; not again
     within settle_s, since what a rung saves shows only then. Up after well_s without either and with the load below
-    low_load. min_windows: fewer than so many windows say nothing about the share that is late.
+    low_load; where that was too early, after twice as long the next time, up to patience times. min_windows: fewer
+    than so many windows say nothing about the share that is late.
     """
 
     miss_share: float = 0.01
     miss_window_s: float = 2.0
     high_load: float = 0.95
-    low_load: float = 0.6
+    low_load: float = 0.8
     settle_s: float = 2.0
     well_s: float = 10.0
+    patience: int = 8
     min_windows: int = 10
 
 
@@ -93,6 +95,8 @@ class Ladder:
         self._windows = self._misses = 0
         self._settled_at = now
         self._well_since = now
+        self._went_up_at = -math.inf
+        self._wait_s = self._limits.well_s
         self.shed = False
 
     def rung(self, priority: Priority) -> Rung:
@@ -130,12 +134,21 @@ class Ladder:
             self._well_since = now
         self.shed = False
         if pressed and now - self._settled_at >= limits.settle_s:
+            self._learn_patience(now)
             self._settled_at = now
             return self._down(present)
-        if self._made and now - max(self._well_since, self._settled_at) >= limits.well_s:
-            self._settled_at = now
+        if self._made and now - max(self._well_since, self._settled_at) >= self._wait_s:
+            self._settled_at = self._went_up_at = now
             return self._up(present)
         return ()
+
+    def _learn_patience(self, now: float) -> None:
+        """The last rung up did not hold for long: wait longer before the next, and so stop going up and down."""
+        limits = self._limits
+        if now - self._went_up_at < limits.well_s:
+            self._wait_s = min(2 * self._wait_s, limits.patience * limits.well_s)
+        elif now - self._went_up_at > limits.patience * limits.well_s:
+            self._wait_s = limits.well_s
 
     def _down(self, present: Mapping[Priority, int]) -> Iterable[Priority]:
         for index in range(self._made, len(self._moves)):

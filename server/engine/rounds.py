@@ -18,6 +18,8 @@ from server.engine.report import StepReport
 from server.engine.scheduler import ScheduledJob
 from server.engine.types import RowStatus, WindowJob, WindowResult
 
+# How fast the mean number of evaluations of a step follows what is seen, for every row.
+_PASSES_RATE = 1 / 4096
 _NOT_FINITE = "the model made numbers that are not finite for this session; open a new session"
 _NO_ROOM = "the device has no memory left for this session's window; open a new session"
 _FAILED = "the model failed for this session's window; open a new session"
@@ -53,6 +55,7 @@ class Rounds:
         self._decodes: Attempts[int, WindowResult] = Attempts(
             runner.decode, int, self._give_up, self._decoded, clock.now, max_rows
         )
+        self._passes = float(runner.facts.guidance_passes)
         self.work_s = 0.0
 
     def __len__(self) -> int:
@@ -114,10 +117,10 @@ class Rounds:
         return sound
 
     def prices(self) -> Prices:
-        """What an evaluation and a window cost by now, where steps are full."""
+        """What a step and a window cost by now, where steps are full, with as many evaluations as steps have had."""
         costs = self._policy.costs
         window_s = costs.prepare.each_s(self._turnover) + costs.decode.each_s(self._turnover)
-        return Prices(costs.step.each_s(self._full), window_s)
+        return Prices(self._passes * costs.step.each_s(self._full), window_s)
 
     # ---- calls of the runner ----------------------------------------------------------------------------------------
 
@@ -137,6 +140,7 @@ class Rounds:
         costs = self._policy.costs
         evaluations = sum(held.passes for held in jobs)
         costs.step.observe(evaluations, seconds)
+        self._passes += min(1.0, _PASSES_RATE * len(jobs)) * (evaluations / len(jobs) - self._passes)
         self.work_s += evaluations * min(costs.step.each_s(self._full), seconds / evaluations)
 
     def _decoded(self, job_ids: Sequence[int], seconds: float) -> None:

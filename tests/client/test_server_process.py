@@ -11,7 +11,18 @@ from motiongen_client.blocking import MotionClient
 from motiongen_client.server_process import ServerFailed, ServerProcess
 from tests.conftest import TINY_MODEL
 
-TINY = ["--model", str(TINY_MODEL), "--text-encoder", "hashed", "--threads", "1", "--drain-wait-s", "0"]
+TINY = [
+    "--model",
+    str(TINY_MODEL),
+    "--text-encoder",
+    "hashed",
+    "--threads",
+    "1",
+    "--drain-wait-s",
+    "0",
+    "--profile-s",
+    "0",
+]
 
 
 def test_it_is_ready_when_started_and_ends_with_0_when_stopped() -> None:

@@ -1,0 +1,134 @@
+"""Profile: what calls of the runner cost at start-up, measured with windows that are thrown away.
+
+It also proves, before anyone depends on it, that the model gives finite frames and that the device has the memory.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from server.engine.costs import CostTable
+from server.engine.ports import Clock, OutOfMemory, Runner
+from server.engine.types import (
+    Float32Array,
+    Guidance,
+    PlanCause,
+    Priority,
+    RootTarget,
+    SessionKey,
+    StartPose,
+    WindowJob,
+    WindowResult,
+)
+
+# Each size once to allocate and to build what is built for a size, then as often for the table.
+_TIMES = 2
+
+
+class UnsoundModel(ValueError):
+    """The model cannot be served: it gives frames that are not finite, or does not fit the device even alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """costs: the table. max_rows: the most windows of a step that the device has memory for, within what was asked."""
+
+    costs: CostTable
+    max_rows: int
+
+
+def profile(runner: Runner, clock: Clock, max_rows: int, history_frames: int, budget_s: float = 8.0) -> Profile:
+    """Measure calls of 1, 2, 4, ... max_rows windows, as many of these sizes as budget_s allows.
+
+    Raises UnsoundModel.
+    """
+    costs = CostTable.assumed(0.0)
+    job_ids = itertools.count(-1, -1)  # never those of the engine
+    ends_at = clock.now() + budget_s
+    largest = 0
+    history: Float32Array = np.zeros((0, runner.facts.feature_dim), np.float32)
+    took_s = 0.0
+    for size in _sizes(max_rows):
+        # The next size takes about twice as long as this one did.
+        if largest and clock.now() + 2 * took_s > ends_at:
+            return Profile(costs, max_rows)
+        begun_at = clock.now()
+        try:
+            for round_number in range(1 + _TIMES):
+                jobs = [_job(runner, next(job_ids), history) for _ in range(size)]
+                measured = costs if round_number else CostTable.assumed(0.0)
+                results = _windows(runner, jobs, clock, measured)
+        except OutOfMemory as error:
+            if not largest:
+                raise UnsoundModel(
+                    f"the model does not fit the device's memory even for one window: {error}"
+                ) from error
+            return Profile(costs, largest)
+        if not largest:
+            history = results[0].features[:history_frames]
+        largest = size
+        took_s = clock.now() - begun_at
+    return Profile(costs, max_rows)
+
+
+def _sizes(most: int) -> Iterator[int]:
+    size = 1
+    while size < most:
+        yield size
+        size *= 2
+    yield most
+
+
+def _windows(runner: Runner, jobs: list[WindowJob], clock: Clock, costs: CostTable) -> list[WindowResult]:
+    """Take the jobs through all their steps, and note what it took."""
+    job_ids = [job.job_id for job in jobs]
+    try:
+        _timed(lambda: runner.prepare(jobs), clock, lambda seconds: costs.prepare.observe(len(jobs), seconds))
+        evaluations = sum(runner.num_passes(job) for job in jobs)
+        for _ in range(jobs[0].num_steps):
+            _timed(lambda: runner.denoise(job_ids), clock, lambda seconds: costs.step.observe(evaluations, seconds))
+        results: list[WindowResult] = []
+        _timed(
+            lambda: results.extend(runner.decode(job_ids)),
+            clock,
+            lambda seconds: costs.decode.observe(len(jobs), seconds),
+        )
+    finally:
+        runner.discard(job_ids)
+    if not all(np.isfinite(result.frames).all() for result in results):
+        raise UnsoundModel("the model gives frames that are not finite; its checkpoint is damaged")
+    return results
+
+
+def _timed(call: Callable[[], object], clock: Clock, note: Callable[[float], None]) -> None:
+    begun_at = clock.now()
+    call()
+    note(clock.now() - begun_at)
+
+
+def _job(runner: Runner, job_id: int, history: Float32Array) -> WindowJob:
+    """A window like those of a session: a prompt, a waypoint, and a history once there is one."""
+    facts = runner.facts
+    first_frame = len(history)
+    embedding = np.full(facts.embedding_dim, facts.embedding_dim**-0.5, np.float32)
+    return WindowJob(
+        job_id=job_id,
+        session=SessionKey(0, 0),
+        plan=1,
+        first_frame=first_frame,
+        history=history,
+        start_pose=None if first_frame else StartPose(),
+        embedding=embedding,
+        constraints=(RootTarget(1, first_frame + facts.horizon - 1, 0.0, 1.0),),
+        seed=-job_id,
+        num_steps=facts.min_steps,
+        guidance=Guidance(1.5, 2.5),
+        deadline=0.0,
+        priority=Priority.BATCH,
+        cause=PlanCause.CONTINUE,
+        created_at=0.0,
+    )

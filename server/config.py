@@ -28,7 +28,7 @@ class ServerConfig:
     ops_host: str = setting("127.0.0.1", "address of health checks and metrics (HTTP)")
     ops_port: int = setting(9464, "port of health checks and metrics; 0 picks a free one", 0, 65535)
     print_ports: bool = setting(False, "print one JSON line with both ports on standard output once ready")
-    model: str = setting("motiongen-mini", "motiongen-mini, core, core8, g1, g18, a folder, or owner/name@revision of a hub")
+    model: str = setting("motiongen-mini", "motiongen-mini, core, core8, g1, g18, a folder, or a hub's owner/name")
     text_encoder: str = setting("static", "static (built in), hashed (knows no meaning; for tests), or a folder")
     device: str = setting("cpu", "device the model runs on", choices=("cpu", "cuda"))
     threads: int = setting(0, "CPU threads of the model; 0 = one for each core", 0, 1024)

@@ -136,6 +136,9 @@ class Ladder:
         if pressed and now - self._settled_at >= limits.settle_s:
             self._learn_patience(now)
             self._settled_at = now
+            # What was late before says nothing about the rung that comes.
+            self._late.clear()
+            self._windows = self._misses = 0
             return self._down(present)
         if self._made and now - max(self._well_since, self._settled_at) >= self._wait_s:
             self._settled_at = self._went_up_at = now

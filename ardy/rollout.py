@@ -1,7 +1,7 @@
 """One character, one loop, no tricks: the reference that the serving engine must equal.
 
 A window is `start_window`, `num_steps` times `denoise_step`, `finish_window`. `rollout` repeats that with the history
-re-encoded from explicit features each time; `generate_clip` keeps the tokens instead and decodes at the end.
+re-encoded from explicit features each time, or on request with its tokens kept where they fit.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from ardy.denoiser.guidance import (
     guided_prediction,
 )
 from ardy.diffusion import cosine_schedule
+from ardy.kept_tokens import KeptTokens
 from ardy.model import Model
 from ardy.noise import window_noise
 from ardy.representation import ROOT_WIDTH, Representation
@@ -39,6 +40,7 @@ class WindowRequest:
 
     num_frames: history, horizon and visible future, a multiple of 4. noise: (B, G/4, 20 + L), standard normal.
     text: (B, n, W), zeros for no text. history: (B, H, D) normalised features in the world frame, or None.
+    history_tokens: (B, H / 4, 20 + L) in the world frame, the tokens of `history` where they are known.
     translation: (B, 3) with y = 0, metres, and heading: (B) radians, where a first window starts (with history they
     follow from it). observed, mask: (B, num_frames, D), normalised, in the world frame, from the first of history on.
     """
@@ -49,6 +51,7 @@ class WindowRequest:
     noise: Tensor
     weights: GuidanceWeights = DEFAULT_WEIGHTS
     history: Tensor | None = None
+    history_tokens: Tensor | None = None
     translation: Tensor | None = None
     heading: Tensor | None = None
     observed: Tensor | None = None
@@ -93,7 +96,7 @@ def start_window(model: Model, request: WindowRequest) -> WindowState:
         history_frames = request.history.shape[1]
         if history_frames % FRAMES_PER_TOKEN:
             raise WindowError(f"history has {history_frames} frames; give a multiple of {FRAMES_PER_TOKEN}")
-        history = model.codec.to_hybrid(request.history)
+        history = model.codec.to_hybrid(request.history) if request.history_tokens is None else request.history_tokens
         root, translation = layout.recentre(root_from_tokens(history), history_frames - 1)
         history = torch.cat([root_to_tokens(root), history[..., ROOT_TOKEN_WIDTH:]], dim=-1)
         heading = layout.heading_of_root(request.history[:, 0, :ROOT_WIDTH])
@@ -180,12 +183,18 @@ def world_tokens_of(model: Model, tokens: Tensor, translation: Tensor) -> Tensor
 
 
 @torch.no_grad()
-def generate_window(model: Model, request: WindowRequest) -> Tensor:
-    """One whole window: normalised features (B, H + G, D) in the world frame."""
+def denoise_window(model: Model, request: WindowRequest) -> WindowState:
+    """One whole window after its last step."""
     state = start_window(model, request)
     for index in reversed(range(request.num_steps)):
         state = denoise_step(model, state, index, request.num_steps)
-    return finish_window(model, state)
+    return state
+
+
+@torch.no_grad()
+def generate_window(model: Model, request: WindowRequest) -> Tensor:
+    """One whole window: normalised features (B, H + G, D) in the world frame."""
+    return finish_window(model, denoise_window(model, request))
 
 
 def visible_frames(model: Model, history_frames: int, targets: Targets | None, first_frame: int) -> int:
@@ -208,7 +217,8 @@ class RolloutRequest:
     text: (W) or (n, W), zeros for no text. later_text: (first frame, text) of the prompts that follow, in order of
     time; a window that would run across a prompt's first frame is kept only up to it.
     seed: the k-th window starts from `window_noise(seed, k)`. history_frames: the most decided frames that a window
-    starts with, a multiple of 4. targets: constraints by absolute frame. start: x and z in metres, heading in radians.
+    starts with, a multiple of 4; reuse_tokens: a history that whole tokens of earlier windows cover is not encoded
+    again. targets: constraints by absolute frame. start: x and z in metres, heading in radians.
     """
 
     num_frames: int
@@ -217,6 +227,7 @@ class RolloutRequest:
     num_steps: int = 10
     weights: GuidanceWeights = DEFAULT_WEIGHTS
     history_frames: int = DEFAULT_HISTORY_FRAMES
+    reuse_tokens: bool = False
     targets: Targets | None = None
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     later_text: tuple[tuple[int, Tensor], ...] = ()
@@ -248,6 +259,7 @@ def rollout(model: Model, request: RolloutRequest) -> Tensor:
     width = ROOT_TOKEN_WIDTH + model.config.denoiser.latent_dim
     x, z, heading = request.start
     features = torch.zeros(0, layout.feature_dim, device=device)
+    kept = KeptTokens()
     for window_index in count():
         done = len(features)
         if done >= request.num_frames:
@@ -259,6 +271,7 @@ def rollout(model: Model, request: RolloutRequest) -> Tensor:
         observed, mask = (None, None)
         if request.targets is not None:
             observed, mask = (part[None] for part in request.targets.observe(layout, first_frame, span))
+        known = kept.before(done, history_len) if request.reuse_tokens else None
         window = WindowRequest(
             num_frames=span,
             num_steps=request.num_steps,
@@ -266,10 +279,13 @@ def rollout(model: Model, request: RolloutRequest) -> Tensor:
             noise=window_noise(request.seed, window_index, horizon // FRAMES_PER_TOKEN, width)[None].to(device),
             weights=request.weights,
             history=features[None, first_frame:] if history_len else None,
+            history_tokens=None if known is None else known[None],
             translation=torch.tensor([[x, 0.0, z]], device=device),
             heading=torch.tensor([heading], device=device),
             observed=observed,
             mask=mask,
         )
-        new = generate_window(model, window)[0, history_len:]
+        state = denoise_window(model, window)
+        new = finish_window(model, state)[0, history_len:]
+        kept.replace_from(done, world_tokens(model, state)[0, history_len // FRAMES_PER_TOKEN :])
         features = torch.cat([features, new[: text_end - done]])

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from ardy.checkpoint import load_checkpoint, save_checkpoint
-from ardy.config import ConfigError, ModelConfig
+from ardy.config import ConfigError
 from ardy.constraint import Targets
 from ardy.model import Model, build_model
 from ardy.rollout import RolloutRequest, WindowRequest, rollout, start_window
@@ -18,39 +18,7 @@ from ardy.tokenizer import ExplicitBody
 from ardy.train.denoiser import DenoiserLoss
 from ardy.train.windows import TrainingWindows
 from ardy.window import WindowError
-
-VARIANTS = (
-    "one stage",
-    "explicit",
-    "explicit, one stage",
-    "autoencoder",
-    "variational autoencoder",
-    "global root decoder",
-    "continuous latents",
-    "no goals",
-    "plain positions",
-    "regular guidance",
-    "no guidance",
-)
-
-
-def varied(config: ModelConfig, variant: str, body_dim: int) -> ModelConfig:
-    denoiser, tokenizer = config.denoiser, config.tokenizer
-    assert tokenizer is not None
-    explicit = replace(config, tokenizer=None, denoiser=replace(denoiser, latent_dim=4 * body_dim))
-    return {
-        "one stage": replace(config, denoiser=replace(denoiser, num_stages=1)),
-        "explicit": explicit,
-        "explicit, one stage": replace(explicit, denoiser=replace(explicit.denoiser, num_stages=1)),
-        "autoencoder": replace(config, tokenizer=replace(tokenizer, kind="ae")),
-        "variational autoencoder": replace(config, tokenizer=replace(tokenizer, kind="vae")),
-        "global root decoder": replace(config, tokenizer=replace(tokenizer, global_root=True)),
-        "continuous latents": replace(config, tokenizer=replace(tokenizer, quantize_on_encode=False)),
-        "no goals": replace(config, denoiser=replace(denoiser, constraints=False)),
-        "plain positions": replace(config, denoiser=replace(denoiser, positions="default")),
-        "regular guidance": replace(config, guidance="regular"),
-        "no guidance": replace(config, guidance="none"),
-    }[variant]
+from tests.ardy.variants import VARIANTS, varied
 
 
 def make_model(golden: Any, variant: str) -> Model:

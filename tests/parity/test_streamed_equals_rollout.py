@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+import pytest
 import torch
 
 from ardy.constraint import Targets
@@ -48,10 +49,12 @@ class Screen:
                 self.rows.update(enumerate(output.rows, output.first_frame))
 
 
-def stream(model: Model, embedding: np.ndarray, constraints: tuple[Constraint, ...]) -> np.ndarray:
+def stream(model: Model, embedding: np.ndarray, constraints: tuple[Constraint, ...], reuse_tokens: bool) -> np.ndarray:
     """The first NUM_FRAMES rows that a session with one prompt streams."""
     clock, screen = FakeClock(), Screen()
-    engine = Engine(TorchRunner(model, "tiny"), clock, screen.deliver, EngineConfig(continue_jitter=0))
+    engine = Engine(
+        TorchRunner(model, "tiny"), clock, screen.deliver, EngineConfig(continue_jitter=0, reuse_tokens=reuse_tokens)
+    )
     spec = SessionSpec(
         KEY,
         seed=7,
@@ -76,7 +79,7 @@ def stream(model: Model, embedding: np.ndarray, constraints: tuple[Constraint, .
     return np.stack([screen.rows[frame] for frame in range(NUM_FRAMES)])
 
 
-def expected(model: Model, embedding: np.ndarray, targets: Targets | None) -> torch.Tensor:
+def expected(model: Model, embedding: np.ndarray, targets: Targets | None, reuse_tokens: bool) -> torch.Tensor:
     request = RolloutRequest(
         num_frames=NUM_FRAMES,
         text=torch.from_numpy(embedding),
@@ -84,6 +87,7 @@ def expected(model: Model, embedding: np.ndarray, targets: Targets | None) -> to
         num_steps=STEPS,
         weights=GuidanceWeights(2.0, 1.5),
         history_frames=16,
+        reuse_tokens=reuse_tokens,
         targets=targets,
         start=(1.0, -2.0, 0.5),
     )
@@ -97,14 +101,17 @@ def compare(model: Model, rows: np.ndarray, features: torch.Tensor) -> None:
     assert torch.equal(torch.from_numpy(rows[:, -4:]) > 0.5, motion.foot_contacts)
 
 
-def test_a_prompted_session(model: Model) -> None:
+@pytest.mark.parametrize("reuse_tokens", [False, True])
+def test_a_prompted_session(model: Model, reuse_tokens: bool) -> None:
     embedding = np.random.default_rng(1).standard_normal(32).astype(np.float32)
-    compare(model, stream(model, embedding, ()), expected(model, embedding, None))
+    compare(model, stream(model, embedding, (), reuse_tokens), expected(model, embedding, None, reuse_tokens))
 
 
-def test_a_session_with_waypoints_in_and_beyond_its_windows(model: Model) -> None:
+@pytest.mark.parametrize("reuse_tokens", [False, True])
+def test_a_session_with_waypoints_in_and_beyond_its_windows(model: Model, reuse_tokens: bool) -> None:
     embedding = np.random.default_rng(2).standard_normal(32).astype(np.float32)
     targets = Targets(model.skeleton)
     targets.add_root([30, 70], torch.tensor([[1.5, -1.0], [2.0, 0.5]]), torch.tensor([0.2, 0.4]))
     constraints = (RootTarget(1, 30, 1.5, -1.0, 0.2), RootTarget(2, 70, 2.0, 0.5, 0.4))
-    compare(model, stream(model, embedding, constraints), expected(model, embedding, targets))
+    features = expected(model, embedding, targets, reuse_tokens)
+    compare(model, stream(model, embedding, constraints, reuse_tokens), features)

@@ -1,0 +1,61 @@
+"""A linear layer for inference: its weight is laid out once, and what follows the product is done on the way out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+Activation = Callable[[Tensor], Tensor]
+
+# On a CPU these oneDNN operators take a weight in the layout of the kernel, where `functional.linear` brings it there
+# again at every call, and they apply the activation or add the residual while the result is still in registers.
+_POINTWISE: dict[Activation | None, str] = {None: "none", functional.gelu: "gelu", functional.relu: "relu"}
+
+
+def _onednn_takes(weight: Tensor) -> bool:
+    if weight.device.type != "cpu" or not torch.backends.mkldnn.is_available():
+        return False
+    operators = torch.ops.mkldnn
+    if not all(hasattr(operators, name) for name in ("_reorder_linear_weight", "_linear_pointwise")):
+        return False
+    return weight.dtype == torch.float32 or bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
+
+
+class PackedLinear:
+    """x W^T + b in the precision of a copied weight, with an optional activation or an optional addend."""
+
+    def __init__(self, weight: Tensor, bias: Tensor, dtype: torch.dtype, activation: Activation | None = None) -> None:
+        """weight: (out, in). Raises ValueError for an activation other than gelu and relu."""
+        if activation not in _POINTWISE:
+            raise ValueError(f"activation is {activation}; it must be gelu, relu or None")
+        self._activation = activation
+        self._weight = weight.detach().to(dtype).contiguous().clone()
+        self._bias = bias.detach().to(dtype).clone()
+        self._onednn = _onednn_takes(self._weight)
+        if self._onednn:
+            self._weight = torch.ops.mkldnn._reorder_linear_weight(self._weight)
+
+    @classmethod
+    def of(cls, layer: nn.Linear, dtype: torch.dtype, activation: Activation | None = None) -> PackedLinear:
+        """From a layer of torch."""
+        return cls(layer.weight, layer.bias, dtype, activation)
+
+    def __call__(self, values: Tensor) -> Tensor:
+        """values: (..., in) in the layer's precision."""
+        result: Tensor
+        if self._onednn:
+            pointwise = _POINTWISE[self._activation]
+            result = torch.ops.mkldnn._linear_pointwise(values, self._weight, self._bias, pointwise, [], "none")
+            return result
+        result = functional.linear(values, self._weight, self._bias)
+        return result if self._activation is None else self._activation(result)
+
+    def plus(self, values: Tensor, addend: Tensor) -> Tensor:
+        """The result for values (..., in), without the activation, plus an addend (..., out)."""
+        if self._onednn:
+            result: Tensor = torch.ops.mkldnn._linear_pointwise.binary(values, addend, self._weight, self._bias, "add")
+            return result
+        return functional.linear(values, self._weight, self._bias).add_(addend)

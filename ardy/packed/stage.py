@@ -1,0 +1,60 @@
+"""One stage of the denoiser, taken apart into what is constant over a window's steps and what is not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from ardy.denoiser.blocks import StageTransformer
+from ardy.packed.linear import PackedLinear
+from ardy.packed.stack import Group, PackedStack
+
+
+class PackedStage:
+    """A `StageTransformer` in one precision. Sequences are: text, step, heading, history, horizon, visible future."""
+
+    def __init__(self, stage: StageTransformer, num_base_steps: int, dtype: torch.dtype) -> None:
+        self._stage = stage
+        self._dtype = dtype
+        self.stack = PackedStack(stage.seqTransEncoder, dtype)
+        self.num_prefix = stage.text_tokens + 1 + int(stage.linear_first_heading_angle is not None)
+        self.step_position = stage.text_tokens
+        # The output is made in float32: the root it gives is metres, and centimetres are to be seen in it.
+        self._output = PackedLinear.of(stage.output_linear, torch.float32)
+        device = stage.output_linear.weight.device
+        steps = torch.arange(num_base_steps, device=device)
+        self.step_vectors = (self._marked_prefix(stage.embed_timestep(steps), self.step_position)[:, 0]).to(dtype)
+
+    def _marked_prefix(self, vectors: Tensor, first: int) -> Tensor:
+        """Prefix vectors (B, n, width) from prefix token `first` on, with what tells the prefix tokens apart."""
+        count = vectors.shape[1]
+        if self._stage.learned_prefix_embedding is not None:
+            return vectors + self._stage.learned_prefix_embedding.embedding.weight[first : first + count]
+        return vectors + self._stage.positions(torch.arange(first, first + count, device=vectors.device))
+
+    def prefix(self, text: Tensor, heading: Tensor) -> Tensor:
+        """(B, prefix tokens, width) of texts (B, n, W) and headings (B) radians; the step's vector is left at zero."""
+        stage = self._stage
+        texts = self._marked_prefix(stage.embed_text(text), 0)
+        parts = [texts, torch.zeros_like(texts[:, :1])]
+        if stage.linear_first_heading_angle is not None:
+            angle = torch.stack([heading.cos(), heading.sin()], dim=-1)
+            vector = stage.linear_first_heading_angle(angle).unsqueeze(1)
+            parts.append(self._marked_prefix(vector, self.step_position + 1))
+        return torch.cat(parts, dim=1).to(self._dtype)
+
+    def placed(self, vectors: Tensor, history_tokens: int, first_token: int) -> Tensor:
+        """Token vectors (..., n, width) with their positions; first_token: the number of the first in the window."""
+        numbers = torch.arange(first_token, first_token + vectors.shape[-2], device=vectors.device)
+        numbers = numbers - history_tokens if self._stage.relative else numbers + self.num_prefix
+        return (vectors + self._stage.positions(numbers)).to(self._dtype)
+
+    def output(self, vectors: Tensor) -> Tensor:
+        """The stage's result, float32, for encoded horizon tokens (..., width)."""
+        return self._output(vectors.float())
+
+    def encode(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
+        """The transformer on packed sequences (P, width)."""
+        return self.stack(vectors, groups)

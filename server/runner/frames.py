@@ -1,0 +1,21 @@
+"""Features become the rows that go over the wire."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ardy.representation import Representation
+from ardy.rotation import matrix_to_quaternion
+
+
+def wire_rows(layout: Representation, features: Tensor) -> Tensor:
+    """Rows (B, G, row width) of normalised features (B, G, D): root, parent-relative quaternions, contacts."""
+    motion = layout.motion(layout.denormalize(features))
+    quaternions = matrix_to_quaternion(motion.local_rotations)
+    # Neighbouring frames keep to one sign of q and -q, so that a client may interpolate the numbers.
+    dots = (quaternions[:, 1:] * quaternions[:, :-1]).sum(-1, keepdim=True)
+    first = torch.where(quaternions[:, :1, :, :1] < 0, -1.0, 1.0)
+    signs = torch.cat([first, torch.where(dots < 0, -1.0, 1.0)], dim=1).cumprod(dim=1)
+    parts = [motion.root_positions, (quaternions * signs).flatten(-2), motion.foot_contacts.float()]
+    return torch.cat(parts, dim=-1)

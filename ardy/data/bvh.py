@@ -8,6 +8,7 @@ file; angles in the file are degrees.
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from torch import Tensor
 
 POSITION_CHANNELS = ("Xposition", "Yposition", "Zposition")
 ROTATION_CHANNELS = ("Xrotation", "Yrotation", "Zrotation")
+MAX_JOINTS = 2_000
 
 
 class BvhError(ValueError):
@@ -195,6 +197,8 @@ class _Parser:
         if (words[0] == "ROOT" and stack) or len(words) < 2:
             raise self.error(f"expected JOINT and a name, found {' '.join(words)!r}")
         name = " ".join(words[1:])
+        if len(self.names) == MAX_JOINTS:
+            raise self.error(f"more than {MAX_JOINTS} joints")
         if name in self.names:
             raise self.error(f"a second joint named {name!r}")
         self.expect_brace()
@@ -241,7 +245,7 @@ class _Parser:
         if self.words() != ["MOTION"]:
             raise self.error("expected MOTION")
         words = self.words()
-        if words[0] != "Frames:" or len(words) != 2 or not words[1].isdigit() or words[1] == "0":
+        if words[0] != "Frames:" or len(words) != 2 or not re.fullmatch(r"0*[1-9][0-9]{0,8}", words[1]):
             raise self.error(f"expected 'Frames:' and a count of at least 1, found {' '.join(words)!r}")
         num_frames = int(words[1])
         words = self.words()

@@ -15,6 +15,7 @@ from ardy.rotation import slerp
 
 QVEL_WIDTH = 35
 MAX_RATE_HZ = 10_000.0
+_LISTED = 5
 _LOST_RAD = 0.01  # less than half a degree that a hinge cannot do is not worth a line
 
 
@@ -44,7 +45,7 @@ class TrajectoryReport:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The same in words, nothing where nothing is amiss."""
+        """The same in words, the worst joints first; nothing where nothing is amiss."""
         said = []
         for what, found in (
             ("angles clamped to the joint's range", self.clamped),
@@ -52,7 +53,9 @@ class TrajectoryReport:
             ("rotation lost that the hinges cannot do", self.lost),
         ):
             if found:
-                said.append(f"{what}: {'; '.join(map(str, found))}")
+                worst = sorted(found, key=lambda one: one.worst, reverse=True)
+                more = f"; and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
+                said.append(f"{what}: {'; '.join(map(str, worst[:_LISTED]))}{more}")
         return tuple(said)
 
 

@@ -41,6 +41,7 @@ ROOMS = (
     room(
         "ardy/data ardy/train ardy/evaluate", f"ardy {NUMBERS} {FILES} {TEXT} {PICTURES} rich tensorboard transformers"
     ),
+    room("ardy/formats", f"ardy {NUMBERS} pygltflib"),
     room("ardy", f"ardy {NUMBERS} {FILES} {TEXT}"),
     room("server/engine", "numpy server.engine", never="asyncio"),
     room("server/runner.py", f"{NUMBERS} ardy server.engine.types", never="asyncio"),

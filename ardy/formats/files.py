@@ -1,0 +1,100 @@
+"""Every motion file by the end of its name: which can be read, which written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from ardy.formats.bvh import read_bvh, write_bvh
+from ardy.formats.errors import FormatError
+from ardy.formats.g1_csv import QPOS_FPS, read_controller_csv, read_qpos_csv, write_controller_csv, write_qpos_csv
+from ardy.formats.gltf import write_glb
+from ardy.formats.npz import read_npz, write_npz
+from ardy.formats.stored import StoredMotion
+from ardy.skeleton import Skeleton
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """What a file may leave open. skeleton: which, where several would fit; fps: of files without a clock."""
+
+    skeleton: Skeleton | None = None
+    fps: float = QPOS_FPS
+
+
+@dataclass(frozen=True)
+class MotionFormat:
+    """One kind of file. write returns lines on what was changed or lost; rate_hz is for kinds that resample."""
+
+    name: str
+    suffix: str
+    about: str
+    read: Callable[[Path, ReadOptions], StoredMotion] | None
+    write: Callable[[Path, StoredMotion, float | None], tuple[str, ...]]
+
+
+def _npz(path: Path, stored: StoredMotion, rate_hz: float | None) -> tuple[str, ...]:
+    write_npz(path, stored)
+    return ()
+
+
+def _bvh(path: Path, stored: StoredMotion, rate_hz: float | None) -> tuple[str, ...]:
+    write_bvh(path, stored)
+    return ()
+
+
+def _glb(path: Path, stored: StoredMotion, rate_hz: float | None) -> tuple[str, ...]:
+    write_glb(path, stored)
+    return ()
+
+
+def _qpos(path: Path, stored: StoredMotion, rate_hz: float | None) -> tuple[str, ...]:
+    return write_qpos_csv(path, stored).lines
+
+
+def _controller(path: Path, stored: StoredMotion, rate_hz: float | None) -> tuple[str, ...]:
+    return write_controller_csv(path, stored, rate_hz).lines
+
+
+# Longer ends first: the first that fits decides.
+MOTION_FORMATS = (
+    MotionFormat(
+        "g1-controller-csv", ".controller.csv", "G1: a clock, qpos within limits, velocities; any rate",
+        lambda path, _: read_controller_csv(path), _controller,
+    ),
+    MotionFormat(
+        "g1-csv", ".csv", "G1: ARDY's 36 columns of qpos", lambda path, options: read_qpos_csv(path, options.fps), _qpos
+    ),
+    MotionFormat("npz", ".npz", "ARDY's arrays", lambda path, options: read_npz(path, options.skeleton), _npz),
+    MotionFormat("bvh", ".bvh", "BVH in centimetres", lambda path, options: read_bvh(path, options.skeleton), _bvh),
+    MotionFormat("gltf", ".glb", "binary glTF, skeleton, body and animation", None, _glb),
+)  # fmt: skip
+
+
+def format_of(path: Path, name: str | None = None) -> MotionFormat:
+    """The format called `name`, or the one that the path's end tells. Raises FormatError, which lists them."""
+    for candidate in MOTION_FORMATS:
+        if candidate.name == name or (name is None and path.name.lower().endswith(candidate.suffix)):
+            return candidate
+    known = ", ".join(f"{one.name} (*{one.suffix})" for one in MOTION_FORMATS)
+    raise FormatError(path, f"no format {name!r}" if name else "the name tells no format", f"the formats are {known}")
+
+
+def read_motion(path: Path, options: ReadOptions | None = None, name: str | None = None) -> StoredMotion:
+    """Read any motion file. Raises FormatError, and OSError as `open` does."""
+    chosen = format_of(path, name)
+    if chosen.read is None:
+        readable = ", ".join(one.name for one in MOTION_FORMATS if one.read is not None)
+        raise FormatError(path, f"{chosen.name} is only written", f"the formats that are read are {readable}")
+    return chosen.read(path, options or ReadOptions())
+
+
+def write_motion(
+    path: Path, stored: StoredMotion, rate_hz: float | None = None, name: str | None = None
+) -> tuple[str, ...]:
+    """Write any motion file; returns lines that say what the format could not keep or had to change.
+
+    rate_hz: rows a second of g1-controller-csv, the motion's own if None; the others keep the motion's frames.
+    """
+    return format_of(path, name).write(path, stored, rate_hz)

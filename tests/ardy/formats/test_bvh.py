@@ -1,0 +1,139 @@
+"""BVH of every skeleton: written, parsed by the reader of motion capture, and read back as the same motion."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ardy.data.bvh import read_bvh as parse_file
+from ardy.formats.bvh import euler_zxy, read_bvh, write_bvh
+from ardy.formats.errors import FormatError
+from ardy.skeleton import load_skeleton, skeleton_names
+from tests.ardy.formats.motions import random_motion
+
+CORE = load_skeleton("core27")
+
+
+@pytest.mark.parametrize("units_per_metre", [100.0, 1.0, 1000.0, 1 / 0.0254])
+@pytest.mark.parametrize("name", skeleton_names())
+def test_motion_of_every_skeleton_comes_back(tmp_path: Path, name: str, units_per_metre: float) -> None:
+    stored = random_motion(load_skeleton(name), 7, seed=1, fps=25)
+    write_bvh(tmp_path / "motion.bvh", stored, units_per_metre)
+    again = read_bvh(tmp_path / "motion.bvh")
+    assert (again.skeleton.name, again.motion.fps) == (name, 25)
+    torch.testing.assert_close(again.motion.local_rotations, stored.motion.local_rotations, atol=1e-5, rtol=0)
+    torch.testing.assert_close(again.positions(), stored.positions(), atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("name", skeleton_names())
+def test_the_channels_put_every_joint_where_it_was(tmp_path: Path, name: str) -> None:
+    """Read by nothing of the writer's: the file's own hierarchy, channels and kinematics."""
+    skeleton = load_skeleton(name)
+    stored = random_motion(skeleton, 5, seed=4)
+    write_bvh(tmp_path / "motion.bvh", stored)
+    file = parse_file(tmp_path / "motion.bvh")
+    _, positions = file.global_pose()
+    order = [file.joint_names.index(joint) for joint in skeleton.joint_names]
+    torch.testing.assert_close(positions[:, order] / 100, stored.positions().double(), atol=1e-5, rtol=0)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(
+        st.tuples(*[st.sampled_from([0.0, np.pi / 2, -np.pi / 2, np.pi]) | st.floats(-4, 4)] * 3),
+        min_size=1,
+        max_size=5,
+    )
+)
+def test_angles_make_the_rotation_again(angles: list[tuple[float, float, float]]) -> None:
+    """Also where the middle angle is a right angle and the other two cannot be told apart."""
+
+    def matrix(z: float, x: float, y: float) -> np.ndarray:
+        (sz, sx, sy), (cz, cx, cy) = np.sin([z, x, y]), np.cos([z, x, y])
+        about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+        about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+        about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+        return about_z @ about_x @ about_y
+
+    rotations = np.stack([matrix(*row) for row in angles])
+    again = np.stack([matrix(*row) for row in euler_zxy(rotations)])
+    np.testing.assert_allclose(again, rotations, atol=2e-5)
+
+
+def test_turning_round_and_round_never_jumps(tmp_path: Path) -> None:
+    stored = random_motion(CORE, 200, seed=0, size=0.2)  # turns at 2 rad/s for ten seconds
+    write_bvh(tmp_path / "spin.bvh", stored)
+    steps = np.abs(np.diff(parse_file(tmp_path / "spin.bvh").values, axis=0))
+    assert steps.max() < 45, "degrees, or centimetres, from frame to frame"
+
+
+@pytest.fixture
+def text(tmp_path: Path) -> str:
+    write_bvh(tmp_path / "good.bvh", random_motion(CORE, 3, seed=2))
+    return (tmp_path / "good.bvh").read_text()
+
+
+def without_last_line(text: str) -> str:
+    return "\n".join(text.splitlines()[:-1])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text: text.replace("Spine3", "Nose"), r"1 missing \(Spine3 \.\.\.\), 1 too many \(Nose"),
+        (lambda text: re.sub(r"\bHead\b", "Swap", text).replace("Neck", "Head").replace("Swap", "Neck"), "hangs on"),
+        (lambda text: re.sub(r"Frame Time: .*", "Frame Time: 0.0333667", text), "a frame time of 0.0333667 s"),
+        (lambda text: re.sub(r"OFFSET .*", "OFFSET 1 1 1", text), "retarget"),
+        (lambda text: re.sub(r"OFFSET .*", "OFFSET 0 0 0", text), "no unit known here fits"),
+        (lambda text: re.sub(r"Frames: 3", "Frames: 999999999", text), "expected 999999999 frames, found 3"),
+        (lambda text: re.sub(r"Frames: 3", "Frames: ²", text), "a count of at least 1"),
+        (without_last_line, "expected 3 frames, found 2"),
+        (lambda text: text[: len(text) // 3], "give a BVH file"),
+        (lambda text: "", "ends too early"),
+        (lambda text: "HIERARCHY\n" + "JOINT a\n{\n" * 10, "expected ROOT"),
+        (lambda text: "HIERARCHY\nROOT r\n{\nOFFSET 0 0 0\nCHANNELS 0\n" + "}\n" * 9, "expected MOTION"),
+    ],
+)
+def test_files_that_are_no_motion_of_ours_are_refused(
+    tmp_path: Path, text: str, change: Callable[[str], str], message: str
+) -> None:
+    path = tmp_path / "bad.bvh"
+    path.write_text(change(text), encoding="utf-8")
+    with pytest.raises(FormatError, match=message):
+        read_bvh(path)
+
+
+def test_a_skeleton_of_endless_joints_is_refused(tmp_path: Path) -> None:
+    opened = "HIERARCHY\nROOT j\n{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n"
+    opened += "".join(f"JOINT j{index}\n{{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n" for index in range(3000))
+    (tmp_path / "deep.bvh").write_text(opened)
+    with pytest.raises(FormatError, match="more than 2000 joints"):
+        read_bvh(tmp_path / "deep.bvh")
+
+
+def test_bones_that_stretch_are_refused(tmp_path: Path, text: str) -> None:
+    """Position channels below the root are read, and have to say what the OFFSET says."""
+    lines = text.splitlines()
+    spine = next(index for index, line in enumerate(lines) if "JOINT Spine" in line and "Spine1" not in line)
+    lines[spine + 3] = "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation"
+    first = len(lines) - 3
+    offset = lines[spine + 2].split()[1:]
+    at = 6 + 3 * sum("JOINT" in line for line in lines[:spine])
+
+    def placed(shift: float) -> str:
+        rows = [line.split() for line in lines[first:]]
+        place = [offset[0], str(float(offset[1]) + shift), offset[2]]
+        return "\n".join([*lines[:first], *(" ".join([*row[:at], *place, *row[at:]]) for row in rows)]) + "\n"
+
+    (tmp_path / "still.bvh").write_text(placed(0.0))
+    assert read_bvh(tmp_path / "still.bvh").motion.num_frames == 3
+    (tmp_path / "stretched.bvh").write_text(placed(5.0))
+    with pytest.raises(FormatError, match=r"bone of Spine is 5\.0 cm longer"):
+        read_bvh(tmp_path / "stretched.bvh")

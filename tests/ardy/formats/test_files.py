@@ -1,0 +1,84 @@
+"""Any motion file by its name, and the command that converts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from ardy.formats.__main__ import main
+from ardy.formats.errors import FormatError
+from ardy.formats.files import MOTION_FORMATS, ReadOptions, format_of, read_motion, write_motion
+from ardy.formats.g1_csv import qpos_motion
+from ardy.formats.stored import StoredMotion
+from tests.ardy.robot.poses import walking_qpos
+
+
+@pytest.fixture
+def walk() -> StoredMotion:
+    return qpos_motion("walk", walking_qpos(26, 25), 25)
+
+
+@pytest.mark.parametrize("chosen", MOTION_FORMATS, ids=lambda one: one.name)
+def test_every_format_is_written_and_those_that_are_read_come_back(
+    tmp_path: Path, walk: StoredMotion, chosen: object
+) -> None:
+    suffix, readable = chosen.suffix, chosen.read is not None  # type: ignore[attr-defined]
+    path = tmp_path / f"walk{suffix.upper()}"
+    assert write_motion(path, walk) == ()
+    assert path.stat().st_size > 1000
+    if not readable:
+        with pytest.raises(FormatError, match="is only written; the formats that are read are"):
+            read_motion(path)
+        return
+    again = read_motion(path)
+    assert (again.skeleton.name, again.motion.fps) == ("g134", 25)
+    torch.testing.assert_close(again.positions(), walk.positions(), atol=1e-4, rtol=0)
+
+
+def test_names_decide_before_endings_and_unknown_ones_are_refused(tmp_path: Path) -> None:
+    assert format_of(tmp_path / "a.controller.csv").name == "g1-controller-csv"
+    assert format_of(tmp_path / "a.csv").name == "g1-csv"
+    assert format_of(tmp_path / "a.csv", "npz").name == "npz"
+    with pytest.raises(FormatError, match=r"tells no format; the formats are .*bvh \(\*\.bvh\)"):
+        format_of(tmp_path / "a.fbx")
+    with pytest.raises(FormatError, match="no format 'fbx'"):
+        format_of(tmp_path / "a.npz", "fbx")
+
+
+def test_the_command_converts(tmp_path: Path, walk: StoredMotion, capsys: pytest.CaptureFixture[str]) -> None:
+    write_motion(tmp_path / "walk.bvh", walk)
+    target = tmp_path / "walk.controller.csv"
+    assert main([str(tmp_path / "walk.bvh"), str(target), "--rate-hz", "50"]) == 0
+    assert "26 frames of g134 at 25 a second" in capsys.readouterr().out
+    assert read_motion(target).motion.fps == 50
+    assert main([str(target), str(tmp_path / "walk.data"), "--to", "npz"]) == 0
+    assert read_motion(tmp_path / "walk.data", name="npz").motion.num_frames == 51
+
+
+def test_the_clock_of_a_file_without_one_can_be_told(tmp_path: Path, walk: StoredMotion) -> None:
+    write_motion(tmp_path / "walk.csv", walk)
+    assert read_motion(tmp_path / "walk.csv", ReadOptions(fps=50)).motion.fps == 50
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (("missing.npz", "out.bvh"), "No such file"),
+        (("walk.csv", "out.xyz"), "the name tells no format"),
+        (("walk.csv", "out.controller.csv", "--rate-hz", "0"), "the rate is 0.0 Hz"),
+        (("walk.csv", "out.npz", "--fps", "0.5"), "give a whole number"),
+        (("walk.csv", "out.npz", "--from", "npz"), "not a readable NPZ"),
+    ],
+)
+def test_the_command_says_what_is_wrong(
+    tmp_path: Path, walk: StoredMotion, capsys: pytest.CaptureFixture[str], names: tuple[str, ...], message: str
+) -> None:
+    write_motion(tmp_path / "walk.csv", walk)
+    paths = [str(tmp_path / name) if "." in name and not name[0].isdigit() else name for name in names]
+    assert main(paths) == 1
+    said = capsys.readouterr()
+    assert said.err.startswith("error: ")
+    assert message in said.err
+    assert said.out == ""

@@ -1,0 +1,150 @@
+"""Binary glTF, read as the specification says and by nothing of the writer's: nodes, skin, mesh, animation."""
+
+from __future__ import annotations
+
+import builtins
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from ardy.formats.errors import FormatError
+from ardy.formats.gltf import write_glb
+from ardy.rotation import quaternion_to_matrix
+from ardy.skeleton import load_skeleton, skeleton_names
+from tests.ardy.formats.motions import random_motion
+
+WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+TYPES = {5121: "<u1", 5126: "<f4"}
+
+
+class Glb:
+    """The two chunks of a .glb, and its accessors as arrays."""
+
+    def __init__(self, path: Path) -> None:
+        content = path.read_bytes()
+        magic, version, length = struct.unpack_from("<4sII", content)
+        assert (magic, version, length) == (b"glTF", 2, len(content))
+        size, kind = struct.unpack_from("<I4s", content, 12)
+        assert kind == b"JSON"
+        self.json: dict[str, Any] = json.loads(content[20 : 20 + size])
+        binary_size, kind = struct.unpack_from("<I4s", content, 20 + size)
+        assert kind == b"BIN\0"
+        self.binary = content[28 + size : 28 + size + binary_size]
+
+    def array(self, index: int) -> np.ndarray:
+        accessor = self.json["accessors"][index]
+        view = self.json["bufferViews"][accessor["bufferView"]]
+        width = WIDTHS[accessor["type"]]
+        kind = np.dtype(TYPES[accessor["componentType"]])
+        assert view["byteOffset"] % 4 == 0
+        assert view["byteLength"] == accessor["count"] * width * kind.itemsize
+        flat = np.frombuffer(self.binary, kind, accessor["count"] * width, view["byteOffset"])
+        return flat.reshape(accessor["count"], width)
+
+    def tracks(self) -> dict[tuple[int, str], np.ndarray]:
+        (animation,) = self.json["animations"]
+        return {
+            (channel["target"]["node"], channel["target"]["path"]): self.array(
+                animation["samplers"][channel["sampler"]]["output"]
+            )
+            for channel in animation["channels"]
+        }
+
+    def world(self, frame: int | None) -> np.ndarray:
+        """World matrices (nodes, 4, 4) at an animation frame, or at rest."""
+        nodes, tracks = self.json["nodes"], self.tracks()
+        found = np.tile(np.eye(4), (len(nodes), 1, 1))
+
+        def visit(node: int, above: np.ndarray) -> None:
+            values = {"translation": nodes[node].get("translation", [0, 0, 0]), "rotation": nodes[node].get("rotation")}
+            for path in values:
+                if frame is not None and (node, path) in tracks:
+                    values[path] = tracks[node, path][frame]
+            x, y, z, w = values["rotation"] if values["rotation"] is not None else (0, 0, 0, 1)
+            local = np.eye(4)
+            local[:3, :3] = quaternion_to_matrix(torch.tensor([w, x, y, z], dtype=torch.float64)).numpy()
+            local[:3, 3] = values["translation"]
+            found[node] = above @ local
+            for child in nodes[node].get("children", []):
+                visit(child, found[node])
+
+        for node in self.json["scenes"][self.json["scene"]]["nodes"]:
+            visit(node, np.eye(4))
+        return found
+
+
+@pytest.mark.parametrize("name", skeleton_names())
+def test_the_animation_puts_every_joint_where_it_was(tmp_path: Path, name: str) -> None:
+    skeleton = load_skeleton(name)
+    stored = random_motion(skeleton, 6, seed=1, fps=25)
+    write_glb(tmp_path / "motion.glb", stored)
+    glb = Glb(tmp_path / "motion.glb")
+    assert [node["name"] for node in glb.json["nodes"]] == [*skeleton.joint_names, "body"]
+    (animation,) = glb.json["animations"]
+    assert animation["extras"] == {"text": "a test", "frames_per_second": 25}
+    (times,) = {sampler["input"] for sampler in animation["samplers"]}
+    np.testing.assert_allclose(glb.array(times)[:, 0], np.arange(6) / 25, atol=1e-6)
+    accessor = glb.json["accessors"][times]
+    assert (accessor["min"], accessor["max"]) == ([0.0], pytest.approx([0.2]))
+    expected = stored.positions().numpy()
+    for frame in range(6):
+        np.testing.assert_allclose(glb.world(frame)[: skeleton.num_joints, :3, 3], expected[frame], atol=1e-5)
+
+
+def test_quaternions_are_unit_and_never_flip(tmp_path: Path) -> None:
+    write_glb(tmp_path / "spin.glb", random_motion(load_skeleton("core27"), 200, seed=0))
+    for (_, path), values in Glb(tmp_path / "spin.glb").tracks().items():
+        if path == "rotation":
+            np.testing.assert_allclose(np.linalg.norm(values, axis=1), 1, atol=1e-6)
+            assert ((values[1:] * values[:-1]).sum(1) > 0).all()
+
+
+def test_the_body_moves_with_the_bones(tmp_path: Path) -> None:
+    """Skinned as viewers do it, each diamond's ends lie on the joints of its bone, in every frame and at rest."""
+    skeleton = load_skeleton("core27")
+    stored = random_motion(skeleton, 3, seed=5)
+    write_glb(tmp_path / "motion.glb", stored)
+    glb = Glb(tmp_path / "motion.glb")
+    (primitive,) = glb.json["meshes"][0]["primitives"]
+    positions = glb.array(primitive["attributes"]["POSITION"])
+    joints = glb.array(primitive["attributes"]["JOINTS_0"])[:, 0]
+    np.testing.assert_array_equal(glb.array(primitive["attributes"]["WEIGHTS_0"]), [[1, 0, 0, 0]] * len(positions))
+    np.testing.assert_allclose(np.linalg.norm(glb.array(primitive["attributes"]["NORMAL"]), axis=1), 1, atol=1e-5)
+    bounds = glb.json["accessors"][primitive["attributes"]["POSITION"]]
+    np.testing.assert_allclose([bounds["min"], bounds["max"]], [positions.min(0), positions.max(0)], atol=1e-6)
+    (skin,) = glb.json["skins"]
+    assert skin["joints"] == list(range(27))
+    unbind = glb.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
+    homogeneous = np.concatenate([positions, np.ones((len(positions), 1))], axis=1)
+    for frame in (0, 2):
+        world = glb.world(frame)[:27]
+        skinned = np.einsum("vij,vj->vi", (world @ unbind)[joints], homogeneous)[:, :3].reshape(-1, 24, 3)
+        bones = [
+            (skeleton.parents[joint], joint) for joint in range(1, 27) if np.linalg.norm(skeleton.offsets[joint]) > 1e-4
+        ]
+        assert len(skinned) == len(bones)
+        at = stored.positions()[frame].numpy()
+        for diamond, (parent, joint) in zip(skinned, bones, strict=True):
+            assert np.linalg.norm(diamond - at[parent], axis=1).min() < 1e-4
+            assert np.linalg.norm(diamond - at[joint], axis=1).min() < 1e-4
+    lowest = glb.world(None)[:27, 1, 3].min()
+    assert lowest == pytest.approx(0, abs=1e-6), "at rest the body stands on the ground"
+
+
+def test_without_the_library_the_message_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = builtins.__import__
+
+    def without(name: str, *rest: Any, **named: Any) -> Any:
+        if name == "pygltflib":
+            raise ImportError(name)
+        return real(name, *rest, **named)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(FormatError, match=r"pip install 'motiongen\[gltf\]'"):
+        write_glb(tmp_path / "motion.glb", random_motion(load_skeleton("core27"), 2, seed=0))
+    assert not (tmp_path / "motion.glb").exists()

@@ -58,7 +58,8 @@ _FRAME_TOLERANCE = 1e-3
 class SessionState:
     """All that is known of a session. plan: the newest plan's number; holding: it repeats a pose.
 
-    remedy: what the next window is to right. restarts, extra_lead_s: of windows in a row that did not land.
+    remedy: what the next window is to right, in a window that began at lost_from. restarts, extra_lead_s: of windows in
+    a row that did not land.
     """
 
     spec: SessionSpec
@@ -76,6 +77,7 @@ class SessionState:
     plan: int = 0
     running: RunningWindow | None = None
     remedy: Remedy | None = None
+    lost_from: int = 0
     holding: bool = False
     restarts: int = 0
     extra_lead_s: float = 0.0
@@ -260,7 +262,10 @@ class SessionState:
         assert self.window_due(now)
         first_frame, cause = self._next_start(now, predicted_s)
         site = WindowSite(self.spec, self.facts, self.config, self.guard, self.rung, self.conditions, self.timeline)
-        job = site.job(first_frame, self.remedy, job_id, self.plan + 1, cause, now, self.deadline(now))
+        # Before the frames where it was lost the character is as it should be, and can go on from there.
+        sound = self.remedy is Remedy.FRESH_START and first_frame <= self.lost_from
+        remedy = Remedy.SHORT_HISTORY if sound else self.remedy
+        job = site.job(first_frame, remedy, job_id, self.plan + 1, cause, now, self.deadline(now))
         interval_s = 1.0 / (self.config.replans_hz[self.spec.priority - 1] * self.rung.replan_cap_scale)
         if self._replan_wanted:
             self.edits.not_before = now + interval_s
@@ -320,7 +325,7 @@ class SessionState:
         self.plan += 1
         self.holding = False
         self.restarts, self.extra_lead_s = 0, 0.0
-        self.remedy = self.guard.remedy(rows)
+        self.remedy, self.lost_from = self.guard.remedy(rows), first_frame
         self._start_velocity(running)
         self.delivery.first_chunk_due |= running.job.cause is PlanCause.EDIT
         report.windows.append((self.spec.priority, running.job.cause))

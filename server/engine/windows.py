@@ -18,7 +18,7 @@ from server.engine.velocity import RootState, Velocity, root_state
 class RunningWindow:
     """The window being denoised. accept_to: its frames from there on will be dropped. answers: the edits it is for.
 
-    velocity: the one it obeys. remedy: what it rights; fresh: it goes on from no frames before it.
+    velocity: the one it obeys. remedy: what the session asked of it.
     """
 
     job: WindowJob
@@ -34,7 +34,8 @@ class RunningWindow:
 
     @property
     def fresh(self) -> bool:
-        return self.remedy is Remedy.FRESH_START
+        """Whether it goes on from no frames before it."""
+        return self.job.start_pose is not None
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ import itertools
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from server.engine.types import (
     SetConstraints,
     SetPlayState,
     SetPrompts,
+    SetVelocity,
 )
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
 from tests.server.engine.viewer import Viewer
@@ -51,6 +53,9 @@ def spec(
     return SessionSpec(
         key, seed, "fake", priority, lookahead, num_steps, Guidance(2.0, 2.0), prompts=prompts, constraints=constraints
     )
+
+
+_Edit: TypeAlias = SetPrompts | SetConstraints | SetVelocity | SetPlayState
 
 
 class Stage:
@@ -95,6 +100,11 @@ class Stage:
     ) -> int:
         return self._ask(viewer, lambda seq, now: SetConstraints(viewer.key, seq, now, upsert, remove, clear))
 
+    def set_velocity(
+        self, viewer: Viewer, x: float, z: float, heading: float | None = None, hold_frames: int = 80
+    ) -> int:
+        return self._ask(viewer, lambda seq, now: SetVelocity(viewer.key, seq, now, x, z, heading, hold_frames))
+
     def pause(self, viewer: Viewer, paused: bool) -> int:
         viewer.set_paused(paused, self.clock.now())
         state = PlayState.PAUSED if paused else PlayState.PLAYING
@@ -110,14 +120,14 @@ class Stage:
         report = viewer.report(self.clock.now())
         self._carry(lambda now: self.engine.submit(replace(report, received_at=now)))
 
-    def _ask(self, viewer: Viewer, event: Callable[[int, float], SetPrompts | SetConstraints | SetPlayState]) -> int:
+    def _ask(self, viewer: Viewer, event: Callable[[int, float], _Edit]) -> int:
         seq = next(self._seqs)
         viewer.asked.add(seq)
         self._askers[seq] = viewer
         self._carry(lambda now: self._submit(viewer, event(seq, now)))
         return seq
 
-    def _submit(self, viewer: Viewer, event: Open | SetPrompts | SetConstraints | SetPlayState) -> None:
+    def _submit(self, viewer: Viewer, event: Open | _Edit) -> None:
         refused = self.engine.submit(event)
         if refused is not None:
             viewer.take(refused, self.clock.now())

@@ -16,7 +16,6 @@ import grpc.aio
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
-from motiongen.v1 import service_pb2, service_pb2_grpc
 from server.catalog import Catalog
 from server.config import ServerConfig
 from server.door import Door
@@ -25,6 +24,7 @@ from server.errors import SettingError
 from server.hosting import Hosted, host_engine
 from server.limits import Limits
 from server.loading import Loaded, load_all
+from server.methods import SERVICE_NAME, add_methods
 from server.metrics import Metrics
 from server.ops import OpsServer, ops_app
 from server.prompts import PromptEncoder
@@ -32,7 +32,6 @@ from server.service import MotionService
 
 _log = logging.getLogger("server")
 
-SERVICE_NAME = service_pb2.DESCRIPTOR.services_by_name["MotionService"].full_name
 HEARTBEAT_LIMIT_S = 2.0
 """Older than this, the engine is too busy to be given more sessions."""
 HUNG_S = 30.0
@@ -118,7 +117,7 @@ class Application:
             ],
             maximum_concurrent_rpcs=config.max_streams,
         )
-        service_pb2_grpc.add_MotionServiceServicer_to_server(self._door, self._server)
+        add_methods(self._door, self._server)
         health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
         if config.reflection:
             reflection.enable_server_reflection(

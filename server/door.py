@@ -7,14 +7,15 @@ from collections.abc import AsyncIterator
 import grpc
 import grpc.aio
 
-from motiongen.v1 import service_pb2, service_pb2_grpc
+from motiongen.v1 import service_pb2
 from server.errors import StreamRefused
-from server.service import Context, MotionService
+from server.methods import CatalogContext, StreamContext
+from server.service import MotionService
 
 RETRY_AFTER_S = 1.0
 
 
-class Door(service_pb2_grpc.MotionServiceServicer):
+class Door:
     """Refuses calls with UNAVAILABLE until it is opened, and then passes them on."""
 
     def __init__(self) -> None:
@@ -25,9 +26,7 @@ class Door(service_pb2_grpc.MotionServiceServicer):
         self._service = service
 
     async def GetCatalog(
-        self,
-        request: service_pb2.GetCatalogRequest,
-        context: grpc.aio.ServicerContext[service_pb2.GetCatalogRequest, service_pb2.GetCatalogResponse],
+        self, request: service_pb2.GetCatalogRequest, context: CatalogContext
     ) -> service_pb2.GetCatalogResponse:
         """As the service's."""
         if self._service is None:
@@ -36,7 +35,7 @@ class Door(service_pb2_grpc.MotionServiceServicer):
         return await self._service.GetCatalog(request, context)
 
     async def StreamMotion(
-        self, request_iterator: AsyncIterator[service_pb2.StreamMotionRequest], context: Context
+        self, request_iterator: AsyncIterator[service_pb2.StreamMotionRequest], context: StreamContext
     ) -> None:
         """As the service's."""
         if self._service is None:

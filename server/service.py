@@ -12,12 +12,13 @@ from collections.abc import AsyncIterator, Sequence
 import grpc
 import grpc.aio
 
-from motiongen.v1 import service_pb2, service_pb2_grpc
+from motiongen.v1 import service_pb2
 from server.catalog import Catalog
 from server.convert import round_trip_s
 from server.engine.types import CloseReason, Output
 from server.engine_port import EventSink
 from server.errors import StreamRefused
+from server.methods import CatalogContext, StreamContext
 from server.prompts import PromptEncoder
 from server.stream import Stream
 
@@ -26,10 +27,9 @@ _log = logging.getLogger(__name__)
 FLUSH_RANGE_S = (0.005, 0.1)
 MAX_AGENT_CHARACTERS = 128
 EVENTS_A_TURN = 64
-Context = grpc.aio.ServicerContext[service_pb2.StreamMotionRequest, service_pb2.StreamMotionResponse]
 
 
-class MotionService(service_pb2_grpc.MotionServiceServicer):
+class MotionService:
     """Carries events from streams to the engine and outputs back. Lives on one event loop."""
 
     def __init__(self, engine: EventSink, prompts: PromptEncoder, catalog: Catalog, flush_s: float = 0.02) -> None:
@@ -70,15 +70,13 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
     # ---- calls ------------------------------------------------------------------------------------------------------
 
     async def GetCatalog(
-        self,
-        request: service_pb2.GetCatalogRequest,
-        context: grpc.aio.ServicerContext[service_pb2.GetCatalogRequest, service_pb2.GetCatalogResponse],
+        self, request: service_pb2.GetCatalogRequest, context: CatalogContext
     ) -> service_pb2.GetCatalogResponse:
         """Rigs, models and limits, or the etag alone for a client that holds them."""
         return self._catalog.response(request.catalog_etag)
 
     async def StreamMotion(
-        self, request_iterator: AsyncIterator[service_pb2.StreamMotionRequest], context: Context
+        self, request_iterator: AsyncIterator[service_pb2.StreamMotionRequest], context: StreamContext
     ) -> None:
         """One stream, from its hello to its end."""
         stream = Stream(next(self._numbers), self._engine, self._prompts, self._catalog)
@@ -112,7 +110,7 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
             if not self._streams:
                 self._all_ended.set()
 
-    async def _read(self, stream: Stream, context: Context) -> None:
+    async def _read(self, stream: Stream, context: StreamContext) -> None:
         while True:
             await stream.room()
             request = await context.read()
@@ -159,7 +157,7 @@ class MotionService(service_pb2_grpc.MotionServiceServicer):
         if self._ends_at is not None:
             self._say_goodbye(stream, self._ends_at - time.monotonic())
 
-    async def _write(self, stream: Stream, context: Context) -> None:
+    async def _write(self, stream: Stream, context: StreamContext) -> None:
         """Write what waits until the stream ends and all is written.
 
         What comes after a quiet time is written at once; what comes within the flush interval of the last message is

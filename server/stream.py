@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from motiongen.v1 import service_pb2, session_pb2
 from server.catalog import Catalog
-from server.convert import engine_event, playhead_of, prompt_texts, write_frames, write_update
+from server.convert import append_frames, append_update, engine_event, playhead_of, prompt_texts, write_update
 from server.engine.types import Chunk, Close, Closed, CloseReason, Opened, Outcome, Output, PlanNotice, SessionKey
 from server.engine_port import EventSink
 from server.errors import EventRefused
@@ -74,44 +74,46 @@ class Stream:
     def receive(self, event: session_pb2.SessionEvent, now: float) -> None:
         """Take one event of the client, read at `now`: hand it to the engine, or answer why not."""
         kind = event.WhichOneof("event")
+        link = self._links.get(event.session)
         try:
-            link = self._admit(event, kind, now)
+            if kind == "playhead":
+                self._report(event, link, now)
+                return
+            link = self._open(event, link, now) if kind == "open" else self._next_of(event, link)
         except EventRefused as refusal:
             # It never became an event of the session, so the session's books must not know its number.
-            outcome = refusal_outcome(SessionKey(self.number, event.session), event.event_seq, refusal)
-            self._say(outcome, self._links.get(event.session))
+            key = SessionKey(self.number, event.session)
+            self._say(refusal_outcome(key, event.event_seq, refusal), link)
             return
         if link is None:
             return
         try:
             if kind != "close":  # which asks for less work, not for more
                 self._take_tokens(link, now)
-            if kind == "playhead":
-                if link.known_to_engine and not link.closing:  # a report overtakes what waits: it is about now
-                    self._engine.submit(playhead_of(event.playhead, link.key, now, self.rtt_s))
-            else:
-                self._pass_on(link, event, now)
+            self._pass_on(link, event, now)
         except EventRefused as refusal:
             self.take(refusal_outcome(link.key, event.event_seq, refusal))
         except Exception as error:
             self._internal_error(link, event.event_seq, error)
 
-    def _admit(self, event: session_pb2.SessionEvent, kind: str | None, now: float) -> Link | None:
+    def _report(self, event: session_pb2.SessionEvent, link: Link | None, now: float) -> None:
+        """Pass a playhead on, past whatever waits: it is about now. Raises EventRefused."""
+        if link is None:
+            return  # it crossed the session's end
+        if event.event_seq:
+            raise invalid_event_seq(event.event_seq)
+        self._take_tokens(link, now)
+        if link.known_to_engine and not link.closing:
+            self._engine.submit(playhead_of(event.playhead, link.key, now, self.rtt_s))
+
+    def _next_of(self, event: session_pb2.SessionEvent, link: Link | None) -> Link | None:
         """The session that the event is the next one of; None where it is to be dropped. Raises EventRefused."""
-        if kind == "open":
-            return self._open(event, now)
-        link = self._links.get(event.session)
-        if kind == "playhead":
-            if link is not None and event.event_seq:
-                raise invalid_event_seq(event.event_seq)
-            return link  # None: it crossed the session's end
         if link is None:
             raise not_open(event.session)
         return link if link.takes(event.event_seq) else None
 
-    def _open(self, event: session_pb2.SessionEvent, now: float) -> Link | None:
+    def _open(self, event: session_pb2.SessionEvent, link: Link | None, now: float) -> Link | None:
         handle, limits = event.session, self._catalog.limits
-        link = self._links.get(handle)
         if link is not None:
             if event.open.request_id and event.open.request_id == link.request_id:
                 return None  # the same open again
@@ -243,29 +245,28 @@ class Stream:
         self._check_backlog()
         self.ready.set()
 
-    def next_response(self) -> service_pb2.StreamMotionResponse | None:
-        """The next message to write: pongs and goodbyes first, then updates of many sessions in one."""
+    def next_response(self) -> bytes | None:
+        """The next StreamMotionResponse to write: pongs and goodbyes first, then updates of many sessions in one."""
         self._room.set()
         if self.responses:
-            return self.responses.popleft()
+            return self.responses.popleft().SerializeToString()
         waiting = self.outbox.take(MAX_RESPONSE_BYTES)
         self._check_backlog()
         if not waiting:
             return None
-        response = service_pb2.StreamMotionResponse()
-        add = response.updates.add
+        response: list[bytes] = []
         for item in waiting:
-            update = add()
             if isinstance(item, Run):
-                update.session = item.handle
-                update.applied_seq = item.applied_seq
-                write_frames(update.chunk, item.plan, item.first_frame, item.parts, item.committed_to)
+                append_frames(
+                    response, item.handle, item.applied_seq, item.plan, item.first_frame, item.parts, item.committed_to
+                )
             else:
                 # The number as of then: since, later events may have been answered in later updates.
-                output, update.applied_seq = item
-                update.session = output.session.handle
+                output, applied_seq = item
+                update = session_pb2.SessionUpdate(session=output.session.handle, applied_seq=applied_seq)
                 write_update(update, output, self._catalog)
-        return response
+                append_update(response, update)
+        return b"".join(response)
 
     def reply(self, response: service_pb2.StreamMotionResponse) -> None:
         """Send a message that belongs to no session ahead of the updates."""

@@ -1,6 +1,15 @@
 """Protocol messages <-> engine values: pure, and the only room that checks what a client sent."""
 
 from server.convert.events import engine_event, playhead_of, prompt_texts, round_trip_s
-from server.convert.outputs import write_frames, write_update
+from server.convert.outputs import write_update
+from server.convert.wire import append_frames, append_update
 
-__all__ = ["engine_event", "playhead_of", "prompt_texts", "round_trip_s", "write_frames", "write_update"]
+__all__ = [
+    "append_frames",
+    "append_update",
+    "engine_event",
+    "playhead_of",
+    "prompt_texts",
+    "round_trip_s",
+    "write_update",
+]

@@ -1,34 +1,12 @@
-"""The engine's outputs -> messages.
-
-Updates are written in place, field by field: a message that is built apart and then put into another is copied whole,
-which is most of the cost of sending frames.
-"""
+"""The engine's outputs -> messages; frames have a way of their own, in `wire`."""
 
 from __future__ import annotations
 
 import secrets
-import sys
-from collections.abc import Sequence
 
 from motiongen.v1 import motion_pb2, session_pb2
 from server.catalog import Catalog
-from server.engine.types import Closed, Float32Array, Opened, Outcome, Output, PlanNotice, ServiceLevel
-
-_BYTES_ARE_SWAPPED = sys.byteorder != "little"
-
-
-def write_frames(
-    chunk: motion_pb2.FrameChunk, plan: int, first_frame: int, parts: Sequence[Float32Array], committed_to: int
-) -> None:
-    """Fill a chunk with consecutive frames. parts: (T, row_width) each, one after another."""
-    if _BYTES_ARE_SWAPPED:
-        parts = [part.byteswap() for part in parts]
-    chunk.plan = plan
-    chunk.first_frame = first_frame
-    chunk.frame_count = sum(map(len, parts))
-    chunk.committed_to = committed_to
-    chunk.data = b"".join([part.tobytes() for part in parts])
-    chunk.scalar_type = motion_pb2.SCALAR_TYPE_F32_LE
+from server.engine.types import Closed, Opened, Outcome, Output, PlanNotice, ServiceLevel
 
 
 def write_update(update: session_pb2.SessionUpdate, output: Output, catalog: Catalog) -> None:

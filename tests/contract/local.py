@@ -10,12 +10,12 @@ import grpc.aio
 import numpy as np
 from numpy.typing import NDArray
 
-from motiongen.v1 import service_pb2_grpc
 from server.catalog import Catalog
 from server.engine.config import EngineConfig
 from server.engine.engine import Engine
 from server.engine.types import Guidance
 from server.limits import Limits
+from server.methods import add_methods
 from server.prompts import PromptEncoder
 from server.service import MotionService
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
@@ -53,7 +53,7 @@ class LocalServer:
         catalog = Catalog(FACTS, limits, Guidance(2.0, 2.0), "CC0-1.0", self.prompts.identity, history_frames=16)
         self.service = MotionService(self.engine, self.prompts, catalog)
         self._server = grpc.aio.server(options=[("grpc.max_receive_message_length", limits.max_request_bytes)])
-        service_pb2_grpc.add_MotionServiceServicer_to_server(self.service, self._server)
+        add_methods(self.service, self._server)
         self.address = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"
         await self._server.start()
         self.engine.start()

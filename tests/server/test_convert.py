@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from server.catalog import Catalog
-from server.convert import engine_event, playhead_of, prompt_texts, round_trip_s, write_frames, write_update
+from server.convert import engine_event, playhead_of, prompt_texts, round_trip_s, write_update
 from server.engine.types import (
     Close,
     Closed,
@@ -320,15 +320,6 @@ def test_a_round_trip_is_bounded_whatever_the_client_says(told: Duration | None,
 
 
 # ---- outputs --------------------------------------------------------------------------------------------------------
-
-
-def test_rows_are_little_endian_floats_one_after_another() -> None:
-    rows = np.arange(18, dtype=np.float32).reshape(3, 6)
-    chunk = motion_pb2.FrameChunk()
-    write_frames(chunk, 3, 40, [rows[:2], rows[2:]], 20)
-    assert (chunk.plan, chunk.first_frame, chunk.frame_count, chunk.committed_to) == (3, 40, 3, 20)
-    assert chunk.scalar_type == motion_pb2.SCALAR_TYPE_F32_LE
-    np.testing.assert_array_equal(np.frombuffer(chunk.data, "<f4").reshape(3, 6), rows)
 
 
 @pytest.mark.parametrize("effective", [None, 0, 44])

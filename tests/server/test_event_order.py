@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from motiongen.v1 import motion_pb2, session_pb2
+from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from server.catalog import Catalog
 from server.engine.types import (
     ChannelBlock,
@@ -110,7 +110,7 @@ class Line:
     def updates(self) -> list[session_pb2.SessionUpdate]:
         """All that was said so far."""
         while (response := self.stream.next_response()) is not None:
-            self.heard.extend(response.updates)
+            self.heard.extend(service_pb2.StreamMotionResponse.FromString(response).updates)
         return self.heard
 
     def refusals(self) -> list[tuple[int, str]]:

@@ -44,7 +44,7 @@ ROOMS = (
     room("ardy/formats", f"ardy {NUMBERS} pygltflib"),
     room("ardy", f"ardy {NUMBERS} {FILES} {TEXT}"),
     room("server/engine", "numpy server.engine", never="asyncio"),
-    room("server/runner.py", f"{NUMBERS} ardy server.engine.types", never="asyncio"),
+    room("server/runner", f"{NUMBERS} ardy server.runner server.engine.types server.engine.ports", never="asyncio"),
     room(
         "server/convert server/convert.py",
         "numpy motiongen server.engine.types server.catalog server.convert server.errors server.limits",
@@ -131,7 +131,7 @@ def test_every_source_file_is_in_a_room(repository: Any) -> None:
         ("server/service.py", "import zmq"),
         ("server/split/messages.py", "import grpc"),
         ("server/convert.py", "import grpc"),
-        ("server/runner.py", "from motiongen.v1 import motion_pb2"),
+        ("server/runner/row.py", "from motiongen.v1 import motion_pb2"),
         ("client/python/motiongen_client/session.py", "import torch"),
         ("client/python/motiongen_client/session.py", "import server.config"),
         ("proto/python/motiongen/__init__.py", "import ardy"),

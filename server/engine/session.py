@@ -211,6 +211,8 @@ class SessionState:
 
     def _settle(self) -> list[Output]:
         """Answer the edits that ask for frames which no window has touched yet: they will be there when it comes."""
+        if self.rung.hold:
+            return []  # it may hold its pose right over those frames
         untouched_from = max(self.planned_to, self.running.accept_to if self.running else 0)
         settled = self.edits.settle(untouched_from)
         return [Outcome(self.key, edit.event_seq, Code.OK, edit.dirty_from) for edit in settled]

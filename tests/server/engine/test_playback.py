@@ -1,6 +1,10 @@
 import math
 
-from server.engine.playback import PlaybackClock
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from server.engine.playback import PlaybackClock, RoundTrip
 from server.engine.types import PlayState
 
 
@@ -45,3 +49,37 @@ def test_pause_stops_the_playhead_where_it_is() -> None:
     assert clock.reaches_at(11) == math.inf
     clock.set_state(PlayState.PLAYING, 8.0, 40)
     assert clock.estimate(8.5, 40) == 20
+
+
+# ---- the round trip --------------------------------------------------------------------------------------------------
+
+
+def test_the_round_trip_is_what_was_assumed_until_it_is_measured() -> None:
+    trip = RoundTrip(0.05)
+    trip.report(None, 1.0)
+    trip.report(math.nan, 1.0)
+    assert trip.seconds == 0.05
+    trip.report(0.01, 1.0)
+    assert trip.seconds == 0.01
+
+
+def test_a_long_round_trip_counts_at_once_and_is_slowly_forgotten() -> None:
+    trip = RoundTrip(0.05)
+    trip.report(0.02, 0.0)
+    trip.report(0.4, 1.0)
+    assert trip.seconds == 0.4
+    trip.report(0.02, 11.0)
+    assert trip.seconds == pytest.approx(0.2)
+    trip.report(0.02, 11.0)
+    assert trip.seconds == pytest.approx(0.2)
+    for second in range(12, 80):
+        trip.report(0.02, float(second))
+    assert trip.seconds == 0.02
+
+
+@given(st.lists(st.tuples(st.none() | st.floats(), st.floats(0, 1e6)), max_size=20))
+def test_no_measurement_makes_a_round_trip_absurd(measured: list[tuple[float | None, float]]) -> None:
+    trip = RoundTrip(0.05)
+    for seconds, at in measured:
+        trip.report(seconds, at)
+        assert 0.0 <= trip.seconds <= 1.0

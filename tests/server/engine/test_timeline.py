@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from server.engine.timeline import Timeline
+from server.engine.timeline import Timeline, TokenRun
 
 
 def _frames(begin: int, end: int) -> np.ndarray:
@@ -42,3 +42,61 @@ def test_trimming_frees_the_memory() -> None:
     timeline = Timeline.empty(3, 3).spliced(0, _frames(0, 1000), _frames(0, 1000)).trimmed(990)
     assert timeline.rows.base is None
     assert len(timeline.rows) == 10
+
+
+# ---- tokens ----------------------------------------------------------------------------------------------------------
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 50), st.integers(1, 40), st.booleans(), st.integers(0, 80)), max_size=8),
+    st.integers(0, 300),
+    st.integers(0, 8),
+)
+def test_tokens_stand_for_just_the_frames_before_or_are_not_given(
+    edits: list[tuple[int, int, bool, int]], frame: int, count: int
+) -> None:
+    """A window's token carries its window and its first frame; the frames carry the same."""
+    run = TokenRun(0, np.empty((0, 2), np.float32), 4)
+    whole: list[tuple[int, int]] = []
+    for window, (back, num_frames, known, trim) in enumerate(edits):
+        first = max(0, len(whole) - back)
+        tokens = np.array([(window, first + offset) for offset in range(0, 40, 4)], np.float32)
+        run = run.spliced(first, tokens if known else None, num_frames).trimmed(trim)
+        whole = whole[:first] + [(window, first + offset // 4 * 4) for offset in range(num_frames)]
+    given_tokens = run.before(frame, 4 * count)
+    if given_tokens is not None:
+        assert len(given_tokens) == count
+        frames = whole[frame - 4 * count : frame]
+        assert [tuple(token) for token in given_tokens for _ in range(4)] == frames
+
+
+def test_tokens_of_windows_on_one_grid_join_and_others_begin_anew() -> None:
+    tokens = np.arange(20, dtype=np.float32).reshape(10, 2)
+    run = TokenRun(0, tokens[:0], 4).spliced(0, tokens, 40).spliced(40, tokens, 40)
+    assert (run.first, run.end) == (0, 80)
+    joined = run.spliced(60, tokens, 40)
+    assert (joined.first, joined.end) == (0, 100)
+    assert joined.before(64, 16) is not None
+    anew = run.spliced(61, tokens, 39)
+    assert (anew.first, anew.end) == (61, 97)
+    assert anew.before(73, 16) is None
+    assert anew.before(77, 16) is not None
+
+
+def test_a_held_pose_repeats_the_last_row_and_histories_do_not_see_it() -> None:
+    frames = _frames(0, 40)
+    timeline = Timeline.empty(3, 3, 1, 4).spliced(0, frames, frames, frames[::4, :1])
+    held = timeline.held(6)
+    assert (held.end, held.motion_from) == (46, 6)
+    assert held.rows[:, 0].tolist() == [*range(40), *[39] * 6]
+    assert held.features_before(46, 16)[:, 0].tolist() == list(range(24, 40))
+    tokens = held.tokens_before(46, 16)
+    assert tokens is not None
+    assert tokens[:, 0].tolist() == [24, 28, 32, 36]
+    assert timeline.end == 40
+
+
+def test_frames_made_anew_bound_the_history() -> None:
+    timeline = Timeline.empty(3, 3).spliced(0, _frames(0, 40), _frames(0, 40))
+    assert timeline.spliced(30, _frames(30, 70), _frames(30, 70)).motion_from == 0
+    assert timeline.spliced(30, _frames(30, 70), _frames(30, 70), anew=True).motion_from == 30

@@ -59,6 +59,7 @@ class Viewer:
         self.played_at: float | None = None
         self.paused = False
         self.honest = True
+        self.rtt_s: float | None = None
         self.underruns = 0
 
     @property
@@ -87,7 +88,7 @@ class Viewer:
         self.play(now)
         frame = max(0, self.shown)
         self.reported = max(self.reported, frame)
-        return Playhead(self.key, 0, now, frame, self.buffered_to, self.underruns)
+        return Playhead(self.key, 0, now, frame, self.buffered_to, self.underruns, self.rtt_s)
 
     def lie(self, frame: int, now: float) -> Playhead:
         """Report a frame that is not being shown. From now on the engine cannot know what was played."""

@@ -14,7 +14,7 @@ from pathlib import Path
 from motiongen_client.bench import terminal
 from motiongen_client.bench.load import Load
 from motiongen_client.bench.report import write_report
-from motiongen_client.bench.result import DEFAULT_MAX_LAG_MS, Result
+from motiongen_client.bench.result import Result, Standard
 from motiongen_client.bench.run import run_load
 from motiongen_client.bench.scenario import BUILT_IN, load_scenario
 from motiongen_client.bench.search import Found, find_most
@@ -22,7 +22,7 @@ from motiongen_client.console import make_console
 from motiongen_client.server_process import ServerProcess
 
 VOID = 3  # exit code of a run whose figures do not count
-_CHARACTERS_A_PROCESS = 400
+_CHARACTERS_A_PROCESS = 2000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--max-misses",
         type=_number_above_zero,
-        default=1.0,
+        default=100 * Standard.max_miss_ratio,
         metavar="PERCENT",
         help="of frames; served in full is below it (default: %(default)g)",
     )
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--max-lag-ms",
         type=_number_above_zero,
-        default=DEFAULT_MAX_LAG_MS,
+        default=Standard.max_lag_ms,
         metavar="MS",
         help="a run is void when the load itself was later than this (p99; default: %(default)g)",
     )
@@ -71,6 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 async def bench(options: argparse.Namespace) -> int:
     """Run, print, write. Returns 3 when the figures do not count, else 0."""
     console = make_console()
+    standard = Standard(options.max_misses / 100, options.max_lag_ms)
     scenario = load_scenario(options.scenario)
     load = Load(
         address=options.server,
@@ -90,7 +91,7 @@ async def bench(options: argparse.Namespace) -> int:
         async def run(load: Load) -> Result:
             load = replace(load, processes=options.processes or num_processes(load.characters))
             with terminal.showing(console, load) as tell:
-                return await run_load(load, tell, max_lag_ms=options.max_lag_ms, server_pid=pid)
+                return await run_load(load, tell, standard, pid)
 
         found: Found | None = None
         result: Result | None
@@ -98,9 +99,8 @@ async def bench(options: argparse.Namespace) -> int:
             found = await find_most(
                 load,
                 run,
-                max_miss_ratio=options.max_misses / 100,
-                trial_seconds=options.trial_seconds,
-                note=lambda trial: console.print(terminal.describe_trial(trial), soft_wrap=True),
+                options.trial_seconds,
+                lambda trial: console.print(terminal.describe_trial(trial), soft_wrap=True),
             )
             result = found.result
         else:
@@ -109,7 +109,7 @@ async def bench(options: argparse.Namespace) -> int:
         terminal.print_result(console, result)
     if found is not None:
         console.print(terminal.describe_found(found), soft_wrap=True)
-    for path in write_report(options.out, result, found):
+    for path in write_report(options.out, standard, result, found):
         console.print(f"wrote {path}", soft_wrap=True)
     if found is not None:
         return VOID if found.limited_by_generator else 0

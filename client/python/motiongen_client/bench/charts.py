@@ -42,7 +42,7 @@ def draw_run(result: Result) -> Figure:
     lags = [(what.replace("_", " "), result.book.histogram(what, GENERATOR)) for what in GENERATOR_LAGS]
     axes = figure.add_subplot(grid[1, 1])
     _percentiles(axes, "lag of the load itself", lags)
-    axes.axhline(result.max_lag_ms, color=_RED, linewidth=1, linestyle=(0, (4, 3)))
+    axes.axhline(result.standard.max_lag_ms, color=_RED, linewidth=1, linestyle=(0, (4, 3)))
     axes.axvline(_place(99), color=_RED, linewidth=1, linestyle=(0, (4, 3)))
     _by_second(figure.add_subplot(grid[2, :]), result)
     void = "VOID, the load was late.  " if result.void_reasons() else ""
@@ -50,11 +50,11 @@ def draw_run(result: Result) -> Figure:
     return figure
 
 
-def draw_search(found: Found) -> Figure:
+def draw_search(found: Found, max_miss_ratio: float) -> Figure:
     """Frames missed by number of characters, a point a trial."""
     figure = _new_figure((13.5, 4.2))
     axes = figure.add_subplot()
-    trials, allowed = found.trials, 100 * found.max_miss_ratio
+    trials, allowed = found.trials, 100 * max_miss_ratio
     kinds = (
         ("served in full", _GREEN, "o", [trial for trial in trials if trial.passed]),
         ("not served in full", _RED, "X", [trial for trial in trials if trial.shortfalls and not trial.void]),

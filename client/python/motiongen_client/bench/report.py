@@ -11,7 +11,7 @@ from string import Template
 from typing import TYPE_CHECKING, Any
 
 from motiongen_client.bench import charts, terminal
-from motiongen_client.bench.result import Result
+from motiongen_client.bench.result import Result, Standard
 from motiongen_client.bench.search import Found
 
 if TYPE_CHECKING:
@@ -46,13 +46,13 @@ $body
 """)
 
 
-def write_report(out: Path, result: Result | None, found: Found | None = None) -> list[Path]:
+def write_report(out: Path, standard: Standard, result: Result | None, found: Found | None = None) -> list[Path]:
     """Write the files into a folder, which is made. Returns them.
 
     result: the run, or the one that confirmed the answer of a search; None when that found no number to confirm.
     """
     out.mkdir(parents=True, exist_ok=True)
-    figures = _draw(result, found)
+    figures = _draw(standard, result, found)
     written = [out / "result.json", out / "report.html"]
     written[0].write_text(json.dumps(document(result, found), indent=1) + "\n", encoding="utf-8")
     written[1].write_text(_page(result, found, figures.values()), encoding="utf-8")
@@ -71,12 +71,12 @@ def document(result: Result | None, found: Found | None) -> dict[str, Any]:
     }
 
 
-def _draw(result: Result | None, found: Found | None) -> dict[str, Figure]:
+def _draw(standard: Standard, result: Result | None, found: Found | None) -> dict[str, Figure]:
     figures = {}
     if result is not None:
         figures["report"] = charts.draw_run(result)
     if found is not None:
-        figures["search"] = charts.draw_search(found)
+        figures["search"] = charts.draw_search(found, standard.max_miss_ratio)
     return figures
 
 
@@ -84,6 +84,7 @@ def _page(result: Result | None, found: Found | None, figures: Iterable[Figure])
     parts = []
     title = "the most characters" if result is None else result.headline()
     if result is not None:
+        parts += [f"<p>Not served in full: {escape(shortfall)}.</p>" for shortfall in result.shortfalls()]
         parts += [
             f'<p class="void">VOID: {escape(why)}. These figures do not count.</p>' for why in result.void_reasons()
         ]

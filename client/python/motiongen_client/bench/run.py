@@ -7,7 +7,7 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 
 from motiongen_client.bench.load import Load, Progress
-from motiongen_client.bench.result import Result, machine_facts, merge_reports
+from motiongen_client.bench.result import Result, Standard, machine_facts, merge_reports
 from motiongen_client.bench.server_use import ServerUse, ServerWatch
 from motiongen_client.bench.workers import Workers
 from motiongen_client.client import MotionClient
@@ -16,7 +16,7 @@ from motiongen_client.types import Model
 
 
 async def run_load(
-    load: Load, tell: Callable[[Progress], None], *, max_lag_ms: float, server_pid: int | None = None
+    load: Load, tell: Callable[[Progress], None], standard: Standard, server_pid: int | None = None
 ) -> Result:
     """Play a load and measure. tell: called once a second for each process. server_pid: of a server to watch.
 
@@ -44,7 +44,7 @@ async def run_load(
         book=merge_reports(load.new_book(schedule.phases), reports),
         generator_cores=tuple(report.cpu_s / schedule.phases.measure_s for report in reports),
         server_use=use,
-        max_lag_ms=max_lag_ms,
+        standard=standard,
     )
 
 

@@ -76,8 +76,9 @@ class Scenario:
     """A load that can be played at any number of characters.
 
     revision: raised whenever the file changes the load. characters: when the command does not say.
-    characters_per_stream: of one call. ramp_s: over which the opens are spread; settle_s: after it, before measuring.
-    report_hz: playhead reports of a character. sha256: of the file's bytes.
+    characters_per_stream: of one call. ramp_s: over which the opens are spread; settle_s: after it, before measuring;
+    tail_s: for which the load goes on after measuring, so that the last edits can be answered. report_hz: playhead
+    reports of a character. sha256: of the file's bytes.
     """
 
     name: str
@@ -87,6 +88,7 @@ class Scenario:
     characters_per_stream: int
     ramp_s: float
     settle_s: float
+    tail_s: float
     report_hz: float
     groups: tuple[Group, ...]
     sha256: str
@@ -137,6 +139,7 @@ def read_scenario(content: bytes, where: str) -> Scenario:
         characters_per_stream=top.take("characters_per_stream", _whole(1, 100_000), 500),
         ramp_s=top.take("ramp_s", _number(0, 3600)),
         settle_s=top.take("settle_s", _number(0, 3600)),
+        tail_s=top.take("tail_s", _number(0, 60), 3.0),
         report_hz=top.take("report_hz", _number(1, 5), 4.0),
         groups=tuple(_group(fields) for fields in top.take_list("groups")),
         sha256=hashlib.sha256(content).hexdigest(),

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from motiongen_client.bench.scenario import EditRule, Group, Scenario
 
-TAIL_S = 3.0  # the load goes on for so long after measuring, so that the last edits can be answered
 _TOGETHER_PHASE = 0.5  # of every_s: where in each period the edits lie that all characters make together
 
 
@@ -80,7 +79,7 @@ def make_phases(scenario: Scenario, seconds: int) -> Phases:
     """Measuring begins at a whole second, so that figures by the second have whole seconds."""
     measure_from_s = math.ceil(scenario.ramp_s + scenario.settle_s)
     measure_to_s = measure_from_s + seconds
-    return Phases(scenario.ramp_s, measure_from_s, measure_to_s, measure_to_s + TAIL_S)
+    return Phases(scenario.ramp_s, measure_from_s, measure_to_s, measure_to_s + scenario.tail_s)
 
 
 def make_schedule(scenario: Scenario, num_characters: int, seconds: int, seed: int) -> Schedule:

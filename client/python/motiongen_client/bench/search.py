@@ -70,15 +70,12 @@ class Found:
     characters: int
     result: Result | None
     trials: tuple[Trial, ...]
-    max_miss_ratio: float
     limited_by_generator: bool
 
 
 async def find_most(
     load: Load,
     run: Callable[[Load], Awaitable[Result]],
-    *,
-    max_miss_ratio: float,
     trial_seconds: int,
     note: Callable[[Trial], None],
 ) -> Found:
@@ -88,7 +85,7 @@ async def find_most(
 
     async def attempt(characters: int, seconds: int) -> Result:
         result = await run(replace(load, characters=characters, seconds=seconds))
-        trials.append(judge(result, max_miss_ratio))
+        trials.append(judge(result))
         bracket.note(characters, trials[-1].passed)
         note(trials[-1])
         return result
@@ -103,16 +100,16 @@ async def find_most(
         if trials[-1].passed:
             confirmed = result
     limited = any(trial.void and trial.characters == bracket.too_many for trial in trials)
-    return Found(bracket.most, confirmed, tuple(trials), max_miss_ratio, limited)
+    return Found(bracket.most, confirmed, tuple(trials), limited)
 
 
-def judge(result: Result, max_miss_ratio: float) -> Trial:
+def judge(result: Result) -> Trial:
     event = result.latency_ms(EVENT)
     return Trial(
         result.load.characters,
         result.load.seconds,
         result.figures().miss_ratio,
         event.get("p99"),
-        tuple(result.shortfalls(max_miss_ratio)),
+        tuple(result.shortfalls()),
         tuple(result.void_reasons()),
     )

@@ -63,6 +63,8 @@ def print_result(console: Console, result: Result) -> None:
     console.print(_generator(result))
     counts = (f"{name.replace('_', ' ')} {count:,}" for name, count in result.counts())
     console.print("; ".join(counts), soft_wrap=True)
+    for shortfall in result.shortfalls():
+        console.print(f"Not served in full: {shortfall}.", soft_wrap=True)
     for reason in result.void_reasons():
         console.print(f"[bold red]VOID[/]: {reason}. These figures do not count.", soft_wrap=True)
 
@@ -98,9 +100,9 @@ def figure_rows(result: Result) -> list[tuple[str, ...]]:
         ("times playback stood still", *(f"{each.underruns:,}" for each in figures)),
         ("frames received a second", *(f"{each.frames_per_s:,.1f}" for each in figures)),
         ("frames played on time a second", *(f"{each.on_time_per_s:,.1f}" for each in figures)),
-        ("characters opened", *(f"{each.opens:,}" for each in figures)),
+        ("characters opened while measured", *(f"{each.opens:,}" for each in figures)),
         ("edits", *(f"{each.edits:,}" for each in figures)),
-        ("refused", *(f"{each.refused:,}" for each in figures)),
+        ("refused while measured", *(f"{each.refused:,}" for each in figures)),
     ]
 
 

@@ -1,0 +1,117 @@
+"""Scenario files: what is read, what is refused, and who belongs to which group."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motiongen_client.bench.scenario import BUILT_IN, Group, InvalidScenario, Scenario, load_scenario, read_scenario
+from motiongen_client.errors import UnknownName
+from motiongen_client.types import Priority
+
+
+def document() -> dict[str, Any]:
+    group = {"name": "crowd", "share": 1, "priority": "CROWD", "prompts": ["walk", "run"]}
+    edits = [{"kind": "prompt", "every_s": 2}]
+    return {
+        "format": 1,
+        "name": "small",
+        "revision": 3,
+        "description": "A small one.",
+        "characters": 4,
+        "ramp_s": 1,
+        "settle_s": 1,
+        "groups": [{**group, "edits": edits}],
+    }
+
+
+def read(document: Any) -> Scenario:
+    return read_scenario(yaml.safe_dump(document).encode(), "small.yaml")
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_built_in_scenarios_can_be_read(name: str) -> None:
+    scenario = load_scenario(name)
+    assert scenario.name == name
+    assert sum(group.share for group in scenario.groups) == pytest.approx(1)
+
+
+def test_a_file_is_read_whole() -> None:
+    scenario = read(document())
+    assert (scenario.name, scenario.revision, scenario.characters) == ("small", 3, 4)
+    assert scenario.groups[0].priority is Priority.CROWD
+    assert scenario.groups[0].edits[0].timing == "regular"
+    assert scenario.sha256 != read({**document(), "revision": 4}).sha256
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"format": 2}, "format: 2 was given"),
+        ({"characters": 0}, "characters: 0 was given; allowed is a whole number from 1 to 1000000"),
+        ({"characters": True}, "characters: True was given"),
+        ({"ramp_s": float("nan")}, "ramp_s: nan was given; allowed is a number from 0 to 3600"),
+        ({"ramp": 1}, "ramp is not known here; known are format, name"),
+        ({"groups": []}, "groups: [] was given; allowed is a list of one or more"),
+        ({"groups": ["crowd"]}, "groups[0].: 'crowd' was given; allowed is a mapping"),
+        ({"name": " "}, "name: ' ' was given; allowed is a text that is not blank"),
+    ],
+)
+def test_a_wrong_file_says_what_is_wrong(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(InvalidScenario) as failure:
+        read({**document(), **change})
+    assert message in str(failure.value)
+    assert str(failure.value).startswith("small.yaml: ")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"share": 0.5}, "the shares add up to 0.5; they must add up to 1"),
+        ({"name": "all"}, "'all' means all groups"),
+        ({"priority": "crowd"}, "groups[0].priority: 'crowd' was given; allowed is one of HERO, NEAR, CROWD, BATCH"),
+        ({"prompts": ["walk"]}, "two prompts or more where an edit of kind prompt chooses"),
+        ({"edits": [{"kind": "jump", "every_s": 1}]}, "groups[0].edits[0].kind: 'jump' was given"),
+        ({"edits": [{"kind": "prompt", "every_s": 0}]}, "groups[0].edits[0].every_s: 0 was given"),
+        (
+            {"edits": [{"kind": "prompt", "every_s": 1, "waypoints": 3}]},
+            "groups[0].edits[0].waypoints is not known here",
+        ),
+        ({"life": {"median_s": 3}}, "groups[0].life.sigma is missing"),
+    ],
+)
+def test_a_wrong_group_says_where(change: dict[str, Any], message: str) -> None:
+    wrong = document()
+    wrong["groups"][0] |= change
+    with pytest.raises(InvalidScenario) as failure:
+        read(wrong)
+    assert message in str(failure.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00", b"a: [", b"!!python/object/apply:os.getcwd []", b"3"])
+def test_what_is_no_scenario_at_all_is_refused(content: bytes) -> None:
+    with pytest.raises(InvalidScenario):
+        read_scenario(content, "small.yaml")
+
+
+def test_an_unknown_name_lists_the_known() -> None:
+    with pytest.raises(UnknownName, match="crowd, hero, planner, churn, storm, mixed"):
+        load_scenario("crowds")
+    with pytest.raises(InvalidScenario, match="cannot be read"):
+        load_scenario("nowhere/crowd.yaml")
+
+
+@given(st.lists(st.integers(1, 20), min_size=1, max_size=5), st.integers(1, 200))
+def test_every_number_of_characters_has_the_shares(weights: list[int], num_characters: int) -> None:
+    groups = tuple(
+        Group(str(index), weight / sum(weights), Priority.NEAR, ("walk",)) for index, weight in enumerate(weights)
+    )
+    chosen = dataclasses.replace(read(document()), groups=groups).group_indices(num_characters)
+    for index, group in enumerate(groups):
+        assert abs(chosen.count(index) - group.share * num_characters) <= len(groups)
+    assert dataclasses.replace(read(document()), groups=groups).group_indices(num_characters + 1)[:-1] == chosen

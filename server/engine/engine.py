@@ -309,7 +309,7 @@ class Engine:
     def _start_window(self, state: SessionState, now: float) -> None:
         if state.window_due(now):
             predicted_s = self._scheduler.predict_s(
-                state.spec.priority, state.deadline(now), state.spec.denoise_steps, self._facts.guidance_passes
+                state.spec.priority, state.deadline(now), state.num_steps, self._facts.guidance_passes
             )
             job = state.next_window(now, predicted_s, next(self._job_ids))
             self._owners[job.job_id] = state
@@ -361,7 +361,13 @@ class Engine:
         moved = self._pressure.measure(now, self._rounds.work_s, self._rounds.prices(), self._present)
         for priority in moved:
             rung = self._pressure.rung(priority)
-            _log.warning("sessions of class %s are served at tier %s", priority.name, rung.tier.name)
+            _log.warning(
+                "the load is %.0f %%: class %s is served %s now, with at most %s steps",
+                100 * self._pressure.load,
+                priority.name,
+                rung.tier.name,
+                rung.steps or "all",
+            )
             for state in self._sessions.values():
                 if state.spec.priority is priority:
                     self._outbox += state.set_tier(rung)

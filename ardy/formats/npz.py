@@ -82,9 +82,11 @@ def _check_shape(path: Path, name: str, shape: tuple[int, ...]) -> None:
     if len(shape) != len(wanted) or any(w is not None and s != w for s, w in zip(shape, wanted, strict=True)):
         letters = ["frames", "joints"]
         said = ", ".join(str(letters[axis]) if length is None else str(length) for axis, length in enumerate(wanted))
-        raise FormatError(path, f"{name} has shape {shape}", f"({said}) is wanted, one motion a file")
+        raise FormatError(path, f"{name} has shape {str(shape)[:60]}", f"({said}) is wanted, one motion a file")
     if shape and not (1 <= shape[0] <= MAX_FRAMES and (len(shape) < 3 or shape[1] <= _MAX_JOINTS)):
-        raise FormatError(path, f"{name} has shape {shape}", f"at most {MAX_FRAMES} frames of {_MAX_JOINTS} joints")
+        raise FormatError(
+            path, f"{name} has shape {str(shape)[:60]}", f"at most {MAX_FRAMES} frames of {_MAX_JOINTS} joints"
+        )
 
 
 def _check_positions(path: Path, stored: StoredMotion, positions: torch.Tensor) -> None:

@@ -173,6 +173,15 @@ def test_members_that_are_no_plain_names_are_refused(tmp_path: Path, name: str) 
         read_npz(tmp_path / "odd.npz")
 
 
+def test_a_name_twice_is_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "twice.npz", "w") as archive:
+        archive.writestr("fps.npy", b"x")
+        with pytest.warns(UserWarning, match="Duplicate name"):
+            archive.writestr("fps.npy", b"y")
+    with pytest.raises(FormatError, match="plain names, each once"):
+        read_npz(tmp_path / "twice.npz")
+
+
 @pytest.mark.parametrize("keep", [0, 1, 100, 1000, -1])
 def test_truncated_files_are_refused(tmp_path: Path, stored: StoredMotion, keep: int) -> None:
     write_npz(tmp_path / "cut.npz", stored)

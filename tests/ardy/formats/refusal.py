@@ -1,0 +1,25 @@
+"""What every reader owes to every file."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+from ardy.formats.errors import FormatError
+from tests.ardy.formats.mutations import Reader
+
+LONGEST_MESSAGE = 1_500
+
+
+def read_or_refuse(reader: Reader, path: Path, content: bytes) -> bool:
+    """Whether the file is read. Anything but a FormatError, a warning among them, goes on to the caller."""
+    path.write_bytes(content)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            reader.read(path)
+        except FormatError as error:
+            message = str(error)
+            assert len(message) - len(str(path)) < LONGEST_MESSAGE, f"a message of {len(message)} characters"
+            return False
+    return True

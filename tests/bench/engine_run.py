@@ -101,7 +101,7 @@ def run(settings: Settings, full_size: bool = False) -> Report:
 
 
 def serving_runner(model: Model, name: str, precision: str) -> TorchRunner:
-    return TorchRunner(model, name) if precision == "float32" else TorchRunner(model, name, precision=precision)
+    return TorchRunner(model, name, precision=DTYPES[precision])
 
 
 def ceiling(

@@ -13,7 +13,6 @@ from statistics import median
 
 import numpy as np
 
-from server.engine.costs import CostTable
 from server.engine.ports import Runner
 from server.engine.types import (
     Float32Array,
@@ -82,17 +81,6 @@ def offline_rate(
         median(step_s for _, steps, _ in times for step_s in steps),
         median(decode_s for _, _, decode_s in times),
     )
-
-
-def profiled(runner: Runner, sizes: Sequence[int], embeddings: Sequence[Float32Array], seconds: float) -> CostTable:
-    """A cost table filled from full batches of these sizes, in about so many seconds."""
-    costs = CostTable.assumed(0.02)
-    for size in sizes:
-        rate = offline_rate(runner, size, 2, embeddings, seconds / len(sizes))
-        costs.prepare.observe(size, rate.prepare_s)
-        costs.step.observe(size * rate.passes, rate.step_s)
-        costs.decode.observe(size, rate.decode_s)
-    return costs
 
 
 def _run(

@@ -21,6 +21,7 @@ from ardy.constraint import Targets
 from ardy.denoiser.guidance import GuidanceWeights, batch_passes, full_passes, guided_prediction
 from ardy.diffusion import cosine_schedule
 from ardy.model import Model
+from ardy.noise import window_noise
 from ardy.rollout import (
     WindowRequest,
     WindowState,
@@ -30,11 +31,12 @@ from ardy.rollout import (
     visible_frames,
     world_tokens_of,
 )
-from ardy.rotation import matrix_to_quaternion
 from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
 from ardy.window import Window
 from server.engine.types import ModelFacts, RowStatus, WindowJob, WindowResult
-from server.runner import job_noise, job_targets, model_facts
+from server.runner.facts import model_facts
+from server.runner.frames import wire_rows
+from server.runner.targets import job_targets
 
 
 @dataclass(slots=True)
@@ -96,7 +98,7 @@ class RolloutRunner:
         history_len = len(first.history)
         num_tokens = model.config.horizon // FRAMES_PER_TOKEN
         width = ROOT_TOKEN_WIDTH + model.config.denoiser.latent_dim
-        targets = [job_targets(model, job) for job in jobs]
+        targets = [job_targets(model.skeleton, job) for job in jobs]
         span = window_frames(model, first, targets[0])
         goals = [
             goal.observe(model.representation, job.first_frame - history_len, span)
@@ -104,11 +106,12 @@ class RolloutRunner:
             if goal is not None
         ]
         starts = [job.start_pose for job in jobs]
+        noise = [window_noise(job.seed, job.plan - 1, num_tokens, width) for job in jobs]
         return WindowRequest(
             num_frames=span,
             num_steps=max(job.num_steps for job in jobs),
             text=torch.stack([self._text(job) for job in jobs]),
-            noise=torch.stack([job_noise(job, num_tokens, width) for job in jobs]).to(self._device),
+            noise=torch.stack(noise).to(self._device),
             weights=GuidanceWeights(first.guidance.text, first.guidance.constraint),
             history=self._stack(job.history for job in jobs) if history_len else None,
             translation=self._stack(np.array([pose.x, 0, pose.z] if pose else [0, 0, 0], "f4") for pose in starts),
@@ -148,7 +151,8 @@ class RolloutRunner:
             row = self._rows[job_id]
             with self._precision():
                 features = finish_window(self._model, row.state)[:, len(row.job.history) :].float()
-            results.append(WindowResult(job_id, wire_rows(self._model, features)[0], features[0].cpu().numpy()))
+            frames = wire_rows(self._model.representation, features)
+            results.append(WindowResult(job_id, frames[0].cpu().numpy(), features[0].cpu().numpy()))
         self.discard(job_ids)
         return results
 
@@ -206,7 +210,7 @@ class PlainRunner(RolloutRunner):
             tokens = world_tokens_of(self._model, tokens, torch.cat([row.state.translation for row in rows]))
             features = self._model.codec.from_hybrid(tokens, lengths, valid).float()
         new = torch.stack([features[i, end - horizon : end] for i, end in enumerate(known)])
-        frames, new_features = wire_rows(self._model, new), new.cpu().numpy()
+        frames, new_features = wire_rows(self._model.representation, new).cpu().numpy(), new.cpu().numpy()
         self.discard(job_ids)
         return [WindowResult(job_id, frames[i], new_features[i]) for i, job_id in enumerate(job_ids)]
 
@@ -226,7 +230,7 @@ def by_shape(model: Model, jobs: Sequence[WindowJob]) -> list[list[WindowJob]]:
 
 def job_shape(model: Model, job: WindowJob) -> tuple[int, int, bool]:
     """History frames, window frames, and whether there are constraints: what jobs of one plain batch share."""
-    targets = job_targets(model, job)
+    targets = job_targets(model.skeleton, job)
     return len(job.history), window_frames(model, job, targets), targets is not None
 
 
@@ -276,10 +280,3 @@ def padded_window(windows: Sequence[Window], num_tokens: int) -> Window:
         observed=goals("observed"),
         mask=goals("mask"),
     )
-
-
-def wire_rows(model: Model, features: Tensor) -> np.ndarray:
-    """Wire rows (B, G, row width) of normalised features (B, G, D): root, parent-relative quaternions, contacts."""
-    motion = model.representation.motion(model.representation.denormalize(features))
-    quaternions = matrix_to_quaternion(motion.local_rotations).flatten(-2)
-    return torch.cat([motion.root_positions, quaternions, motion.foot_contacts.float()], dim=-1).cpu().numpy()

@@ -15,6 +15,7 @@ from tests.bench.crowd import Crowd, Habits
 from tests.bench.machine import busy_share
 
 MISS_LIMIT = 0.01
+MOST_BY_OTHERS = 0.1
 
 
 class MonotonicClock:
@@ -55,6 +56,11 @@ class Trial:
     def passed(self) -> bool:
         return self.missed < MISS_LIMIT and not self.refused
 
+    @property
+    def disturbed(self) -> bool:
+        """Whether it failed while others used the machine: then it says little."""
+        return not self.passed and self.others_share > MOST_BY_OTHERS
+
 
 @dataclass(frozen=True)
 class Effort:
@@ -64,14 +70,15 @@ class Effort:
     measure_s: float = 5.0
     latency_s: float = 15.0
     num_trials: int = 5
-    offline_s: float = 3.0
+    offline_s: float = 1.5
+    profile_s: float = 3.0
 
     def lasting(self, seconds: float) -> Effort:
         """The same with trials of so many seconds."""
         return replace(self, warm_up_s=seconds, measure_s=seconds, latency_s=max(seconds, self.latency_s))
 
 
-QUICK = Effort(warm_up_s=2.5, measure_s=2.5, latency_s=5.0, num_trials=3, offline_s=1.5)
+QUICK = Effort(warm_up_s=2.5, measure_s=2.5, latency_s=5.0, num_trials=3, offline_s=0.7, profile_s=1.5)
 
 
 def run_trial(

@@ -11,8 +11,28 @@ from pathlib import Path
 
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
-from tests.ardy.formats.mutations import readers
+from tests.ardy.formats.mutations import Reader, readers
 from tests.ardy.formats.refusal import read_or_refuse
+
+
+def fuzz(reader: Reader, path: Path, num_cases: int, first: int) -> Counter[bool]:
+    """How many files were read (True) and refused (False). Whatever else happens is raised, with the smallest file."""
+    counts: Counter[bool] = Counter()
+
+    @seed(first)
+    @settings(
+        max_examples=num_cases,
+        deadline=None,
+        database=None,
+        phases=[Phase.generate, Phase.shrink],
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(content=reader.files())
+    def check(content: bytes) -> None:
+        counts[read_or_refuse(reader, path, content)] += 1
+
+    check()
+    return counts
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -28,24 +48,10 @@ def main(argv: list[str] | None = None) -> int:
             names = ", ".join(reader.name for reader in readers(folder))
             arguments.error(f"no reader {asked.reader!r}; there are {names}")
         for reader in chosen:
-            counts: Counter[str] = Counter()
             start = time.monotonic()
-
-            @seed(asked.seed)
-            @settings(
-                max_examples=asked.cases // len(chosen),
-                deadline=None,
-                database=None,
-                phases=[Phase.generate, Phase.shrink],
-                suppress_health_check=list(HealthCheck),
-            )
-            @given(content=reader.files())
-            def check(content: bytes, reader=reader, counts=counts) -> None:  # type: ignore[no-untyped-def]
-                counts["read" if read_or_refuse(reader, folder / "file", content) else "refused"] += 1
-
-            check()
+            counts = fuzz(reader, folder / "file", asked.cases // len(chosen), asked.seed)
             took = time.monotonic() - start
-            print(f"{reader.name:18} {counts['read']:6} read {counts['refused']:6} refused {took:6.1f} s", flush=True)
+            print(f"{reader.name:18} {counts[True]:6} read {counts[False]:6} refused {took:6.1f} s", flush=True)
     return 0
 
 

@@ -20,7 +20,6 @@ from server.split.messages import (
     TO_GATEWAY,
     Begin,
     CloseAhead,
-    Drain,
     Ended,
     Events,
     Greeting,
@@ -112,7 +111,7 @@ class Connection:
         """While there is room."""
         self._end.events.send(TO_ENGINE.encode(events), zmq.NOBLOCK)
 
-    def send_ahead(self, message: CloseAhead | Drain | Stop) -> None:
+    def send_ahead(self, message: CloseAhead | Stop) -> None:
         """Past the events that wait."""
         self._end.ahead.send(TO_ENGINE.encode(message))
 

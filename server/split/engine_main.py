@@ -23,7 +23,7 @@ from server.errors import SettingError
 from server.logs import configure_logs
 from server.split.codec import CodecError
 from server.split.inlet import Inlet
-from server.split.messages import GREETING, SCHEMA, TO_ENGINE, Begin, Drain, Ended, Greeting, Joined, Ready, Stop
+from server.split.messages import GREETING, SCHEMA, TO_ENGINE, Begin, Ended, Greeting, Joined, Ready
 from server.split.outlet import Outlet
 from server.split.sockets import EngineEnd
 
@@ -80,10 +80,7 @@ def _begun(socket: zmq.Socket[bytes]) -> ServerConfig:
 
 
 def _serve(config: ServerConfig, build: Build, end: EngineEnd, outlet: Outlet) -> int:
-    def obey(command: Drain | Stop) -> None:
-        (built.engine.drain if isinstance(command, Drain) else built.engine.stop)()
-
-    inlet = Inlet(end, outlet, obey)
+    inlet = Inlet(end, outlet, lambda: built.engine.stop())
     try:
         built = build(config, outlet.deliver, outlet.observe, inlet)
     except SettingError as error:
@@ -94,6 +91,7 @@ def _serve(config: ServerConfig, build: Build, end: EngineEnd, outlet: Outlet) -
     gc.freeze()
     outlet.say(Ready(built.facts, built.licence, built.threads))
     built.engine.run()
+    gc.unfreeze()  # so that libraries that look for leaks at the end find none
     failure = built.engine.failure
     outlet.say(Ended("" if failure is None else f"{type(failure).__name__}: {failure}"))
     return 0 if failure is None else 1

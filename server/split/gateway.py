@@ -13,13 +13,13 @@ from server.config import ServerConfig
 from server.engine.config import EngineConfig
 from server.engine.mailbox import Mailbox, refuse_pending
 from server.engine.ports import Deliver, Observe
-from server.engine.types import CloseReason, Event, Outcome, Playhead
+from server.engine.types import CloseReason, Event, Open, Outcome, Playhead
 from server.errors import SettingError
 from server.split.bell import Bell
 from server.split.child import END_S
 from server.split.connection import Connection, EngineLost, Stopped
-from server.split.ledger import Ledger, refuse_without_engine
-from server.split.messages import TO_GATEWAY, CloseAhead, Drain, Ended, Events, Outputs, Pulse, Ready, Stop
+from server.split.ledger import Ledger, refuse_while_draining, refuse_without_engine
+from server.split.messages import TO_GATEWAY, CloseAhead, Ended, Events, Outputs, Pulse, Ready, Stop
 
 _log = logging.getLogger(__name__)
 
@@ -61,9 +61,10 @@ class RemoteEngine:
         self._ledger = Ledger()
         self._mailbox = Mailbox(self._max_pending)
         self._has_events = False
-        self._commands: list[Drain | Stop] = []
         self._is_up = False
-        self._is_leaving = False
+        self._is_draining = False
+        self._is_stopping = False
+        self._stop_is_sent = False
         self._losses: deque[float] = deque(maxlen=LOSSES - 1)
         self._heartbeat_at = time.monotonic()
         self._failure: BaseException | None = None
@@ -111,6 +112,8 @@ class RemoteEngine:
 
     def submit(self, event: Event) -> Outcome | None:
         with self._lock:
+            if self._is_draining and isinstance(event, Open):
+                return refuse_while_draining(event.session, event.event_seq)
             if not self._is_up:
                 if isinstance(event, Playhead):
                     return None
@@ -124,18 +127,13 @@ class RemoteEngine:
         return None
 
     def drain(self) -> None:
-        self._command_engine(Drain())
+        self._is_draining = True
 
     def stop(self) -> None:
-        self._command_engine(Stop())
+        self._is_draining = self._is_stopping = True
+        self._bell.ring()
         if self._thread is None and self._connection is not None:
             self._connection.close()
-
-    def _command_engine(self, command: Drain | Stop) -> None:
-        with self._lock:
-            self._is_leaving = True
-            self._commands.append(command)
-        self._bell.ring()
 
     def join(self, timeout_s: float | None = None) -> bool:
         """Wait for the end of the engine process; where it does not come in time, the process is killed."""
@@ -203,14 +201,14 @@ class RemoteEngine:
                 self._has_events = False
                 first, events = self._ledger.number(self._mailbox.take_all())
             closes = self._ledger.take_closes()
-            commands, self._commands = self._commands, []
             is_waiting = self._has_events
         if events:
             connection.send(Events(first, tuple(events)))
         for close, opened, last in closes:
             connection.send_ahead(CloseAhead(close, opened, last))
-        for command in commands:
-            connection.send_ahead(command)
+        if self._is_stopping and not self._stop_is_sent:
+            self._stop_is_sent = True
+            connection.send_ahead(Stop())
         return is_waiting
 
     # ---- loss -------------------------------------------------------------------------------------------------------
@@ -232,7 +230,7 @@ class RemoteEngine:
 
     def _connect_again(self) -> Connection | None:
         """Another engine process in place of the lost one; None where there is to be none."""
-        while not self._is_leaving:
+        while not self._is_draining:
             now = time.monotonic()
             if len(self._losses) == self._losses.maxlen and now - self._losses[0] < LOSSES_WITHIN_S:
                 self._failure = EngineLost(
@@ -260,7 +258,7 @@ class RemoteEngine:
         return None
 
     def _connect(self) -> tuple[Connection, Ready]:
-        connection = Connection(self._command, self._bell, lambda: self._is_leaving)
+        connection = Connection(self._command, self._bell, lambda: self._is_draining)
         try:
             return connection, connection.load(self._config)
         except BaseException:

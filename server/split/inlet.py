@@ -12,18 +12,18 @@ from server.engine.types import Event
 from server.split.arrivals import Arrivals
 from server.split.bell import Bell
 from server.split.codec import CodecError
-from server.split.messages import TO_ENGINE, CloseAhead, Drain, Events, Stop, ToEngine
+from server.split.messages import TO_ENGINE, CloseAhead, Events, Stop, ToEngine
 from server.split.outlet import Outlet
 from server.split.sockets import EngineEnd
 
 
 class Inlet:
-    """The `Inbox` of an engine in a process of its own. `command` is called for what is no event, on its thread."""
+    """The `Inbox` of an engine in a process of its own. `stop` is called when the gateway asks for it."""
 
-    def __init__(self, end: EngineEnd, outlet: Outlet, command: Callable[[Drain | Stop], None]) -> None:
+    def __init__(self, end: EngineEnd, outlet: Outlet, stop: Callable[[], None]) -> None:
         self._end = end
         self._outlet = outlet
-        self._command = command
+        self._stop = stop
         self._arrivals = Arrivals()
         self._handed_in: deque[Event] = deque()
         self._bell = Bell()
@@ -37,7 +37,7 @@ class Inlet:
     def take_all(self) -> list[Event]:
         """All events that are here, those that go ahead first. Raises CodecError for what is no message.
 
-        While the gateway does not read, only closes and commands are taken: what waits on both ways stays bounded.
+        While the gateway does not read, only closes and Stop are taken: what waits on both ways stays bounded.
         """
         self._bell.quiet()
         self._outlet.flush()
@@ -45,8 +45,8 @@ class Inlet:
         while (message := self._receive(self._end.ahead)) is not None:
             if isinstance(message, CloseAhead):
                 taken += self._arrivals.ahead(message)
-            elif isinstance(message, Drain | Stop):
-                self._command(message)
+            elif isinstance(message, Stop):
+                self._stop()
             else:
                 raise CodecError(f"{type(message).__name__} came on the way for what goes ahead")
         while not self._outlet.is_blocked and (message := self._receive(self._end.events)) is not None:

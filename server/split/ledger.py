@@ -187,6 +187,11 @@ def refuse_without_engine(key: SessionKey, event_seq: int) -> Outcome:
         None,
         "ENGINE_RESTARTING",
         "the server's engine is being started anew; open a session again in a moment",
-        "session",
         retry_after_s=RETRY_AFTER_S,
     )
+
+
+def refuse_while_draining(key: SessionKey, event_seq: int) -> Outcome:
+    """The answer to an Open once the server takes no new sessions."""
+    message = "the server is going away; open the session elsewhere"
+    return Outcome(key, event_seq, Code.UNAVAILABLE, None, "DRAINING", message, "open")

@@ -49,11 +49,6 @@ class CloseAhead:
 
 
 @dataclass(frozen=True, slots=True)
-class Drain:
-    """Take no new sessions."""
-
-
-@dataclass(frozen=True, slots=True)
 class Stop:
     """Finish the windows that run, close every session as DRAINED, and end."""
 
@@ -98,10 +93,10 @@ class Ended:
     is_setting: bool = False
 
 
-ToEngine = Begin | Events | CloseAhead | Drain | Stop
+ToEngine = Begin | Events | CloseAhead | Stop
 ToGateway = Joined | Ready | Outputs | Pulse | Ended
 
-TO_ENGINE: Codec[ToEngine] = Codec(Begin, Events, CloseAhead, Drain, Stop)
+TO_ENGINE: Codec[ToEngine] = Codec(Begin, Events, CloseAhead, Stop)
 TO_GATEWAY: Codec[ToGateway] = Codec(Joined, Ready, Outputs, Pulse, Ended)
 GREETING: Codec[Greeting] = Codec(Greeting)
 SCHEMA = f"{TO_ENGINE.schema}-{TO_GATEWAY.schema}"

@@ -1,6 +1,6 @@
 """The three ways between gateway and engine process: ZeroMQ sockets on paths that only this user can reach.
 
-`events` carries what may wait, `ahead` what may not (closes, drain, stop), `back` all that the engine says. What waits
+`events` carries what may wait, `ahead` what may not (closes, stop), `back` all that the engine says. What waits
 on `events` and `back` is bounded: beyond so many messages the sender keeps to itself what it has.
 """
 

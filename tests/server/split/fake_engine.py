@@ -1,8 +1,8 @@
 """An engine process with the fake runner, for tests: `python -m tests.server.split.fake_engine HOW FOLDER`.
 
-HOW says what is to go wrong: nothing; settings, load (refused or failing while it loads); schema, ready, garbage (what
-it says is wrong: at the greeting, at the start of serving, after the first output); hang, die (in the first denoising
-step of a session with the seed `FATAL_SEED`); once-FOLDER (dies at the first start only, and leaves a file there).
+HOW says what is to go wrong: nothing; settings, load (refused, or failing, while it loads); schema (the greeting is of
+another version); garbage (after its first outputs it says what is no message); hang, die (in the second window of a
+session with the seed `FATAL_SEED`).
 """
 
 from __future__ import annotations
@@ -38,12 +38,13 @@ class RealTime:
 
 
 class FatalRunner(FakeRunner):
-    """Hangs or dies in a step of a job with the fatal seed."""
+    """Hangs or dies in the second window of a session with the fatal seed."""
 
     how: str = ""
 
     def denoise(self, job_ids: Sequence[int]) -> list[RowStatus]:
-        if any(self.jobs[job_id].seed == FATAL_SEED for job_id in job_ids):
+        jobs = [self.jobs[job_id] for job_id in job_ids]
+        if any(job.seed == FATAL_SEED and job.first_frame > 0 for job in jobs):
             if self.how == "hang":
                 while True:
                     time.sleep(60)

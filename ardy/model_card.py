@@ -11,21 +11,12 @@ from pathlib import Path
 import yaml
 
 from ardy.hub import fetch_checkpoint
+from ardy.released import NICKNAMES, RELEASED, RELEASED_BY
 
 CARD_FILES = ("MODEL_CARD.md", "README.md")
 MAX_CARD_BYTES = 1 << 20
 BUILT_IN_MODEL = "motiongen-mini"
 CHECKPOINTS_DIR = "CHECKPOINTS_DIR"
-
-RELEASED_BY = "nvidia"
-NICKNAMES = {
-    "core": "ARDY-Core-RP-20FPS-Horizon40",
-    "core40": "ARDY-Core-RP-20FPS-Horizon40",
-    "core8": "ARDY-Core-RP-20FPS-Horizon8",
-    "g1": "ARDY-G1-RP-25FPS-Horizon52",
-    "g152": "ARDY-G1-RP-25FPS-Horizon52",
-    "g18": "ARDY-G1-RP-25FPS-Horizon8",
-}
 REPOSITORY = re.compile(r"[A-Za-z0-9][\w.-]{0,95}/[A-Za-z0-9][\w.-]{0,95}", re.ASCII)
 REVISION = re.compile(r"[A-Za-z0-9][\w./-]{0,199}", re.ASCII)
 
@@ -65,7 +56,7 @@ def model_folder(name: str) -> Path:
     local = None if at or not _is_one_name(full_name) else _local_checkpoint(full_name)
     if local is not None:
         return local
-    repository = f"{RELEASED_BY}/{full_name}" if full_name in NICKNAMES.values() else given
+    repository = f"{RELEASED_BY}/{full_name}" if full_name in RELEASED else given
     fits = REPOSITORY.fullmatch(repository) and ".." not in repository
     if not fits or (at and not REVISION.fullmatch(revision)) or Path(given).expanduser().exists():
         raise UnknownModel(_what_is_known(name))

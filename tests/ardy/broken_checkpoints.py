@@ -128,7 +128,7 @@ def write_folder(folder: Path, changes: dict[str, bytes | None]) -> Path:
     return folder
 
 
-def loads_or_refuses(load: Callable[[], Any], refusals: type[Exception]) -> str:
+def loads_or_refuses(load: Callable[[], Any], refusals: type[Exception] | tuple[type[Exception], ...]) -> str:
     """ "loaded", or the text of the refusal; every other error is the reader's fault and goes on."""
     try:
         load()

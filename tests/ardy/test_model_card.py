@@ -8,7 +8,8 @@ import pytest
 
 from ardy import model_card
 from ardy.hub import HubError
-from ardy.model_card import BUILT_IN_MODEL, NICKNAMES, UnknownModel, model_folder, read_model_card
+from ardy.model_card import BUILT_IN_MODEL, UnknownModel, model_folder, read_model_card
+from ardy.released import NICKNAMES
 
 Asked = list[tuple[str, str | None]]
 

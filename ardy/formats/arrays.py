@@ -6,7 +6,8 @@ import io
 import math
 import warnings
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,12 @@ _KINDS = "fiubU"  # numbers, booleans and text
 Check = Callable[[str, tuple[int, ...]], None]
 
 
+def array_names(path: Path) -> frozenset[str]:
+    """What the arrays of an NPZ file are called. Raises FormatError as `read_arrays` does."""
+    with _opened(path) as archive:
+        return frozenset(_members(path, archive))
+
+
 def read_arrays(path: Path, names: Mapping[str, str], check: Check) -> dict[str, np.ndarray]:
     """The arrays of an NPZ file that are called as in `names`; others are left alone.
 
@@ -28,19 +35,23 @@ def read_arrays(path: Path, names: Mapping[str, str], check: Check) -> dict[str,
     with name and shape of each array before it is read; raises FormatError for a shape that cannot be. Raises
     FormatError for a damaged archive, too many or too large members, objects, and headers that lie about the size.
     """
+    with _opened(path) as archive:
+        members = _members(path, archive)
+        return {name: _read(path, archive, members[name], names[name], check) for name in names if name in members}
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
+    """The archive; whatever is raised while it is open is refused as the file's fault."""
     with path.open("rb") as file:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")  # numpy warns where it guesses
                 with zipfile.ZipFile(file) as archive:
-                    members = _members(path, archive)
-                    wanted = [name for name in names if name in members]
-                    return {name: _read(path, archive, members[name], names[name], check) for name in wanted}
+                    yield archive
         except FormatError:
             raise
-        except (
-            Exception
-        ) as error:  # zipfile and numpy meet bytes of anybody's making; whatever they raise, it is refused
+        except Exception as error:  # zipfile and numpy meet bytes of anybody's making, and raise whatever they like
             given = f"not a readable NPZ: {str(error)[:200] or type(error).__name__}"
             raise FormatError(path, given, "give what numpy.savez writes, whole") from None
 

@@ -6,7 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from ardy.formats.arrays import array_names
 from ardy.formats.bvh import read_bvh, write_bvh
+from ardy.formats.client_npz import MARK as CLIENT_MARK
+from ardy.formats.client_npz import read_client_npz
 from ardy.formats.errors import FormatError
 from ardy.formats.g1_csv import QPOS_FPS, read_controller_csv, read_qpos_csv, write_controller_csv, write_qpos_csv
 from ardy.formats.gltf import write_glb
@@ -32,6 +35,11 @@ class MotionFormat:
     about: str
     read: Callable[[Path, ReadOptions], StoredMotion] | None
     write: Callable[[Path, StoredMotion, float | None], tuple[str, ...]]
+
+
+def _read_npz(path: Path, options: ReadOptions) -> StoredMotion:
+    read = read_client_npz if CLIENT_MARK in array_names(path) else read_npz
+    return read(path, options.skeleton)
 
 
 def _npz(path: Path, stored: StoredMotion, rate_hz: float | None) -> tuple[str, ...]:
@@ -66,7 +74,7 @@ MOTION_FORMATS = (
     MotionFormat(
         "g1-csv", ".csv", "G1: ARDY's 36 columns of qpos", lambda path, options: read_qpos_csv(path, options.fps), _qpos
     ),
-    MotionFormat("npz", ".npz", "ARDY's arrays", lambda path, options: read_npz(path, options.skeleton), _npz),
+    MotionFormat("npz", ".npz", "ARDY's arrays; those of the Python client are read too", _read_npz, _npz),
     MotionFormat("bvh", ".bvh", "BVH in centimetres", lambda path, options: read_bvh(path, options.skeleton), _bvh),
     MotionFormat("gltf", ".glb", "binary glTF, skeleton, body and animation", None, _glb),
 )  # fmt: skip

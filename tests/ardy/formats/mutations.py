@@ -15,6 +15,7 @@ import torch
 from hypothesis import strategies as st
 
 from ardy.formats.bvh import read_bvh, write_bvh
+from ardy.formats.client_npz import read_client_npz
 from ardy.formats.constraints import (
     LIMB_TYPES,
     TYPES,
@@ -28,7 +29,8 @@ from ardy.formats.g1_csv import qpos_motion, read_controller_csv, read_qpos_csv,
 from ardy.formats.npz import read_npz, write_npz
 from ardy.formats.root_path import RootPath, read_root_path, write_root_path
 from ardy.skeleton import load_skeleton
-from tests.ardy.formats.motions import random_motion
+from motiongen_client.npz import write_npz as write_client_npz
+from tests.ardy.formats.motions import client_motion, random_motion
 from tests.ardy.robot.poses import walking_qpos
 
 CORE = load_skeleton("core27")
@@ -38,6 +40,7 @@ WORDS = (
     "joint_names", "keyframes", "trajectory", "dense_trajectory", "0", "1", "LeftHand", "Hips", *TYPES,
 )  # fmt: skip
 ARRAY_NAMES = ("local_rot_mats", "root_positions", "posed_joints", "foot_contacts", "fps", "text", "other")
+CLIENT_ARRAY_NAMES = ("root_translation_m", "joint_rotation_quat_wxyz", "foot_contact", "joint_names", "frame_rate_hz")
 BVH_WORDS = (
     "HIERARCHY", "ROOT", "JOINT", "End Site", "OFFSET", "CHANNELS", "MOTION", "Frames:", "Frame Time:", "{", "}", "\n",
     "Hips", "Spine", "Xposition", "Yrotation", "Zrotation", "0", "1", "3", "-1", "6", "1e999", "nan", "²", "0.05",
@@ -104,11 +107,11 @@ def json_words() -> st.SearchStrategy[bytes]:
 
 
 @st.composite
-def npz_words(draw: st.DrawFn) -> bytes:
+def npz_words(draw: st.DrawFn, names: tuple[str, ...]) -> bytes:
     """A zip whose members have the names that are read, with arrays of any shape and type, or headers of any text."""
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", draw(st.sampled_from([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED]))) as archive:
-        for name in draw(st.lists(st.sampled_from(ARRAY_NAMES), max_size=5, unique=True)):
+        for name in draw(st.lists(st.sampled_from(names), max_size=5, unique=True)):
             member = io.BytesIO()
             if draw(st.booleans()):
                 shape = draw(st.sampled_from([(), (2,), (2, 3), (2, 4), (2, 27, 3), (2, 27, 3, 3), (0, 27, 3, 3)]))
@@ -158,7 +161,13 @@ def readers(folder: Path) -> tuple[Reader, ...]:
     return (
         Reader("constraints", read_targets, written(lambda to: write_constraints(to, constraints)), json_words()),
         Reader("root path", read_root_path, written(lambda to: write_root_path(to, path)), json_words()),
-        Reader("npz", read_npz, written(lambda to: write_npz(to, people)), npz_words()),
+        Reader("npz", read_npz, written(lambda to: write_npz(to, people)), npz_words(ARRAY_NAMES)),
+        Reader(
+            "client npz",
+            read_client_npz,
+            written(lambda to: write_client_npz(to, client_motion(people))),
+            npz_words(CLIENT_ARRAY_NAMES),
+        ),
         Reader("bvh", read_bvh, written(lambda to: write_bvh(to, people)), line_words(BVH_WORDS, " ")),
         Reader("g1 csv", read_qpos_csv, written(lambda to: write_qpos_csv(to, robot)), line_words(cells, ",")),
         Reader(

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.ardy.formats.mutations import Reader, readers
 from tests.ardy.formats.refusal import read_or_refuse
 
-NAMES = ("constraints", "root path", "npz", "bvh", "g1 csv", "g1 controller csv")
+NAMES = ("constraints", "root path", "npz", "client npz", "bvh", "g1 csv", "g1 controller csv")
 
 
 @pytest.fixture(scope="module")

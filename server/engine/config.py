@@ -14,8 +14,9 @@ class EngineConfig:
     max_sessions, max_rows: sessions held at once; rows of one denoising step.
     max_pending_events, max_prompts, max_constraints: limits of one session.
     history_crop: most history frames given to a window. continue_threshold: unplayed frames at which the next window is
-    started; continue_jitter: most frames added to it, different for each session, so that sessions opened together
-    spread out. first_chunk, steady_chunk: frames of the first chunk after an edit, and of any chunk at most.
+    started. So that sessions opened together spread out, each differently: continue_jitter, most frames added to that,
+    and stride_jitter, most frames by which the first window made while the client plays is cut. first_chunk,
+    steady_chunk: frames of the first chunk after an edit, and of any chunk at most.
     rtt_s, flush_s, margin_s: the way to the client and back, the service's flush interval, and a safety margin; the sum
     is the least lead of a replan. edit_target_s: seconds from an edit to its frames that each class is promised;
     open_target_s: the same from opening. idle_timeout_s: silence after which a session is closed.
@@ -40,6 +41,7 @@ class EngineConfig:
     history_crop: int = 16
     continue_threshold: int = 20
     continue_jitter: int = 4
+    stride_jitter: int = 20
     first_chunk: int = 8
     steady_chunk: int = 20
     rtt_s: float = 0.05
@@ -68,7 +70,15 @@ class EngineConfig:
             self._check(name, 1)
         for name in ("first_chunk", "steady_chunk", "continue_threshold", "max_waiting_edits", "hold_frames"):
             self._check(name, 1)
-        for name in ("history_crop", "continue_jitter", "max_restarts", "rtt_s", "flush_s", "margin_s"):
+        for name in (
+            "history_crop",
+            "continue_jitter",
+            "stride_jitter",
+            "max_restarts",
+            "rtt_s",
+            "flush_s",
+            "margin_s",
+        ):
             self._check(name, 0)
         for name in ("open_target_s", "idle_timeout_s", "initial_step_s", "retry_after_s"):
             self._check(name, 0.001)
@@ -101,6 +111,8 @@ class EngineConfig:
                 f"continue_threshold + continue_jitter is {self.continue_threshold + self.continue_jitter}; "
                 f"{facts.model_id} generates {facts.horizon} frames a window, so it must be less"
             )
+        if self.stride_jitter >= facts.horizon:
+            raise ValueError(f"stride_jitter is {self.stride_jitter}; it must be less than a window's {facts.horizon}")
 
     @property
     def delivery_s(self) -> float:

@@ -58,6 +58,7 @@ _FRAME_TOLERANCE = 1e-3
 class SessionState:
     """All that is known of a session. plan: the newest plan's number; holding: it repeats a pose.
 
+    cut_frames: by which the first window that is made while the client plays is cut, so that sessions spread out.
     remedy: what the next window is to right, in a window that began at lost_from. restarts, extra_lead_s: of windows in
     a row that did not land.
     """
@@ -67,6 +68,7 @@ class SessionState:
     config: EngineConfig
     guard: DriftGuard
     continue_threshold: int
+    cut_frames: int
     conditions: Conditions
     delivery: Delivery
     timeline: Timeline
@@ -107,7 +109,8 @@ class SessionState:
         cls, spec: SessionSpec, received_at: float, ordinal: int, facts: ModelFacts, config: EngineConfig, now: float
     ) -> SessionState:
         """A new session. ordinal: how many were opened before it; it spreads the start times of later windows."""
-        jitter = math.floor((ordinal * 0.618033988749895) % 1.0 * (config.continue_jitter + 1))
+        spread = (ordinal * 0.618033988749895) % 1.0 * (config.stride_jitter // facts.patch + 1)
+        jitter = math.floor(spread % 1.0 * (config.continue_jitter + 1))
         return cls(
             spec=spec,
             facts=facts,
@@ -115,6 +118,7 @@ class SessionState:
             guard=DriftGuard(PoseReader.of(facts.rig), config),
             # A client that asks for a longer lookahead wants it filled.
             continue_threshold=max(config.continue_threshold, spec.lookahead - facts.horizon) + jitter,
+            cut_frames=math.floor(spread) * facts.patch,
             conditions=Conditions(spec.prompts, spec.constraints),
             delivery=Delivery(spec.session, spec.lookahead, config, PlaybackClock(facts.fps), RoundTrip(config.rtt_s)),
             timeline=Timeline.empty(facts.row_width, facts.feature_dim, facts.token_width, facts.patch),
@@ -272,6 +276,8 @@ class SessionState:
         if self._replan_wanted:
             self.edits.not_before = now + interval_s
         end = first_frame + self.facts.horizon
+        if cause is PlanCause.CONTINUE and self.clock.running:
+            end, self.cut_frames = end - self.cut_frames, 0
         self.running = RunningWindow(job, end, self.edits.take(), self.conditions.velocity, self.remedy)
         change = self.conditions.prompt_change_after(first_frame, end)
         self.running.accept_to = max(change, self._least_start(self.running))

@@ -53,7 +53,10 @@ def stream(model: Model, embedding: np.ndarray, constraints: tuple[Constraint, .
     """The first NUM_FRAMES rows that a session with one prompt streams."""
     clock, screen = FakeClock(), Screen()
     engine = Engine(
-        TorchRunner(model, "tiny"), clock, screen.deliver, EngineConfig(continue_jitter=0, reuse_tokens=reuse_tokens)
+        TorchRunner(model, "tiny"),
+        clock,
+        screen.deliver,
+        EngineConfig(continue_jitter=0, stride_jitter=0, reuse_tokens=reuse_tokens),
     )
     spec = SessionSpec(
         KEY,

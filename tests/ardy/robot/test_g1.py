@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import mujoco
+import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
+from ardy.formats.g1_csv import qpos_motion, write_controller_csv, write_qpos_csv
 from ardy.motion import Motion
 from ardy.robot.g1 import (
     TO_ROBOT,
@@ -141,6 +144,22 @@ def test_mujoco_puts_the_links_where_our_kinematics_does(simulator: object, seed
         for body in ROBOT.bodies:
             error = (found[body.name] - expected[frame, joint_of(body.name, body.hinge)]).abs().max()
             assert error < 1e-6, f"{body.name} is {1000 * error:.3f} mm off in frame {frame}"
+
+
+def test_mujoco_puts_the_links_of_an_exported_file_where_the_motion_has_them(simulator: object, tmp_path: Path) -> None:
+    """Through the file and float32, in both forms: what a robot's user loads."""
+    stored = qpos_motion("random", random_qpos(4, 9), 25)
+    expected = stored.positions().double() @ TO_ROBOT.T
+    write_qpos_csv(tmp_path / "motion.csv", stored)
+    write_controller_csv(tmp_path / "motion.controller.csv", stored)
+    plain = np.loadtxt(tmp_path / "motion.csv", delimiter=",")
+    controller = np.loadtxt(tmp_path / "motion.controller.csv", delimiter=",", skiprows=1)[:, 1:37]
+    for rows in (plain, controller):
+        for frame, row in enumerate(torch.from_numpy(rows)):
+            found = link_positions(simulator, row)  # type: ignore[arg-type]
+            for body in ROBOT.bodies:
+                error = (found[body.name] - expected[frame, joint_of(body.name, body.hinge)]).abs().max()
+                assert error < 1e-5, f"{body.name} is {1000 * error:.3f} mm off in frame {frame}"
 
 
 def test_mujoco_steps_from_row_to_row_with_our_velocities(simulator: object) -> None:

@@ -1,12 +1,15 @@
 """Random events against the rules: whatever clients do and however long steps take, no viewer sees a rule broken."""
 
+import math
+
 import hypothesis.strategies as st
 import numpy as np
 from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from server.engine.config import EngineConfig
-from server.engine.types import Code, Priority, RootPath, RootTarget
+from server.engine.ladder import FULL, Rung
+from server.engine.types import Code, Priority, RootPath, RootTarget, ServiceTier, WindowJob
 from tests.server.engine.fakes import PROMPT
 from tests.server.engine.stage import Stage, prompt
 from tests.server.engine.viewer import Viewer
@@ -14,6 +17,14 @@ from tests.server.engine.viewer import Viewer
 HANDLES = st.integers(1, 4)
 # the markers of prompts that may start later than one for now, and then hold instead of it
 SCHEDULED = {2, *range(12, 17)}
+
+
+RUNGS = (
+    FULL,
+    Rung(ServiceTier.FEWER_STEPS, steps=2, full_stride=True, replan_cap_scale=0.5),
+    Rung(ServiceTier.NO_GUIDANCE, steps=2, drop_guidance=True),
+    Rung(ServiceTier.HOLD, hold=True),
+)
 
 
 class SessionRules(RuleBasedStateMachine):
@@ -25,13 +36,33 @@ class SessionRules(RuleBasedStateMachine):
         spread=st.floats(1.0, 8.0),
         seed=st.integers(0, 2**16),
         max_restarts=st.integers(0, 3),
+        align_replans=st.booleans(),
     )
-    def set_the_stage(self, max_rows: int, base_s: float, spread: float, seed: int, max_restarts: int) -> None:
-        self.stage = Stage(EngineConfig(max_rows=max_rows, max_restarts=max_restarts, max_prompts=5))
+    def set_the_stage(
+        self, max_rows: int, base_s: float, spread: float, seed: int, max_restarts: int, align_replans: bool
+    ) -> None:
+        self.stage = Stage(
+            EngineConfig(
+                max_rows=max_rows,
+                max_restarts=max_restarts,
+                max_prompts=5,
+                align_replans=align_replans,
+                max_waiting_edits=1000,
+                degrade=False,
+            )
+        )
+        self.stage.runner.holds = self.stage.runner.rights = True
+        self.stage.runner.moves = self._move
+        self.lost_plans: set[int] = set()
         random = np.random.default_rng(seed)
         self.stage.runner.step_s = lambda rows: float(base_s * random.uniform(1.0, spread))
         self.now_prompts: dict[int, list[tuple[int, int]]] = {}
         self.gone: list[Viewer] = []
+
+    def _move(self, job: WindowJob, frames: np.ndarray) -> None:
+        """Windows of some plans leave the ground."""
+        if job.plan in self.lost_plans:
+            frames[20:, 1] = 50.0
 
     def _viewer(self, handle: int) -> Viewer | None:
         viewer = next((held for held in self.stage.viewers.values() if held.key.handle == handle), None)
@@ -91,6 +122,38 @@ class SessionRules(RuleBasedStateMachine):
         if viewer := self._viewer(handle):
             self.stage.set_constraints(viewer, remove=() if clear else tuple(remove), clear=clear)
 
+    @rule(
+        handle=HANDLES,
+        x=st.floats(-3, 3),
+        heading=st.none() | st.floats(-4, 4),
+        hold_frames=st.integers(1, 100),
+        again=st.booleans(),
+    )
+    def set_velocity(self, handle: int, x: float, heading: float | None, hold_frames: int, again: bool) -> None:
+        if viewer := self._viewer(handle):
+            for _ in range(1 + again):
+                self.stage.set_velocity(viewer, x, 0.0, heading, hold_frames)
+
+    @rule(handle=HANDLES, rung=st.sampled_from(RUNGS))
+    def change_rung(self, handle: int, rung: Rung) -> None:
+        if viewer := self._viewer(handle):
+            self._set_rung(viewer, rung)
+
+    def _set_rung(self, viewer: Viewer, rung: Rung) -> None:
+        engine = self.stage.engine
+        state = engine._sessions[viewer.key]
+        engine._outbox += state.set_tier(rung)
+        engine._touched[viewer.key] = state
+
+    @rule(handle=HANDLES, rtt_s=st.none() | st.floats(-1, 2))
+    def change_round_trip(self, handle: int, rtt_s: float | None) -> None:
+        if viewer := self._viewer(handle):
+            viewer.rtt_s = rtt_s
+
+    @rule(plans=st.sets(st.integers(2, 40), max_size=3))
+    def lose_characters(self, plans: set[int]) -> None:
+        self.lost_plans = plans
+
     @rule(handle=HANDLES, silent=st.booleans())
     def fall_silent_or_talk_again(self, handle: int, silent: bool) -> None:
         if viewer := self._viewer(handle):
@@ -127,9 +190,25 @@ class SessionRules(RuleBasedStateMachine):
     def the_contract_with_the_runner_is_kept(self) -> None:
         if hasattr(self, "stage"):
             assert self.stage.runner.breaches == []
+            self._check_states()
             owners = self.stage.engine._owners
             assert set(self.stage.runner.jobs) <= set(owners)
             assert len(owners) <= self.stage.engine.num_sessions
+
+    def _check_states(self) -> None:
+        """What must hold of every session between any two events."""
+        for state in self.stage.engine._sessions.values():
+            delivery = state.delivery
+            assert delivery.sent_to <= state.planned_to
+            assert delivery.sent_to <= max(delivery.clock.reported + delivery.lookahead, 0)
+            assert delivery.committed_to <= state.planned_to
+            assert state.timeline.first <= max(0, delivery.committed_to - state.config.history_crop)
+            assert state.timeline.run.end <= state.planned_to
+            if state.running is not None:
+                assert state.running.first_frame < state.running.accept_to
+                assert state.running.first_frame <= state.planned_to
+            due = state.window_due(self.stage.clock.now())
+            assert due or state.wake_at() > -math.inf, "nothing is due, yet it wants to be looked at over and over"
 
     def teardown(self) -> None:
         if not hasattr(self, "stage"):
@@ -139,6 +218,7 @@ class SessionRules(RuleBasedStateMachine):
         for viewer in stage.viewers.values():
             if viewer.closed is None and viewer.opened is not None:
                 stage.pause(viewer, False)
+                self._set_rung(viewer, FULL)
         stage.runner.step_s = lambda rows: 0.005
         stage.run(8.0)
         stage.check_finished()

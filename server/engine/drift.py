@@ -39,7 +39,7 @@ class DriftGuard:
             sound = config.min_root_height_m <= low and high <= config.max_root_height_m
             if not (sound and far <= config.max_coordinate_m):
                 return Remedy.FRESH_START
-        if float(self.reader.leans(rows).mean()) > config.max_lean_rad:
+        if self.reader.lean(rows) > config.max_lean_rad:
             return Remedy.SHORT_HISTORY
         return None
 

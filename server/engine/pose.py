@@ -42,10 +42,10 @@ class PoseReader:
         w, x, y, z = (float(value) for value in row[self.rotation : self.rotation + 4])
         return math.atan2(2 * (x * z + w * y), 1 - 2 * (x * x + y * y))
 
-    def leans(self, rows: Float32Array) -> Float32Array:
-        """(T) radians: between the up axis of each row's root and the vertical."""
+    def lean(self, rows: Float32Array) -> float:
+        """Radians between the vertical and the up axis of the root, whose height is averaged over the rows."""
         if self.rotation is None:
-            return np.zeros(len(rows), np.float32)
+            return 0.0
         x, z = rows[:, self.rotation + 1], rows[:, self.rotation + 3]
-        leans: Float32Array = np.arccos(np.clip(1 - 2 * (x * x + z * z), -1.0, 1.0))
-        return leans
+        up = 1 - 2 * float(x @ x + z @ z) / len(rows)
+        return math.acos(min(max(up, -1.0), 1.0))

@@ -34,7 +34,7 @@ def _rows(*, lean: float = 0.0, heading: float = 0.0, y: float = 1.0, x: float =
 @pytest.mark.parametrize("lean", [0.0, 0.4, -0.9, 1.5])
 def test_lean_and_heading_are_read_from_the_roots_rotation(heading: float, lean: float) -> None:
     rows = _rows(heading=heading, lean=lean)
-    assert GUARD.reader.leans(rows) == pytest.approx(np.full(40, abs(lean)), abs=1e-3)
+    assert GUARD.reader.lean(rows) == pytest.approx(abs(lean), abs=1e-3)
     assert GUARD.reader.heading(rows[0]) == pytest.approx(heading, abs=1e-5)
 
 

@@ -96,5 +96,5 @@ def _read(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo, kinds: s
         content = header.read() + file.read()
     if len(content) != size:
         raise FormatError(path, f"{name} ends after {len(content)} of {size} bytes", "give the whole file")
-    order = "F" if by_column else "C"
-    return np.frombuffer(content, dtype=dtype).reshape(shape, order=order)
+    values: np.ndarray = np.frombuffer(content, dtype=dtype)
+    return values.reshape(shape[::-1]).T if by_column else values.reshape(shape)

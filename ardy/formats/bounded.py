@@ -7,6 +7,7 @@ from pathlib import Path
 from ardy.formats.errors import FormatError
 
 MAX_TEXT_BYTES = 64 * 2**20
+MAX_JSON_BYTES = 16 * 2**20  # parsed, it takes twenty times as much
 MAX_ARRAY_BYTES = 512 * 2**20
 MAX_FRAMES = 200_000
 
@@ -21,10 +22,10 @@ def read_bytes(path: Path, limit: int) -> bytes:
     return content
 
 
-def read_text(path: Path) -> str:
-    """The file as UTF-8 text. Raises FormatError above 64 MiB and for anything that is not UTF-8."""
+def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:
+    """The file as UTF-8 text. Raises FormatError above `limit` bytes and for anything that is not UTF-8."""
     try:
-        return read_bytes(path, MAX_TEXT_BYTES).decode("utf-8-sig")
+        return read_bytes(path, limit).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FormatError(path, f"byte {error.start} is not UTF-8", "give a text file") from None
 

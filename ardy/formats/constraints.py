@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from ardy.constraint import ConstraintError, Targets, limb_chains
-from ardy.formats.bounded import MAX_FRAMES, read_text
+from ardy.formats.bounded import MAX_FRAMES, MAX_JSON_BYTES, read_text
 from ardy.formats.errors import FormatError, shortened
 from ardy.formats.json_text import NumbersError, numbers, parse_json, write_json
 from ardy.motion import Motion
@@ -93,7 +93,7 @@ def pose_constraint(motion: Motion, frames: Sequence[int], limbs: tuple[str, ...
 
 def read_constraints(path: Path, skeleton: Skeleton, num_frames: int | None = None) -> list[Constraint]:
     """Read a constraint list. Raises FormatError as `parse_constraints` does, and OSError."""
-    return parse_constraints(parse_json(read_text(path), path), skeleton, path, num_frames)
+    return parse_constraints(parse_json(read_text(path, MAX_JSON_BYTES), path), skeleton, path, num_frames)
 
 
 def parse_constraints(

@@ -89,6 +89,15 @@ def format_of(path: Path, name: str | None = None) -> MotionFormat:
     raise FormatError(path, f"no format {name!r}" if name else "the name tells no format", f"the formats are {known}")
 
 
+def sample_paths(path: Path, num_samples: int) -> list[Path]:
+    """Where several samples go, as ARDY's command line has it: walk.npz alone, else walk/walk_00.npz and so on."""
+    if num_samples == 1:
+        return [path]
+    suffix = path.name[-len(format_of(path).suffix) :]
+    stem = path.name.removesuffix(suffix)
+    return [path.parent / stem / f"{stem}_{index:02d}{suffix}" for index in range(num_samples)]
+
+
 def read_motion(path: Path, options: ReadOptions | None = None, name: str | None = None) -> StoredMotion:
     """Read any motion file. Raises FormatError, and OSError as `open` does."""
     chosen = format_of(path, name)

@@ -6,7 +6,6 @@ Z up, +X forward. The second has a header line, and after the time the same 36 c
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -126,22 +125,25 @@ def _rows(path: Path, lines: list[str], first_line: int, width: int) -> Tensor:
         lines = lines[:-1]
     if not 1 <= len(lines) <= MAX_FRAMES:
         raise FormatError(path, f"{len(lines)} rows", f"give 1 to {MAX_FRAMES}")
-    flat = [number for line, text in enumerate(lines, first_line) for number in _numbers(path, line, text, width)]
-    table = torch.tensor(flat, dtype=torch.float64).reshape(-1, width)
-    bad = (~table.isfinite()).any(1).nonzero().flatten().tolist()
-    if bad:
+    table = np.empty((len(lines), width))
+    for row, text in enumerate(lines):
+        table[row] = _numbers(path, first_line + row, text, width)
+    bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
+    if len(bad):
         raise FormatError(path, f"line {first_line + bad[0]} holds NaN or infinite numbers", "numbers must be finite")
-    return table
+    return torch.from_numpy(table)
 
 
-def _numbers(path: Path, line: int, text: str, width: int) -> Iterator[float]:
+def _numbers(path: Path, line: int, text: str, width: int) -> list[float]:
     words = text.split(",")
     if len(words) != width:
         given = f"line {line} has {len(words)} columns"
         raise FormatError(path, given, f"{width} are wanted, without a header; centimetres and degrees are not read")
+    values = []
     for word in words:
         try:
-            yield float(word)
+            values.append(float(word))
         except ValueError:
             given = f"line {line} holds {shortened(word.strip())}"
             raise FormatError(path, given, f"{width} numbers a line, no other text") from None
+    return values

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -84,7 +84,7 @@ def write_glb(path: Path, stored: StoredMotion) -> None:
     document.save_binary(path)
 
 
-def _joint_nodes(skeleton: Skeleton) -> list:
+def _joint_nodes(skeleton: Skeleton) -> list[Any]:
     """The skeleton in its neutral pose, standing on the ground."""
     import pygltflib
 
@@ -109,8 +109,8 @@ def _continuous(quaternions: np.ndarray) -> np.ndarray:
     """Quaternions (T, J, 4), each on the same side as the one before it: viewers mix neighbours linearly."""
     turns = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1, keepdims=True))
     signs = np.cumprod(np.concatenate([np.ones_like(quaternions[:1, :, :1]), np.where(turns < 0, -1.0, 1.0)]), axis=0)
-    flipped: np.ndarray = quaternions * signs
-    return flipped / np.linalg.norm(flipped, axis=-1, keepdims=True)
+    unit: np.ndarray = quaternions * signs / np.linalg.norm(quaternions, axis=-1, keepdims=True)
+    return unit
 
 
 @dataclass

@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from ardy.formats.bounded import MAX_TEXT_BYTES
+from ardy.formats.bounded import MAX_JSON_BYTES
 from ardy.formats.errors import FormatError, shortened
 
 
@@ -18,8 +18,8 @@ class NumbersError(ValueError):
 
 def parse_json(text: str | bytes, source: object) -> Any:
     """The content of a JSON text. Raises FormatError for what is not JSON, too deep, or names a field twice."""
-    if len(text) > MAX_TEXT_BYTES:
-        raise FormatError(source, f"{len(text)} bytes of JSON", f"at most {MAX_TEXT_BYTES} are read")
+    if len(text) > MAX_JSON_BYTES:
+        raise FormatError(source, f"{len(text)} bytes of JSON", f"at most {MAX_JSON_BYTES} are read")
 
     def no_constant(name: str) -> NoReturn:
         raise FormatError(source, f"the number {name}", "numbers must be finite")

@@ -13,7 +13,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ardy.formats.bounded import MAX_FRAMES, read_text
+from ardy.formats.bounded import MAX_FRAMES, MAX_JSON_BYTES, read_text
 from ardy.formats.constraints import RootConstraint
 from ardy.formats.errors import FormatError, shortened
 from ardy.formats.json_text import NumbersError, numbers, parse_json, write_json
@@ -54,7 +54,7 @@ class RootPath:
 
 def read_root_path(path: Path, num_frames: int | None = None) -> RootPath:
     """Read a path, for a clip of num_frames frames (of any length if None). Raises FormatError, and OSError."""
-    content = parse_json(read_text(path), path)
+    content = parse_json(read_text(path, MAX_JSON_BYTES), path)
     if not isinstance(content, Mapping):
         raise FormatError(path, f"the file holds a {type(content).__name__}", "give an object with type and points")
     kind = content.get("type", "keyframes")

@@ -11,6 +11,7 @@ import json
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -91,7 +92,7 @@ def load_g1() -> G1:
     )
 
 
-def _body(entry: dict) -> Body:
+def _body(entry: dict[str, Any]) -> Body:
     hinge = entry.get("hinge")
     x, y, z = hinge["axis"] if hinge else (0.0, 0.0, 0.0)
     return Body(

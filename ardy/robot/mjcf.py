@@ -41,11 +41,11 @@ def _body_node(parent: ElementTree.Element, body: Body, children: list[Body]) ->
         ElementTree.SubElement(node, "joint", name=name, type="hinge", axis=_numbers(body.axis), range=reach)
     ElementTree.SubElement(node, "inertial", pos="0 0 0", mass=f"{_MASS_KG}", diaginertia="0.01 0.01 0.01")
     drawn = {"contype": "0", "conaffinity": "0", "size": f"{_LIMB_RADIUS_M}"}
-    ElementTree.SubElement(node, "geom", type="sphere", **drawn)
+    ElementTree.SubElement(node, "geom", {"type": "sphere", **drawn})
     for child in children:
         if any(child.position):
             ends = _numbers((0.0, 0.0, 0.0, *child.position))
-            ElementTree.SubElement(node, "geom", type="capsule", fromto=ends, **drawn)
+            ElementTree.SubElement(node, "geom", {"type": "capsule", "fromto": ends, **drawn})
     return node
 
 

@@ -9,7 +9,7 @@ import torch
 
 from ardy.formats.__main__ import main
 from ardy.formats.errors import FormatError
-from ardy.formats.files import MOTION_FORMATS, ReadOptions, format_of, read_motion, write_motion
+from ardy.formats.files import MOTION_FORMATS, ReadOptions, format_of, read_motion, sample_paths, write_motion
 from ardy.formats.g1_csv import qpos_motion
 from ardy.formats.stored import StoredMotion
 from tests.ardy.robot.poses import walking_qpos
@@ -45,6 +45,15 @@ def test_names_decide_before_endings_and_unknown_ones_are_refused(tmp_path: Path
         format_of(tmp_path / "a.fbx")
     with pytest.raises(FormatError, match="no format 'fbx'"):
         format_of(tmp_path / "a.npz", "fbx")
+
+
+def test_samples_are_named_as_upstream_names_them() -> None:
+    assert sample_paths(Path("out/walk.npz"), 1) == [Path("out/walk.npz")]
+    assert sample_paths(Path("out/walk.controller.csv"), 2) == [
+        Path("out/walk/walk_00.controller.csv"),
+        Path("out/walk/walk_01.controller.csv"),
+    ]
+    assert sample_paths(Path("walk.npz"), 101)[-1] == Path("walk/walk_100.npz")
 
 
 def test_the_command_converts(tmp_path: Path, walk: StoredMotion, capsys: pytest.CaptureFixture[str]) -> None:

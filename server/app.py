@@ -21,7 +21,7 @@ from server.config import ServerConfig
 from server.door import Door
 from server.engine.types import Guidance, Output
 from server.errors import SettingError
-from server.hosting import Hosted, host_engine
+from server.hosting import ENGINE_COMMAND, Hosted, host_engine
 from server.limits import Limits
 from server.loading import Loaded, load_all
 from server.methods import SERVICE_NAME, add_methods
@@ -42,9 +42,16 @@ STOP_GRACE_S = 5.0
 class Application:
     """One server process. `start`, then `serve` until a signal, then `drain`."""
 
-    def __init__(self, config: ServerConfig, load: Callable[[ServerConfig], Loaded] = load_all) -> None:
+    def __init__(
+        self,
+        config: ServerConfig,
+        load: Callable[[ServerConfig], Loaded] = load_all,
+        engine_command: Sequence[str] = ENGINE_COMMAND,
+    ) -> None:
+        """load: the model, for an engine in this process. engine_command: for one in a process of its own."""
         self._config = config
         self._load = load
+        self._engine_command = engine_command
         self._metrics = Metrics()
         self._health = health.aio.HealthServicer()
         self._stop = asyncio.Event()
@@ -67,7 +74,9 @@ class Application:
 
     async def _open(self) -> None:
         config = self._config
-        hosted = await asyncio.to_thread(host_engine, config, self._load, self._deliver, self._metrics.observe)
+        hosted = await asyncio.to_thread(
+            host_engine, config, self._load, self._deliver, self._metrics.observe, self._engine_command
+        )
         facts = hosted.facts
         self._prompts = PromptEncoder(hosted.encoder, config.prompt_cache, self._metrics.prompt_seconds.observe)
         self._engine = hosted.engine

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from server.config import ServerConfig
@@ -12,6 +13,9 @@ from server.engine_port import EnginePort
 from server.errors import SettingError
 from server.loading import Loaded, build_engine, load_encoder
 from server.prompts import TextEncoder
+
+ENGINE_COMMAND = (sys.executable, "-m", "server.split")
+"""Starts an engine process, given the folder of its gateway's sockets."""
 
 
 @dataclass(frozen=True)
@@ -26,20 +30,29 @@ class Hosted:
 
 
 def host_engine(
-    config: ServerConfig, load: Callable[[ServerConfig], Loaded], deliver: Deliver, observe: Observe
+    config: ServerConfig,
+    load: Callable[[ServerConfig], Loaded],
+    deliver: Deliver,
+    observe: Observe,
+    engine_command: Sequence[str] = ENGINE_COMMAND,
 ) -> Hosted:
-    """Load and warm up. load: for an engine in this process. Raises SettingError for settings that cannot be served."""
+    """Load and warm up. load, engine_command: for an engine in this process, and in one of its own.
+
+    Raises SettingError for settings that cannot be served.
+    """
     if config.engine_process:
-        return _in_its_own_process(config, deliver, observe)
+        return _in_its_own_process(config, deliver, observe, engine_command)
     loaded = load(config)
     engine = build_engine(config, loaded.runner, deliver, observe)
     return Hosted(engine, loaded.runner.facts, loaded.encoder, loaded.licence, loaded.threads)
 
 
-def _in_its_own_process(config: ServerConfig, deliver: Deliver, observe: Observe) -> Hosted:
+def _in_its_own_process(
+    config: ServerConfig, deliver: Deliver, observe: Observe, engine_command: Sequence[str]
+) -> Hosted:
     from server.split.gateway import RemoteEngine  # pyzmq and msgpack are for those who ask for it
 
-    engine = RemoteEngine(config, deliver, observe)
+    engine = RemoteEngine(config, deliver, observe, engine_command)
     ready = engine.load()
     try:
         encoder = load_encoder(config, ready.facts)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import sys
 import threading
 import time
 from collections import deque
@@ -23,7 +22,6 @@ from server.split.messages import TO_GATEWAY, CloseAhead, Ended, Events, Outputs
 
 _log = logging.getLogger(__name__)
 
-COMMAND = (sys.executable, "-m", "server.split")
 HUNG_S = 30.0
 """An engine process that says nothing for so long will not come back; a single step must not take it."""
 LOSSES = 3
@@ -46,7 +44,7 @@ class RemoteEngine:
         config: ServerConfig,
         deliver: Deliver,
         observe: Observe,
-        command: Sequence[str] = COMMAND,
+        command: Sequence[str],
         hung_s: float = HUNG_S,
     ) -> None:
         """command: starts an engine process, given a folder of sockets."""

@@ -18,7 +18,7 @@ from motiongen.v1 import service_pb2, service_pb2_grpc
 from server.app import SERVICE_NAME, Application, Loaded, join_address
 from server.config import ServerConfig
 from server.errors import SettingError
-from server.loading import load_model, warm_up
+from server.loading import build_engine, load_model
 from tests.contract.local import LengthEncoder, RealTime
 from tests.contract.talk import Talk
 from tests.server.engine.fakes import FakeRunner
@@ -28,7 +28,7 @@ SERVING, NOT_SERVING = health_pb2.HealthCheckResponse.SERVING, health_pb2.Health
 
 
 def config(**settings: object) -> ServerConfig:
-    defaults = {"port": 0, "ops_port": 0, "drain_wait_s": 0, "drain_grace_s": 0}
+    defaults = {"port": 0, "ops_port": 0, "drain_wait_s": 0, "drain_grace_s": 0, "profile_s": 0}
     return ServerConfig(**{**defaults, **settings})  # type: ignore[arg-type]
 
 
@@ -242,6 +242,5 @@ async def test_settings_that_do_not_fit_the_model_are_named(settings: dict[str, 
 
 
 def test_a_model_that_gives_no_finite_frames_is_not_served() -> None:
-    assert warm_up(FakeRunner()) >= 0
     with pytest.raises(SettingError, match="not finite"):
-        warm_up(FakeRunner(poisoned_result=lambda job: True))
+        build_engine(config(), FakeRunner(poisoned_result=lambda job: True), lambda outputs: None, lambda report: None)

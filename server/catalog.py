@@ -52,6 +52,7 @@ class Catalog:
             max_denoise_steps=facts.max_steps,
             text_encoder=text_encoder,
             default_guidance=session_pb2.Guidance(text=guidance.text, constraint=guidance.constraint),
+            num_parameters=facts.num_parameters,
             future_frames=facts.max_window_frames - facts.horizon - history_frames,
         )
         self._response = service_pb2.GetCatalogResponse(

@@ -40,4 +40,5 @@ def model_facts(model: Model, model_id: str, default_steps: int) -> ModelFacts:
         embedding_dim=config.denoiser.text_dim,
         token_width=ROOT_TOKEN_WIDTH + config.denoiser.latent_dim,
         guidance_passes=_GUIDANCE_PASSES[config.guidance],
+        num_parameters=model.num_parameters,
     )

@@ -67,6 +67,7 @@ def catalog(frame_rate: int) -> service_pb2.GetCatalogResponse:
                 min_denoise_steps=1,
                 max_denoise_steps=10,
                 text_encoder="none",
+                num_parameters=2_500_000,
             )
         ],
     )

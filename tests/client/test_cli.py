@@ -104,7 +104,7 @@ async def test_stream_writes_what_was_asked_for(
 async def test_catalog_lists_models_rigs_and_limits(server: FakeServer, capsys: pytest.CaptureFixture[str]) -> None:
     assert await command("catalog", "--server", server.address) == 0
     printed = capsys.readouterr().out
-    assert all(word in printed for word in ("synthetic", "stick9", "max_prompts", "CC0-1.0"))
+    assert all(word in printed for word in ("synthetic", "stick9", "2.5 M", "max_prompts", "CC0-1.0"))
 
 
 async def test_a_model_that_is_not_there_lists_those_that_are(

@@ -24,6 +24,7 @@ def test_model_rig_and_limits_are_told() -> None:
     assert (model.horizon_frames, model.patch_frames) == (FACTS.horizon, FACTS.patch)
     assert (model.min_denoise_steps, model.default_denoise_steps, model.max_denoise_steps) == (2, 4, 10)
     assert model.future_frames == FACTS.max_window_frames - FACTS.horizon - 16
+    assert model.num_parameters == 1234
     assert (model.default_guidance.text, model.default_guidance.constraint) == (1.5, 2.5)
     assert (model.licence, model.text_encoder) == ("CC0-1.0", "hashed-1")
 

@@ -119,6 +119,7 @@ def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
                 min_denoise_steps=entry.min_denoise_steps,
                 max_denoise_steps=entry.max_denoise_steps,
                 text_encoder=entry.text_encoder,
+                num_parameters=entry.num_parameters,
             )
             for entry in message.models
         ),

@@ -194,6 +194,7 @@ class Model:
     min_denoise_steps: int
     max_denoise_steps: int
     text_encoder: str
+    num_parameters: int
 
 
 @dataclass(frozen=True)

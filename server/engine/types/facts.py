@@ -42,6 +42,7 @@ class ModelFacts:
     horizon: frames that one window generates. patch: frames of one token. row_width: floats of one frame on the wire.
     feature_dim: D. max_window_frames: history, horizon and future together. Steps are denoising steps per window.
     token_width: floats of one token, root and latent. guidance_passes: most evaluations of the denoiser in one step.
+    num_parameters: of all networks together.
     """
 
     model_id: str
@@ -57,6 +58,7 @@ class ModelFacts:
     embedding_dim: int
     token_width: int = 0
     guidance_passes: int = 1
+    num_parameters: int = 0
 
     @property
     def row_width(self) -> int:

@@ -50,6 +50,7 @@ FACTS = ModelFacts(
     default_steps=4,
     embedding_dim=2,
     token_width=TOKEN_WIDTH,
+    num_parameters=1234,
 )
 
 

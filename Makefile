@@ -97,6 +97,11 @@ bench: $(READY) ## measure latency, throughput and memory of the built-in model;
 bench-service: $(READY) ## measure what the service costs without a model; writes out/bench
 	$(PYTHON) -m tests.bench.service_cost --out $(OUT)/bench $(ARGS)
 
+.PHONY: fuzz
+fuzz: $(READY) ## give the readers of checkpoints, motion and constraints 10,000 broken files each
+	$(PYTHON) -m tests.bench.fuzz_checkpoints
+	$(PYTHON) -m tests.bench.fuzz_formats
+
 .PHONY: data
 data: $(READY) ## turn motion capture into a training set: make data CLIPS=folder-of-bvh LABELS=table.csv [DATA=out/data]
 	$(PYTHON) -m ardy.data build "$(or $(CLIPS),$(error $(DATA_USE)))" "$(or $(LABELS),$(error $(DATA_USE)))" "$(DATA)" $(ARGS)

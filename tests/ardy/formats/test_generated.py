@@ -1,0 +1,68 @@
+"""What a model generates goes into every format that its skeleton has, and comes back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from ardy.checkpoint import load_checkpoint
+from ardy.clip import ClipRequest, generate_clip
+from ardy.formats.constraints import RootConstraint, constraint_targets, pose_constraint
+from ardy.formats.files import MOTION_FORMATS, read_motion, write_motion
+from ardy.formats.stored import StoredMotion
+from ardy.noise import window_noise
+from ardy.residuals import residuals
+from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
+
+GOLDEN = Path(__file__).resolve().parents[2] / "data" / "golden"
+
+
+def generated(name: str) -> StoredMotion:
+    """Two windows of a golden model, whose weights are random: wild poses, which formats have to keep all the same."""
+    model = load_checkpoint(GOLDEN / name / "checkpoint")
+    config = model.config
+    width = ROOT_TOKEN_WIDTH + config.denoiser.latent_dim
+    noise = torch.stack([window_noise(1, window, config.horizon // 4, width)[None] for window in range(2)])
+    text = torch.zeros(1, 1, config.denoiser.text_dim)
+    request = ClipRequest(2 * config.horizon, 2, text, noise, heading=torch.zeros(1))
+    features = model.representation.denormalize(generate_clip(model, request)[0])
+    return StoredMotion(model.skeleton, model.representation.motion(features), "made up")
+
+
+@pytest.mark.parametrize("name", ["tiny-core27", "tiny-g134"])
+def test_it_goes_into_every_format(tmp_path: Path, name: str) -> None:
+    stored = generated(name)
+    fitting = [one for one in MOTION_FORMATS if stored.skeleton.name == "g134" or not one.name.startswith("g1")]
+    assert len(fitting) == (5 if name == "tiny-g134" else 3)
+    for chosen in fitting:
+        path = tmp_path / f"motion{chosen.suffix}"
+        said = write_motion(path, stored)
+        assert path.stat().st_size > 1000
+        if chosen.read is None:
+            continue
+        again = read_motion(path)
+        assert (again.skeleton.name, again.motion.fps) == (stored.skeleton.name, stored.motion.fps)
+        assert again.motion.num_frames == stored.motion.num_frames
+        if chosen.name.startswith("g1"):
+            assert any("the hinges cannot do" in line for line in said), "hinges lose most of a random pose, and say so"
+            torch.testing.assert_close(again.motion.root_positions, stored.motion.root_positions, atol=1e-4, rtol=1e-6)
+        else:
+            torch.testing.assert_close(again.positions(), stored.positions(), atol=1e-4, rtol=1e-5)
+
+
+def test_its_residuals_are_those_of_what_was_written(tmp_path: Path) -> None:
+    stored = generated("tiny-core27")
+    asked = [RootConstraint((3,), torch.tensor([[1.0, 2.0]])), pose_constraint(stored.motion, [8])]
+    targets = [constraint_targets(stored.skeleton, [one]) for one in asked]
+    write_motion(tmp_path / "motion.npz", stored)
+    before, after = (
+        residuals(motion, targets) for motion in (stored.motion, read_motion(tmp_path / "motion.npz").motion)
+    )
+    assert before == after
+    assert before[0].position_m is not None
+    away = (stored.motion.root_positions[3, [0, 2]] - torch.tensor([1.0, 2.0])).norm()
+    assert before[0].position_m.worst == pytest.approx(float(away), rel=1e-4)
+    assert before[1].position_m is not None
+    assert before[1].position_m.worst < 1e-3

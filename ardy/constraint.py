@@ -64,10 +64,9 @@ class Targets:
         require_numbers("ground positions", ground, (len(frames), 2))
         if heading is not None:
             require_numbers("headings", heading, (len(frames),))
-        for row, frame in enumerate(frames):
-            self.ground[frame] = ground[row]
-            if heading is not None:
-                self.heading[frame] = torch.stack([heading[row].cos(), heading[row].sin()])
+        self.ground.update(zip(frames, ground.unbind(), strict=True))
+        if heading is not None:
+            self.heading.update(zip(frames, torch.stack([heading.cos(), heading.sin()], dim=-1).unbind(), strict=True))
 
     def _add_pose_root(self, frames: Sequence[int], positions: Tensor, ground: Tensor | None) -> None:
         angle = heading_angle(self.skeleton, positions)
@@ -134,33 +133,44 @@ class Targets:
         """
         observed = torch.zeros(num_frames, layout.feature_dim)
         mask = torch.zeros(num_frames, layout.feature_dim)
+        end = first_frame + num_frames
+        rotation, position = layout.rotation_block.start, layout.position_block.start
 
-        def put(frame: int, column: int, values: Tensor) -> None:
-            row = frame - first_frame
-            if 0 <= row < num_frames:
-                observed[row, column : column + len(values)] = values
-                mask[row, column : column + len(values)] = 1
+        def put(columns: Sequence[int], entries: Mapping[tuple[int, int], Tensor]) -> None:
+            """Values (k) by (frame, offset), into columns (k) that the offset is added to."""
+            inside = [key for key in entries if first_frame <= key[0] < end]
+            if inside:
+                rows = torch.tensor([frame - first_frame for frame, _ in inside])[:, None]
+                where = torch.tensor([offset for _, offset in inside])[:, None] + torch.tensor(columns)
+                observed[rows, where] = torch.stack([entries[key] for key in inside])
+                mask[rows, where] = 1
 
-        for frame, ground in self.ground.items():
-            put(frame, 0, ground[:1])
-            put(frame, 2, ground[1:])
-        for frame, height in self.height.items():
-            put(frame, 1, height[None])
-        for frame, heading in self.heading.items():
-            put(frame, layout.heading_block.start, heading)
-        for (frame, joint), rotation in self.rotations.items():
-            put(frame, layout.rotation_block.start + 6 * joint, matrix_to_6d(rotation))
-        for (frame, joint), position in self.positions.items():
-            root = self.positions.get((frame, 0))
-            if root is None or frame not in self.ground:
-                raise ConstraintError(
-                    f"frame {frame} constrains joint {self.skeleton.joint_names[joint]} but not where the root is;"
-                    f" give the position of {self.skeleton.joint_names[0]} at that frame too"
-                )
-            if joint > 0:
-                relative = position - root * root.new_tensor([1.0, 0.0, 1.0])
-                put(frame, layout.position_block.start + 3 * (joint - 1), relative)
+        put([0, 2], {(frame, 0): ground for frame, ground in self.ground.items()})
+        put([1], {(frame, 0): height[None] for frame, height in self.height.items()})
+        put([0, 1], {(frame, layout.heading_block.start): heading for frame, heading in self.heading.items()})
+        put(
+            range(6),
+            {(frame, rotation + 6 * joint): matrix_to_6d(turn) for (frame, joint), turn in self.rotations.items()},
+        )
+        put(
+            range(3),
+            {
+                (frame, position + 3 * (joint - 1)): self._relative_position(frame, joint)
+                for frame, joint in self.positions
+                if joint > 0
+            },
+        )
         return observed, mask
+
+    def _relative_position(self, frame: int, joint: int) -> Tensor:
+        """A joint's position (3) from the ground below the root."""
+        root = self.positions.get((frame, 0))
+        if root is None or frame not in self.ground:
+            raise ConstraintError(
+                f"frame {frame} constrains joint {self.skeleton.joint_names[joint]} but not where the root is;"
+                f" give the position of {self.skeleton.joint_names[0]} at that frame too"
+            )
+        return self.positions[frame, joint] - root * root.new_tensor([1.0, 0.0, 1.0])
 
     def observe(self, layout: Representation, first_frame: int, num_frames: int) -> tuple[Tensor, Tensor]:
         """As `fill`, on the layout's device, the observed features normalised and zero where the mask is zero."""

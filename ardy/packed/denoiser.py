@@ -104,21 +104,30 @@ class PackedDenoiser:
         future = self._denoiser.future_constraints_proj
         if request.observed is None or request.mask is None or future is None:
             return [None] * len(request.passes)
-        observed, mask = by_token(request.observed), by_token(request.mask)
-        root = by_token(request.observed[..., :ROOT_WIDTH]), by_token(request.mask[..., :ROOT_WIDTH])
-        body = by_token(request.observed[..., ROOT_WIDTH:])
+        mask = by_token(request.mask)
+        rows, numbers = (mask != 0).any(-1).nonzero(as_tuple=True)  # the tokens with goals: few, and the rest add zero
+        mask = mask[rows, numbers]
+        root = by_token(request.observed[..., :ROOT_WIDTH])[rows, numbers]
+        body = by_token(request.observed[..., ROOT_WIDTH:])[rows, numbers]
+        root_mask = by_token(request.mask[..., :ROOT_WIDTH])[rows, numbers]
+        root = root * root_mask
         end = history_tokens + self._num_tokens
-        horizon = slice(history_tokens, end)
-        added = torch.stack([one.added_by(body[:, horizon], mask[:, horizon]) for one in self._projections])
-        ahead = future(torch.cat([root[0] * root[1], body, mask], dim=-1)[:, end:])
-        placed = torch.stack([stage.placed(ahead, history_tokens, end) for stage in self.stages])
-        rows, numbers = (mask[:, end:] != 0).any(-1).nonzero(as_tuple=True)
-        visible = placed[:, rows, numbers].split(torch.bincount(rows, minlength=len(observed)).tolist(), dim=1)
-        held_root = (root[0] * root[1])[:, horizon], root[1][:, horizon]
+        here, ahead = numbers < end, numbers >= end
+        at = rows[here], numbers[here] - history_tokens
+        num_rows = len(request.passes)
+
+        def over_horizon(values: Tensor) -> Tensor:
+            whole = values.new_zeros(num_rows, self._num_tokens, values.shape[-1])
+            whole[at] = values
+            return whole
+
+        added = torch.stack([over_horizon(one.added_by(body[here], mask[here])) for one in self._projections])
         added = added.to(self.dtype)
-        return [
-            RowGoals(added[:, row], visible[row], held_root[0][row], held_root[1][row]) for row in range(len(observed))
-        ]
+        vectors = future(torch.cat([root, body, mask], dim=-1)[ahead])
+        placed = torch.stack([stage.placed_at(vectors, history_tokens, numbers[ahead]) for stage in self.stages])
+        visible = placed.split(torch.bincount(rows[ahead], minlength=num_rows).tolist(), dim=1)
+        root, root_mask = over_horizon(root[here]), over_horizon(root_mask[here])
+        return [RowGoals(added[:, row], visible[row], root[row], root_mask[row]) for row in range(num_rows)]
 
     # ---- once a change of the batch ---------------------------------------------------------------------------------
 

@@ -48,8 +48,12 @@ class PackedStage:
     def placed(self, vectors: Tensor, history_tokens: int, first_token: int) -> Tensor:
         """Token vectors (..., n, width) with their positions; first_token: the number of the first in the window."""
         numbers = torch.arange(first_token, first_token + vectors.shape[-2], device=vectors.device)
-        numbers = numbers - history_tokens if self._stage.relative else numbers + self.num_prefix
-        return (vectors + self._stage.positions(numbers)).to(self._dtype)
+        return self.placed_at(vectors, history_tokens, numbers)
+
+    def placed_at(self, vectors: Tensor, history_tokens: int, numbers: Tensor) -> Tensor:
+        """Token vectors (..., n, width) with their positions; numbers: (n), of each token in its window."""
+        places = numbers - history_tokens if self._stage.relative else numbers + self.num_prefix
+        return (vectors + self._stage.positions(places)).to(self._dtype)
 
     def output(self, vectors: Tensor) -> Tensor:
         """The stage's result, float32, for encoded horizon tokens (..., width)."""

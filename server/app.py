@@ -209,7 +209,7 @@ def make_catalog(config: ServerConfig, hosted: Hosted) -> Catalog:
         max_sessions_per_stream=config.max_sessions_per_stream,
         max_prompt_characters=config.max_prompt_characters,
         max_request_bytes=config.max_request_bytes,
-        default_lookahead_frames=config.lookahead_frames,
+        default_lookahead_frames=config.lookahead_for(hosted.facts.horizon),
         max_lookahead_frames=config.max_lookahead_frames,
         events_per_second=config.events_per_second,
         stream_events_per_second=config.stream_events_per_second,

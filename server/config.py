@@ -11,6 +11,8 @@ from typing import Any
 from server.errors import SettingError
 
 ENVIRONMENT_PREFIX = "MOTIONGEN_"
+DEFAULT_LOOKAHEAD_FRAMES = 40
+PRECISIONS = ("float32", "bfloat16", "auto")
 LOG_LEVELS = ("DEBUG", "INFO", "WARNING", "ERROR")
 
 
@@ -31,6 +33,7 @@ class ServerConfig:
     model: str = setting("motiongen-mini", "motiongen-mini, core, core8, g1, g18, a folder, or a hub's owner/name")
     text_encoder: str = setting("static", "static (built in), hashed (knows no meaning; for tests), or a folder")
     device: str = setting("cpu", "device the model runs on", choices=("cpu", "cuda"))
+    precision: str = setting("float32", "what the model multiplies in; auto = bfloat16 where it is fast", choices=PRECISIONS)
     threads: int = setting(0, "CPU threads of the model; 0 = one for each core", 0, 1024)
     engine_process: bool = setting(False, "run the engine in a process of its own, started anew when it is lost")
     denoise_steps: int = setting(4, "denoising steps of a window when a session does not say", 2, 1000)
@@ -42,7 +45,7 @@ class ServerConfig:
     max_sessions: int = setting(256, "open sessions on this server", 1, 100_000)
     max_sessions_per_stream: int = setting(512, "open sessions on one stream", 1, 100_000)
     max_streams: int = setting(2048, "streams open at once", 1, 100_000)
-    lookahead_frames: int = setting(40, "frames sent beyond the playhead when a session does not say", 1, 10_000)
+    lookahead_frames: int = setting(0, "frames sent beyond the playhead; 0 = 40, or the horizon if longer", 0, 10_000)
     max_lookahead_frames: int = setting(80, "most that a session may ask for", 1, 10_000)
     max_prompt_characters: int = setting(1000, "length of a prompt", 1, 100_000)
     max_request_bytes: int = setting(1 << 20, "size of one message from a client", 1024, 1 << 30)
@@ -68,6 +71,10 @@ class ServerConfig:
                 f"max_lookahead_frames is {self.max_lookahead_frames}; it must be at least lookahead_frames, "
                 f"which is {self.lookahead_frames}"
             )
+
+    def lookahead_for(self, horizon: int) -> int:
+        """Frames sent beyond the playhead of a session that does not say, of a model with that horizon."""
+        return self.lookahead_frames or max(DEFAULT_LOOKAHEAD_FRAMES, horizon)
 
 
 def check_setting(name: str, value: Any, metadata: Mapping[str, Any]) -> None:

@@ -65,7 +65,7 @@ def load_model(config: ServerConfig) -> LoadedModel:
     if config.threads:
         torch.set_num_threads(config.threads)
     try:
-        runner = load_runner(config.model, config.device, config.denoise_steps)
+        runner = load_runner(config.model, config.device, config.denoise_steps, config.precision)
         card = read_model_card(model_folder(config.model))
     except (ValueError, RuntimeError) as error:
         raise SettingError(f"cannot serve model {config.model!r}: {error}") from error
@@ -88,10 +88,12 @@ def check_fit(config: ServerConfig, facts: ModelFacts) -> None:
         raise SettingError(
             f"denoise_steps is {config.denoise_steps}; {facts.model_id} takes {facts.min_steps} to {facts.max_steps}"
         )
-    if config.lookahead_frames < facts.horizon:
-        raise SettingError(
-            f"lookahead_frames is {config.lookahead_frames}; {facts.model_id} needs at least {facts.horizon}"
-        )
+    for name, given in (
+        ("lookahead_frames", config.lookahead_for(facts.horizon)),
+        ("max_lookahead_frames", config.max_lookahead_frames),
+    ):
+        if given < facts.horizon:
+            raise SettingError(f"{name} is {given}; {facts.model_id} needs at least {facts.horizon}")
 
 
 def build_engine(

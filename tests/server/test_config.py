@@ -76,3 +76,8 @@ def test_wrong_values_of_the_environment_are_refused_too() -> None:
 def test_an_environment_name_that_is_no_setting_is_refused() -> None:
     with pytest.raises(SettingError, match=r"MOTIONGEN_PROT.*--help"):
         parse_config([], {"MOTIONGEN_PROT": "1"})
+
+
+def test_the_lookahead_reaches_over_the_horizon_unless_it_is_set() -> None:
+    assert [ServerConfig().lookahead_for(horizon) for horizon in (8, 40, 52)] == [40, 40, 52]
+    assert ServerConfig(lookahead_frames=60).lookahead_for(52) == 60

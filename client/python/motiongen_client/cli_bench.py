@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import asyncio
 import contextlib
 import math
 import os
@@ -23,6 +24,7 @@ from motiongen_client.server_process import ServerProcess
 
 VOID = 3  # exit code of a run whose figures do not count
 _CHARACTERS_A_PROCESS = 2000
+_REST_S = 10.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -101,6 +103,7 @@ async def bench(options: argparse.Namespace) -> int:
                 run,
                 options.trial_seconds,
                 lambda trial: console.print(terminal.describe_trial(trial), soft_wrap=True),
+                lambda: asyncio.sleep(_REST_S),
             )
             result = found.result
         else:

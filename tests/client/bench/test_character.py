@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motiongen.v1 import motion_pb2, session_pb2
@@ -103,6 +103,21 @@ def test_an_edit_is_measured_from_its_intended_moment(table: Table) -> None:
     assert table.book.counts["replans"] == 1
 
 
+def test_an_answer_may_come_after_the_frames(table: Table) -> None:
+    table.send_plan(0, 2.0)
+    table.send_frames(0, 40, 2.0)
+    seq = table.character.take_seq(intended_s=2.5)
+    table.send_plan(20, 2.6, [seq])
+    table.send_frames(20, 8, 2.6)
+    table.send_frames(28, 8, 2.7)
+    table.character.take_outcome(session_pb2.EditOutcome(event_seq=seq, effective_frame=20), 2.9)
+    table.character.give_up_edits(15.0)
+    for what, seconds in ((EVENT, 0.1), (ANSWER, 0.4)):
+        assert table.book.histogram(what).get_total_count() == 1
+        assert table.book.histogram(what).get_max_value() == pytest.approx(seconds * 1e6, rel=0.01), what
+    assert table.book.counts["edits_unanswered"] == 0
+
+
 def test_edits_that_can_show_nothing_are_counted_apart(table: Table) -> None:
     table.send_plan(0, 2.0)
     table.send_frames(0, 40, 2.0)
@@ -143,6 +158,7 @@ def test_a_plan_below_what_was_shown_is_counted(table: Table) -> None:
     assert table.book.counts["shown_frames_replaced"] == 1
 
 
+@settings(deadline=None)
 @given(st.lists(st.floats(0.0, 2.0), min_size=1, max_size=12))
 def test_missed_and_shown_frames_fill_the_time(gaps_s: list[float]) -> None:
     """However late chunks come, every frame time is either a frame's or missed, as a loop over frame times finds."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motiongen_client.bench.scenario import BUILT_IN, Group, InvalidScenario, Scenario, load_scenario, read_scenario
@@ -106,6 +106,7 @@ def test_an_unknown_name_lists_the_known() -> None:
         load_scenario("nowhere/crowd.yaml")
 
 
+@settings(deadline=None)
 @given(st.lists(st.integers(1, 20), min_size=1, max_size=5), st.integers(1, 200))
 def test_every_number_of_characters_has_the_shares(weights: list[int], num_characters: int) -> None:
     groups = tuple(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -54,7 +55,7 @@ def test_a_prompt_is_always_another_than_before() -> None:
     for plan in schedule.characters:
         prompts = [plan.prompt, *(value for _, _, value in edits_of(schedule, plan.number))]
         assert len(prompts) > 10
-        assert all(one != next_one for one, next_one in zip(prompts, prompts[1:], strict=False))
+        assert all(one != next_one for one, next_one in itertools.pairwise(prompts))
 
 
 def test_regular_edits_are_spread_over_the_period() -> None:

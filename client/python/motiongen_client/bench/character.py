@@ -23,11 +23,15 @@ _CONTINUE = session_pb2.PLAN_CAUSE_CONTINUE
 
 @dataclass(slots=True)
 class PendingEdit:
-    """An edit that was sent. first_frame: the first that it changes, once known. noticed: a plan has named it."""
+    """An edit that was sent, until its outcome and its first changed frame have come, in either order.
+
+    first_frame: the first that it changes, once a plan has named it.
+    """
 
     intended_s: float
-    first_frame: int = -1
-    noticed: bool = False
+    first_frame: int | None = None
+    answered: bool = False
+    changed: bool = False
 
 
 @dataclass(slots=True)
@@ -126,7 +130,6 @@ class Character:
             edit = self._edits.get(seq)
             if edit is not None:
                 edit.first_frame = notice.valid_from
-                edit.noticed = True
 
     def take_chunk(self, chunk: motion_pb2.FrameChunk, now_s: float) -> None:
         """Frames have come: were they there when they were due?"""
@@ -152,13 +155,18 @@ class Character:
         if edit is None:
             return
         self._record(ANSWER, edit.intended_s, now_s)
+        edit.answered = True
         counts = self._book.counts
         if outcome.code:
             del self._edits[outcome.event_seq]
         elif not outcome.HasField("effective_frame"):
             counts["edits_that_changed_nothing"] += 1
             del self._edits[outcome.event_seq]
-        elif not edit.noticed:  # it lies beyond everything planned: when its frames come says nothing of the server
+        elif edit.changed:
+            del self._edits[outcome.event_seq]
+        elif (
+            edit.first_frame is None
+        ):  # it lies beyond everything planned: when its frames come says nothing of the server
             counts["edits_beyond_the_plan"] += 1
             del self._edits[outcome.event_seq]
 
@@ -186,6 +194,8 @@ class Character:
     def give_up_edits(self, now_s: float) -> None:
         """The run is over: what still waits has waited at least so long; leaving it out would flatter the server."""
         for edit in self._edits.values():
+            if edit.changed:
+                continue
             if self._phases.measure_from_s <= edit.intended_s < self._phases.measure_to_s:
                 self._book.counts["edits_unanswered"] += 1
                 self._record(EVENT, edit.intended_s, now_s)
@@ -193,7 +203,9 @@ class Character:
 
     def drop_edits(self) -> None:
         """The character leaves as planned, before its last edits could be answered."""
-        self._book.counts["edits_cut_off_by_a_close"] += len(self._edits)
+        cut_off = sum(not edit.changed for edit in self._edits.values())
+        if cut_off:
+            self._book.counts["edits_cut_off_by_a_close"] += cut_off
         self._edits.clear()
 
     def refused(self) -> None:
@@ -240,11 +252,14 @@ class Character:
         return held
 
     def _find_changed(self, end: int, now_s: float) -> None:
-        found = [seq for seq, edit in self._edits.items() if edit.noticed and edit.first_frame < end]
-        for seq in found:
-            edit = self._edits.pop(seq)
+        for seq, edit in list(self._edits.items()):
+            if edit.changed or edit.first_frame is None or edit.first_frame >= end:
+                continue
+            edit.changed = True
             self._record(EVENT, edit.intended_s, now_s)
             self._showing.append(Showing(edit.intended_s, edit.first_frame, now_s))
+            if edit.answered:
+                del self._edits[seq]
 
     def _has_shown(self, showing: Showing, playhead: int, now_s: float) -> bool:
         due_s = max(self._due_s(showing.frame), showing.arrived_s)

@@ -112,7 +112,8 @@ def _percentiles(axes: Axes, title: str, named: Sequence[tuple[str, HdrHistogram
         if not count:
             continue
         known = [percentile for percentile in _PERCENTILES if _place(percentile) <= max(count, 1)]
-        values = [histogram.get_value_at_percentile(percentile) / 1000 for percentile in known]
+        value_at = histogram.get_percentile_to_value_dict(known)
+        values = [value_at[percentile] / 1000 for percentile in known]
         places = [_place(percentile) for percentile in known]
         top = max(top, places[-1])
         label = f"{name} ({count:,})"

@@ -81,6 +81,10 @@ class Generator:
         intents += zip(*(column[mine].tolist() for column in columns), strict=True)
         return sorted(intents)
 
+    def numbers(self) -> list[int]:
+        """The characters that are this process's."""
+        return sorted(self._character_of)
+
     async def connect(self) -> None:
         """Open the streams. Raises ServerUnavailable."""
         self._started_at_s = time.monotonic()

@@ -78,8 +78,12 @@ async def find_most(
     run: Callable[[Load], Awaitable[Result]],
     trial_seconds: int,
     note: Callable[[Trial], None],
+    rest: Callable[[], Awaitable[None]],
 ) -> Found:
-    """Start with load.characters. Trials measure trial_seconds, the run that confirms the answer load.seconds."""
+    """Start with load.characters. Trials measure trial_seconds, the run that confirms the answer load.seconds.
+
+    note: called after each trial. rest: lets the server get over a trial that was too much for it.
+    """
     bracket = Bracket(load.characters)
     trials: list[Trial] = []
 
@@ -88,6 +92,8 @@ async def find_most(
         trials.append(judge(result))
         bracket.note(characters, trials[-1].passed)
         note(trials[-1])
+        if not trials[-1].passed:
+            await rest()
         return result
 
     confirmed: Result | None = None

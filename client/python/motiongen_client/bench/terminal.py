@@ -28,7 +28,9 @@ LATENCY_NAMES = {
 def showing(console: Console, load: Load) -> Iterator[Callable[[Progress], None]]:
     """A bar while a run goes on; what it gives takes the progress of each process."""
     phases, latest = load.schedule().phases, dict[int, Progress]()
-    with make_progress(console) as bars:
+    bars = make_progress(console)
+    bars.disable = not console.is_terminal  # else each leaves an empty line in a log
+    with bars:
         bar = bars.add_task(f"{load.characters} characters", total=phases.end_s, state="starting")
 
         def tell(progress: Progress) -> None:

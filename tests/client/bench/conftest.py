@@ -1,0 +1,65 @@
+"""A scenario that takes two seconds, and the real server with a runner that computes nothing."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+SHORT = """
+format: 1
+name: short
+revision: 1
+description: A second of everything but the stick.
+characters: 6
+characters_per_stream: 4
+ramp_s: 0.2
+settle_s: 0
+tail_s: 0.5
+groups:
+  - name: near
+    share: 0.5
+    priority: NEAR
+    prompts: [walk, run away]
+    edits:
+      - {kind: prompt, every_s: 0.4}
+  - name: passing
+    share: 0.5
+    priority: CROWD
+    life: {median_s: 1, sigma: 0.5}
+    prompts: [walk]
+    edits:
+      - {kind: constraints, every_s: 0.5, timing: random, waypoints: 3}
+"""
+
+
+@pytest.fixture
+def short_scenario(tmp_path: Path) -> Path:
+    path = tmp_path / "short.yaml"
+    path.write_text(SHORT, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def null_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Its address. It must end with 0 after all that was done to it."""
+    log = tmp_path_factory.mktemp("null_server") / "stderr.txt"
+    settings = ["--port", "0", "--ops-port", "0", "--drain-wait-s", "0"]
+    with log.open("w", encoding="utf-8") as errors:
+        command = [sys.executable, "-m", "tests.bench.null_server", *settings]
+        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True)
+        assert process.stdout is not None
+        with process.stdout:
+            line = process.stdout.readline()  # ends when the server is ready, or with the process
+            if not line:
+                raise RuntimeError(f"the server did not start, exit code {process.wait()}:\n{log.read_text()}")
+            yield f"localhost:{json.loads(line)['grpc_port']}"
+            process.send_signal(signal.SIGTERM)
+            exit_code = process.wait(timeout=60)
+    assert exit_code == 0, log.read_text()

@@ -1,0 +1,60 @@
+"""Results of runs that never were: so many frames missed, so much lag, so many edits."""
+
+from __future__ import annotations
+
+from motiongen_client.bench.book import EVENT, GENERATOR, LOOP_LAG, OPEN, SEND_LAG, Book
+from motiongen_client.bench.load import Load
+from motiongen_client.bench.result import Result, Standard
+from motiongen_client.bench.scenario import Scenario, load_scenario
+
+SECONDS = 5
+
+
+def make_result(
+    *,
+    scenario: str | Scenario = "crowd",
+    characters: int = 10,
+    missed: int = 0,
+    lag_ms: float = 0.5,
+    counts: dict[str, int] | None = None,
+    hero_underruns: int = 0,
+) -> Result:
+    """1,000 frames due in each group, and edits that took 1 to 100 ms."""
+    played = load_scenario(scenario) if isinstance(scenario, str) else scenario
+    load = Load("localhost:1", played, characters, SECONDS, seed=1)
+    schedule = load.schedule()
+    phases = schedule.phases
+    book = load.new_book(phases)
+    for group in played.groups:
+        book.add("due", group.name, phases.measure_from_s, 1000)
+        book.record(OPEN, group.name, 0.02)
+        for milliseconds in range(1, 101):
+            book.record(EVENT, group.name, milliseconds / 1000)
+    book.add("missed", played.groups[-1].name, phases.measure_from_s, missed)
+    book.add("missed", played.groups[-1].name, phases.measure_from_s - 1, 500)  # while warming up
+    book.add("underruns", played.groups[0].name, phases.measure_from_s, hero_underruns)
+    for what in (SEND_LAG, LOOP_LAG):
+        for _ in range(100):
+            book.record(what, GENERATOR, lag_ms / 1000)
+    book.counts.update(counts or {})
+    return Result(
+        started_at="2026-01-01T00:00:00+00:00",
+        load=load,
+        schedule_sha256=schedule.sha256(),
+        phases=phases,
+        server={"address": "localhost:1"},
+        machine={"processor": "a <fast> one"},
+        streams=1,
+        book=book,
+        generator_cores=(0.1,),
+        server_use=None,
+        standard=Standard(),
+    )
+
+
+def book_with(*seconds: float) -> Book:
+    """Events that took so long, of one group."""
+    book = Book(("crowd",), 10)
+    for each in seconds:
+        book.record(EVENT, "crowd", each)
+    return book

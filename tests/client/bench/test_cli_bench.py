@@ -1,0 +1,98 @@
+"""`motiongen bench` as a user runs it: the real server, without a model, and processes of its own."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from motiongen_client import cli_bench
+from motiongen_client.bench.load import Load
+from motiongen_client.bench.result import Result
+from motiongen_client.bench.scenario import load_scenario
+from motiongen_client.cli import run
+from motiongen_client.cli_bench import VOID, num_processes
+from tests.client.bench.made_up import make_result
+
+NEVER_VOID = ["--max-lag-ms", "60000"]  # the machine that tests may be as slow as it likes
+
+
+def test_a_run_of_two_processes(
+    null_server: str, short_scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    load = ["--server", null_server, "--scenario", str(short_scenario), "--seconds", "1", "--seed", "4"]
+    code = run(["bench", *load, "--processes", "2", "--out", str(out), *NEVER_VOID])
+    printed = capsys.readouterr().out
+    assert code == 0, printed
+    result = json.loads((out / "result.json").read_text())["result"]
+    schedule = Load("", load_scenario(str(short_scenario)), 6, 1, seed=4).schedule()
+    assert result["load"]["schedule_sha256"] == schedule.sha256()
+    assert result["load"]["processes"] == len(result["generator"]["cores"]) == 2
+    assert sum(result["by_second"]["edits"]) == len(schedule.edit_at_s)
+    assert result["counts"]["sessions_opened"] == len(schedule.characters)
+    assert result["server"]["model"] == "null"
+    assert result["void"] == []
+    assert not [name for name in result["counts"] if name.startswith(("refused", "stream", "protocol"))]
+    assert result["latencies_ms"]["open_to_first_frame"]["all"]["count"] == len(schedule.characters)
+    assert "event to first changed frame" in printed
+    assert sorted(path.name for path in out.iterdir()) == ["report.html", "report.png", "result.json"]
+
+
+@pytest.fixture
+def pretend(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs that are not made: 20 characters are served, and from 100 on the load is late."""
+
+    async def run_load(load: Load, *_: object) -> Result:
+        missed, lag_ms = 0 if load.characters <= 20 else 500, 0.5 if load.characters < 100 else 50.0
+        return make_result(characters=load.characters, missed=missed, lag_ms=lag_ms)
+
+    monkeypatch.setattr(cli_bench, "run_load", run_load)
+    monkeypatch.setattr(cli_bench, "_REST_S", 0)
+
+
+@pytest.mark.usefixtures("pretend")
+def test_a_late_load_is_void(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["bench", "--characters", "100", "--out", str(tmp_path)]) == VOID
+    assert "VOID: the generator's send lag was" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("pretend")
+def test_the_most_characters_are_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["bench", "--find", "--characters", "9", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "20 characters are served in full." in printed
+    assert "36 characters, 5 s: 50.00% of frames missed" in printed
+    assert json.loads((tmp_path / "result.json").read_text())["search"]["characters"] == 20
+    assert (tmp_path / "search.png").is_file()
+
+
+def test_steps_that_the_model_cannot_do_are_refused(
+    null_server: str, short_scenario: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["bench", "--server", null_server, "--scenario", str(short_scenario), "--steps", "99"]) == 1
+    assert "99 was given; allowed is 2 to 10, which is what null can do" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["--server", "localhost:1"], 1, "no motiongen server answers at localhost:1"),
+        (["--scenario", "crowds"], 1, "no scenario is called 'crowds'"),
+        (["--seconds", "0"], 2, "'0' was given; allowed is a whole number of 1 or more"),
+        (["--max-misses", "-1"], 2, "'-1' was given; allowed is a number above 0"),
+        (["--", "--denoise-steps", "10"], 2, "is for a server that this starts: give --start-server too"),
+        (["--server", "localhost:1", "--start-server"], 2, "not allowed with argument"),
+    ],
+)
+def test_mistakes_are_told(arguments: list[str], code: int, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["bench", *arguments]) == code
+    assert message in capsys.readouterr().err
+
+
+def test_more_characters_may_have_more_processes_but_leave_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.cpu_count", lambda: 8)
+    assert [num_processes(characters) for characters in (1, 2000, 2001, 100_000)] == [1, 1, 2, 4]
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    assert num_processes(100_000) == 1

@@ -1,0 +1,119 @@
+"""One process of the load against a server that makes mistakes on demand."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import grpc
+import pytest
+
+from motiongen_client import MotionClient, convert
+from motiongen_client.bench.book import ANSWER, EVENT, LATENCIES, Book
+from motiongen_client.bench.generator import Generator
+from motiongen_client.bench.load import Load, Progress, Report
+from motiongen_client.bench.scenario import load_scenario
+from motiongen_client.bench.terminal import LATENCY_NAMES
+from motiongen_client.errors import ServerUnavailable
+from tests.client.fake_server import FakeServer, FakeStream, catalog
+
+
+@pytest.fixture
+def server() -> Iterator[FakeServer]:
+    with FakeServer(frame_rate=20) as running:
+        yield running
+
+
+@pytest.fixture
+def load(server: FakeServer, short_scenario: Path) -> Load:
+    return Load(server.address, load_scenario(str(short_scenario)), characters=6, seconds=1, seed=4)
+
+
+async def play(load: Load, at_each_tell: object = None) -> tuple[Book, Report, list[Progress]]:
+    """The whole load in this process."""
+    async with MotionClient(load.address) as client:
+        generator = Generator(load, client.catalog, 0)
+    await generator.connect()
+    told: list[Progress] = []
+
+    def tell(progress: Progress) -> None:
+        told.append(progress)
+        if callable(at_each_tell):
+            at_each_tell(progress)
+
+    report = await generator.play(time.monotonic() + 0.05, tell)
+    book = load.new_book(load.schedule().phases)
+    book.merge(report.book)
+    return book, report, told
+
+
+def edits_received(streams: list[FakeStream]) -> int:
+    kinds = ("edit_prompts", "edit_constraints")
+    return sum(event.WhichOneof("event") in kinds for stream in streams for event in stream.received)
+
+
+async def test_what_was_intended_is_sent_and_what_comes_is_booked(server: FakeServer, load: Load) -> None:
+    schedule = load.schedule()
+    book, report, told = await play(load)
+    end_s = len(book.seconds["edits"]["near"])
+    sent, skipped = book.total("edits", 0, end_s), book.counts["events_of_characters_that_are_not_there"]
+    assert sent == edits_received(server.streams) > 10
+    assert sent + skipped == len(schedule.edit_at_s)
+    assert skipped == 0
+    assert book.total("opens", 0, end_s) == book.counts["sessions_opened"] == len(schedule.characters)
+    assert report.streams == len(server.streams) == math.ceil(schedule.most_at_once() / 4)
+    assert book.histogram(ANSWER).get_total_count() > 0
+    assert book.counts["protocol_breaches"] == 0
+    assert book.counts["streams_lost"] == 0
+    assert [progress.playing > 0 for progress in told][-1]
+
+
+async def test_refusals_are_counted_and_the_rest_goes_on(server: FakeServer, load: Load) -> None:
+    server.refuse = lambda event: "CONSTRAINT_IN_THE_PAST" if event.WhichOneof("event") == "edit_constraints" else ""
+    book, _, _ = await play(load)
+    assert book.counts["refused edit: CONSTRAINT_IN_THE_PAST"] > 0
+    assert book.histogram(EVENT, "passing").get_total_count() == 0
+    assert book.histogram(EVENT, "near").get_total_count() > 0
+
+
+async def test_a_refused_open_ends_the_character(server: FakeServer, load: Load) -> None:
+    server.refuse = lambda event: "SERVER_FULL"
+    book, _, _ = await play(load)
+    assert book.counts["refused open: SERVER_FULL"] == len(load.schedule().characters)
+    assert book.total("due", 0, 3) == 0
+    assert book.histogram(EVENT).get_total_count() == 0
+
+
+async def test_a_lost_stream_is_missed_frames_and_no_crash(server: FakeServer, load: Load) -> None:
+    def lose(progress: Progress) -> None:
+        if progress.at_s >= 1:
+            for stream in server.streams:
+                stream.fail(grpc.StatusCode.UNAVAILABLE)
+
+    book, _, _ = await play(load, lose)
+    assert book.counts["streams_lost"] == len(server.streams)
+    # gRPC says INTERNAL of a call that it loses in the middle of a write, so the status is not always the server's
+    assert sum(n for name, n in book.counts.items() if name.startswith("stream_lost: ")) == len(server.streams)
+    assert book.counts["sessions_lost: STREAM_LOST"] > 0
+
+
+def test_processes_share_a_load_without_overlap(load: Load) -> None:
+    load = replace(load, characters=40, processes=3, address="localhost:1")
+    known = convert.catalog(catalog(20))
+    parts = [Generator(load, known, process).numbers() for process in range(3)]
+    assert sorted(number for part in parts for number in part) == list(range(len(load.schedule().characters)))
+    assert min(map(len, parts)) > 0
+
+
+async def test_a_server_that_is_not_there_is_said_to_be(load: Load, server: FakeServer) -> None:
+    async with MotionClient(server.address) as client:
+        generator = Generator(replace(load, address="127.0.0.1:1"), client.catalog, 0)
+    with pytest.raises(ServerUnavailable, match=r"127\.0\.0\.1:1"):
+        await generator.connect()
+
+
+def test_every_latency_has_a_name_to_print() -> None:
+    assert set(LATENCY_NAMES) <= set(LATENCIES)

@@ -1,0 +1,91 @@
+"""The files of a report: complete, self-contained, and honest about a run that does not count."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+from hdrh.histogram import HdrHistogram
+
+from motiongen_client.bench.report import write_report
+from motiongen_client.bench.result import Standard
+from motiongen_client.bench.search import Found, judge
+from tests.client.bench.made_up import make_result
+
+PNG = b"\x89PNG\r\n\x1a\n"
+VOID_TAGS = {"meta", "br"}
+
+
+class Page(HTMLParser):
+    """Checks that every element is closed; collects text and what would be fetched."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.text = ""
+        self.fetched: list[str] = []
+        self.feed(html)
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in VOID_TAGS:
+            self.open.append(tag)
+        links = {"src", "href", "xlink:href"}
+        self.fetched += [value or "" for name, value in attrs if name in links and not (value or "").startswith("#")]
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        self.handle_endtag(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def test_a_run_is_written_whole(tmp_path: Path) -> None:
+    result = make_result(scenario="mixed", missed=30)
+    written = write_report(tmp_path / "new" / "folder", Standard(), result)
+    assert [path.name for path in written] == ["result.json", "report.html", "report.png"]
+    document = json.loads(written[0].read_text(), parse_constant=lambda name: pytest_fail(name))["result"]
+    assert document["figures"]["all"]["missed"] == 30
+    assert document["latencies_ms"]["event_to_first_frame"]["near"]["p50"] == 50.015
+    assert HdrHistogram.decode(document["histograms"]["event_to_first_frame/crowd"]).get_total_count() == 100
+    page = Page(written[1].read_text())
+    assert page.fetched == []
+    assert "mixed, 10 characters: 1.00% of frames missed" in page.text
+    assert "Not served in full: 1.00% of frames were missed" in page.text
+    assert "a <fast> one" in page.text
+    assert "VOID" not in page.text
+    assert written[2].read_bytes().startswith(PNG)
+
+
+def pytest_fail(name: str) -> None:
+    raise AssertionError(f"{name} is not JSON")
+
+
+def test_a_void_run_says_so_first(tmp_path: Path) -> None:
+    written = write_report(tmp_path, Standard(), make_result(lag_ms=9.0))
+    text = Page(written[1].read_text()).text
+    assert re.search(r"VOID: the generator's send lag was 9\.0 ms \(p99\); 5 ms is allowed", text)
+    assert json.loads(written[0].read_text())["result"]["void"]
+
+
+def test_a_search_has_its_trials(tmp_path: Path) -> None:
+    result = make_result(characters=20)
+    trials = (judge(make_result(characters=40, missed=90)), judge(make_result(lag_ms=8.0)), judge(result))
+    written = write_report(tmp_path, Standard(), result, Found(20, result, trials, False))
+    assert [path.name for path in written][2:] == ["report.png", "search.png"]
+    search = json.loads(written[0].read_text())["search"]
+    assert [trial["characters"] for trial in search["trials"]] == [40, 10, 20]
+    assert "20 characters are served in full" in Page(written[1].read_text()).text
+
+
+def test_a_search_that_found_nobody_is_written_too(tmp_path: Path) -> None:
+    found = Found(0, None, (judge(make_result(characters=1, missed=900)),), False)
+    written = write_report(tmp_path, Standard(), None, found)
+    assert [path.name for path in written] == ["result.json", "report.html", "search.png"]
+    assert "Not one character was served in full." in Page(written[1].read_text()).text

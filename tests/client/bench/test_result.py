@@ -1,0 +1,62 @@
+"""Figures of a run, when they do not count, and when the characters were not served in full."""
+
+from __future__ import annotations
+
+import pytest
+
+from motiongen_client.bench.book import EVENT
+from tests.client.bench.made_up import SECONDS, make_result
+
+
+def test_figures_are_of_the_measured_seconds_alone() -> None:
+    figures = make_result(missed=20).figures()
+    assert (figures.due, figures.missed) == (1000, 20)
+    assert figures.miss_ratio == pytest.approx(0.02)
+    assert figures.on_time_per_s == pytest.approx(980 / SECONDS)
+
+
+def test_nothing_due_is_everything_missed() -> None:
+    assert make_result().figures("nobody").miss_ratio == 1.0
+
+
+@pytest.mark.parametrize(("lag_ms", "void"), [(4.9, 0), (5.1, 2)])
+def test_a_late_load_makes_the_run_void(lag_ms: float, void: int) -> None:
+    reasons = make_result(lag_ms=lag_ms).void_reasons()
+    assert len(reasons) == void
+    assert all("5.1 ms (p99); 5 ms is allowed" in reason for reason in reasons)
+
+
+def test_who_misses_nothing_is_served_in_full() -> None:
+    assert make_result(missed=9, counts={"service level: FULL, 4 steps": 3, "plans": 7}).shortfalls() == []
+
+
+@pytest.mark.parametrize(
+    ("missed", "counts", "shortfall"),
+    [
+        (10, {}, "1.00% of frames were missed; less than 1.00% is allowed"),
+        (0, {"refused open: SERVER_FULL": 2}, "refused open: SERVER FULL (2 times)"),
+        (0, {"refused edit: RATE_LIMITED": 1}, "refused edit: RATE LIMITED (1 times)"),
+        (0, {"sessions_lost: SLOW_READER": 1}, "sessions lost: SLOW READER (1 times)"),
+        (0, {"service level: FEWER_STEPS, 2 steps": 5}, "service level: FEWER STEPS, 2 steps (5 times)"),
+        (0, {"protocol_breaches": 1}, "protocol breaches (1 times)"),
+    ],
+)
+def test_what_is_wanting_is_named(missed: int, counts: dict[str, int], shortfall: str) -> None:
+    assert make_result(missed=missed, counts=counts).shortfalls() == [shortfall]
+
+
+def test_a_hero_may_never_stand_still() -> None:
+    assert make_result(scenario="hero", hero_underruns=1).shortfalls() == [
+        "playback of hero stood still 1 times; HERO never may"
+    ]
+    assert make_result(scenario="crowd", hero_underruns=1).shortfalls() == []
+
+
+def test_the_headline_and_the_groups() -> None:
+    result = make_result(scenario="mixed", missed=30)
+    assert result.groups() == ["all", "hero", "near", "crowd"]
+    assert result.headline() == (
+        "mixed, 10 characters: 1.00% of frames missed; event to first changed frame 50 ms (p50), 99 ms (p99)"
+    )
+    assert result.latency_ms(EVENT, "near")["count"] == 100
+    assert make_result().groups() == ["all"]

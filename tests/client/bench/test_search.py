@@ -1,0 +1,108 @@
+"""The search for the most characters: what it tries, what it trusts, and when it ends."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motiongen_client.bench.load import Load
+from motiongen_client.bench.result import Result
+from motiongen_client.bench.scenario import load_scenario
+from motiongen_client.bench.search import Bracket, Found, Trial, find_most
+from tests.client.bench.made_up import make_result
+
+LONG = 30
+
+
+class Machine:
+    """Serves so many in full, in a run of LONG seconds maybe fewer; from `void_from` on the load is late."""
+
+    def __init__(self, serves: int, serves_long: int | None = None, void_from: float = math.inf) -> None:
+        self.serves, self.serves_long, self.void_from = (
+            serves,
+            serves if serves_long is None else serves_long,
+            void_from,
+        )
+        self.tried: list[tuple[int, int]] = []
+        self.rests = 0
+
+    async def run(self, load: Load) -> Result:
+        self.tried.append((load.characters, load.seconds))
+        served = self.serves_long if load.seconds == LONG else self.serves
+        missed = 0 if load.characters <= served else 200
+        lag_ms = 50.0 if load.characters >= self.void_from else 0.5
+        return make_result(characters=load.characters, missed=missed, lag_ms=lag_ms)
+
+    async def rest(self) -> None:
+        self.rests += 1
+
+    async def search(self, start: int = 8) -> Found:
+        noted: list[Trial] = []
+        load = Load("localhost:1", load_scenario("crowd"), start, LONG, seed=1)
+        found = await find_most(load, self.run, 5, noted.append, self.rest)
+        assert tuple(noted) == found.trials
+        assert self.rests == sum(not trial.passed for trial in noted)
+        return found
+
+
+@settings(deadline=None)
+@given(st.integers(1, 5000), st.integers(0, 5000))
+def test_a_bracket_closes_on_the_truth(start: int, truth: int) -> None:
+    bracket, tries = Bracket(start), 0
+    while (characters := bracket.next()) is not None:
+        assert characters >= 1
+        bracket.note(characters, characters <= truth)
+        tries += 1
+        assert tries < 40
+    assert bracket.most <= truth
+    assert bracket.too_many is not None
+    assert truth < bracket.too_many <= bracket.most + max(1, math.ceil(0.05 * bracket.most))
+
+
+@settings(deadline=None)
+@given(st.integers(1, 100), st.lists(st.booleans(), min_size=200, max_size=200))
+def test_a_bracket_ends_whatever_it_is_told(start: int, answers: list[bool]) -> None:
+    bracket = Bracket(start)
+    for passed in answers:
+        if (characters := bracket.next()) is None:
+            return
+        bracket.note(characters, passed)
+    assert bracket.next() is None
+
+
+async def test_the_answer_is_confirmed_by_a_longer_run() -> None:
+    machine = Machine(serves=20)
+    found = await machine.search()
+    assert found.characters == 20
+    assert machine.tried[-1] == (20, LONG)
+    assert found.result is not None
+    assert found.result.load.characters == 20
+    assert not found.limited_by_generator
+
+
+async def test_an_answer_that_is_not_confirmed_is_lowered() -> None:
+    machine = Machine(serves=20, serves_long=13)
+    found = await machine.search()
+    assert found.characters in (12, 13)
+    assert (20, LONG) in machine.tried
+    assert found.trials[-1].passed
+
+
+async def test_a_void_run_proves_nothing_and_is_said_to() -> None:
+    found = await Machine(serves=1000, void_from=50).search()
+    assert 46 <= found.characters < 50
+    assert found.limited_by_generator
+
+
+async def test_nobody_served_is_an_answer_too() -> None:
+    found = await Machine(serves=0).search(start=5)
+    assert (found.characters, found.result) == (0, None)
+    assert min(trial.characters for trial in found.trials) == 1
+
+
+@pytest.mark.parametrize("start", [1, 20, 300])
+async def test_where_it_starts_does_not_matter(start: int) -> None:
+    assert (await Machine(serves=20).search(start)).characters in (19, 20)

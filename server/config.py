@@ -33,7 +33,7 @@ class ServerConfig:
     model: str = setting("motiongen-mini", "motiongen-mini, core, core8, g1, g18, a folder, or a hub's owner/name")
     text_encoder: str = setting("static", "static (built in), hashed (knows no meaning; for tests), or a folder")
     device: str = setting("cpu", "device the model runs on", choices=("cpu", "cuda"))
-    precision: str = setting("float32", "what the model multiplies in; auto = bfloat16 where it is fast", choices=PRECISIONS)
+    precision: str = setting("float32", "of the model's products; auto = bfloat16 where it is fast", choices=PRECISIONS)
     threads: int = setting(0, "CPU threads of the model; 0 = one for each core", 0, 1024)
     engine_process: bool = setting(False, "run the engine in a process of its own, started anew when it is lost")
     denoise_steps: int = setting(4, "denoising steps of a window when a session does not say", 2, 1000)

@@ -14,6 +14,7 @@ import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
+from ardy.model_card import BUILT_IN_MODEL
 from motiongen.v1 import service_pb2, service_pb2_grpc
 from server.app import SERVICE_NAME, Application, Loaded, join_address
 from server.config import ServerConfig
@@ -206,6 +207,18 @@ def test_cuda_where_there_is_none_is_named_as_the_setting(monkeypatch: pytest.Mo
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
     with pytest.raises(SettingError, match=r"device is 'cuda', .* use cpu"):
         load_model(config(device="cuda"))
+
+
+def test_model_device_steps_and_precision_reach_the_runner(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[object, ...]] = []
+
+    def remember(*given: object) -> FakeRunner:
+        asked.append(given)
+        return FakeRunner(RealTime())
+
+    monkeypatch.setattr("server.runner.load_runner", remember)
+    load_model(config(model=BUILT_IN_MODEL, denoise_steps=5, precision="bfloat16"))
+    assert asked == [(BUILT_IN_MODEL, "cpu", 5, "bfloat16")]
 
 
 async def test_when_the_engine_fails_it_ends_with_1(caplog: pytest.LogCaptureFixture) -> None:

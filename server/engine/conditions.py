@@ -55,10 +55,11 @@ class Conditions:
         """The constraints with a frame in begin <= frame < end."""
         return tuple(item for item in self.constraints if item.last_frame >= begin and item.first_frame < end)
 
-    def with_velocity_from(self, frame: int) -> Conditions:
-        """The velocity has begun to steer at `frame`, and ends accordingly."""
-        assert self.velocity is not None
-        return replace(self, velocity=replace(self.velocity, steers_from=frame))
+    def with_velocity_landed(self, obeyed: Velocity | None, frame: int) -> Conditions:
+        """A window from `frame` on that obeys a velocity has landed: if it is the newest, its time begins there."""
+        if obeyed is None or obeyed is not self.velocity or obeyed.steers_from is not None:
+            return self
+        return replace(self, velocity=replace(obeyed, steers_from=frame))
 
     def without_past(self, frame: int) -> Conditions:
         """Forget what ends before `frame`."""

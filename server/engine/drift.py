@@ -1,4 +1,4 @@
-"""DriftGuard: whether a character still stands as one should, and what rights it if it does not.
+"""DriftGuard and Footing: whether a character still stands as one should, and what rights it if it does not.
 
 A model that feeds on its own motion for minutes may come to lean further and further, to sink, or to fly off. A shorter
 history lets it forget the lean; one that is lost altogether starts anew where it was.
@@ -48,3 +48,25 @@ class DriftGuard:
         limit = self.config.max_coordinate_m
         x, _, z = np.clip(self.reader.positions(row[None])[0], -limit, limit)
         return StartPose(float(x), float(z), self.reader.heading(row))
+
+
+@dataclass(slots=True)
+class Footing:
+    """How one character stands. remedy: what its next window is to put right, in one that began at lost_from."""
+
+    guard: DriftGuard
+    remedy: Remedy | None = None
+    lost_from: int = 0
+
+    @property
+    def lost(self) -> bool:
+        """Whether it must be righted at once."""
+        return self.remedy is Remedy.FRESH_START
+
+    def judge(self, rows: Float32Array, first_frame: int) -> None:
+        """Look at the rows of a window that has landed, from first_frame on."""
+        self.remedy, self.lost_from = self.guard.remedy(rows), first_frame
+
+    def remedy_from(self, first_frame: int) -> Remedy | None:
+        """What a window from first_frame on needs: before the frames where it was lost the character is sound."""
+        return Remedy.SHORT_HISTORY if self.lost and first_frame <= self.lost_from else self.remedy

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from server.engine.conditions import Conditions, EditRefused
 from server.engine.config import EngineConfig
 from server.engine.delivery import Delivery
-from server.engine.drift import DriftGuard, Remedy
+from server.engine.drift import DriftGuard, Footing
 from server.engine.edits import EditEvent, EditQueue, PendingEdit, edited
 from server.engine.ladder import FULL, Rung
 from server.engine.playback import PlaybackClock, RoundTrip
@@ -59,27 +59,24 @@ class SessionState:
     """All that is known of a session. plan: the newest plan's number; holding: it repeats a pose.
 
     cut_frames: by which the first window that is made while the client plays is cut, so that sessions spread out.
-    remedy: what the next window is to right, in a window that began at lost_from. restarts, extra_lead_s: of windows in
-    a row that did not land.
+    restarts, extra_lead_s: of windows in a row that did not land.
     """
 
     spec: SessionSpec
     facts: ModelFacts
     config: EngineConfig
-    guard: DriftGuard
     continue_threshold: int
     cut_frames: int
     conditions: Conditions
     delivery: Delivery
     timeline: Timeline
     edits: EditQueue
+    footing: Footing
     opened_at: float
     last_playhead_at: float
     rung: Rung = FULL
     plan: int = 0
     running: RunningWindow | None = None
-    remedy: Remedy | None = None
-    lost_from: int = 0
     holding: bool = False
     restarts: int = 0
     extra_lead_s: float = 0.0
@@ -115,7 +112,6 @@ class SessionState:
             spec=spec,
             facts=facts,
             config=config,
-            guard=DriftGuard(PoseReader.of(facts.rig), config),
             # A client that asks for a longer lookahead wants it filled.
             continue_threshold=max(config.continue_threshold, spec.lookahead - facts.horizon) + jitter,
             cut_frames=math.floor(spread) * facts.patch,
@@ -123,6 +119,7 @@ class SessionState:
             delivery=Delivery(spec.session, spec.lookahead, config, PlaybackClock(facts.fps), RoundTrip(config.rtt_s)),
             timeline=Timeline.empty(facts.row_width, facts.feature_dim, facts.token_width, facts.patch),
             edits=EditQueue(config.max_waiting_edits),
+            footing=Footing(DriftGuard(PoseReader.of(facts.rig), config)),
             opened_at=received_at,
             last_playhead_at=now,
         )
@@ -210,7 +207,7 @@ class SessionState:
     def _withdraw(self, running: RunningWindow) -> None:
         """Forget the running window; its edits wait again."""
         self.edits.put_back(running.answers)
-        self.remedy = running.remedy
+        self.footing.remedy = running.remedy
         self.running = None
 
     def _settle(self) -> list[Output]:
@@ -248,7 +245,7 @@ class SessionState:
 
     @property
     def _replan_wanted(self) -> bool:
-        return bool(self.edits.waiting) or self.remedy is Remedy.FRESH_START
+        return bool(self.edits.waiting) or self.footing.lost
 
     def window_due(self, now: float) -> bool:
         """Whether a window is to be started: for an edit, or because the client will have played what there is."""
@@ -267,28 +264,28 @@ class SessionState:
         """Start the window that is due. predicted_s: how long it will take from now."""
         assert self.window_due(now)
         first_frame, cause = self._next_start(now, predicted_s)
-        site = WindowSite(self.spec, self.facts, self.config, self.guard, self.rung, self.conditions, self.timeline)
-        # Before the frames where it was lost the character is as it should be, and can go on from there.
-        sound = self.remedy is Remedy.FRESH_START and first_frame <= self.lost_from
-        remedy = Remedy.SHORT_HISTORY if sound else self.remedy
+        site = WindowSite(
+            self.spec, self.facts, self.config, self.footing.guard, self.rung, self.conditions, self.timeline
+        )
+        remedy = self.footing.remedy_from(first_frame)
         job = site.job(first_frame, remedy, job_id, self.plan + 1, cause, now, self.deadline(now))
-        interval_s = 1.0 / (self.config.replans_hz[self.spec.priority - 1] * self.rung.replan_cap_scale)
         if self._replan_wanted:
-            self.edits.not_before = now + interval_s
+            replans_hz = self.config.replans_hz[self.spec.priority - 1] * self.rung.replan_cap_scale
+            self.edits.not_before = now + 1.0 / replans_hz
         end = first_frame + self.facts.horizon
         if cause is PlanCause.CONTINUE and self.clock.running:
             end, self.cut_frames = end - self.cut_frames, 0
-        self.running = RunningWindow(job, end, self.edits.take(), self.conditions.velocity, self.remedy)
+        self.running = RunningWindow(job, end, self.edits.take(), self.conditions.velocity, self.footing.remedy)
         change = self.conditions.prompt_change_after(first_frame, end)
         self.running.accept_to = max(change, self._least_start(self.running))
-        self.remedy = None
+        self.footing.remedy = None
         return job
 
     def _next_start(self, now: float, predicted_s: float) -> tuple[int, PlanCause]:
         """The first frame of the window that is due, and why it is made."""
         planned_to = self.planned_to
         if planned_to == 0 or not self._replan_wanted:
-            return planned_to, PlanCause.CONTINUE if self.remedy is None else PlanCause.FALLBACK
+            return planned_to, PlanCause.CONTINUE if self.footing.remedy is None else PlanCause.FALLBACK
         lead_s = max(predicted_s, self.extra_lead_s) + self.delivery.commit_s
         earliest = self._replaceable_from(now, lead_s)
         wanted = min((edit.dirty_from for edit in self.edits.waiting), default=earliest)
@@ -333,8 +330,8 @@ class SessionState:
         self.plan += 1
         self.holding = False
         self.restarts, self.extra_lead_s = 0, 0.0
-        self.remedy, self.lost_from = self.guard.remedy(rows), first_frame
-        self._start_velocity(running)
+        self.footing.judge(rows, first_frame)
+        self.conditions = self.conditions.with_velocity_landed(running.velocity, first_frame)
         self.delivery.first_chunk_due |= running.job.cause is PlanCause.EDIT
         report.windows.append((self.spec.priority, running.job.cause))
         report.soft_resets += running.remedy is not None
@@ -346,12 +343,6 @@ class SessionState:
             *(Outcome(self.key, edit.event_seq, Code.OK, frame) for edit, frame in answered),
             *self._settle(),
         ]
-
-    def _start_velocity(self, running: RunningWindow) -> None:
-        """The time that a velocity holds begins with the first window that obeys it."""
-        velocity = self.conditions.velocity
-        if velocity is not None and velocity.steers_from is None and velocity is running.velocity:
-            self.conditions = self.conditions.with_velocity_from(running.first_frame)
 
     def _note_deadline(self, running: RunningWindow, now: float, report: StepReport) -> None:
         report.deadlines.append(self.spec.priority)

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
-import yaml
-
 from ardy.hub import fetch_checkpoint
 from ardy.released import NICKNAMES, RELEASED, RELEASED_BY
 
@@ -107,6 +105,8 @@ def _own_name(folder: Path) -> str:
 
 def _front_matter(path: Path) -> dict[str, object]:
     """The YAML between the first two lines of dashes; empty where there is none that can be read."""
+    import yaml
+
     try:
         if not path.is_file() or path.stat().st_size > MAX_CARD_BYTES:
             return {}

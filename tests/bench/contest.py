@@ -25,7 +25,7 @@ NAMES = ("B0", "B1", "B2", "B3", "B4", "null")
 LATENCY_LOAD = 0.7
 WINDOWS_A_SECOND = 0.5  # of a character that is left alone: 40 frames every two seconds
 MOST_NULL_CHARACTERS = 4000
-MOST_REPEATS = 3  # of a trial that others disturbed
+MOST_REPEATS = 2  # of a trial that others disturbed
 
 
 @dataclass(frozen=True)

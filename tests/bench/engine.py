@@ -3,7 +3,7 @@
 Characters play in real time, in this process, from the engine's own deliveries: no network and no service. Sought is
 the most of them with under 1 % of frames missing; measured at 70 % of that is how soon an edit shows. Beside them
 stand the ceiling, which is full batches without a clock, and what the machine's own matrix product makes of that.
-Prints a table, and writes engine.json, engine.md and, where matplotlib is installed, engine.png.
+Prints a table, and with --out writes engine.json, engine.md and engine.png.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 
 from tests.bench.contest import NAMES
 from tests.bench.engine_run import Settings, run
-from tests.bench.engine_table import markdown, write
+from tests.bench.engine_table import as_json, markdown, write
 from tests.bench.machine import usable_cores
 from tests.bench.models import BUILT_IN
 from tests.bench.trial import QUICK, Effort
@@ -61,7 +61,7 @@ def main() -> int:
         from tests.bench.engine_picture import draw
 
         write(report, options.out)
-        draw(report, options.out / "engine.png")
+        draw(as_json(report), options.out / "engine.png")
     return 0
 
 

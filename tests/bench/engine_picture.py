@@ -1,51 +1,83 @@
-"""The engine's table as a picture: characters of each contestant below the ceiling, and how soon edits show."""
+"""The engine's table as a picture: characters of each contestant below the ceiling, and how soon edits show.
+
+`python -m tests.bench.engine_picture out/gpu/engine.json out/gpu/engine.png` draws what another machine measured.
+"""
 
 from __future__ import annotations
 
+import json
+import sys
+from collections.abc import Mapping
 from pathlib import Path
-
-from tests.bench.engine_run import Report
+from typing import Any
 
 _BAR, _CEILING, _HALF, _MOST = "#2f6db3", "#7c828b", "#9fc0e6", "#2f6db3"
 TARGET_MS = 250
 
 
-def draw(report: Report, path: Path) -> None:
-    """Write a PNG. The null contestant has another scale, and is left out. Nothing is drawn without a contestant."""
+def draw(report: Mapping[str, Any], path: Path) -> None:
+    """Write a PNG of what engine.json holds. The null contestant has another scale, and is left out.
+
+    Nothing is drawn without a contestant.
+    """
     from matplotlib.figure import Figure
 
-    found = [one for one in report.standings if one.name != "null"]
+    found = [one for one in report["standings"] if one["name"] != "null"]
     if not found:
         return
     figure = Figure(figsize=(11, 4.2), dpi=110, layout="constrained", facecolor="white")
     left, right = figure.subplots(1, 2)
-    names = [one.name for one in found]
-    bars = left.bar(names, [one.characters for one in found], color=_BAR, width=0.6)
-    left.bar_label(bars)
-    most = 2 * max(one.rate.windows_per_s for one in report.ceilings)
-    left.axhline(most, color=_CEILING, linestyle="--", linewidth=1)
-    left.annotate(f"full batches without a clock: {most:.0f}", (0.02, most), xycoords=("axes fraction", "data"),
-                  xytext=(0, 3), textcoords="offset points", color=_CEILING, fontsize=9)  # fmt: skip
-    left.set_ylim(0, 1.12 * max(most, *(one.characters for one in found)))
-    left.set_ylabel("characters in real time")
-    left.set_title("characters with under 1 % of frames missing", fontsize=11)
-    timed = [one for one in found if one.latency_ms(99) is not None]
-    for percentile, color, offset in ((50, _HALF, -0.18), (99, _MOST, 0.18)):
-        heights = [one.latency_ms(percentile) or 0.0 for one in timed]
-        places = [number + offset for number in range(len(timed))]
-        bars = right.bar(places, heights, width=0.34, color=color, label=f"p{percentile}")
-        right.bar_label(bars, fmt="%.0f", fontsize=8)
-    right.axhline(TARGET_MS, color=_CEILING, linestyle="--", linewidth=1)
-    right.set_xticks(range(len(timed)), [f"{one.name}\n({one.at_load.characters})" for one in timed if one.at_load])
-    right.set_yscale("log")
-    right.set_ylabel("ms")
-    right.set_title("edit to first changed frame, at 70 % of those characters", fontsize=11)
-    right.legend(frameon=False)
+    served = report["settings"]
+    fullest = [one for one in report["ceilings"] if one["model"] == report["ceilings"][0]["model"]]
+    _draw_characters(left, found, 2 * max(one["windows_per_s"] for one in fullest))
+    _draw_latencies(right, [one for one in found if one["edit_to_frame_ms"]["p99"] is not None])
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)
-    facts = report.facts
+    facts = report["facts"]
+    machine = facts.get("device") or f"{facts['processor']}, {facts['cores']} cores"
     figure.suptitle(
-        f"{report.ceilings[0].model}, {report.habits.num_steps} steps, {facts['cores']}, {facts['processor']}",
-        fontsize=10,
+        f"{fullest[0]['model']}, {served['num_steps']} steps, {served['precision']} - {machine}", fontsize=10
     )
     figure.savefig(path, format="png")
+
+
+def _draw_characters(axes: Any, found: list[Any], ceiling: float) -> None:
+    most = [one["characters"] for one in found]
+    axes.bar_label(axes.bar([one["name"] for one in found], most, color=_BAR, width=0.6))
+    axes.axhline(ceiling, color=_CEILING, linestyle="--", linewidth=1)
+    axes.annotate(
+        f"full batches without a clock: {ceiling:.0f}",
+        (0.02, ceiling),
+        xycoords=("axes fraction", "data"),
+        xytext=(0, 3),
+        textcoords="offset points",
+        color=_CEILING,
+        fontsize=9,
+    )
+    axes.set_ylim(0, 1.12 * max(ceiling, *most))
+    axes.set_ylabel("characters in real time")
+    axes.set_title("characters with under 1 % of frames missing", fontsize=11)
+
+
+def _draw_latencies(axes: Any, found: list[Any]) -> None:
+    for percentile, color, offset in (("p50", _HALF, -0.18), ("p99", _MOST, 0.18)):
+        heights = [one["edit_to_frame_ms"][percentile] for one in found]
+        places = [number + offset for number in range(len(found))]
+        axes.bar_label(axes.bar(places, heights, width=0.34, color=color, label=percentile), fmt="%.0f", fontsize=8)
+    axes.axhline(TARGET_MS, color=_CEILING, linestyle="--", linewidth=1, label=f"{TARGET_MS} ms")
+    axes.set_xticks(range(len(found)), [f"{one['name']}\n({one['at_load']['characters']})" for one in found])
+    axes.set_ylabel("ms")
+    axes.set_title("edit to first changed frame, at 70 % of those characters", fontsize=11)
+    axes.legend(frameon=False)
+
+
+def main(arguments: list[str]) -> int:
+    if len(arguments) != 2:
+        print("usage: python -m tests.bench.engine_picture ENGINE.json PICTURE.png", file=sys.stderr)
+        return 2
+    draw(json.loads(Path(arguments[0]).read_text(encoding="utf-8")), Path(arguments[1]))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from tests.bench.contest import Standing
 from tests.bench.engine_run import Ceiling, Report
@@ -70,13 +71,18 @@ def ceilings(found: tuple[Ceiling, ...]) -> list[str]:
     return lines
 
 
-def write(report: Report, folder: Path) -> None:
-    """engine.json and engine.md."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "engine.md").write_text(markdown(report), encoding="utf-8")
+def as_json(report: Report) -> dict[str, Any]:
+    """Everything that was measured, and what follows from it."""
     found = asdict(report)
     for entry, ceiling in zip(found["ceilings"], report.ceilings, strict=True):
         entry |= {"windows_per_s": ceiling.rate.windows_per_s, "efficiency": ceiling.efficiency}
     for entry, standing in zip(found["standings"], report.standings, strict=True):
         entry |= {"edit_to_frame_ms": {"p50": standing.latency_ms(50), "p99": standing.latency_ms(99)}}
-    (folder / "engine.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    return found
+
+
+def write(report: Report, folder: Path) -> None:
+    """engine.json and engine.md."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "engine.md").write_text(markdown(report), encoding="utf-8")
+    (folder / "engine.json").write_text(json.dumps(as_json(report), indent=1) + "\n", encoding="utf-8")

@@ -80,11 +80,18 @@ MOTION_FORMATS = (
 )  # fmt: skip
 
 
+_PICKLES = (".pkl", ".pickle", ".pt", ".pth")
+
+
 def format_of(path: Path, name: str | None = None) -> MotionFormat:
     """The format called `name`, or the one that the path's end tells. Raises FormatError, which lists them."""
     for candidate in MOTION_FORMATS:
         if candidate.name == name or (name is None and path.name.lower().endswith(candidate.suffix)):
             return candidate
+    if name is None and path.suffix.lower() in _PICKLES:
+        raise FormatError(
+            path, "a Python pickle, which can run any code", "export the motion to NPZ or BVH where it is from"
+        )
     known = ", ".join(f"{one.name} (*{one.suffix})" for one in MOTION_FORMATS)
     raise FormatError(path, f"no format {name!r}" if name else "the name tells no format", f"the formats are {known}")
 

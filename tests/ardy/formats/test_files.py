@@ -43,6 +43,8 @@ def test_names_decide_before_endings_and_unknown_ones_are_refused(tmp_path: Path
     assert format_of(tmp_path / "a.csv", "npz").name == "npz"
     with pytest.raises(FormatError, match=r"tells no format; the formats are .*bvh \(\*\.bvh\)"):
         format_of(tmp_path / "a.fbx")
+    with pytest.raises(FormatError, match="a Python pickle, which can run any code"):
+        read_motion(tmp_path / "session.pkl")
     with pytest.raises(FormatError, match="no format 'fbx'"):
         format_of(tmp_path / "a.npz", "fbx")
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,6 +15,8 @@ from hypothesis import strategies as st
 from motiongen_client.bench.scenario import BUILT_IN, Group, InvalidScenario, Scenario, load_scenario, read_scenario
 from motiongen_client.errors import UnknownName
 from motiongen_client.types import Priority
+
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def document() -> dict[str, Any]:
@@ -97,6 +101,16 @@ def test_a_wrong_group_says_where(change: dict[str, Any], message: str) -> None:
 def test_what_is_no_scenario_at_all_is_refused(content: bytes) -> None:
     with pytest.raises(InvalidScenario):
         read_scenario(content, "small.yaml")
+
+
+def test_the_example_of_the_documentation_is_a_scenario() -> None:
+    page = (ROOT / "docs" / "benchmarking.md").read_text(encoding="utf-8")
+    example = re.search(r"^```yaml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert example is not None
+    scenario = read_scenario(example[1].encode(), "benchmarking.md")
+    assert [rule.kind for rule in scenario.groups[0].edits] == ["prompt", "constraints", "velocity"]
+    for name in BUILT_IN:
+        assert f"| {name} |" in page
 
 
 def test_an_unknown_name_lists_the_known() -> None:

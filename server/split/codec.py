@@ -37,9 +37,12 @@ class CodecError(ValueError):
 class Codec(Generic[Message]):
     """Encodes and decodes the messages of one union, with everything they hold."""
 
-    def __init__(self, *messages: type[Message]) -> None:
-        """Raises TypeError for a field whose type has no place in the table."""
-        table = _Table()
+    def __init__(self, *messages: type[Message], writable: bool = True) -> None:
+        """writable: whether decoded arrays are copies that may be written to, or look into the message's bytes.
+
+        Raises TypeError for a field whose type has no place in the table.
+        """
+        table = _Table(_decode_array if writable else _view_array)
         self._encode, self._decode = table.union(messages)
         # Kept, because a new buffer of a megabyte for each message costs more than what is put into it.
         self._packer = msgpack.Packer(default=_pack_number)
@@ -81,16 +84,20 @@ def _encode_array(array: Any) -> tuple[int, tuple[int, ...], Any]:
     return _DTYPE_NUMBERS[dtype], array.shape, data
 
 
-def _decode_array(value: Any) -> Any:
+def _view_array(value: Any) -> Any:
     number, shape, data = value
-    # A copy, because torch takes no array that cannot be written to.
-    return np.frombuffer(data, DTYPES[number]).reshape(shape).copy()
+    return np.frombuffer(data, DTYPES[number]).reshape(shape)
+
+
+def _decode_array(value: Any) -> Any:
+    return _view_array(value).copy()  # since torch takes no array that cannot be written to
 
 
 class _Table:
     """Converters by type. None stands for "as it is", so that a plain field costs nothing."""
 
-    def __init__(self) -> None:
+    def __init__(self, decode_array: Convert) -> None:
+        self._decode_array = decode_array
         self.lines: list[str] = []
         self._structs: dict[type, tuple[Convert, Convert]] = {}
 
@@ -100,7 +107,7 @@ class _Table:
         if hint in PLAIN:
             return None, None
         if origin is np.ndarray:
-            return _encode_array, _decode_array
+            return _encode_array, self._decode_array
         if origin in (typing.Union, types.UnionType):
             return self._optional(arguments)
         if origin in _SEQUENCES:

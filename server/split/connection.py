@@ -28,7 +28,7 @@ from server.split.messages import (
     Stop,
     ToGateway,
 )
-from server.split.sockets import GatewayEnd
+from server.split.sockets import GatewayEnd, poller_of
 
 GREETING_S = 60.0
 """How long an engine process may take to say its first word; it has only to import this package."""
@@ -57,6 +57,10 @@ class Connection:
             raise
         self._bell = bell
         self._is_stopping = is_stopping
+        self._has_died = False
+        said: list[zmq.Socket[bytes] | int] = [self._end.back, bell.fileno(), self._child.fileno()]
+        self._news = poller_of(said)
+        self._news_or_room = poller_of(said, self._end.events)
 
     @property
     def pid(self) -> int:
@@ -89,7 +93,7 @@ class Connection:
                 raise EngineLost(f"the engine process said no {kind.__name__} within {patience_s:g} s")
             self.wait(0.5, for_room=False)
             self._bell.quiet()
-            if self.has_died() and (data := self._receive(LAST_READ_MS)) is None:
+            if self._has_died and (data := self._receive(LAST_READ_MS)) is None:
                 raise EngineLost(f"the engine process {self._child.end(END_S)} before it was ready")
             if data is not None:
                 break
@@ -117,18 +121,13 @@ class Connection:
 
     def wait(self, timeout_s: float, for_room: bool) -> None:
         """Until it says something or dies, the bell rings, or (for_room) it takes events again."""
-        poller = zmq.Poller()
-        poller.register(self._end.back, zmq.POLLIN)
-        poller.register(self._bell.fileno(), zmq.POLLIN)
-        poller.register(self._child.fileno(), zmq.POLLIN)
-        if for_room:
-            poller.register(self._end.events, zmq.POLLOUT)
-        poller.poll(int(1000 * timeout_s))
+        poller = self._news_or_room if for_room else self._news
+        self._has_died = any(ready == self._child.fileno() for ready, _ in poller.poll(int(1000 * timeout_s)))
 
     def next_message(self) -> ToGateway | None:
         """What it said next; None if there is nothing now. Raises EngineLost for what is no message, or its death."""
         data = self._receive()
-        if data is None and self.has_died():
+        if data is None and self._has_died:
             data = self._receive(LAST_READ_MS)
             if data is None:
                 raise EngineLost(f"the engine process {self._child.end(END_S)}")
@@ -136,12 +135,6 @@ class Connection:
             return None
         message: ToGateway = _decoded(TO_GATEWAY, data)
         return message
-
-    def has_died(self) -> bool:
-        """Whether the process is gone; what it said last may still be unread."""
-        poller = zmq.Poller()
-        poller.register(self._child.fileno(), zmq.POLLIN)
-        return bool(poller.poll(0))
 
     def _receive(self, patience_ms: int = 0) -> bytes | None:
         if patience_ms and not self._end.back.poll(patience_ms):

@@ -14,7 +14,7 @@ from server.split.bell import Bell
 from server.split.codec import CodecError
 from server.split.messages import TO_ENGINE, CloseAhead, Events, Stop, ToEngine
 from server.split.outlet import Outlet
-from server.split.sockets import EngineEnd
+from server.split.sockets import EngineEnd, poller_of
 
 
 class Inlet:
@@ -27,6 +27,8 @@ class Inlet:
         self._arrivals = Arrivals()
         self._handed_in: deque[Event] = deque()
         self._bell = Bell()
+        self._news = poller_of([end.ahead, self._bell.fileno(), end.events])
+        self._news_or_room = poller_of([end.ahead, self._bell.fileno()], end.back)
 
     def put(self, event: Event) -> bool:
         """From this process, beside what the gateway sends. Always taken."""
@@ -58,13 +60,7 @@ class Inlet:
     def wait(self, timeout_s: float) -> None:
         """Until something has come or the time has passed; what the gateway takes meanwhile is sent."""
         ends_at = time.monotonic() + timeout_s
-        poller = zmq.Poller()
-        poller.register(self._end.ahead, zmq.POLLIN)
-        poller.register(self._bell.fileno(), zmq.POLLIN)
-        if self._outlet.is_blocked:
-            poller.register(self._end.back, zmq.POLLOUT)
-        else:
-            poller.register(self._end.events, zmq.POLLIN)
+        poller = self._news_or_room if self._outlet.is_blocked else self._news
         while (left_s := ends_at - time.monotonic()) > 0:
             if poller.poll(max(1, int(1000 * left_s))):
                 return

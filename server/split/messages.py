@@ -97,6 +97,6 @@ ToEngine = Begin | Events | CloseAhead | Stop
 ToGateway = Joined | Ready | Outputs | Pulse | Ended
 
 TO_ENGINE: Codec[ToEngine] = Codec(Begin, Events, CloseAhead, Stop)
-TO_GATEWAY: Codec[ToGateway] = Codec(Joined, Ready, Outputs, Pulse, Ended)
+TO_GATEWAY: Codec[ToGateway] = Codec(Joined, Ready, Outputs, Pulse, Ended, writable=False)
 GREETING: Codec[Greeting] = Codec(Greeting)
 SCHEMA = f"{TO_ENGINE.schema}-{TO_GATEWAY.schema}"

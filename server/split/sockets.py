@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 import zmq
@@ -77,3 +78,13 @@ class EngineEnd:
     def close(self) -> None:
         """Wait a moment for what has been said to be taken."""
         self._context.destroy(linger=LAST_WORDS_MS)
+
+
+def poller_of(reads: Iterable[zmq.Socket[bytes] | int], writes: zmq.Socket[bytes] | None = None) -> zmq.Poller:
+    """Polls whether any of these can be read, or this one written."""
+    poller = zmq.Poller()
+    for each in reads:
+        poller.register(each, zmq.POLLIN)
+    if writes is not None:
+        poller.register(writes, zmq.POLLOUT)
+    return poller

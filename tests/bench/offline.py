@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import median
 
 import numpy as np
@@ -64,12 +64,12 @@ def offline_rate(
     steps_run: how many steps are run of each window; fewer give the same figures sooner. synchronize: waits for the
     device, where calls only start what they ask for.
     """
-    jobs = [_job(number, num_steps, embeddings, None) for number in range(batch)]
+    jobs = [first_job(number, num_steps, embeddings) for number in range(batch)]
     firsts = [_run(runner, [job], num_steps, synchronize)[0][0] for job in jobs[:1]] * batch
     until = time.monotonic() + seconds
     times: list[tuple[float, list[float], float]] = []
     while len(times) < 2 or (time.monotonic() < until):
-        later = [_job(number, num_steps, embeddings, first) for number, first in enumerate(firsts)]
+        later = [later_job(number, num_steps, embeddings, first) for number, first in enumerate(firsts)]
         times.append(_run(runner, later, steps_run or num_steps, synchronize)[1:])
     if len(times) > 2:
         times = times[1:]  # the first batch of a size is also the first to take memory for it
@@ -103,19 +103,15 @@ def _run(
     return results, spans[0], spans[1:-1], spans[-1]
 
 
-def _job(number: int, num_steps: int, embeddings: Sequence[Float32Array], earlier: WindowResult | None) -> WindowJob:
-    """A session's first window, or the one after an earlier one."""
-    history = np.empty((0, 0), np.float32) if earlier is None else earlier.features[-HISTORY_FRAMES:]
-    tokens = None
-    if earlier is not None and earlier.tokens is not None:
-        tokens = earlier.tokens[-HISTORY_FRAMES // 4 :]
+def first_job(number: int, num_steps: int, embeddings: Sequence[Float32Array]) -> WindowJob:
+    """A session's first window, with a prompt and no constraint."""
     return WindowJob(
         job_id=next(_job_ids),
         session=SessionKey(0, number),
-        plan=1 if earlier is None else 2,
-        first_frame=0 if earlier is None else len(earlier.features),
-        history=history,
-        start_pose=StartPose() if earlier is None else None,
+        plan=1,
+        first_frame=0,
+        history=np.empty((0, 0), np.float32),
+        start_pose=StartPose(),
         embedding=embeddings[number % len(embeddings)],
         constraints=(),
         seed=number,
@@ -125,5 +121,17 @@ def _job(number: int, num_steps: int, embeddings: Sequence[Float32Array], earlie
         priority=Priority.NEAR,
         cause=PlanCause.CONTINUE,
         created_at=0.0,
+    )
+
+
+def later_job(number: int, num_steps: int, embeddings: Sequence[Float32Array], earlier: WindowResult) -> WindowJob:
+    """The window after another, with its tokens for history where the runner keeps them."""
+    tokens = None if earlier.tokens is None else earlier.tokens[-HISTORY_FRAMES // 4 :]
+    return replace(
+        first_job(number, num_steps, embeddings),
+        plan=2,
+        first_frame=len(earlier.features),
+        history=earlier.features[-HISTORY_FRAMES:],
+        start_pose=None,
         history_tokens=tokens,
     )

@@ -131,18 +131,21 @@ def run_trial(
 
 
 def most_characters(passes: Callable[[int], bool], guess: int, num_trials: int) -> int:
-    """The greatest number that was seen to pass, sought by steps of a third from a guess and then by halving."""
+    """The greatest number that was seen to pass: up by a third or down by half from a guess, then between the two.
+
+    num_trials: at most, counted from the first that passes. 0 where even one character does not pass.
+    """
     good, bad, number = 0, None, max(1, guess)
-    while num_trials > 0:
-        num_trials -= 1
+    while num_trials > 0 and number > good:
         if passes(number):
             good = number
-            number = good + max(1, good // 3) if bad is None else (good + bad) // 2
         else:
             bad = number
-            number = (good + bad) // 2 if good else 2 * bad // 3
-        if bad is not None and bad - good <= max(1, good // 16):
+        num_trials -= bool(good)
+        if bad is None:
+            number = good + max(1, good // 3)
+        elif bad - good <= max(1, good // 16):
             break
-        if number == good or number < 1:
-            break
+        else:
+            number = (good + bad) // 2
     return good

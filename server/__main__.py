@@ -9,6 +9,7 @@ from server.app import run
 from server.config import parse_config
 from server.errors import SettingError
 from server.logs import configure_logs
+from server.memory import keep_freed_memory
 
 
 def main() -> int:
@@ -19,6 +20,7 @@ def main() -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     configure_logs(config.log_level, config.log_format)
+    keep_freed_memory()
     return asyncio.run(run(config))
 
 

@@ -112,11 +112,11 @@ class Outbox:
             self.num_bytes += run.num_bytes - before
 
     def drop_frames(self) -> None:
-        """Take out all frames: nobody reads them."""
-        for item in self._waiting:
-            if isinstance(item, Run):
-                self.num_bytes -= item.num_bytes
-                self.dropped_frames += item.cut(item.first_frame)
+        """Take out all frames of the sessions that live: nobody reads them."""
+        for runs in self._runs.values():
+            for run in runs:
+                self.num_bytes -= run.num_bytes
+                self.dropped_frames += run.cut(run.first_frame)
 
     def take(self, max_bytes: int) -> list[Run | Said]:
         """The oldest updates that fit into one message of max_bytes, at least one if there is any."""

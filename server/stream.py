@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from motiongen.v1 import service_pb2, session_pb2
 from server.catalog import Catalog
-from server.convert import append_frames, append_update, engine_event, playhead_of, prompt_texts, write_update
+from server.convert import Parts, append_frames, append_update, engine_event, playhead_of, prompt_texts, write_update
 from server.engine.types import Chunk, Close, Closed, CloseReason, Opened, Outcome, Output, PlanNotice, SessionKey
 from server.engine_port import EventSink
 from server.errors import EventRefused
@@ -254,7 +254,7 @@ class Stream:
         self._check_backlog()
         if not waiting:
             return None
-        response: list[bytes] = []
+        response: Parts = []
         for item in waiting:
             if isinstance(item, Run):
                 append_frames(

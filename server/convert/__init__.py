@@ -2,9 +2,10 @@
 
 from server.convert.events import engine_event, playhead_of, prompt_texts, round_trip_s
 from server.convert.outputs import write_update
-from server.convert.wire import append_frames, append_update
+from server.convert.wire import Parts, append_frames, append_update
 
 __all__ = [
+    "Parts",
     "append_frames",
     "append_update",
     "engine_event",

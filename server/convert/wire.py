@@ -6,15 +6,18 @@ was four fifths of what a chunk cost. Everything else goes through its message.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
+from typing import TypeAlias
 
+import numpy as np
 from google.protobuf.message import Message
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from server.engine.types import Float32Array
 
-_BYTES_ARE_SWAPPED = sys.byteorder != "little"
+Parts: TypeAlias = list[bytes | memoryview]
+"""Of one message; to be joined."""
+
 _VARINT, _LENGTH_DELIMITED = 0, 2
 
 
@@ -53,14 +56,14 @@ _SCALAR_TYPE_AND_DATA = (
 )
 
 
-def append_update(response: list[bytes], update: session_pb2.SessionUpdate) -> None:
-    """Add an update to the parts of a StreamMotionResponse, which are to be joined."""
+def append_update(response: Parts, update: session_pb2.SessionUpdate) -> None:
+    """Add an update to the parts of a StreamMotionResponse."""
     encoded = update.SerializeToString()
     response += (_UPDATES, varint(len(encoded)), encoded)
 
 
 def append_frames(
-    response: list[bytes],
+    response: Parts,
     session: int,
     applied_seq: int,
     plan: int,
@@ -69,10 +72,8 @@ def append_frames(
     committed_to: int,
 ) -> None:
     """Add an update with a FrameChunk. parts: (T, row_width) each, consecutive frames one after another."""
-    if _BYTES_ARE_SWAPPED:
-        parts = [part.byteswap() for part in parts]
-    rows = [part.tobytes() for part in parts]
-    num_bytes = sum(map(len, rows))
+    rows = [np.ascontiguousarray(part, "<f4") for part in parts]
+    num_bytes = sum(part.nbytes for part in rows)
     chunk = b"".join(
         (
             _PLAN, varint(plan),
@@ -84,4 +85,4 @@ def append_frames(
     )  # fmt: skip
     num_bytes += len(chunk)
     update = b"".join((_SESSION, varint(session), _APPLIED_SEQ, varint(applied_seq), _UPDATE_CHUNK, varint(num_bytes)))
-    response += (_UPDATES, varint(len(update) + num_bytes), update, chunk, *rows)
+    response += (_UPDATES, varint(len(update) + num_bytes), update, chunk, *(part.data for part in rows))

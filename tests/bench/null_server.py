@@ -14,6 +14,7 @@ import threading
 
 from server.app import Application, Loaded
 from server.config import ServerConfig, parse_config
+from server.memory import keep_freed_memory
 from tests.bench.null_runner import NullEncoder, NullRunner
 
 
@@ -24,7 +25,7 @@ def load_nothing(config: ServerConfig) -> Loaded:
 
 async def serve(config: ServerConfig) -> int:
     """Until SIGTERM. Returns the exit code."""
-    application = Application(config, load_nothing)
+    application = Application(config, load_nothing, (sys.executable, "-m", "tests.bench.null_engine"))
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, application.ask_to_stop)
     await application.start()
     threads = {thread.name: thread.native_id for thread in threading.enumerate()}
@@ -34,4 +35,5 @@ async def serve(config: ServerConfig) -> int:
 
 
 if __name__ == "__main__":
+    keep_freed_memory()
     sys.exit(asyncio.run(serve(parse_config(sys.argv[1:]))))

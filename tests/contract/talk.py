@@ -68,6 +68,7 @@ class Heard:
     plans: list[session_pb2.PlanNotice] = field(default_factory=list)
     chunks: list[motion_pb2.FrameChunk] = field(default_factory=list)
     outcomes: list[session_pb2.EditOutcome] = field(default_factory=list)
+    levels: list[session_pb2.ServiceLevel] = field(default_factory=list)
     applied_seq: int = 0
     next_frame: int = 0
     end: int = 0
@@ -92,6 +93,8 @@ class Heard:
             self._take_plan(update.plan)
         elif kind == "chunk":
             self._take_chunk(update.chunk)
+        elif kind == "service_level":
+            self.levels.append(update.service_level)
         else:
             self.closed = update.closed
 

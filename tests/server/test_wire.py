@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from server.convert import append_frames, append_update
+from server.convert import Parts, append_frames, append_update
 from server.convert.wire import varint
 
 uint32 = st.integers(0, 2**32 - 1)
 uint64 = st.one_of(st.integers(0, 300), st.integers(0, 2**64 - 1))
 
 
-def read(parts: list[bytes]) -> service_pb2.StreamMotionResponse:
+def read(parts: Parts) -> service_pb2.StreamMotionResponse:
     return service_pb2.StreamMotionResponse.FromString(b"".join(parts))
 
 
@@ -25,7 +25,7 @@ def test_frames_are_read_as_the_message_that_was_meant(
 ) -> None:
     rows = np.arange(sum(counts) * 115, dtype=np.float32).reshape(-1, 115)
     parts = np.split(rows, np.cumsum(counts)[:-1])
-    response: list[bytes] = []
+    response: Parts = []
     append_frames(response, session, applied_seq, plan, first_frame, parts, committed_to)
     chunk = motion_pb2.FrameChunk(
         plan=plan,
@@ -41,7 +41,7 @@ def test_frames_are_read_as_the_message_that_was_meant(
 
 def test_updates_of_both_kinds_follow_each_other() -> None:
     notice = session_pb2.SessionUpdate(session=1, plan=session_pb2.PlanNotice(plan=3, valid_from=8, event_seqs=[2]))
-    response: list[bytes] = []
+    response: Parts = []
     append_update(response, notice)
     append_frames(response, 1, 2, 3, 8, [np.ones((2, 3), np.float32)], 4)
     append_update(response, session_pb2.SessionUpdate())
@@ -52,7 +52,7 @@ def test_updates_of_both_kinds_follow_each_other() -> None:
 
 def test_rows_that_do_not_lie_together_are_sent_in_their_order() -> None:
     rows = np.arange(12, dtype=np.float32).reshape(2, 6)[:, ::-1]
-    response: list[bytes] = []
+    response: Parts = []
     append_frames(response, 1, 0, 1, 0, [rows], 0)
     (update,) = read(response).updates
     np.testing.assert_array_equal(np.frombuffer(update.chunk.data, "<f4").reshape(2, 6), rows)

@@ -195,13 +195,12 @@ class TensorFile:
             with self.path.open("rb") as file:
                 for name, dtype in sorted(wanted.items(), key=lambda item: self.entries[item[0]].start):
                     entry = self.entries[name]
-                    content = bytearray(entry.end - entry.start)
+                    # Into memory of torch's own, which is aligned as products like it; they round alike on it, too.
+                    content = torch.empty(entry.end - entry.start, dtype=torch.uint8)
                     file.seek(self._data_start + entry.start)
-                    if file.readinto(content) != len(content):
+                    if file.readinto(memoryview(content.numpy())) != len(content):
                         raise CheckpointError(f"{self.path} ends within {name!r}; it has changed while it was read")
-                    stored = WEIGHT_TYPES[entry.dtype]
-                    flat = torch.frombuffer(content, dtype=stored) if content else torch.empty(0, dtype=stored)
-                    tensors[name] = flat.reshape(entry.shape).to(dtype)
+                    tensors[name] = content.view(WEIGHT_TYPES[entry.dtype]).reshape(entry.shape).to(dtype)
         except OSError as error:
             raise CheckpointError(f"{self.path} cannot be read: {error.strerror}") from error
         return tensors

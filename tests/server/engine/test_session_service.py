@@ -245,6 +245,19 @@ def test_an_edit_during_a_hold_is_answered_when_it_ends() -> None:
     stage.check_finished()
 
 
+def test_no_window_starts_inside_a_held_pose() -> None:
+    stage, viewer, state = _playing()
+    _hold(stage, state, 5.0)
+    seq = stage.set_prompts(viewer, prompt(2))
+    before = state.planned_to
+    stage.run_until(lambda: state.planned_to > before)
+    end = state.planned_to
+    state.set_tier(FULL)
+    stage.engine._touched[state.key] = state
+    stage.run(1.0)
+    assert viewer.outcomes[seq].effective_frame == end
+
+
 def test_a_session_opened_while_others_hold_gets_its_first_window() -> None:
     stage = Stage()
     viewer = stage.open()
@@ -291,3 +304,12 @@ def test_a_playhead_that_jumps_over_the_start_of_a_running_replan_has_it_made_ag
     stage.run(1.0)
     assert stage.total("windows_discarded") == 1
     assert (viewer.outcomes[seq].effective_frame or 0) > job.first_frame + 3
+
+
+def test_a_session_whose_credit_is_used_up_does_not_ask_to_be_looked_at() -> None:
+    stage, viewer, state = _playing(lookahead=20)
+    stage.silent.add(viewer.key)
+    stage.run(20.0)
+    assert state.running is None
+    assert not state.window_due(stage.clock.now())
+    assert state.wake_at() == math.inf

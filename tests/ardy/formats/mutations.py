@@ -30,7 +30,8 @@ from ardy.formats.npz import read_npz, write_npz
 from ardy.formats.root_path import RootPath, read_root_path, write_root_path
 from ardy.skeleton import load_skeleton
 from motiongen_client.npz import write_npz as write_client_npz
-from tests.ardy.formats.motions import client_motion, random_motion
+from tests.ardy.formats.client_motion import client_motion
+from tests.ardy.formats.motions import random_motion
 from tests.ardy.robot.poses import walking_qpos
 
 CORE = load_skeleton("core27")

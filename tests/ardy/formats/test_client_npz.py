@@ -15,7 +15,8 @@ from ardy.formats.errors import FormatError
 from ardy.formats.files import read_motion, write_motion
 from ardy.skeleton import load_skeleton
 from motiongen_client.npz import write_npz
-from tests.ardy.formats.motions import client_motion, random_motion
+from tests.ardy.formats.client_motion import client_motion
+from tests.ardy.formats.motions import random_motion
 
 
 @pytest.mark.parametrize("name", ["core27", "g134"])

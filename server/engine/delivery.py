@@ -15,7 +15,8 @@ from server.engine.types import Chunk, Playhead, SessionKey
 class Delivery:
     """The way of one session's frames to its client. sent_to, committed_to: exclusive frame bounds.
 
-    num_frames, late_frames: how many frames were sent, each counted once, and how many of them after they were due.
+    far_frames: by how many frames the client is further away than was assumed. num_frames, late_frames: how many frames
+    were sent, each counted once, and how many of them after they were due.
     """
 
     session: SessionKey
@@ -25,6 +26,7 @@ class Delivery:
     round_trip: RoundTrip
     sent_to: int = 0
     committed_to: int = 0
+    far_frames: int = 0
     first_chunk_due: bool = True
     num_frames: int = 0
     late_frames: int = 0
@@ -64,6 +66,7 @@ class Delivery:
     def report(self, event: Playhead) -> None:
         self.clock.report(event.frame, event.received_at, self.sent_to)
         self.round_trip.report(event.rtt_s, event.received_at)
+        self.far_frames = max(0, math.ceil(self.clock.fps * (self.round_trip.seconds - self.config.rtt_s)))
 
     def superseded(self, frame: int) -> int:
         """A plan replaces the frames from `frame` on. Returns how many of those were sent and are now void."""

@@ -240,7 +240,7 @@ class SessionState:
         planned_to, delivery = self.timeline.end, self.delivery
         if self.rung.hold and planned_to:
             return delivery.reaches_at(planned_to - delivery.commit_frames)
-        wake_at = delivery.reaches_at(planned_to - self.continue_threshold)
+        wake_at = delivery.reaches_at(planned_to - self.continue_threshold - delivery.far_frames)
         return min(wake_at, self.edits.not_before) if self._replan_wanted else wake_at
 
     @property
@@ -256,7 +256,9 @@ class SessionState:
             return True
         if self.rung.hold:
             return False
-        if self.delivery.unplayed(now, planned_to) <= self.continue_threshold + _FRAME_TOLERANCE:
+        delivery = self.delivery
+        enough = self.continue_threshold + delivery.far_frames
+        if delivery.unplayed(now, planned_to) <= enough + _FRAME_TOLERANCE:
             return True
         return self._replan_wanted and now >= self.edits.not_before
 

@@ -104,6 +104,21 @@ def test_a_long_round_trip_moves_the_replan_away_from_the_playhead() -> None:
     assert effective[0.5] - effective[0.0] == pytest.approx(0.5 * 20, abs=2)
 
 
+def test_windows_for_a_client_far_away_are_made_earlier() -> None:
+    underruns = {}
+    for rtt_s in (None, 0.8):
+        stage = Stage(delay_s=0.4)
+        viewer = stage.open(prompts=(prompt(1),), lookahead=60)
+        viewer.rtt_s = rtt_s
+        stage.runner.step_s = lambda rows: 0.1
+        stage.run(5.0)
+        before = viewer.underruns
+        stage.run(30.0)
+        underruns[rtt_s] = viewer.underruns - before
+    assert underruns[None] > 0
+    assert underruns[0.8] == 0
+
+
 # ---- tokens ----------------------------------------------------------------------------------------------------------
 
 

@@ -106,6 +106,7 @@ class FakeStream:
         self.outgoing: queue.Queue[service_pb2.StreamMotionResponse | grpc.StatusCode | None] = queue.Queue()
         self.characters: dict[int, Character] = {}
         self.received: list[session_pb2.SessionEvent] = []
+        self.pings: list[service_pb2.Ping] = []
         self.agent = ""
 
     def push(self, handle: int, **update: object) -> None:
@@ -129,6 +130,7 @@ class FakeStream:
                             service_pb2.StreamMotionResponse(hello=service_pb2.ServerHello(replica_id="fake"))
                         )
                     case "ping":
+                        self.pings.append(request.ping)
                         pong = service_pb2.Pong(client_time_ns=request.ping.client_time_ns)
                         self.outgoing.put(service_pb2.StreamMotionResponse(pong=pong))
                 for event in request.events:
@@ -169,6 +171,8 @@ class FakeStream:
                     ids.clear()
                 ids -= set(event.edit_constraints.remove)
                 ids |= {constraint.constraint_id for constraint in event.edit_constraints.upsert}
+                self.replan(event)
+            case "set_velocity":
                 self.replan(event)
             case "set_play_state":
                 self.push(event.session, outcome=session_pb2.EditOutcome(event_seq=event.event_seq))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections.abc import AsyncIterator, Callable
 from typing import TypeVar
 
@@ -20,6 +21,7 @@ from motiongen_client import (
     Priority,
     ProtocolViolation,
     ServerUnavailable,
+    ServiceLevel,
     Session,
     SessionEnded,
     SessionOptions,
@@ -319,6 +321,70 @@ async def test_report_rates_out_of_range_are_refused(client: MotionClient, repor
 async def test_the_round_trip_is_measured(client: MotionClient) -> None:
     async with client.stream() as stream:
         assert 0 < await until(lambda: stream.round_trip_s) < 5
+
+
+async def test_the_round_trip_is_told_to_the_server_as_soon_as_it_is_known(
+    client: MotionClient, server: FakeServer
+) -> None:
+    async with client.stream():
+        first, second = (await until(lambda: server.stream.pings if len(server.stream.pings) > 1 else None))[:2]
+    assert not first.HasField("round_trip")
+    assert 0 < second.round_trip.ToTimedelta().total_seconds() < 5
+
+
+async def test_a_velocity_is_sent_in_metres_a_second_and_frames(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    outcome = await session.set_velocity(1.5, -0.5, seconds=0.25, heading_rad=0.0)
+    (event,) = await received(server, "set_velocity")
+    velocity = event.set_velocity
+    assert (velocity.x, velocity.z, velocity.hold_frames) == (1.5, -0.5, 25)
+    assert velocity.HasField("heading")
+    assert outcome.effective_frame is not None
+    await session.set_velocity(0, 0)
+    assert not server.stream.received[-1].set_velocity.HasField("heading")
+
+
+@pytest.mark.parametrize("wrong", [{"x_mps": math.nan}, {"z_mps": math.inf}, {"seconds": math.nan}])
+async def test_a_velocity_that_is_no_number_is_refused_here(client: MotionClient, wrong: dict[str, float]) -> None:
+    session = await client.open("a person walks")
+    with pytest.raises(InvalidInput, match="finite"):
+        session.set_velocity(**{"x_mps": 0.0, "z_mps": 0.0, **wrong})
+
+
+async def test_a_change_of_service_is_told(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    assert session.service_level == ServiceLevel("full", 4)
+    told: asyncio.Queue[ServiceLevel] = asyncio.Queue()
+    session.on_service_level = told.put_nowait
+    level = session_pb2.ServiceLevel(tier=session_pb2.SERVICE_TIER_FEWER_STEPS, denoise_steps=3)
+    server.stream.push(session.handle, service_level=level)
+    assert await told.get() == session.service_level == ServiceLevel("fewer_steps", 3)
+    server.stream.push(session.handle, service_level=session_pb2.ServiceLevel(tier=99))  # type: ignore[arg-type]
+    assert await told.get() == ServiceLevel("unspecified", 0)
+
+
+async def test_a_refusal_says_when_to_ask_again(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    refusal = session_pb2.EditOutcome(event_seq=2, code=8, reason="OVERLOADED", message="full")
+    refusal.retry_after.FromMilliseconds(1500)
+
+    def refuse_later(event: session_pb2.SessionEvent) -> str:
+        if event.WhichOneof("event") == "edit_prompts":
+            server.stream.push(event.session, outcome=refusal)
+            return "ANSWERED"
+        return ""
+
+    server.refuse = refuse_later
+    with pytest.raises(EventRefused, match=r"try again in 1\.5 s") as refused:
+        await session.set_prompt("a person runs")
+    assert refused.value.retry_after_s == 1.5
+
+
+async def test_an_end_for_overload_is_named(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    server.stream.push(session.handle, closed=session_pb2.SessionClosed(reason=session_pb2.CLOSE_REASON_OVERLOAD))
+    with pytest.raises(SessionEnded, match="overload"):
+        await collect(session.frames())
 
 
 async def test_frames_before_the_session_is_opened_break_the_rules(client: MotionClient, server: FakeServer) -> None:

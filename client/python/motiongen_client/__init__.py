@@ -37,6 +37,7 @@ from motiongen_client.types import (
     Opened,
     Outcome,
     Priority,
+    ServiceLevel,
     SessionEnd,
     SessionOptions,
     StartPose,
@@ -48,7 +49,7 @@ __all__ = [
     "MotionClient", "Stream", "Session", "Edit", "SessionStats", "Playback",
     "Frame", "Motion", "Rig", "write_bvh", "write_npz", "read_npz",
     "SessionOptions", "StartPose", "Priority", "Waypoint", "Trajectory", "Keyframe", "JointTargets",
-    "Catalog", "Model", "Limits", "Opened", "Outcome", "SessionEnd",
+    "Catalog", "Model", "Limits", "Opened", "Outcome", "ServiceLevel", "SessionEnd",
     "MotiongenError", "InvalidInput", "UnknownName", "ServerUnavailable", "StreamLost", "SessionEnded",
     "EventRefused", "ProtocolViolation", "MissingExtra",
 ]  # fmt: skip

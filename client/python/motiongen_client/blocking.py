@@ -21,7 +21,16 @@ from numpy.typing import ArrayLike
 from motiongen_client import client, edit, session, stream
 from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.session import SessionStats
-from motiongen_client.types import NO_PROMPTS, Catalog, Constraint, Opened, Outcome, SessionEnd, SessionOptions
+from motiongen_client.types import (
+    NO_PROMPTS,
+    Catalog,
+    Constraint,
+    Opened,
+    Outcome,
+    ServiceLevel,
+    SessionEnd,
+    SessionOptions,
+)
 
 T = TypeVar("T")
 
@@ -104,6 +113,11 @@ class Session:
         return self._inner.rig
 
     @property
+    def service_level(self) -> ServiceLevel:
+        """How well the server serves it at present."""
+        return self._inner.service_level
+
+    @property
     def end(self) -> SessionEnd | None:
         """How the session ended; None while it lives."""
         return self._inner.end
@@ -144,6 +158,12 @@ class Session:
     def clear_constraints(self) -> Edit:
         """Drop all constraints."""
         return self._edit(self._inner.clear_constraints)
+
+    def set_velocity(
+        self, x_mps: float, z_mps: float, *, seconds: float = 1.0, heading_rad: float | None = None
+    ) -> Edit:
+        """Move over the ground at a velocity, metres a second, for so many seconds or until the next call."""
+        return self._edit(lambda: self._inner.set_velocity(x_mps, z_mps, seconds=seconds, heading_rad=heading_rad))
 
     def pause(self) -> Edit:
         """Stop the playhead."""

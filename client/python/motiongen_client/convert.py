@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+from google.protobuf.duration_pb2 import Duration
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_client.errors import EventRefused, ProtocolViolation
@@ -19,6 +20,7 @@ from motiongen_client.types import (
     Opened,
     Outcome,
     Priority,
+    ServiceLevel,
     SessionEnd,
     SessionOptions,
     StartPose,
@@ -136,6 +138,8 @@ def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
             max_guidance=limits.max_guidance,
             max_events_per_second=limits.max_events_per_second,
             max_stream_events_per_second=limits.max_stream_events_per_second,
+            max_speed_mps=limits.max_speed_mps,
+            max_hold_frames=limits.max_hold_frames,
         ),
     )
 
@@ -199,7 +203,14 @@ def outcome(message: session_pb2.EditOutcome, event: str) -> Outcome | EventRefu
     if message.code == 0:
         effective_frame = message.effective_frame if message.HasField("effective_frame") else None
         return Outcome(event_seq=message.event_seq, effective_frame=effective_frame)
-    return EventRefused(event, code_name(message.code), message.reason, message.message, message.field, message.allowed)
+    retry_after_s = _seconds(message.retry_after) if message.HasField("retry_after") else None
+    code = code_name(message.code)
+    return EventRefused(event, code, message.reason, message.message, message.field, message.allowed, retry_after_s)
+
+
+def service_level(message: session_pb2.ServiceLevel) -> ServiceLevel:
+    tier = session_pb2.ServiceTier.Name(message.tier) if message.tier in _SERVICE_TIERS else "UNSPECIFIED"
+    return ServiceLevel(tier.removeprefix("SERVICE_TIER_").lower(), message.denoise_steps)
 
 
 def session_end(message: session_pb2.SessionClosed) -> SessionEnd:
@@ -212,7 +223,20 @@ def session_end(message: session_pb2.SessionClosed) -> SessionEnd:
     )
 
 
+def ping(now_ns: int, round_trip_s: float | None) -> service_pb2.Ping:
+    """round_trip_s: of the last one, None before there was one."""
+    message = service_pb2.Ping(client_time_ns=now_ns)
+    if round_trip_s is not None:
+        message.round_trip.FromNanoseconds(round(1e9 * round_trip_s))
+    return message
+
+
+def _seconds(duration: Duration) -> float:
+    return duration.seconds + duration.nanos / 1e9
+
+
 _CLOSE_REASONS = frozenset(session_pb2.CloseReason.values())
+_SERVICE_TIERS = frozenset(session_pb2.ServiceTier.values())
 
 
 def code_name(code: int) -> str:

@@ -57,7 +57,7 @@ class StreamLost(MotiongenError, ConnectionError):
 
 
 class SessionEnded(MotiongenError):
-    """The session is over: `reason` names why (client, idle, slow_reader, drained, engine_fault)."""
+    """The session is over: `reason` names why (client, idle, slow_reader, drained, engine_fault, overload)."""
 
     def __init__(self, reason: str, message: str) -> None:
         super().__init__(f"the session has ended ({reason}): {message or 'no further detail'}; open a new one")
@@ -69,12 +69,23 @@ class EventRefused(MotiongenError):
     """The server refused an event; it changed nothing and the session goes on.
 
     event: what was tried; code: name of the google.rpc code; reason: stable name of the mistake, as docs/protocol.md
-    lists them; field: path of the field at fault; allowed: what would have been accepted there.
+    lists them; field: path of the field at fault; allowed: what would have been accepted there; retry_after_s: how long
+    to wait before trying the same again, None where waiting is not known to help.
     """
 
-    def __init__(self, event: str, code: str, reason: str, message: str, field: str = "", allowed: str = "") -> None:
+    def __init__(
+        self,
+        event: str,
+        code: str,
+        reason: str,
+        message: str,
+        field: str = "",
+        allowed: str = "",
+        retry_after_s: float | None = None,
+    ) -> None:
         where = f" at {field}" if field else ""
         hint = f"; allowed is {allowed}" if allowed else ""
+        hint += f"; try again in {retry_after_s:g} s" if retry_after_s is not None else ""
         super().__init__(f"{event} was refused with {reason or code}{where}: {message}{hint}")
         self.event = event
         self.code = code
@@ -82,6 +93,7 @@ class EventRefused(MotiongenError):
         self.message = message
         self.field = field
         self.allowed = allowed
+        self.retry_after_s = retry_after_s
 
 
 class ProtocolViolation(MotiongenError):

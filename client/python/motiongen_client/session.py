@@ -1,46 +1,29 @@
-"""One character: its prompts, its constraints, its frames. Lives on a `Stream`; all of it runs on one event loop."""
+"""One character: its opening, its frames, its end. Lives on a `Stream`; all of it runs on one event loop."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncGenerator, Callable, Iterable, Mapping, Sequence
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
-
-from numpy.typing import ArrayLike
 
 from motiongen.v1 import session_pb2
 from motiongen_client import convert
-from motiongen_client.edit import Edit, EditBook
+from motiongen_client.direction import PRESENT_PROMPT_ID, Carrier, Direction
 from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolation, SessionEnded, UnknownName
-from motiongen_client.motion import Frame, Motion, Rig
+from motiongen_client.motion import Frame, Motion
 from motiongen_client.playback import Playback
 from motiongen_client.types import (
     Catalog,
     Constraint,
     Opened,
+    ServiceLevel,
     SessionEnd,
     SessionOptions,
-    Trajectory,
-    Waypoint,
-    as_array,
     check_frame,
 )
 
 _log = logging.getLogger(__name__)
-
-_PRESENT_PROMPT_ID = 1  # the prompt set without a frame; scheduled prompts take the ids above it
-
-
-class Carrier(Protocol):
-    """What a session needs of the stream that carries it."""
-
-    def send(self, event: session_pb2.SessionEvent) -> None:
-        """Queue an event; it goes out with the next message."""
-
-    def report_soon(self) -> None:
-        """Report playheads without waiting for the next regular report."""
 
 
 @dataclass(frozen=True)
@@ -60,103 +43,31 @@ class SessionStats:
     late_plans: int
 
 
-class Session:
+class Session(Direction):
     """One character. Made by `Stream.open`; not made by hand.
 
     Changes (`set_prompt`, `add_waypoint`, …) are sent at once, in order, and return an `Edit`. Frames come by
     `frames()`, or by `poll()` for a loop that draws at its own pace; use one of the two.
+
+    service_level: how well the server serves it at present; `on_service_level`, if set, is called at each change.
     """
 
     def __init__(self, handle: int, carrier: Carrier, catalog: Catalog, clock: Callable[[], float]) -> None:
-        self.handle = handle
-        self._carrier = carrier
+        super().__init__(handle, carrier, clock)
         self._catalog = catalog
-        self._clock = clock
         self._opened_at_s = clock()
-        self._next_seq = 1
-        self._next_constraint_id = 1
-        self._next_prompt_id = _PRESENT_PROMPT_ID + 1
-        self._scheduled_prompts: dict[int, int] = {}  # prompt id -> start frame, those the server has accepted
-        self._edits = EditBook()
         self._opening: asyncio.Future[Opened] = asyncio.get_running_loop().create_future()
         self._keep_s: float | None = None
-        self._changed = asyncio.Event()
-        self._failure: MotiongenError | None = None
         self._end: SessionEnd | None = None
         self._opened_s = 0.0
         self._first_frame_s: float | None = None
         self._num_plans = 0
         self._num_frames = 0
         self.opened: Opened
-        self.rig: Rig
-        self.playback: Playback
+        self.service_level: ServiceLevel
+        self.on_service_level: Callable[[ServiceLevel], None] | None = None
 
-    # ---- changes
-
-    def set_prompt(self, text: str, *, frame: int | None = None) -> Edit:
-        """Direct the motion by a text, such as "a person walks forward".
-
-        Without `frame` it replaces the present prompt as soon as possible. With `frame` it is scheduled: it takes over
-        at that frame and holds until another takes over.
-        """
-        edit = session_pb2.EditPrompts()
-        begun = [key for key, start in self._scheduled_prompts.items() if start <= self.playback.playhead]
-        if frame is None:
-            prompt_id = _PRESENT_PROMPT_ID
-        else:
-            check_frame("frame", frame)
-            prompt_id = self._next_prompt_id
-            self._next_prompt_id += 1
-            begun = sorted(begun, key=self._scheduled_prompts.__getitem__)[:-1]  # the last one holds until `frame`
-        for key in begun:
-            del self._scheduled_prompts[key]
-        edit.remove.extend(begun)
-        edit.upsert.append(convert.prompt_span(prompt_id, text, frame))
-        sent = self._send_edit(f"the prompt {text!r}", session_pb2.SessionEvent(edit_prompts=edit))
-        if frame is not None:
-            scheduled = frame
-            sent.when_accepted(lambda: self._scheduled_prompts.__setitem__(prompt_id, scheduled))
-        return sent
-
-    def add_waypoint(self, x_m: float, z_m: float, *, frame: int, heading_rad: float | None = None) -> Edit:
-        """Be at a ground position (world metres) at a frame; `frame_in` turns seconds from now into one."""
-        return self.add_constraints([Waypoint(frame, x_m, z_m, heading_rad)])
-
-    def add_trajectory(
-        self, positions_m: ArrayLike, *, first_frame: int, headings_rad: ArrayLike | None = None
-    ) -> Edit:
-        """Follow a path: positions_m (N, 2) world x, z in metres, one a frame from `first_frame`; headings_rad (N,)."""
-        headings = None if headings_rad is None else as_array("headings_rad", headings_rad, (None,))
-        return self.add_constraints(
-            [Trajectory(first_frame, as_array("positions_m", positions_m, (None, 2)), headings)]
-        )
-
-    def add_constraints(self, constraints: Iterable[Constraint]) -> Edit:
-        """Add constraints to those there are. `Edit.constraint_ids` are their ids, in the order given."""
-        return self._edit_constraints("constraints", constraints)
-
-    def set_constraints(self, constraints: Iterable[Constraint]) -> Edit:
-        """Put these constraints in place of all there are."""
-        return self._edit_constraints("constraints in place of all others", constraints, clear=True)
-
-    def remove_constraints(self, constraint_ids: Iterable[int]) -> Edit:
-        """Drop constraints by the ids that `Edit.constraint_ids` gave."""
-        return self._edit_constraints("the removal of constraints", (), remove=tuple(constraint_ids))
-
-    def clear_constraints(self) -> Edit:
-        """Drop all constraints."""
-        return self._edit_constraints("the removal of all constraints", (), clear=True)
-
-    def pause(self) -> Edit:
-        """Stop the playhead: the last frame stays, and the server computes no more than the look-ahead."""
-        self.playback.pause()
-        return self._send_play_state("the pause", session_pb2.PLAY_STATE_PAUSED)
-
-    def resume(self) -> Edit:
-        """Let the playhead go on after `pause`."""
-        self.playback.resume()
-        self._changed.set()
-        return self._send_play_state("the end of the pause", session_pb2.PLAY_STATE_PLAYING)
+    # ---- the end
 
     async def close(self) -> SessionEnd:
         """End the session. Returns how it ended; calling it again returns the same."""
@@ -299,7 +210,7 @@ class Session:
         keep_s: float | None,
     ) -> None:
         self._keep_s = keep_s
-        prompts = [] if prompt is None else [convert.prompt_span(_PRESENT_PROMPT_ID, prompt, None)]
+        prompts = [] if prompt is None else [convert.prompt_span(PRESENT_PROMPT_ID, prompt, None)]
         for frame, text in later_prompts.items():
             check_frame("later_prompts", frame)
             prompts.append(convert.prompt_span(self._next_prompt_id, text, frame))
@@ -329,6 +240,8 @@ class Session:
                 self._note_frames(len(rows), chunk.first_frame + len(rows))
             case "outcome":
                 self._handle_outcome(update.outcome)
+            case "service_level":
+                self._handle_level(convert.service_level(update.service_level))
             case "closed":
                 self._end = convert.session_end(update.closed)
                 self._fail(SessionEnded(self._end.reason, self._end.message))
@@ -336,6 +249,7 @@ class Session:
 
     def _handle_opened(self, opened: Opened) -> None:
         self.opened = opened
+        self.service_level = ServiceLevel("full", opened.denoise_steps)
         try:
             self.rig = self._catalog.rig(opened.rig_id)
         except UnknownName as unknown:
@@ -349,6 +263,11 @@ class Session:
         self._opened_s = self._clock() - self._opened_at_s
         if not self._opening.done():
             self._opening.set_result(opened)
+
+    def _handle_level(self, level: ServiceLevel) -> None:
+        self.service_level = level
+        if self.on_service_level is not None:
+            self.on_service_level(level)
 
     def _handle_outcome(self, message: session_pb2.EditOutcome) -> None:
         if message.event_seq == 1 and not self._opening.done():
@@ -387,37 +306,3 @@ class Session:
             frame=playback.playhead, buffered_to=playback.buffered_to, underruns=playback.underruns
         )
         return session_pb2.SessionEvent(session=self.handle, playhead=report)
-
-    # ---- sending
-
-    def _edit_constraints(
-        self, what: str, constraints: Iterable[Constraint], *, remove: tuple[int, ...] = (), clear: bool = False
-    ) -> Edit:
-        targets = tuple(constraints)
-        ids = self._take_constraint_ids(len(targets))
-        upsert = [convert.constraint(key, target) for key, target in zip(ids, targets, strict=True)]
-        edit = session_pb2.EditConstraints(upsert=upsert, remove=remove, clear=clear)
-        return self._send_edit(what, session_pb2.SessionEvent(edit_constraints=edit), ids)
-
-    def _take_constraint_ids(self, count: int) -> tuple[int, ...]:
-        first = self._next_constraint_id
-        self._next_constraint_id += count
-        return tuple(range(first, first + count))
-
-    def _send_play_state(self, what: str, state: session_pb2.PlayState) -> Edit:
-        event = session_pb2.SessionEvent(set_play_state=session_pb2.SetPlayState(state=state))
-        return self._send_edit(what, event)
-
-    def _send_edit(self, what: str, event: session_pb2.SessionEvent, constraint_ids: tuple[int, ...] = ()) -> Edit:
-        edit = Edit(what, self._next_seq, self._clock(), constraint_ids)
-        self._send(event)
-        self._edits.add(edit)
-        return edit
-
-    def _send(self, event: session_pb2.SessionEvent) -> None:
-        if self._failure is not None:
-            raise self._failure
-        event.session = self.handle
-        event.event_seq = self._next_seq
-        self._carrier.send(event)
-        self._next_seq += 1

@@ -17,6 +17,7 @@ import grpc.aio
 
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
+from motiongen_client import convert
 from motiongen_client.errors import InvalidInput, MotiongenError, ProtocolViolation, ServerUnavailable, StreamLost
 from motiongen_client.session import Session
 from motiongen_client.types import NO_PROMPTS, Catalog, Constraint, SessionOptions
@@ -221,8 +222,10 @@ class Stream:
                 self.replica_id = response.hello.replica_id
                 self._hello.set()
             case "pong":
-                sent_s = response.pong.client_time_ns / 1e9
-                self.round_trip_s = asyncio.get_running_loop().time() - sent_s
+                is_first = self.round_trip_s is None
+                self.round_trip_s = asyncio.get_running_loop().time() - response.pong.client_time_ns / 1e9
+                if is_first:
+                    self._send_ping()  # which tells it to the server
             case "goodbye":
                 self.draining = True
         for update in response.updates:
@@ -255,5 +258,5 @@ class Stream:
 
     def _send_ping(self) -> None:
         now_ns = int(asyncio.get_running_loop().time() * 1e9)
-        self._ping = service_pb2.Ping(client_time_ns=now_ns)
+        self._ping = convert.ping(now_ns, self.round_trip_s)
         self._outbox_filled.set()

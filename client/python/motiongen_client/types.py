@@ -171,6 +171,14 @@ class Outcome:
 
 
 @dataclass(frozen=True)
+class ServiceLevel:
+    """How well a session is served. tier: full, fewer_steps, no_guidance or hold; denoise_steps: of each window."""
+
+    tier: str
+    denoise_steps: int
+
+
+@dataclass(frozen=True)
 class SessionEnd:
     """How a session ended. frames: sent in all; late_frames: sent after the playhead had reached them."""
 
@@ -213,6 +221,8 @@ class Limits:
     max_guidance: float
     max_events_per_second: float
     max_stream_events_per_second: float
+    max_speed_mps: float
+    max_hold_frames: int
 
 
 @dataclass(frozen=True)

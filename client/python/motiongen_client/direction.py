@@ -1,0 +1,162 @@
+"""What a session is told: prompts, constraints, velocities and pauses, each sent at once and in order."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable
+from typing import Protocol
+
+from numpy.typing import ArrayLike
+
+from motiongen.v1 import session_pb2
+from motiongen_client import convert
+from motiongen_client.edit import Edit, EditBook
+from motiongen_client.errors import MotiongenError
+from motiongen_client.motion import Rig
+from motiongen_client.playback import Playback
+from motiongen_client.types import Constraint, Trajectory, Waypoint, as_array, check_finite, check_frame
+
+PRESENT_PROMPT_ID = 1  # the prompt set without a frame; scheduled prompts take the ids above it
+
+
+class Carrier(Protocol):
+    """What a session needs of the stream that carries it."""
+
+    def send(self, event: session_pb2.SessionEvent) -> None:
+        """Queue an event; it goes out with the next message."""
+
+    def report_soon(self) -> None:
+        """Report playheads without waiting for the next regular report."""
+
+
+class Direction:
+    """The half of a `Session` that speaks to the server. Every change returns an `Edit`."""
+
+    rig: Rig
+    playback: Playback
+
+    def __init__(self, handle: int, carrier: Carrier, clock: Callable[[], float]) -> None:
+        self.handle = handle
+        self._carrier = carrier
+        self._clock = clock
+        self._failure: MotiongenError | None = None
+        self._next_seq = 1
+        self._next_constraint_id = 1
+        self._next_prompt_id = PRESENT_PROMPT_ID + 1
+        self._scheduled_prompts: dict[int, int] = {}  # prompt id -> start frame, those the server has accepted
+        self._edits = EditBook()
+        self._changed = asyncio.Event()  # something came, or is due now
+
+    def set_prompt(self, text: str, *, frame: int | None = None) -> Edit:
+        """Direct the motion by a text, such as "a person walks forward".
+
+        Without `frame` it replaces the present prompt as soon as possible. With `frame` it is scheduled: it takes over
+        at that frame and holds until another takes over.
+        """
+        edit = session_pb2.EditPrompts()
+        begun = [key for key, start in self._scheduled_prompts.items() if start <= self.playback.playhead]
+        if frame is None:
+            prompt_id = PRESENT_PROMPT_ID
+        else:
+            check_frame("frame", frame)
+            prompt_id = self._next_prompt_id
+            self._next_prompt_id += 1
+            begun = sorted(begun, key=self._scheduled_prompts.__getitem__)[:-1]  # the last one holds until `frame`
+        for key in begun:
+            del self._scheduled_prompts[key]
+        edit.remove.extend(begun)
+        edit.upsert.append(convert.prompt_span(prompt_id, text, frame))
+        sent = self._send_edit(f"the prompt {text!r}", session_pb2.SessionEvent(edit_prompts=edit))
+        if frame is not None:
+            scheduled = frame
+            sent.when_accepted(lambda: self._scheduled_prompts.__setitem__(prompt_id, scheduled))
+        return sent
+
+    def add_waypoint(self, x_m: float, z_m: float, *, frame: int, heading_rad: float | None = None) -> Edit:
+        """Be at a ground position (world metres) at a frame; `frame_in` turns seconds from now into one."""
+        return self.add_constraints([Waypoint(frame, x_m, z_m, heading_rad)])
+
+    def add_trajectory(
+        self, positions_m: ArrayLike, *, first_frame: int, headings_rad: ArrayLike | None = None
+    ) -> Edit:
+        """Follow a path: positions_m (N, 2) world x, z in metres, one a frame from `first_frame`; headings_rad (N,)."""
+        headings = None if headings_rad is None else as_array("headings_rad", headings_rad, (None,))
+        return self.add_constraints(
+            [Trajectory(first_frame, as_array("positions_m", positions_m, (None, 2)), headings)]
+        )
+
+    def add_constraints(self, constraints: Iterable[Constraint]) -> Edit:
+        """Add constraints to those there are. `Edit.constraint_ids` are their ids, in the order given."""
+        return self._edit_constraints("constraints", constraints)
+
+    def set_constraints(self, constraints: Iterable[Constraint]) -> Edit:
+        """Put these constraints in place of all there are."""
+        return self._edit_constraints("constraints in place of all others", constraints, clear=True)
+
+    def remove_constraints(self, constraint_ids: Iterable[int]) -> Edit:
+        """Drop constraints by the ids that `Edit.constraint_ids` gave."""
+        return self._edit_constraints("the removal of constraints", (), remove=tuple(constraint_ids))
+
+    def clear_constraints(self) -> Edit:
+        """Drop all constraints."""
+        return self._edit_constraints("the removal of all constraints", (), clear=True)
+
+    def set_velocity(
+        self, x_mps: float, z_mps: float, *, seconds: float = 1.0, heading_rad: float | None = None
+    ) -> Edit:
+        """Move over the ground at a velocity in the world, metres a second, as soon as possible; 0, 0 is to stand.
+
+        Each call takes the place of the one before, and it ends `seconds` later: call it again while a stick is held.
+        heading_rad: where to face meanwhile; None leaves it to the motion.
+        """
+        for name, value in (("x_mps", x_mps), ("z_mps", z_mps), ("seconds", seconds)):
+            check_finite(name, value)
+        if heading_rad is not None:
+            check_finite("heading_rad", heading_rad)
+        velocity = session_pb2.SetVelocity(
+            x=x_mps, z=z_mps, heading=heading_rad, hold_frames=max(self.rig.frames_in(seconds), 0)
+        )
+        return self._send_edit("the velocity", session_pb2.SessionEvent(set_velocity=velocity))
+
+    def pause(self) -> Edit:
+        """Stop the playhead: the last frame stays, and the server computes no more than the look-ahead."""
+        self.playback.pause()
+        return self._send_play_state("the pause", session_pb2.PLAY_STATE_PAUSED)
+
+    def resume(self) -> Edit:
+        """Let the playhead go on after `pause`."""
+        self.playback.resume()
+        self._changed.set()
+        return self._send_play_state("the end of the pause", session_pb2.PLAY_STATE_PLAYING)
+
+    def _edit_constraints(
+        self, what: str, constraints: Iterable[Constraint], *, remove: tuple[int, ...] = (), clear: bool = False
+    ) -> Edit:
+        targets = tuple(constraints)
+        ids = self._take_constraint_ids(len(targets))
+        upsert = [convert.constraint(key, target) for key, target in zip(ids, targets, strict=True)]
+        edit = session_pb2.EditConstraints(upsert=upsert, remove=remove, clear=clear)
+        return self._send_edit(what, session_pb2.SessionEvent(edit_constraints=edit), ids)
+
+    def _take_constraint_ids(self, count: int) -> tuple[int, ...]:
+        first = self._next_constraint_id
+        self._next_constraint_id += count
+        return tuple(range(first, first + count))
+
+    def _send_play_state(self, what: str, state: session_pb2.PlayState) -> Edit:
+        event = session_pb2.SessionEvent(set_play_state=session_pb2.SetPlayState(state=state))
+        return self._send_edit(what, event)
+
+    def _send_edit(self, what: str, event: session_pb2.SessionEvent, constraint_ids: tuple[int, ...] = ()) -> Edit:
+        edit = Edit(what, self._next_seq, self._clock(), constraint_ids)
+        self._send(event)
+        self._edits.add(edit)
+        return edit
+
+    def _send(self, event: session_pb2.SessionEvent) -> None:
+        if self._failure is not None:
+            raise self._failure
+        event.session = self.handle
+        event.event_seq = self._next_seq
+        self._carrier.send(event)
+        self._next_seq += 1

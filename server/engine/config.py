@@ -25,8 +25,8 @@ class EngineConfig:
     max_waiting_edits: edits of one session that may wait for a plan. reuse_tokens: give windows the tokens of earlier
     ones for history where these cover it, rather than have it encoded again. align_replans: start replans on the grid
     of these tokens, which makes them up to patch - 1 frames later. hold_frames: how many a held pose is repeated at a
-    time. max_lean_rad: how far a character may lean on average over a window; root heights in metres, and
-    max_coordinate_m from the origin, beyond which it is lost.
+    time. guard_drift: whether characters that go astray are righted. max_lean_rad: how far one may lean on average over
+    a window; root heights in metres, and max_coordinate_m from the origin, beyond which it is lost.
     initial_step_s: the cost of a denoising step before one has been measured.
     admit_load: the share of the machine up to which sessions of each class are let in; retry_after_s: the least time
     after which one that was refused should ask again. degrade: whether sessions get less than they asked for where the
@@ -56,6 +56,7 @@ class EngineConfig:
     reuse_tokens: bool = True
     align_replans: bool = False
     hold_frames: int = 8
+    guard_drift: bool = True
     max_lean_rad: float = 1.1
     min_root_height_m: float = -0.5
     max_root_height_m: float = 4.0

@@ -32,6 +32,8 @@ class DriftGuard:
 
     def remedy(self, rows: Float32Array) -> Remedy | None:
         """What the rows of a window call for. A lean counts on average, so that bending down is no drift."""
+        if not self.config.guard_drift:
+            return None
         config, positions = self.config, self.reader.positions(rows)
         if self.reader.root is not None:
             low, high = float(positions[:, 1].min()), float(positions[:, 1].max())

@@ -62,6 +62,11 @@ def test_a_fresh_start_is_where_the_character_was_but_within_bounds() -> None:
     assert GUARD.fresh_start(_rows(x=20_000.0)[0]).x == 10_000.0
 
 
+def test_a_guard_that_is_off_notices_nothing() -> None:
+    guard = DriftGuard(GUARD.reader, EngineConfig(guard_drift=False))
+    assert guard.remedy(_rows(y=50.0, lean=1.5)) is None
+
+
 # ---- in a session ----------------------------------------------------------------------------------------------------
 
 

@@ -143,4 +143,5 @@ def contest_config(max_rows: int) -> EngineConfig:
         max_sessions=2 * MOST_NULL_CHARACTERS,
         admit_load=(1e6, 1e6, 1e6, 1e6),
         degrade=False,
+        guard_drift=False,  # random weights make no sound motion
     )

@@ -115,14 +115,14 @@ def test_what_the_tokenizer_is_made_of(golden: GoldenModel) -> None:
 
 def test_statistics(golden: GoldenModel) -> None:
     vectors, layout, tokenizer = golden.vectors("normalization"), golden.model.representation, tokenizer_of(golden)
-    body = slice(ROOT_WIDTH, None)
+    features = layout.feature_stats
     for name, mean, scale in (
         ("global_root_stats", layout.root_stats.mean, layout.root_stats.scale),
         ("local_root_stats", layout.local_root_stats.mean, layout.local_root_stats.scale),
         ("post_quantization_stats", tokenizer.post_stats.mean, tokenizer.post_stats.scale),
         ("pre_quantization_stats", tokenizer.pre_stats.mean, tokenizer.pre_stats.scale),
-        ("stats", layout.stats.mean, layout.stats.scale),
-        ("body_stats", layout.stats.mean[body], layout.stats.scale[body]),
+        ("stats", features.mean, features.scale),
+        ("body_stats", layout.body_stats.mean, layout.body_stats.scale),
     ):
         vectors.check(f"const.{name}.mean", mean)
         vectors.check(f"const.{name}.std_eps", scale)

@@ -34,9 +34,9 @@ class TokenRun:
         return TokenRun(self.first, np.concatenate((self.tokens[:keep], new)), self.patch)
 
     def trimmed(self, frame: int) -> TokenRun:
-        """Drop the tokens that end at or before `frame`, and their memory."""
+        """Drop the tokens that end at or before `frame`."""
         drop = min(max(0, (frame - self.first) // self.patch), len(self.tokens))
-        return TokenRun(self.first + drop * self.patch, self.tokens[drop:].copy(), self.patch)
+        return TokenRun(self.first + drop * self.patch, self.tokens[drop:], self.patch)
 
     def before(self, frame: int, num_frames: int) -> Float32Array | None:
         """The tokens of exactly the num_frames frames that end just before `frame`; None where they are not held."""
@@ -111,12 +111,12 @@ class Timeline:
         )
 
     def trimmed(self, frame: int) -> Timeline:
-        """Drop the frames below `frame`, and their memory."""
+        """Drop the frames below `frame`; their memory is let go at the next splice, which makes new arrays anyway."""
         drop = max(0, frame - self.first)
         return Timeline(
             self.first + drop,
-            self.rows[drop:].copy(),
-            self.features[drop:].copy(),
+            self.rows[drop:],
+            self.features[drop:],
             self.run.trimmed(frame),
             self.motion_from,
         )

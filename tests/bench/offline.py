@@ -58,11 +58,12 @@ def offline_rate(
     seconds: float,
     steps_run: int | None = None,
     synchronize: Callable[[], None] = lambda: None,
+    keep_tokens: bool = True,
 ) -> OfflineRate:
     """Windows that go on from earlier ones, each with a prompt and no constraint, for about so many seconds.
 
     steps_run: how many steps are run of each window; fewer give the same figures sooner. synchronize: waits for the
-    device, where calls only start what they ask for.
+    device, where calls only start what they ask for. keep_tokens: histories are the tokens of the windows before.
     """
     jobs = [first_job(number, num_steps, embeddings) for number in range(batch)]
     firsts = [_run(runner, [job], num_steps, synchronize)[0][0] for job in jobs[:1]] * batch
@@ -70,6 +71,8 @@ def offline_rate(
     times: list[tuple[float, list[float], float]] = []
     while len(times) < 2 or (time.monotonic() < until):
         later = [later_job(number, num_steps, embeddings, first) for number, first in enumerate(firsts)]
+        if not keep_tokens:
+            later = [replace(job, history_tokens=None) for job in later]
         times.append(_run(runner, later, steps_run or num_steps, synchronize)[1:])
     if len(times) > 2:
         times = times[1:]  # the first batch of a size is also the first to take memory for it

@@ -97,6 +97,10 @@ bench: $(READY) ## measure latency, throughput and memory of the built-in model;
 bench-service: $(READY) ## measure what the service costs without a model; writes out/bench
 	$(PYTHON) -m tests.bench.service_cost --out $(OUT)/bench $(ARGS)
 
+.PHONY: bench-engine
+bench-engine: $(READY) ## measure the engine against simpler ones: characters in real time, latencies, the ceiling; writes out/bench
+	$(PYTHON) -m tests.bench.engine --out $(OUT)/bench $(ARGS)
+
 .PHONY: fuzz
 fuzz: $(READY) ## give the readers of checkpoints, motion and constraints 10,000 broken files each
 	$(PYTHON) -m tests.bench.fuzz_checkpoints

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import dataclass, replace
 
@@ -76,7 +77,10 @@ class Report:
 def run(settings: Settings, full_size: bool = False) -> Report:
     """Measure all of it. Says on stderr what it is doing."""
     torch.set_num_threads(settings.threads)
-    facts = {**machine_facts(), "threads of torch": str(torch.get_num_threads())}
+    facts = {
+        **machine_facts(),
+        "threads of torch": f"{torch.get_num_threads()}, OMP_WAIT_POLICY {os.environ.get('OMP_WAIT_POLICY', 'not set')}",
+    }
     if settings.device != "cpu":
         facts["device"] = torch.cuda.get_device_name(settings.device)
     chosen = bench_model(settings.model, settings.device)

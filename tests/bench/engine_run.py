@@ -79,7 +79,8 @@ def run(settings: Settings, full_size: bool = False) -> Report:
     torch.set_num_threads(settings.threads)
     facts = {
         **machine_facts(),
-        "threads of torch": f"{torch.get_num_threads()}, OMP_WAIT_POLICY {os.environ.get('OMP_WAIT_POLICY', 'not set')}",
+        "threads of torch": str(torch.get_num_threads()),
+        "OMP_WAIT_POLICY": os.environ.get("OMP_WAIT_POLICY", "not set"),
     }
     if settings.device != "cpu":
         facts["device"] = torch.cuda.get_device_name(settings.device)

@@ -60,9 +60,10 @@ def describe(load: Load) -> str:
 
 def print_result(console: Console, result: Result) -> None:
     """Tables of figures and latencies, and whether they count."""
-    console.print(_figures(result))
-    console.print(_latencies(result))
-    console.print(_generator(result))
+    console.print(_table(("measured", *result.groups()), figure_rows(result)))
+    console.print(_table(("latency, ms", *LATENCY_COLUMNS), latency_rows(result)))
+    console.print(_table(("lag of the load, ms", *LATENCY_COLUMNS), generator_rows(result)))
+    console.print(use_line(result), soft_wrap=True)
     counts = (f"{name.replace('_', ' ')} {count:,}" for name, count in result.counts())
     console.print("; ".join(counts), soft_wrap=True)
     for shortfall in result.shortfalls():
@@ -143,20 +144,8 @@ def _latency_row(name: str, summary: dict[str, float]) -> tuple[str, ...]:
     return (name, f"{summary['count']:,.0f}", *(f"{summary[column]:.1f}" for column in LATENCY_COLUMNS[1:]))
 
 
-def _figures(result: Result) -> Table:
-    return _table("", ("measured", *result.groups()), figure_rows(result))
-
-
-def _latencies(result: Result) -> Table:
-    return _table("", ("latency, ms", *LATENCY_COLUMNS), latency_rows(result))
-
-
-def _generator(result: Result) -> Table:
-    return _table(use_line(result), ("lag of the load, ms", *LATENCY_COLUMNS), generator_rows(result))
-
-
-def _table(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
-    table = make_table(title, *columns)
+def _table(columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
+    table = make_table("", *columns)
     for row in rows:
         table.add_row(*row)
     return table

@@ -95,14 +95,14 @@ class WindowSite:
         return self.guard.fresh_start(self.timeline.rows_between(first_frame - 1, first_frame)[0])
 
     def _constraints(self, first_frame: int, history_length: int) -> tuple[Constraint, ...]:
-        """The constraints that a window sees. A velocity comes last: it overrides older root targets of its frames."""
+        """The constraints that a window sees. Of two the later one holds, so a velocity comes before those of the client."""
         end = first_frame - history_length + self.facts.max_window_frames
         seen = self.conditions.constraints_within(first_frame, end)
         velocity, fps = self.conditions.velocity, self.facts.fps
         if velocity is None:
             return seen
         path = velocity.path(first_frame, first_frame + self.facts.horizon, self._root_before(first_frame), fps)
-        return seen if path is None else (*seen, path)
+        return seen if path is None else (path, *seen)
 
     def _root_before(self, first_frame: int) -> RootState:
         """What the root does just before a window; it stands in the start pose before the first."""

@@ -95,7 +95,7 @@ class WindowSite:
         return self.guard.fresh_start(self.timeline.rows_between(first_frame - 1, first_frame)[0])
 
     def _constraints(self, first_frame: int, history_length: int) -> tuple[Constraint, ...]:
-        """The constraints that a window sees. Of two the later one holds, so a velocity comes before those of the client."""
+        """The constraints that a window sees. Of two the later one holds: those of the client over a velocity."""
         end = first_frame - history_length + self.facts.max_window_frames
         seen = self.conditions.constraints_within(first_frame, end)
         velocity, fps = self.conditions.velocity, self.facts.fps

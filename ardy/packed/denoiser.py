@@ -28,12 +28,12 @@ from ardy.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens
 class Projection:
     """A linear layer from tokens, and from constraints beside them, to a stage's input vectors."""
 
-    def __init__(self, plain: nn.Linear, told: nn.Linear | None, order: Tensor, dtype: torch.dtype) -> None:
+    def __init__(self, plain: nn.Linear, told: nn.Linear | None, order: Tensor) -> None:
         """order: which columns of `told` belong to the columns of a token; the others are the constraints'."""
         noisy = plain if told is None else told
         columns = torch.arange(plain.weight.shape[1], device=order.device) if told is None else order
         self.plain = plain
-        self.noisy = PackedLinear(noisy.weight[:, columns], noisy.bias, dtype)
+        self.noisy = PackedLinear(noisy.weight[:, columns], noisy.bias, torch.float32)
         self.goals = None if told is None else told.weight.detach()[:, plain.weight.shape[1] :]
 
     def added_by(self, body: Tensor, mask: Tensor) -> Tensor:
@@ -44,11 +44,10 @@ class Projection:
 
 
 class PackedDenoiser:
-    """A denoiser's weights in one precision, and the evaluation. Inputs and outputs are float32."""
+    """A denoiser's weights as they are served, and the evaluation. Inputs and outputs are float32."""
 
     def __init__(self, denoiser: Denoiser, num_base_steps: int, horizon: int, dtype: torch.dtype) -> None:
-        """horizon: frames that a window generates."""
-        self.dtype = dtype
+        """horizon: frames that a window generates. dtype: of the transformers' products, float32 or bfloat16."""
         self._denoiser = denoiser
         self._layout = denoiser.representation
         self._num_tokens = horizon // FRAMES_PER_TOKEN
@@ -58,12 +57,12 @@ class PackedDenoiser:
         # The released layer that is told constraints takes the latent before the root; tokens have the root first.
         order = torch.cat([torch.arange(ROOT_TOKEN_WIDTH) + latent_dim, torch.arange(latent_dim)]).to(device)
         told = denoiser.global_root_hybrid_constraints_proj
-        self._projections = [Projection(denoiser.global_root_hybrid_proj, told, order, dtype)]
+        self._projections = [Projection(denoiser.global_root_hybrid_proj, told, order)]
         if isinstance(denoiser, TwoStageDenoiser):
             self.stages.append(PackedStage(denoiser.body_model, num_base_steps, dtype))
             order = torch.arange(LOCAL_ROOT_TOKEN_WIDTH + latent_dim, device=device)
             told = denoiser.local_root_hybrid_constraints_proj
-            self._projections.append(Projection(denoiser.local_root_hybrid_proj, told, order, dtype))
+            self._projections.append(Projection(denoiser.local_root_hybrid_proj, told, order))
         self._step_vectors = torch.stack([stage.step_vectors for stage in self.stages])
         self._horizon_positions: dict[int, Tensor] = {}
 
@@ -122,7 +121,6 @@ class PackedDenoiser:
             return whole
 
         added = torch.stack([over_horizon(one.added_by(body[here], mask[here])) for one in self._projections])
-        added = added.to(self.dtype)
         vectors = future(torch.cat([root, body, mask], dim=-1)[ahead])
         placed = torch.stack([stage.placed_at(vectors, history_tokens, numbers[ahead]) for stage in self.stages])
         visible = placed.split(torch.bincount(rows[ahead], minlength=num_rows).tolist(), dim=1)
@@ -157,7 +155,7 @@ class PackedDenoiser:
             where, root, root_mask = batch.told
             noisy[where, :, :ROOT_TOKEN_WIDTH] = noisy[where, :, :ROOT_TOKEN_WIDTH] * (1 - root_mask) + root
         step_vectors = self._step_vectors[:, step[batch.rows]]
-        horizon = self._projections[0].noisy.plus(noisy.to(self.dtype), batch.horizon[0])
+        horizon = self._projections[0].noisy.plus(noisy, batch.horizon[0])
         result = self._run(batch, 0, step_vectors, horizon)
         if len(self.stages) > 1:
             latent = tokens[batch.rows, :, ROOT_TOKEN_WIDTH:]
@@ -166,7 +164,7 @@ class PackedDenoiser:
                 if slot.last is not None:
                     vectors = self._projections[1].plain(known[slot.first : slot.end, :1])
                     slot.last.copy_(self.stages[1].placed(vectors, slot.history, slot.history - 1)[:, 0])
-            horizon = self._projections[1].noisy.plus(known[:, 1:].to(self.dtype), batch.horizon[1])
+            horizon = self._projections[1].noisy.plus(known[:, 1:], batch.horizon[1])
             result = torch.cat([result, self._run(batch, 1, step_vectors, horizon)], dim=-1)
         return torch.zeros_like(tokens).index_add_(0, batch.rows, result * batch.weight)
 

@@ -45,17 +45,24 @@ class PackedLinear:
 
     def __call__(self, values: Tensor) -> Tensor:
         """values: (..., in) in the layer's precision."""
-        result: Tensor
-        if self._onednn:
-            pointwise = _POINTWISE[self._activation]
-            result = torch.ops.mkldnn._linear_pointwise(values, self._weight, self._bias, pointwise, [], "none")
-            return result
-        result = functional.linear(values, self._weight, self._bias)
-        return result if self._activation is None else self._activation(result)
+        return self._product(values, self._activation)
 
     def plus(self, values: Tensor, addend: Tensor) -> Tensor:
-        """The result for values (..., in), without the activation, plus an addend (..., out)."""
+        """The result for values (..., in), without the activation, plus an addend (..., out) in its precision.
+
+        A float32 addend to a product in another precision is added in float32.
+        """
+        if addend.dtype != self._weight.dtype or not self._onednn:
+            return addend + self._product(values, None)
+        operators = torch.ops.mkldnn._linear_pointwise
+        result: Tensor = operators.binary(values, addend, self._weight, self._bias, "add")
+        return result
+
+    def _product(self, values: Tensor, activation: Activation | None) -> Tensor:
         if self._onednn:
-            result: Tensor = torch.ops.mkldnn._linear_pointwise.binary(values, addend, self._weight, self._bias, "add")
+            result: Tensor = torch.ops.mkldnn._linear_pointwise(
+                values, self._weight, self._bias, _POINTWISE[activation], [], "none"
+            )
             return result
-        return functional.linear(values, self._weight, self._bias).add_(addend)
+        result = functional.linear(values, self._weight, self._bias)
+        return result if activation is None else activation(result)

@@ -13,19 +13,20 @@ from ardy.packed.stack import Group, PackedStack
 
 
 class PackedStage:
-    """A `StageTransformer` in one precision. Sequences are: text, step, heading, history, horizon, visible future."""
+    """A `StageTransformer` whose layers multiply in one precision; what goes in and comes out is float32.
+
+    Sequences are: text, step, heading, history, horizon, visible future.
+    """
 
     def __init__(self, stage: StageTransformer, num_base_steps: int, dtype: torch.dtype) -> None:
         self._stage = stage
-        self._dtype = dtype
         self.stack = PackedStack(stage.seqTransEncoder, dtype)
         self.num_prefix = stage.text_tokens + 1 + int(stage.linear_first_heading_angle is not None)
         self.step_position = stage.text_tokens
-        # The output is made in float32: the root it gives is metres, and centimetres are to be seen in it.
         self._output = PackedLinear.of(stage.output_linear, torch.float32)
         device = stage.output_linear.weight.device
         steps = torch.arange(num_base_steps, device=device)
-        self.step_vectors = (self._marked_prefix(stage.embed_timestep(steps), self.step_position)[:, 0]).to(dtype)
+        self.step_vectors = self._marked_prefix(stage.embed_timestep(steps), self.step_position)[:, 0]
 
     def _marked_prefix(self, vectors: Tensor, first: int) -> Tensor:
         """Prefix vectors (B, n, width) from prefix token `first` on, with what tells the prefix tokens apart."""
@@ -43,7 +44,7 @@ class PackedStage:
             angle = torch.stack([heading.cos(), heading.sin()], dim=-1)
             vector = stage.linear_first_heading_angle(angle).unsqueeze(1)
             parts.append(self._marked_prefix(vector, self.step_position + 1))
-        return torch.cat(parts, dim=1).to(self._dtype)
+        return torch.cat(parts, dim=1)
 
     def placed(self, vectors: Tensor, history_tokens: int, first_token: int) -> Tensor:
         """Token vectors (..., n, width) with their positions; first_token: the number of the first in the window."""
@@ -53,11 +54,12 @@ class PackedStage:
     def placed_at(self, vectors: Tensor, history_tokens: int, numbers: Tensor) -> Tensor:
         """Token vectors (..., n, width) with their positions; numbers: (n), of each token in its window."""
         places = numbers - history_tokens if self._stage.relative else numbers + self.num_prefix
-        return (vectors + self._stage.positions(places)).to(self._dtype)
+        placed: Tensor = vectors + self._stage.positions(places)
+        return placed
 
     def output(self, vectors: Tensor) -> Tensor:
         """The stage's result, float32, for encoded horizon tokens (..., width)."""
-        return self._output(vectors.float())
+        return self._output(vectors)
 
     def encode(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
         """The transformer on packed sequences (P, width)."""

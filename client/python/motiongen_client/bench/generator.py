@@ -94,15 +94,13 @@ class Generator:
         """Play the schedule from the moment start_at_s of time.monotonic. tell: called once a second."""
         self._started_at_s = start_at_s
         gc.collect()
-        gc.freeze()
-        gc.disable()  # a pause of the collector would be measured as a pause of the server
+        gc.freeze()  # so that collections are short: a pause of ours would be measured as one of the server
         try:
             probe = asyncio.create_task(self._probe(), name="bench-probe")
             await self._drive(tell)
             probe.cancel()
             await asyncio.gather(probe, return_exceptions=True)
         finally:
-            gc.enable()
             gc.unfreeze()
         end_s = self._now_s()
         for character in self._character_of.values():

@@ -12,6 +12,7 @@ import numpy as np
 
 from server.engine.config import EngineConfig
 from server.engine.engine import Engine
+from server.engine.ports import SchedulingPolicy
 from server.engine.report import StepReport
 from server.engine.types import (
     Close,
@@ -64,13 +65,19 @@ class Stage:
     delay_s: how long everything takes from a viewer to the engine, and from the engine to a viewer.
     """
 
-    def __init__(self, config: EngineConfig | None = None, report_every_s: float = 0.5, delay_s: float = 0.0) -> None:
+    def __init__(
+        self,
+        config: EngineConfig | None = None,
+        report_every_s: float = 0.5,
+        delay_s: float = 0.0,
+        scheduler: SchedulingPolicy | None = None,
+    ) -> None:
         self._delay_s = delay_s
         self._under_way: deque[tuple[float, Callable[[float], object]]] = deque()
         self.clock = FakeClock()
         self.clock.ticked = self._let_arrive
         self.runner = FakeRunner(self.clock)
-        self.engine = Engine(self.runner, self.clock, self._deliver, config or EngineConfig())
+        self.engine = Engine(self.runner, self.clock, self._deliver, config or EngineConfig(), scheduler=scheduler)
         self.viewers: dict[SessionKey, Viewer] = {}
         self.reports: list[StepReport] = []
         self.outputs: list[Output] = []

@@ -38,10 +38,11 @@ def test_a_view_stays_true_when_the_timeline_goes_on() -> None:
     assert view[:, 0].tolist() == list(range(10, 20))
 
 
-def test_trimming_frees_the_memory() -> None:
+def test_what_was_trimmed_is_let_go_at_the_next_splice() -> None:
     timeline = Timeline.empty(3, 3).spliced(0, _frames(0, 1000), _frames(0, 1000)).trimmed(990)
-    assert timeline.rows.base is None
     assert len(timeline.rows) == 10
+    timeline = timeline.spliced(1000, _frames(1000, 1040), _frames(1000, 1040))
+    assert (len(timeline.rows), timeline.rows.base) == (50, None)
 
 
 # ---- tokens ----------------------------------------------------------------------------------------------------------

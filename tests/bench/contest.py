@@ -116,7 +116,9 @@ class Contest:
         def trial(characters: int, measure_s: float) -> Trial:
             say(f"{name}: {characters} characters")
             warm_up_s = self.effort.warm_up_s
-            return run_trial(one, characters, self.habits, embeddings, self.config, warm_up_s, measure_s)
+            tried = run_trial(one, characters, self.habits, embeddings, self.config, warm_up_s, measure_s)
+            say(f"  {tried.missed:.1%} missed, {tried.windows_per_s:.1f} windows/s, others {tried.others_share:.0%}")
+            return tried
 
         def passes(characters: int) -> bool:
             for _ in range(MOST_REPEATS):

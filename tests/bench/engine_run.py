@@ -124,7 +124,7 @@ def ceiling(
     config, history_tokens = chosen.model.config, HISTORY_FRAMES // FRAMES_PER_TOKEN
     one_step = rate.passes * step_flops(config, Pass(history_tokens))
     decoding = decode_flops(config, chosen.model.skeleton.feature_dim - 5, history_tokens)
-    peak = product_flops_per_s(settings.device, DTYPES[settings.precision])
+    peak = product_flops_per_s(settings.device, DTYPES[settings.precision], settings.effort.product_s)
     window = settings.num_steps * one_step + decoding
     return Ceiling(chosen.name, settings.precision, rate, window, one_step, peak)
 

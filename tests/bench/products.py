@@ -7,14 +7,13 @@ from collections.abc import Callable
 
 import torch
 
-# Square products up to where the machine is at its best, and no larger than a moment's work.
+# Up to where the machine is at its best, and no larger than a moment's work.
 SIZES = {"cpu": (512, 1024, 1536), "cuda": (2048, 4096, 8192)}
-REPEATS_S = 0.4
 
 
-def product_flops_per_s(device: str, dtype: torch.dtype) -> float:
-    """The best rate over several sizes of square products, in FLOPs a second."""
-    return max(_rate(device, dtype, size) for size in SIZES["cpu" if device == "cpu" else "cuda"])
+def product_flops_per_s(device: str, dtype: torch.dtype, seconds: float) -> float:
+    """The best rate over several sizes of square products, in FLOPs a second; each is tried for so many seconds."""
+    return max(_rate(device, dtype, size, seconds) for size in SIZES["cpu" if device == "cpu" else "cuda"])
 
 
 def waits_for(device: str) -> Callable[[], None]:
@@ -23,13 +22,13 @@ def waits_for(device: str) -> Callable[[], None]:
 
 
 @torch.inference_mode()
-def _rate(device: str, dtype: torch.dtype, size: int) -> float:
+def _rate(device: str, dtype: torch.dtype, size: int, seconds: float) -> float:
     left, right = (torch.randn(size, size, device=device).to(dtype) for _ in range(2))
     result = torch.empty(size, size, device=device, dtype=dtype)
     synchronize = waits_for(device)
     torch.mm(left, right, out=result)
-    best_s, until = float("inf"), time.monotonic() + REPEATS_S
-    while time.monotonic() < until:
+    best_s, until = float("inf"), time.monotonic() + seconds
+    while best_s == float("inf") or time.monotonic() < until:
         synchronize()
         started_s = time.perf_counter()
         torch.mm(left, right, out=result)

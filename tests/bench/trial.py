@@ -72,6 +72,7 @@ class Effort:
     num_trials: int = 5
     offline_s: float = 1.5
     profile_s: float = 3.0
+    product_s: float = 0.4
 
     def lasting(self, seconds: float) -> Effort:
         """The same with trials of so many seconds."""

@@ -1,0 +1,46 @@
+"""The engine's table from beginning to end, as short as it can be: it runs, and says what it measured."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.bench.engine_picture import main as draw_from_file
+from tests.bench.engine_run import Report, Settings, run
+from tests.bench.engine_table import markdown, write
+from tests.bench.trial import Effort
+
+SHORT = Effort(warm_up_s=0.1, measure_s=0.2, latency_s=0.2, num_trials=1, offline_s=0.0, profile_s=0.05, product_s=0.0)
+
+
+@pytest.fixture(scope="module")
+def report() -> Report:
+    return run(Settings("tiny", "cpu", "float32", ("B0", "B4"), 2, 4, 1, SHORT))
+
+
+def test_every_contestant_was_tried_and_its_costs_are_known(report: Report) -> None:
+    assert [one.name for one in report.standings] == ["B0", "B4"]
+    for one in report.standings:
+        assert one.trials
+        assert one.offline_windows_per_s > 0
+        assert one.characters == max((trial.characters for trial in one.trials if trial.passed), default=0)
+        assert sum(trial.broken for trial in one.trials) == 0
+
+
+def test_efficiency_is_a_share_of_the_product(report: Report) -> None:
+    assert all(0 < one.efficiency < 1 for one in report.ceilings)
+
+
+def test_table_file_and_picture_are_written(report: Report, tmp_path: Path) -> None:
+    write(report, tmp_path)
+    table = (tmp_path / "engine.md").read_text(encoding="utf-8")
+    assert table == markdown(report)
+    for name in ("B0", "B4", "random weights, tiny"):
+        assert f"| {name}" in table
+    found = json.loads((tmp_path / "engine.json").read_text(encoding="utf-8"))
+    assert [one["name"] for one in found["standings"]] == ["B0", "B4"]
+    picture = tmp_path / "engine.png"
+    assert draw_from_file([str(tmp_path / "engine.json"), str(picture)]) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")

@@ -8,6 +8,7 @@ from pathlib import Path
 from server.config import ServerConfig
 from server.engine.ports import Deliver, Inbox, Observe
 from server.loading import build_engine, load_model
+from server.memory import keep_freed_memory
 from server.split.engine_main import Built, run
 
 
@@ -19,4 +20,5 @@ def build(config: ServerConfig, deliver: Deliver, observe: Observe, inbox: Inbox
 
 
 if __name__ == "__main__":
+    keep_freed_memory()
     sys.exit(run(Path(sys.argv[1]), build))

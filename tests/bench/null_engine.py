@@ -1,0 +1,23 @@
+"""An engine process that computes nothing: `python -m tests.bench.null_engine FOLDER`, which the null server starts."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from server.config import ServerConfig
+from server.engine.ports import Deliver, Inbox, Observe
+from server.loading import build_engine
+from server.memory import keep_freed_memory
+from server.split.engine_main import Built, run
+from tests.bench.null_runner import NullRunner
+
+
+def build(config: ServerConfig, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
+    runner = NullRunner()
+    return Built(build_engine(config, runner, deliver, observe, inbox), runner.facts, "none", threads=1)
+
+
+if __name__ == "__main__":
+    keep_freed_memory()
+    sys.exit(run(Path(sys.argv[1]), build))

@@ -9,8 +9,10 @@ import logging
 import signal
 import socket
 import sys
+import threading
 import time
 from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import grpc.aio
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
@@ -36,7 +38,18 @@ HEARTBEAT_LIMIT_S = 2.0
 """Older than this, the engine is too busy to be given more sessions."""
 HUNG_S = 30.0
 """Older than this, the engine will not come back and the process had better be restarted."""
-STOP_GRACE_S = 5.0
+STOP_GRACE_S = 2.0
+"""For each of the last words: to streams after the drain's grace, and to the engine's thread."""
+LAST_CALLS_S = 0.5
+"""For calls that have been answered to be told so; one that only watches the health does not hold the end up longer."""
+SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
+
+T = TypeVar("T")
+
+
+class StoppedEarly(Exception):
+    """Asked to stop before it was ready."""
 
 
 class Application:
@@ -63,27 +76,33 @@ class Application:
     # ---- startup ----------------------------------------------------------------------------------------------------
 
     async def start(self) -> None:
-        """Listen, load, warm up, and become ready. Raises SettingError for settings that cannot be served."""
+        """Listen, load, warm up, and become ready.
+
+        Raises SettingError for settings that cannot be served, StoppedEarly when asked to stop before it was ready.
+        """
         await self._start_ops()
         await self._start_grpc()
         try:
             await self._open()
-        except SettingError:
+        except (SettingError, StoppedEarly):
             await self._server.stop(None)
             raise
 
     async def _open(self) -> None:
         config = self._config
-        hosted = await asyncio.to_thread(
-            host_engine, config, self._load, self._deliver, self._metrics.observe, self._engine_command
+        hosted = await self._unless_stopped(
+            lambda: host_engine(config, self._load, self._deliver, self._metrics.observe, self._engine_command)
         )
         facts = hosted.facts
         self._prompts = PromptEncoder(hosted.encoder, config.prompt_cache, self._metrics.prompt_seconds.observe)
         self._engine = hosted.engine
-        self._service = MotionService(self._engine, self._prompts, make_catalog(config, hosted), config.flush_ms / 1000)
+        catalog = make_catalog(config, hosted)
+        self._service = MotionService(self._engine, self._prompts, catalog, config.flush_ms / 1000, self._metrics)
         self._engine.start()
         self._door.open(self._service)
         self._metrics.heartbeat_age.set_function(self._heartbeat_age_s)
+        self._metrics.streams.set_function(lambda: self._service.num_streams)
+        self._metrics.queue_bytes.set_function(lambda: self._service.num_waiting_bytes)
         self._metrics.build.labels(facts.model_id, facts.rig.rig_id).set(1)
         await self._set_health(health_pb2.HealthCheckResponse.SERVING)
         self._ready = True
@@ -91,6 +110,34 @@ class Application:
                   facts.model_id, hosted.licence, self.grpc_port, self.ops_port, hosted.threads)  # fmt: skip
         if config.print_ports:
             print(json.dumps({"grpc_port": self.grpc_port, "ops_port": self.ops_port}), flush=True)
+
+    async def _unless_stopped(self, work: Callable[[], T]) -> T:
+        """What `work` returns, done on a thread that does not keep the process from ending. Raises StoppedEarly."""
+        loop = asyncio.get_running_loop()
+        outcome: asyncio.Future[T] = loop.create_future()
+
+        def settle(act: Callable[[], None]) -> None:
+            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody waits any more
+                loop.call_soon_threadsafe(lambda: None if outcome.done() else act())
+
+        def run_work() -> None:
+            try:
+                result = work()
+            except Exception as error:
+                failure = error  # outlives the except clause
+                settle(lambda: outcome.set_exception(failure))
+            else:
+                settle(lambda: outcome.set_result(result))
+
+        threading.Thread(target=run_work, name="loading", daemon=True).start()
+        stopping = asyncio.create_task(self._stop.wait())
+        either: set[asyncio.Future[Any]] = {outcome, stopping}
+        await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
+        stopping.cancel()
+        if outcome.done():
+            return outcome.result()
+        outcome.cancel()
+        raise StoppedEarly
 
     def _deliver(self, outputs: Sequence[Output]) -> None:
         self._service.deliver(outputs)
@@ -182,8 +229,9 @@ class Application:
         await asyncio.wait({finished}, timeout=config.drain_grace_s)
         self._service.close_all()
         await asyncio.wait({finished}, timeout=STOP_GRACE_S)
+        # A client that does not read keeps its stream from ending; nothing more can be told to it.
+        await self._server.stop(LAST_CALLS_S if finished.done() else None)
         finished.cancel()
-        await self._server.stop(STOP_GRACE_S)
         self._engine.stop()
         await asyncio.to_thread(self._engine.join, STOP_GRACE_S)
         await self.stop_ops()
@@ -218,16 +266,31 @@ def make_catalog(config: ServerConfig, hosted: Hosted) -> Catalog:
     return Catalog(hosted.facts, limits, guidance, hosted.licence, hosted.encoder.identity, config.history_frames)
 
 
+def stop_on_signals(application: Application) -> None:
+    """Drain on the first signal; the next one ends the process at once, as if nobody caught it."""
+    loop = asyncio.get_running_loop()
+
+    def asked() -> None:
+        application.ask_to_stop()
+        for number in SIGNALS:
+            loop.remove_signal_handler(number)
+            signal.signal(number, signal.SIG_DFL)
+
+    for number in SIGNALS:
+        loop.add_signal_handler(number, asked)
+
+
 async def run(config: ServerConfig, load: Callable[[ServerConfig], Loaded] = load_all) -> int:
     """Start, serve until SIGTERM or SIGINT, drain. Returns the process's exit code."""
     application = Application(config, load)
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, application.ask_to_stop)
+    stop_on_signals(application)
     try:
         await application.start()
     except SettingError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except StoppedEarly:
+        _log.info("stopped before it was ready")
+        return 0
     await application.serve()
     return await application.drain()

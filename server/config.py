@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -13,6 +14,8 @@ from server.errors import SettingError
 ENVIRONMENT_PREFIX = "MOTIONGEN_"
 DEFAULT_LOOKAHEAD_FRAMES = 40
 PRECISIONS = ("float32", "bfloat16", "auto")
+_LINK_NAME = re.compile(r"_SERVICE_HOST$|_SERVICE_PORT(_\w+)?$|_PORT_\d+_(TCP|UDP|SCTP)(_PROTO|_PORT|_ADDR)?$")
+_LINK_ADDRESS = re.compile(r"(tcp|udp|sctp)://")
 LOG_LEVELS = ("DEBUG", "INFO", "WARNING", "ERROR")
 
 
@@ -91,9 +94,20 @@ def environment_name(name: str) -> str:
     return ENVIRONMENT_PREFIX + name.upper()
 
 
+def is_service_link(name: str, value: str) -> bool:
+    """Whether a variable is one that Kubernetes sets for each Service, one of the name motiongen or motiongen-... here.
+
+    Such as MOTIONGEN_SERVICE_HOST, and MOTIONGEN_PORT=tcp://10.0.0.7:50051, which has the name of a setting.
+    """
+    return name.startswith(ENVIRONMENT_PREFIX) and bool(
+        _LINK_NAME.search(name) or (name.endswith("_PORT") and _LINK_ADDRESS.match(value))
+    )
+
+
 def parse_config(arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> ServerConfig:
     """The configuration that flags and environment ask for. Raises SettingError; --help exits."""
     environment = os.environ if environment is None else environment
+    environment = {name: value for name, value in environment.items() if not is_service_link(name, value)}
     known = {each.name: each for each in fields(ServerConfig)}
     unknown = sorted(
         name

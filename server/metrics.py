@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector
 
 from server.engine.report import StepReport
-from server.engine.types import Code, PlayState, Priority
+from server.engine.types import Code, PlayState, Priority, ServiceTier
 
 LATENCY_BUCKETS = (0.005, 0.01, 0.02, 0.03, 0.05, 0.075, 0.1, 0.15, 0.25, 0.5, 1.0, 2.5)
 STEP_BUCKETS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
@@ -78,10 +78,40 @@ class Metrics:
         )
         self.nan_rows = Counter("motiongen_nan_rows", "Rows that turned to NaN or infinity.", registry=registry)
         self.faults = Counter("motiongen_runner_faults", "Calls of the model that failed.", registry=registry)
+        self.memory_splits = Counter(
+            "motiongen_memory_splits", "Calls of the model made smaller for want of memory.", registry=registry
+        )
+        self.soft_resets = Counter("motiongen_soft_resets", "Characters righted after they drifted.", registry=registry)
+        self.held = Counter(
+            "motiongen_frames_held", "Frames that repeat a pose for want of a window.", registry=registry
+        )
+        self.load = Gauge("motiongen_load", "Share of the machine in use, 1 being all of it.", registry=registry)
+        self.tier = Gauge(
+            "motiongen_service_tier", "What a class is served: 1 all, 2 fewer steps, 3 no guidance, 5 a held pose.",
+            ["class"], registry=registry,
+        )  # fmt: skip
+        self.rejects = Counter(
+            "motiongen_admission_rejects",
+            "Sessions refused for want of room, by reason.",
+            ["reason"],
+            registry=registry,
+        )
+        self.slow_readers = Counter(
+            "motiongen_slow_reader_closes", "Streams whose sessions were closed for reading slowly.", registry=registry
+        )
+        self.dropped = Counter(
+            "motiongen_frames_dropped", "Frames taken out of a stream's queue unsent.", registry=registry
+        )
+        self.streams = Gauge("motiongen_streams", "Open streams.", registry=registry)
+        self.queue_bytes = Gauge(
+            "motiongen_outbound_queue_bytes", "What waits to be written to all streams.", registry=registry
+        )
         self.heartbeat_age = Gauge(
             "motiongen_engine_heartbeat_age_seconds", "Since the engine's loop last went round.", registry=registry
         )
         self._set_sessions({})
+        self._set_tiers(dict.fromkeys(Priority, ServiceTier.FULL))
+        ProcessCollector(registry=registry)
 
     def observe(self, report: StepReport) -> None:
         """Count what one engine step did; called on the engine's thread."""
@@ -112,7 +142,26 @@ class Metrics:
         self.restarted.inc(report.windows_restarted)
         self.nan_rows.inc(report.nan_rows)
         self.faults.inc(report.runner_faults)
+        self.memory_splits.inc(report.memory_splits)
+        self.soft_resets.inc(report.soft_resets)
+        self.held.inc(report.frames_held)
+        if report.load is not None:
+            self.load.set(report.load)
+        if report.tiers is not None:
+            self._set_tiers(report.tiers)
         self._count_sessions(report)
+
+    def reject(self, reason: str) -> None:
+        """As in Tally."""
+        self.rejects.labels(reason).inc()
+
+    def give_up_on_reader(self) -> None:
+        """As in Tally."""
+        self.slow_readers.inc()
+
+    def drop_frames(self, count: int) -> None:
+        """As in Tally."""
+        self.dropped.inc(count)
 
     def _count_sessions(self, report: StepReport) -> None:
         for code in report.opens:
@@ -121,6 +170,10 @@ class Metrics:
             self.closes.labels(reason.name).inc()
         if report.sessions is not None:
             self._set_sessions(report.sessions)
+
+    def _set_tiers(self, tiers: Mapping[Priority, ServiceTier]) -> None:
+        for priority, tier in tiers.items():
+            self.tier.labels(priority.name).set(tier.value)
 
     def _set_sessions(self, counts: Mapping[tuple[Priority, PlayState], int]) -> None:
         # All of them, 0 too: a series that comes and goes makes gaps, and clearing first would race with a scrape.

@@ -21,6 +21,7 @@ from server.errors import StreamRefused
 from server.methods import CatalogContext, StreamContext
 from server.prompts import PromptEncoder
 from server.stream import Stream
+from server.tally import Tally
 
 _log = logging.getLogger(__name__)
 
@@ -32,11 +33,19 @@ EVENTS_A_TURN = 64
 class MotionService:
     """Carries events from streams to the engine and outputs back. Lives on one event loop."""
 
-    def __init__(self, engine: EventSink, prompts: PromptEncoder, catalog: Catalog, flush_s: float = 0.02) -> None:
+    def __init__(
+        self,
+        engine: EventSink,
+        prompts: PromptEncoder,
+        catalog: Catalog,
+        flush_s: float = 0.02,
+        tally: Tally | None = None,
+    ) -> None:
         self._engine = engine
         self._prompts = prompts
         self._catalog = catalog
         self._flush_s = flush_s
+        self._tally = tally
         self._replica_id = secrets.token_hex(4)
         self._numbers = itertools.count(1)
         self._streams: dict[int, Stream] = {}
@@ -48,6 +57,11 @@ class MotionService:
     @property
     def num_streams(self) -> int:
         return len(self._streams)
+
+    @property
+    def num_waiting_bytes(self) -> int:
+        """What waits to be written to all streams."""
+        return sum(stream.outbox.num_bytes for stream in list(self._streams.values()))
 
     # ---- from the engine's thread -----------------------------------------------------------------------------------
 
@@ -79,7 +93,7 @@ class MotionService:
         self, request_iterator: AsyncIterator[service_pb2.StreamMotionRequest], context: StreamContext
     ) -> None:
         """One stream, from its hello to its end."""
-        stream = Stream(next(self._numbers), self._engine, self._prompts, self._catalog)
+        stream = Stream(next(self._numbers), self._engine, self._prompts, self._catalog, self._tally)
         stream.flush_s = self._flush_s
         stream.accepts_opens = self._ends_at is None
         self._streams[stream.number] = stream

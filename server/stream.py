@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from motiongen.v1 import service_pb2, session_pb2
 from server.catalog import Catalog
 from server.convert import Parts, append_frames, append_update, engine_event, playhead_of, prompt_texts, write_update
-from server.engine.types import Chunk, Close, Closed, CloseReason, Opened, Outcome, Output, PlanNotice, SessionKey
+from server.engine.types import Chunk, Close, Closed, CloseReason, Code, Opened, Outcome, Output, PlanNotice, SessionKey
 from server.engine_port import EventSink
 from server.errors import EventRefused
 from server.link import Link
@@ -34,6 +34,7 @@ from server.refusals import (
     too_fast,
     too_many_sessions,
 )
+from server.tally import NoTally, Tally
 
 _log = logging.getLogger(__name__)
 
@@ -46,7 +47,9 @@ Embeddings = dict[str, NDArray[np.float32]]
 class Stream:
     """The state of one StreamMotion call. Everything here runs on the event loop."""
 
-    def __init__(self, number: int, engine: EventSink, prompts: PromptEncoder, catalog: Catalog) -> None:
+    def __init__(
+        self, number: int, engine: EventSink, prompts: PromptEncoder, catalog: Catalog, tally: Tally | None = None
+    ) -> None:
         self.number = number
         self.outbox = Outbox()
         self.ready = asyncio.Event()  # something to write, or the end
@@ -60,6 +63,8 @@ class Stream:
         self._engine = engine
         self._prompts = prompts
         self._catalog = catalog
+        self._tally = tally or NoTally()
+        self._dropped_told = 0
         self._links: dict[int, Link] = {}
         self._bucket = TokenBucket(catalog.limits.stream_events_per_second, time.monotonic())
         self._patience: asyncio.TimerHandle | None = None  # runs while more waits than may wait for long
@@ -83,6 +88,8 @@ class Stream:
         except EventRefused as refusal:
             # It never became an event of the session, so the session's books must not know its number.
             key = SessionKey(self.number, event.session)
+            if kind == "open" and refusal.code is Code.RESOURCE_EXHAUSTED:
+                self._tally.reject(refusal.reason)
             self._say(refusal_outcome(key, event.event_seq, refusal), link)
             return
         if link is None:
@@ -232,6 +239,8 @@ class Stream:
         elif isinstance(output, Outcome) and output.event_seq:
             link.answer(output.event_seq)
             if output.event_seq == 1:  # an OpenSession has an outcome only when it is refused: the handle is unused
+                if output.code is Code.RESOURCE_EXHAUSTED:
+                    self._tally.reject(output.reason)
                 self._refuse_waiting(link)
                 del self._links[link.key.handle]
         elif isinstance(output, Closed):
@@ -292,6 +301,9 @@ class Stream:
     def _check_backlog(self) -> None:
         """Close every session when the client reads too slowly: too much unsent at once, or a lot for too long."""
         limits, waiting = self._catalog.limits, self.outbox.num_bytes
+        if self.outbox.dropped_frames > self._dropped_told:
+            self._tally.drop_frames(self.outbox.dropped_frames - self._dropped_told)
+            self._dropped_told = self.outbox.dropped_frames
         if waiting <= limits.soft_backlog_bytes:
             self._end_patience()
         elif waiting > limits.hard_backlog_bytes:
@@ -306,6 +318,8 @@ class Stream:
 
     def _give_up_on_reader(self) -> None:
         self._end_patience()
+        if any(not link.muted for link in self._links.values()):
+            self._tally.give_up_on_reader()
         for link in self._links.values():
             link.muted = True
         self.outbox.drop_frames()

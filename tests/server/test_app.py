@@ -15,8 +15,8 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
 from ardy.model_card import BUILT_IN_MODEL
-from motiongen.v1 import service_pb2, service_pb2_grpc
-from server.app import SERVICE_NAME, Application, Loaded, join_address
+from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
+from server.app import SERVICE_NAME, Application, Loaded, StoppedEarly, join_address
 from server.config import ServerConfig
 from server.errors import SettingError
 from server.loading import build_engine, load_model
@@ -164,6 +164,51 @@ async def test_asked_to_stop_it_ends_with_0_and_tells_health() -> None:
             assert (await watch.read()).status == NOT_SERVING
             watch.cancel()
             assert await draining == 0
+
+
+async def test_asked_to_stop_while_it_loads_it_ends_without_waiting_for_the_model() -> None:
+    loaded = threading.Event()
+    loading = asyncio.Event()
+    loop = asyncio.get_running_loop()
+
+    def slow(settings: ServerConfig) -> Loaded:
+        loop.call_soon_threadsafe(loading.set)
+        loaded.wait()
+        return load(settings)
+
+    async with asyncio.timeout(LIMIT_S):
+        application = Application(config(), slow)
+        starting = asyncio.create_task(application.start())
+        await loading.wait()
+        application.ask_to_stop()
+        with pytest.raises(StoppedEarly):
+            await starting
+        async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
+            with pytest.raises(grpc.aio.AioRpcError) as refused:
+                await service_pb2_grpc.MotionServiceStub(channel).GetCatalog(service_pb2.GetCatalogRequest())
+        assert refused.value.code() is grpc.StatusCode.UNAVAILABLE
+        await application.stop_ops()
+    loaded.set()
+
+
+async def test_a_client_that_does_not_read_does_not_hold_up_the_end() -> None:
+    async with asyncio.timeout(LIMIT_S):
+        application = Application(config(), load)
+        await application.start()
+        async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
+            stub = service_pb2_grpc.MotionServiceStub(channel)
+            call = stub.StreamMotion()
+            await call.write(service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello()))
+            unknown = service_pb2.StreamMotionRequest(events=[session_pb2.SessionEvent(session=5)] * 50_000)
+            value = application._metrics.registry.get_sample_value
+            flooding = asyncio.create_task(call.write(unknown))
+            while (value("motiongen_outbound_queue_bytes") or 0) < 1 << 20:
+                await asyncio.sleep(0)
+            application.ask_to_stop()
+            await application.serve()
+            assert await application.drain() == 0
+            call.cancel()
+            await asyncio.gather(flooding, return_exceptions=True)
 
 
 async def test_until_the_goodbye_sessions_still_open() -> None:

@@ -78,6 +78,30 @@ def test_an_environment_name_that_is_no_setting_is_refused() -> None:
         parse_config([], {"MOTIONGEN_PROT": "1"})
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("MOTIONGEN_SERVICE_HOST", "10.0.0.7"),
+        ("MOTIONGEN_SERVICE_PORT", "50051"),
+        ("MOTIONGEN_SERVICE_PORT_GRPC", "50051"),
+        ("MOTIONGEN_PORT", "tcp://10.0.0.7:50051"),
+        ("MOTIONGEN_OPS_PORT", "tcp://10.0.0.8:9464"),
+        ("MOTIONGEN_PORT_50051_TCP", "tcp://10.0.0.7:50051"),
+        ("MOTIONGEN_PORT_50051_TCP_ADDR", "10.0.0.7"),
+        ("MOTIONGEN_WEST_SERVICE_HOST", "10.0.0.9"),
+        ("MOTIONGEN_WEST_PORT", "tcp://10.0.0.9:50051"),
+    ],
+)
+def test_what_kubernetes_says_of_a_service_of_our_name_is_no_setting(name: str, value: str) -> None:
+    assert parse_config([], {name: value}) == ServerConfig()
+
+
+@pytest.mark.parametrize("name", ["MOTIONGEN_WEST_PORT", "MOTIONGEN_SERVICE", "MOTIONGEN_PORT_X_TCP"])
+def test_what_only_looks_a_little_like_it_is_refused(name: str) -> None:
+    with pytest.raises(SettingError, match=name):
+        parse_config([], {name: "5"})
+
+
 def test_the_lookahead_reaches_over_the_horizon_unless_it_is_set() -> None:
     assert [ServerConfig().lookahead_for(horizon) for horizon in (8, 40, 52)] == [40, 40, 52]
     assert ServerConfig(lookahead_frames=60).lookahead_for(52) == 60

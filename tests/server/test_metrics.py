@@ -5,14 +5,20 @@ from __future__ import annotations
 from prometheus_client import Metric
 
 from server.engine.report import EventLatency, StepReport
-from server.engine.types import CloseReason, Code, PlanCause, PlayState, Priority
+from server.engine.types import CloseReason, Code, PlanCause, PlayState, Priority, ServiceTier
 from server.metrics import Metrics
 
 SET_BY_THE_APPLICATION = {
     "motiongen_build_info",
     "motiongen_prompt_encode_seconds",
     "motiongen_engine_heartbeat_age_seconds",
+    "motiongen_admission_rejects",
+    "motiongen_slow_reader_closes",
+    "motiongen_frames_dropped",
+    "motiongen_streams",
+    "motiongen_outbound_queue_bytes",
 }
+OF_THE_PROCESS = "process_"
 
 
 def full_report() -> StepReport:
@@ -29,6 +35,11 @@ def full_report() -> StepReport:
         windows=[(Priority.NEAR, PlanCause.EDIT)],
         deadline_misses=[Priority.HERO],
         frames_sent=40,
+        memory_splits=1,
+        soft_resets=2,
+        frames_held=8,
+        load=0.7,
+        tiers={Priority.CROWD: ServiceTier.HOLD},
         frames_superseded=7,
         windows_discarded=1,
         windows_restarted=2,
@@ -53,7 +64,7 @@ def touched(family: Metric) -> bool:
 
 def test_every_metric_has_the_prefix_and_a_meaning() -> None:
     for name, family in families(Metrics()).items():
-        assert name.startswith("motiongen_")
+        assert name.startswith(("motiongen_", OF_THE_PROCESS))
         assert family.documentation.endswith(".")
 
 
@@ -61,6 +72,7 @@ def test_a_full_report_sets_every_metric_that_the_application_does_not() -> None
     metrics = Metrics()
     metrics.observe(full_report())
     untouched = {name for name, family in families(metrics).items() if not touched(family)}
+    untouched = {name for name in untouched if not name.startswith(OF_THE_PROCESS)}
     assert untouched == SET_BY_THE_APPLICATION
 
 
@@ -77,6 +89,29 @@ def test_the_numbers_arrive() -> None:
     assert value("motiongen_session_opens_total", {"code": "RESOURCE_EXHAUSTED"}) == 2
     assert value("motiongen_event_first_frame_seconds_sum", {"class": "NEAR", "kind": "prompt"}) == 0.24
     assert value("motiongen_sessions", {"class": "NEAR", "state": "PLAYING"}) == 6
+
+
+def test_what_the_streams_count_arrives() -> None:
+    metrics = Metrics()
+    metrics.reject("OVERLOADED")
+    metrics.give_up_on_reader()
+    metrics.drop_frames(12)
+    value = metrics.registry.get_sample_value
+    assert value("motiongen_admission_rejects_total", {"reason": "OVERLOADED"}) == 1
+    assert value("motiongen_slow_reader_closes_total") == 1
+    assert value("motiongen_frames_dropped_total") == 12
+
+
+def test_the_tier_of_every_class_is_there_from_the_start_and_follows_the_reports() -> None:
+    metrics = Metrics()
+    value = metrics.registry.get_sample_value
+    assert [value("motiongen_service_tier", {"class": priority.name}) for priority in Priority] == [1] * len(Priority)
+    metrics.observe(full_report())
+    assert value("motiongen_service_tier", {"class": "CROWD"}) == ServiceTier.HOLD.value
+
+
+def test_the_memory_of_the_process_is_told() -> None:
+    assert (Metrics().registry.get_sample_value("process_resident_memory_bytes") or 0) > 1 << 20
 
 
 def test_a_step_without_rows_is_no_denoising_step() -> None:

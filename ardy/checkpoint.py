@@ -49,7 +49,7 @@ def load_checkpoint(
     feature_dim = load_skeleton(config.skeleton).feature_dim
     stats = _collect(problems, lambda: _read_stats(folder, layout.motion_stats, feature_dim + LOCAL_ROOT_WIDTH))
     with torch.device("meta"):
-        model = build_model(config, stats or _identity_stats(feature_dim + LOCAL_ROOT_WIDTH))
+        model = _built(folder, lambda: build_model(config, stats or _identity_stats(feature_dim + LOCAL_ROOT_WIDTH)))
     fill_denoiser = _collect(problems, lambda: _prepare(model.denoiser, folder, layout.denoiser, _denoiser_name, dtype))
     fill_tokenizer = None
     if model.tokenizer is not None:
@@ -74,7 +74,8 @@ def load_tokenizer(
     problems: list[str] = []
     stats = _collect(problems, lambda: _read_stats(folder, layout.motion_stats, width))
     with torch.device("meta"):
-        tokenizer = build_tokenizer(config, Representation(skeleton, fps, stats or _identity_stats(width)))
+        features = Representation(skeleton, fps, stats or _identity_stats(width))
+        tokenizer = _built(folder, lambda: build_tokenizer(config, features))
     fill = _prepare_tokenizer(tokenizer, folder, layout, dtype, problems)
     if fill is not None and not problems:
         _collect(problems, fill)
@@ -125,12 +126,16 @@ def _collect(problems: list[str], read: Callable[[], PART]) -> PART | None:
 
 
 def _read_config(folder: Path, read: Callable[[object], PART]) -> PART:
-    path = path_inside(folder, CONFIG_FILE)
-    content = read_yaml(path)
+    content = read_yaml(path_inside(folder, CONFIG_FILE))
+    return _built(folder, lambda: read(content))
+
+
+def _built(folder: Path, build: Callable[[], PART]) -> PART:
+    """What is built from a folder's configuration; where that cannot be, CheckpointError names the file."""
     try:
-        return read(content)
+        return build()
     except ConfigError as error:
-        raise CheckpointError([f"{path}: {problem}" for problem in error.problems]) from error
+        raise CheckpointError([f"{folder / CONFIG_FILE}: {problem}" for problem in error.problems]) from error
 
 
 def _read_stats(folder: Path, relative: str, width: int) -> Stats:

@@ -117,6 +117,7 @@ def test_a_header_that_claims_gigabytes_is_refused(folder: Path) -> None:
         (lambda config: config.update(cfg_type="odd"), "cfg_type"),
         (lambda config: config["denoiser"].update(num_heads=7), "multiple of num_heads"),
         (lambda config: config["autoencoder"].update(num_fsq_levels=8), "latent_dim"),
+        (lambda config: config.pop("autoencoder"), r"config\.yaml: .* without a tokenizer it must be 1300"),
     ],
 )
 def test_a_config_that_cannot_be_built_is_refused(

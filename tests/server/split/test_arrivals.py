@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from server.engine.types import Close, Closed, CloseReason, Code, Event, Open, SessionKey, SetPlayState
@@ -39,6 +39,7 @@ def test_a_close_that_comes_before_its_open_follows_it_at_once() -> None:
     assert arrivals.in_order(Events(1, (first, edit))) == [first, last]
 
 
+@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(st.sampled_from(["open", "edit", "close"]), max_size=40), st.data())
 def test_in_whatever_order_the_two_ways_deliver_a_session_begins_and_ends_once(
     wishes: list[str], data: st.DataObject

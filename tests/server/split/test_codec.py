@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
@@ -75,6 +75,7 @@ CODECS = {
 
 
 @pytest.mark.parametrize("kind", CODECS, ids=lambda kind: kind.__name__)
+@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_every_message_comes_out_as_it_went_in(kind: type, data: st.DataObject) -> None:
     message = data.draw(values(kind))

@@ -304,10 +304,10 @@ class Stream:
         if self.outbox.dropped_frames > self._dropped_told:
             self._tally.drop_frames(self.outbox.dropped_frames - self._dropped_told)
             self._dropped_told = self.outbox.dropped_frames
-        if waiting <= limits.soft_backlog_bytes:
-            self._end_patience()
-        elif waiting > limits.hard_backlog_bytes:
+        if waiting > limits.hard_backlog_bytes:
             self._give_up_on_reader()
+        elif waiting <= limits.soft_backlog_bytes:
+            self._end_patience()
         elif self._patience is None:
             self._patience = asyncio.get_running_loop().call_later(limits.backlog_s, self._give_up_on_reader)
 

@@ -45,11 +45,15 @@ class LengthEncoder:
 class LocalServer:
     """Use as `async with LocalServer() as server`. address: where it listens."""
 
+    def __init__(self, limits: Limits | None = None, engine_config: EngineConfig | None = None) -> None:
+        self._limits = limits or Limits()
+        self._engine_config = engine_config or EngineConfig()
+
     async def __aenter__(self) -> LocalServer:
-        limits = Limits()
+        limits = self._limits
         self.runner = FakeRunner(RealTime())
         self.prompts = PromptEncoder(LengthEncoder(), 1000)
-        self.engine = Engine(self.runner, self.runner.clock, self._deliver, EngineConfig())
+        self.engine = Engine(self.runner, self.runner.clock, self._deliver, self._engine_config)
         catalog = Catalog(FACTS, limits, Guidance(2.0, 2.0), "CC0-1.0", self.prompts.identity, history_frames=16)
         self.service = MotionService(self.engine, self.prompts, catalog)
         self._server = grpc.aio.server(options=[("grpc.max_receive_message_length", limits.max_request_bytes)])

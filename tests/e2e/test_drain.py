@@ -77,6 +77,22 @@ async def test_sigterm_under_a_live_stream_says_goodbye_and_ends_with_0() -> Non
         assert await process.wait() == 0, "it did not wait for the end of the grace"
 
 
+async def test_a_second_sigterm_ends_it_at_once() -> None:
+    async with (
+        asyncio.timeout(LIMIT_S),
+        serving("--drain-wait-s", "0", "--drain-grace-s", "3600") as (process, ports),
+        grpc.aio.insecure_channel(f"localhost:{ports['grpc_port']}") as channel,
+    ):
+        stub = service_pb2_grpc.MotionServiceStub(channel)
+        talk = Talk(stub, await stub.GetCatalog(service_pb2.GetCatalogRequest()))  # type: ignore[arg-type, misc]
+        await talk.hello()
+        await talk.open(1)
+        process.send_signal(signal.SIGTERM)
+        await talk.until(lambda: talk.responses[-1].HasField("goodbye"))
+        process.send_signal(signal.SIGTERM)
+        assert await process.wait() == -signal.SIGTERM
+
+
 async def test_sessions_that_stay_are_closed_as_drained_when_the_grace_is_over() -> None:
     async with (
         asyncio.timeout(LIMIT_S),

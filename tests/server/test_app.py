@@ -202,7 +202,7 @@ async def test_a_client_that_does_not_read_does_not_hold_up_the_end() -> None:
             unknown = service_pb2.StreamMotionRequest(events=[session_pb2.SessionEvent(session=5)] * 50_000)
             value = application._metrics.registry.get_sample_value
             flooding = asyncio.create_task(call.write(unknown))
-            while (value("motiongen_outbound_queue_bytes") or 0) < 1 << 20:
+            while (value("motiongen_outbound_queue_bytes") or 0) < 1 << 20:  # noqa: ASYNC110  no event tells it
                 await asyncio.sleep(0)
             application.ask_to_stop()
             await application.serve()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import importlib.util
 import math
 import os
 import secrets
@@ -20,11 +21,13 @@ from motiongen_client.bench.run import run_load
 from motiongen_client.bench.scenario import BUILT_IN, load_scenario
 from motiongen_client.bench.search import Found, find_most
 from motiongen_client.console import make_console
+from motiongen_client.errors import InvalidInput, MissingExtra
 from motiongen_client.server_process import ServerProcess
 
 VOID = 3  # exit code of a run whose figures do not count
 _CHARACTERS_A_PROCESS = 2000
 _REST_S = 10.0
+_NEEDED = {"hdrh": "hdrhistogram", "matplotlib": "matplotlib", "psutil": "psutil", "yaml": "pyyaml"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,13 +69,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a run is void when the load itself was later than this (p99; default: %(default)g)",
     )
     parser.add_argument(
-        "--out", type=Path, default=Path("bench_out"), metavar="FOLDER", help="of the report (default: %(default)s)"
+        "--out", type=Path, default=Path("out/load"), metavar="FOLDER", help="of the report (default: %(default)s)"
     )
 
 
 async def bench(options: argparse.Namespace) -> int:
     """Run, print, write. Returns 3 when the figures do not count, else 0."""
     console = make_console()
+    _check_report(options.out)
     standard = Standard(options.max_misses / 100, options.max_lag_ms)
     scenario = load_scenario(options.scenario)
     load = Load(
@@ -117,6 +121,19 @@ async def bench(options: argparse.Namespace) -> int:
     if found is not None:
         return VOID if found.limited_by_generator else 0
     return VOID if result is None or result.void_reasons() else 0
+
+
+def _check_report(out: Path) -> None:
+    """Find out before the run whether its report can be written. Raises MissingExtra, InvalidInput."""
+    for module, package in _NEEDED.items():
+        if importlib.util.find_spec(module) is None:
+            raise MissingExtra("motiongen bench", package, "bench")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidInput("--out", str(out), f"a folder that can be made and written ({error.strerror})") from None
+    if not os.access(out, os.W_OK):
+        raise InvalidInput("--out", str(out), "a folder that can be written")
 
 
 def num_processes(characters: int) -> int:

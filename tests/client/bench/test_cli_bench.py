@@ -69,9 +69,10 @@ def test_the_most_characters_are_found(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 def test_steps_that_the_model_cannot_do_are_refused(
-    null_server: str, short_scenario: Path, capsys: pytest.CaptureFixture[str]
+    null_server: str, short_scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(["bench", "--server", null_server, "--scenario", str(short_scenario), "--steps", "99"]) == 1
+    load = ["--server", null_server, "--scenario", str(short_scenario), "--steps", "99"]
+    assert run(["bench", *load, "--out", str(tmp_path)]) == 1
     assert "99 was given; allowed is 2 to 10, which is what null can do" in capsys.readouterr().err
 
 
@@ -86,9 +87,22 @@ def test_steps_that_the_model_cannot_do_are_refused(
         (["--server", "localhost:1", "--start-server"], 2, "not allowed with argument"),
     ],
 )
-def test_mistakes_are_told(arguments: list[str], code: int, message: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["bench", *arguments]) == code
+def test_mistakes_are_told(
+    arguments: list[str], code: int, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["bench", "--out", str(tmp_path), *arguments]) == code
     assert message in capsys.readouterr().err
+
+
+def test_a_report_that_could_not_be_written_is_found_out_before_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("in the way")
+    assert run(["bench", "--server", "localhost:1", "--out", str(tmp_path / "file")]) == 1
+    assert "a folder that can be made and written (File exists)" in capsys.readouterr().err
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "hdrh" else object())
+    assert run(["bench", "--server", "localhost:1", "--out", str(tmp_path)]) == 1
+    assert "motiongen bench needs hdrhistogram: install it with `pip install" in capsys.readouterr().err
 
 
 def test_more_characters_may_have_more_processes_but_leave_cores(monkeypatch: pytest.MonkeyPatch) -> None:

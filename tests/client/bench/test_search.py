@@ -97,6 +97,21 @@ async def test_a_void_run_proves_nothing_and_is_said_to() -> None:
     assert found.limited_by_generator
 
 
+async def test_a_run_that_was_void_by_chance_is_made_again() -> None:
+    machine = Machine(serves=20)
+    honest, unlucky = machine.run, iter([50.0])
+
+    async def run(load: Load) -> Result:
+        result = await honest(load)
+        return result if load.characters != 16 else make_result(characters=16, lag_ms=next(unlucky, 0.5))
+
+    machine.run = run  # type: ignore[method-assign]
+    found = await machine.search()
+    assert found.characters == 20
+    assert machine.tried.count((16, 5)) == 2
+    assert not found.limited_by_generator
+
+
 async def test_nobody_served_is_an_answer_too() -> None:
     found = await Machine(serves=0).search(start=5)
     assert (found.characters, found.result) == (0, None)

@@ -122,7 +122,13 @@ class Day:
         for viewer in stage.viewers.values():
             if viewer.opened is not None and viewer.closed is None:
                 stage.pause(viewer, False)
-        stage.run(40.0 if stage.runner.holds else 5.0)
+        stage.run(5.0)
+        # A pose that is held is held on for a while, and the edits of its session wait.
+        limit_at = stage.clock.now() + 200.0
+        while any(stage.engine._pressure.rung(priority).hold for priority in Priority):
+            assert stage.clock.now() < limit_at, "held for ever"
+            stage.run(1.0)
+        stage.run(5.0)
         stage.check_finished()
         self._check_jobs()
         for viewer in self.crowd.all:

@@ -1,6 +1,7 @@
 """Golden messages: a line for each, with its name, its content and its bytes.
 
-`python -m tests.contract.golden` adds lines. A line is never changed or taken out. A line is added for each message that has a field no line shows yet.
+`python -m tests.contract.golden` adds lines: for each message that has a field no line shows yet. A line is never
+changed or taken out.
 """
 
 from __future__ import annotations

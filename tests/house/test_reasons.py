@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 REASON = re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)+|INTERNAL")
-REFUSALS = {"EventRefused", "EditRefused", "StreamRefused", "Outcome", "refuse", "check_range", "check_count"}
+REFUSALS = {"EventRefused", "EditRefused", "StreamRefused", "Outcome", "refuse", "_full", "check_range", "check_count"}
 # Built from the name of what was edited.
 COMPOSED = {"UNKNOWN_PROMPT", "UNKNOWN_CONSTRAINT"}
 # Said of what is allowed.
@@ -18,7 +18,7 @@ VALUES = {"F32_LE"}
 def reasons_in(source: str) -> Iterator[str]:
     """What looks like a reason in a refusal's arguments, in a tuple of its parts, or assigned to `reason`."""
     for node in ast.walk(ast.parse(source)):
-        is_refusal = isinstance(node, ast.Call) and getattr(node.func, "id", "") in REFUSALS
+        is_refusal = isinstance(node, ast.Call) and ast.unparse(node.func).rpartition(".")[2] in REFUSALS
         is_reason = isinstance(node, ast.Assign) and any(getattr(name, "id", "") == "reason" for name in node.targets)
         if is_refusal or is_reason or isinstance(node, ast.Tuple):
             for inner in ast.walk(node):

@@ -1,0 +1,28 @@
+"""docs/operations.md: the metrics and settings it names are those that there are."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields
+from typing import Any
+
+from server.config import ServerConfig
+from server.metrics import Metrics
+
+
+def page(repository: Any) -> str:
+    return str((repository.root / "docs" / "operations.md").read_text(encoding="utf-8"))
+
+
+def test_the_page_lists_every_metric_and_no_other(repository: Any) -> None:
+    there = {
+        f"{family.name}_total" if family.type == "counter" else family.name for family in Metrics().registry.collect()
+    }
+    named = set(re.findall(r"\b(?:motiongen|process)_[a-z_]+[a-z]\b", page(repository)))
+    assert sorted(named - there) == [], "on the page, but not served"
+    assert sorted(name for name in there - named if name.startswith("motiongen_")) == [], "served, but not on the page"
+
+
+def test_the_settings_it_names_exist(repository: Any) -> None:
+    known = {f"--{each.name.replace('_', '-')}" for each in fields(ServerConfig)}
+    assert sorted(set(re.findall(r"`(--[a-z-]+)`", page(repository))) - known) == []

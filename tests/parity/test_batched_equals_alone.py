@@ -25,7 +25,7 @@ def share_of_close_frames(one: WindowResult, other: WindowResult) -> float:
     return float((difference < TOLERANCE).mean())
 
 
-@pytest.mark.parametrize("num_jobs", [2, 7, 24])
+@pytest.mark.parametrize("num_jobs", [2, 7, 24, 128])
 def test_rows_that_join_and_leave_at_different_steps_get_what_they_get_alone(
     model: Model, runner: TorchRunner, num_jobs: int
 ) -> None:
@@ -34,7 +34,7 @@ def test_rows_that_join_and_leave_at_different_steps_get_what_they_get_alone(
     waiting, done, results = list(jobs), dict.fromkeys(jobs, 0), {}
     running: list[int] = []
     while waiting or running:
-        joining = [waiting.pop() for _ in range(min(len(waiting), int(random.integers(1, 4))))]
+        joining = [waiting.pop() for _ in range(min(len(waiting), int(random.integers(1, 2 + num_jobs // 4))))]
         runner.prepare([jobs[job_id] for job_id in joining])
         running = list(random.permutation(running + joining))
         for status in runner.denoise(running):

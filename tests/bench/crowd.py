@@ -7,14 +7,12 @@ The same seed gives the same script, save for the playheads, which tell what eac
 from __future__ import annotations
 
 import heapq
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
 
-from server.engine.ports import Clock
 from server.engine.types import (
     Chunk,
     Close,
@@ -35,6 +33,7 @@ from server.engine.types import (
     SetConstraints,
     SetPrompts,
 )
+from tests.bench.clocks import BenchClock
 from tests.bench.playback import Playback
 
 REPORT_EVERY_S = 0.25
@@ -57,7 +56,13 @@ class Crowd:
     """Satisfies `server.engine.ports.Inbox`; `deliver` takes what the engine sends."""
 
     def __init__(
-        self, characters: int, habits: Habits, embeddings: Sequence[Float32Array], model_id: str, fps: int, clock: Clock
+        self,
+        characters: int,
+        habits: Habits,
+        embeddings: Sequence[Float32Array],
+        model_id: str,
+        fps: int,
+        clock: BenchClock,
     ) -> None:
         self.playbacks = [Playback(fps) for _ in range(characters)]
         self.num_refused_opens = 0
@@ -158,7 +163,7 @@ class Crowd:
 
     def wait(self, timeout_s: float) -> None:
         until_next_s = self._due[0][0] - self._clock.now() if self._due else timeout_s
-        time.sleep(max(0.0, min(timeout_s, until_next_s)))
+        self._clock.sleep(max(0.0, min(timeout_s, until_next_s)))
 
     def ring(self) -> None:
         """Nobody waits while somebody could ring: script and engine share a thread."""

@@ -30,6 +30,9 @@ def parser(prog: str, description: str) -> argparse.ArgumentParser:
     made.add_argument("--rows", type=int, default=32, help="most rows of a step (default: %(default)s)")
     made.add_argument("--precision", choices=("float32", "bfloat16"), default="float32", help="of matrix products")
     made.add_argument("--threads", type=int, default=usable_cores(), help="of torch (default: one for each core)")
+    made.add_argument(
+        "--processor-time", action="store_true", help="as on one core of one's own, however busy the machine is"
+    )
     return made
 
 
@@ -44,8 +47,9 @@ def settings(options: argparse.Namespace, model: str, device: str) -> Settings:
         names=tuple(options.only),
         num_steps=options.steps,
         max_rows=options.rows,
-        threads=options.threads,
+        threads=1 if options.processor_time else options.threads,
         effort=effort,
+        processor_time=options.processor_time,
     )
 
 

@@ -11,6 +11,7 @@ import torch
 from ardy.config import FRAMES_PER_TOKEN
 from ardy.model import Model
 from server.runner import TorchRunner
+from tests.bench.clocks import BenchClock, ProcessorClock, WallClock
 from tests.bench.contest import Contest, Standing, contest_config
 from tests.bench.crowd import Habits
 from tests.bench.flops import Pass, decode_flops, step_flops
@@ -36,6 +37,12 @@ class Settings:
     max_rows: int
     threads: int
     effort: Effort
+    processor_time: bool = False
+
+    @property
+    def clock(self) -> BenchClock:
+        """A new clock of the kind that is asked for."""
+        return ProcessorClock() if self.processor_time else WallClock()
 
 
 @dataclass(frozen=True)
@@ -94,6 +101,7 @@ def run(settings: Settings, full_size: bool = False) -> Report:
         habits=habits,
         config=contest_config(settings.max_rows),
         effort=settings.effort,
+        clock=settings.clock,
         bf16=settings.precision == "bfloat16",
     )
     say("full batches")
@@ -119,12 +127,19 @@ def ceiling(
 ) -> Ceiling:
     """Full batches of one size."""
     rate = offline_rate(
-        runner, batch, settings.num_steps, chosen.embeddings, seconds, steps_run, waits_for(settings.device)
+        runner,
+        batch,
+        settings.num_steps,
+        chosen.embeddings,
+        seconds,
+        settings.clock,
+        steps_run,
+        waits_for(settings.device),
     )
     config, history_tokens = chosen.model.config, HISTORY_FRAMES // FRAMES_PER_TOKEN
     one_step = rate.passes * step_flops(config, Pass(history_tokens))
     decoding = decode_flops(config, chosen.model.skeleton.feature_dim - 5, history_tokens)
-    peak = product_flops_per_s(settings.device, DTYPES[settings.precision], settings.effort.product_s)
+    peak = product_flops_per_s(settings.device, DTYPES[settings.precision], settings.effort.product_s, settings.clock)
     window = settings.num_steps * one_step + decoding
     return Ceiling(chosen.name, settings.precision, rate, window, one_step, peak)
 

@@ -23,6 +23,7 @@ def markdown(report: Report) -> str:
         f"{1 / habits.edits_hz:g} s, one in {habits.walkers} by waypoints, the others by prompts",
         f"- at most {report.settings.max_rows} rows a step; search trials of {report.settings.effort.measure_s:g} s "
         f"after {report.settings.effort.warm_up_s:g} s",
+        *(["- time: this process's processor time, as on one core of its own"] * report.settings.processor_time),
         *(f"- {name}: {value}" for name, value in report.facts.items()),
         "",
     ]

@@ -21,6 +21,7 @@ import torch
 
 from server.engine.types import Float32Array, RootTarget, WindowJob, WindowResult
 from server.runner import TorchRunner
+from tests.bench.clocks import WallClock
 from tests.bench.machine import machine_facts, usable_cores
 from tests.bench.models import BUILT_IN, BenchModel, bench_model
 from tests.bench.offline import HISTORY_FRAMES, first_job, offline_rate
@@ -140,7 +141,8 @@ def seams(chosen: BenchModel, features: Float32Array, stride: int, kept: bool) -
 
 def speed(runner: TorchRunner, chosen: BenchModel, batch: int, num_steps: int, seconds: float) -> Speed:
     kept, encoded = (
-        offline_rate(runner, batch, num_steps, chosen.embeddings, seconds, keep_tokens=keep) for keep in (True, False)
+        offline_rate(runner, batch, num_steps, chosen.embeddings, seconds, WallClock(), keep_tokens=keep)
+        for keep in (True, False)
     )
     return Speed(batch, (1000 * kept.prepare_s, 1000 * encoded.prepare_s), (kept.windows_per_s, encoded.windows_per_s))
 

@@ -6,7 +6,6 @@ The ceiling of what an engine can get out of it; by parts, what its calls cost.
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from statistics import median
@@ -24,6 +23,7 @@ from server.engine.types import (
     WindowJob,
     WindowResult,
 )
+from tests.bench.clocks import BenchClock
 
 HISTORY_FRAMES = 16
 _job_ids = itertools.count(1 << 40)  # far from those of an engine that shares the runner
@@ -56,6 +56,7 @@ def offline_rate(
     num_steps: int,
     embeddings: Sequence[Float32Array],
     seconds: float,
+    clock: BenchClock,
     steps_run: int | None = None,
     synchronize: Callable[[], None] = lambda: None,
     keep_tokens: bool = True,
@@ -66,14 +67,14 @@ def offline_rate(
     device, where calls only start what they ask for. keep_tokens: histories are the tokens of the windows before.
     """
     jobs = [first_job(number, num_steps, embeddings) for number in range(batch)]
-    firsts = [_run(runner, [job], num_steps, synchronize)[0][0] for job in jobs[:1]] * batch
-    until = time.monotonic() + seconds
+    firsts = [_run(runner, [job], num_steps, clock, synchronize)[0][0] for job in jobs[:1]] * batch
+    until = clock.now() + seconds
     times: list[tuple[float, list[float], float]] = []
-    while len(times) < 2 or (time.monotonic() < until):
+    while len(times) < 2 or (clock.now() < until):
         later = [later_job(number, num_steps, embeddings, first) for number, first in enumerate(firsts)]
         if not keep_tokens:
             later = [replace(job, history_tokens=None) for job in later]
-        times.append(_run(runner, later, steps_run or num_steps, synchronize)[1:])
+        times.append(_run(runner, later, steps_run or num_steps, clock, synchronize)[1:])
     if len(times) > 2:
         times = times[1:]  # the first batch of a size is also the first to take memory for it
     return OfflineRate(
@@ -87,21 +88,21 @@ def offline_rate(
 
 
 def _run(
-    runner: Runner, jobs: Sequence[WindowJob], num_steps: int, synchronize: Callable[[], None]
+    runner: Runner, jobs: Sequence[WindowJob], num_steps: int, clock: BenchClock, synchronize: Callable[[], None]
 ) -> tuple[list[WindowResult], float, list[float], float]:
     """A batch through the runner: results, and the seconds of prepare, each step, and decode."""
     ids = [job.job_id for job in jobs]
     synchronize()
-    stamps = [time.perf_counter()]
+    stamps = [clock.now()]
     runner.prepare(jobs)
     for call in range(num_steps + 1):
         synchronize()
-        stamps.append(time.perf_counter())
+        stamps.append(clock.now())
         if call < num_steps:
             runner.denoise(ids)
     results = runner.decode(ids)
     synchronize()
-    stamps.append(time.perf_counter())
+    stamps.append(clock.now())
     spans = [later - earlier for earlier, later in itertools.pairwise(stamps)]
     return results, spans[0], spans[1:-1], spans[-1]
 

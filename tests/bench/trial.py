@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,16 +10,12 @@ from server.engine.config import EngineConfig
 from server.engine.engine import Engine
 from server.engine.ports import Runner, SchedulingPolicy
 from server.engine.types import Float32Array
+from tests.bench.clocks import BenchClock
 from tests.bench.crowd import Crowd, Habits
 from tests.bench.machine import busy_share
 
 MISS_LIMIT = 0.01
 MOST_BY_OTHERS = 0.1
-
-
-class MonotonicClock:
-    def now(self) -> float:
-        return time.monotonic()
 
 
 @dataclass(frozen=True)
@@ -79,7 +74,7 @@ class Effort:
         return replace(self, warm_up_s=seconds, measure_s=seconds, latency_s=max(seconds, self.latency_s))
 
 
-QUICK = Effort(warm_up_s=2.5, measure_s=2.5, latency_s=5.0, num_trials=3, offline_s=0.7, profile_s=1.5)
+QUICK = Effort(warm_up_s=2.5, measure_s=2.5, latency_s=5.0, num_trials=2, offline_s=0.7, profile_s=1.5)
 
 
 def run_trial(
@@ -90,9 +85,10 @@ def run_trial(
     config: EngineConfig,
     warm_up_s: float,
     measure_s: float,
+    clock: BenchClock,
 ) -> Trial:
     """Open all characters within half a second, let them settle, and count what each is short of from then on."""
-    clock, facts = MonotonicClock(), contestant.runner.facts
+    facts = contestant.runner.facts
     gc.collect()
     crowd = Crowd(characters, habits, embeddings, facts.model_id, facts.fps, clock)
     engine = Engine(contestant.runner, clock, crowd.deliver, config, inbox=crowd, scheduler=contestant.make_policy())

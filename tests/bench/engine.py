@@ -3,6 +3,7 @@
 Characters play in real time, in this process, from the engine's own deliveries: no network and no service. Sought is
 the most of them with under 1 % of frames missing; measured at 70 % of that is how soon an edit shows. Beside them
 stand the ceiling, which is full batches without a clock, and what the machine's own matrix product makes of that.
+On a machine that others use, --processor-time measures what one core of one's own would do.
 Prints a table, and with --out writes engine.json, engine.md and engine.png.
 """
 

@@ -17,7 +17,7 @@ SHORT = Effort(warm_up_s=0.1, measure_s=0.2, latency_s=0.2, num_trials=1, offlin
 
 @pytest.fixture(scope="module")
 def report() -> Report:
-    return run(Settings("tiny", "cpu", "float32", ("B0", "B4"), 2, 4, 1, SHORT))
+    return run(Settings("tiny", "cpu", "float32", ("B0", "B4"), 2, 4, 1, SHORT, processor_time=True))
 
 
 def test_every_contestant_was_tried_and_its_costs_are_known(report: Report) -> None:

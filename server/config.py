@@ -45,6 +45,8 @@ class ServerConfig:
     history_frames: int = setting(16, "decided frames that a new window starts with; a multiple of 4", 4, 400)
     max_rows: int = setting(32, "most windows in one denoising step", 1, 4096)
     profile_s: float = setting(8.0, "longest time that measuring the model takes at the start", 0, 600)
+    admit_load: float = setting(0.9, "share of the measured capacity up to which sessions are let in", 0.01, 1e6)
+    degrade: bool = setting(True, "give sessions less, and tell them, where the machine cannot keep up")
     max_sessions: int = setting(256, "open sessions on this server", 1, 100_000)
     max_sessions_per_stream: int = setting(512, "open sessions on one stream", 1, 100_000)
     max_streams: int = setting(2048, "streams open at once", 1, 100_000)

@@ -110,8 +110,16 @@ def build_engine(
             history_crop=config.history_frames,
             flush_s=config.flush_ms / 1000,
             idle_timeout_s=config.idle_timeout_s,
+            admit_load=admit_loads(config.admit_load),
+            degrade=config.degrade,
         )
         scheduler = Scheduler(measured.costs, measured.max_rows)
         return Engine(runner, clock, deliver, engine_config, observe, inbox, scheduler)
     except ValueError as error:
         raise SettingError(str(error)) from error
+
+
+def admit_loads(load: float) -> tuple[float, float, float, float]:
+    """Up to which load each class is let in: heroes a little beyond, so that there is room for them, the rest below."""
+    hero, near, crowd, batch = 1.05, 1.0, 0.95, 0.8
+    return hero * load, near * load, crowd * load, batch * load

@@ -62,16 +62,18 @@ def draw_search(found: Found, max_miss_ratio: float) -> Figure:
     )
     for name, colour, marker, those in kinds:
         if those:
-            misses = [100 * trial.miss_ratio for trial in those]
-            axes.scatter([trial.characters for trial in those], misses, s=50, c=colour, marker=marker, label=name)
+            numbers, misses = [trial.characters for trial in those], [100 * trial.miss_ratio for trial in those]
+            axes.scatter(numbers, misses, s=50, c=colour, marker=marker, label=name, clip_on=False, zorder=3)
     axes.axhline(allowed, color=_RED, linewidth=1, linestyle=(0, (4, 3)))
     if found.characters:
         axes.axvline(found.characters, color=_GREEN, linewidth=1, linestyle=(0, (4, 3)))
-    axes.set_yscale("symlog", linthresh=allowed / 10)
-    axes.set_ylim(bottom=0)
+    axes.set_yscale("symlog", linthresh=0.1)
+    axes.set_ylim(0, 100)
+    axes.set_yticks([0, 0.1, 1, 10, 100], ["0", "0.1", "1", "10", "100"])
     axes.set_xlim(left=0)
-    _dress(axes, "the search", "characters", "frames missed, %")
-    axes.legend(frameon=False, fontsize=8)
+    title = f"{found.characters} characters {'or more ' if found.limited_by_generator else ''}are served in full"
+    _dress(axes, title, "characters", "frames missed, %")
+    axes.legend(frameon=False, fontsize=8, loc="upper left")
     return figure
 
 

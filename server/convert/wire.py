@@ -7,10 +7,9 @@ was four fifths of what a chunk cost. Everything else goes through its message.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
-from google.protobuf.message import Message
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from server.engine.types import Float32Array
@@ -33,7 +32,8 @@ def varint(number: int) -> bytes:
     return bytes(encoded)
 
 
-def _tag(message: type[Message], field: str, wire_type: int) -> bytes:
+def _tag(message: Any, field: str, wire_type: int) -> bytes:
+    """Of a field of a message's class."""
     return varint(message.DESCRIPTOR.fields_by_name[field].number << 3 | wire_type)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+from collections.abc import Sequence
 from pathlib import Path
 
 CHECKPOINT_FILES = (
@@ -30,27 +31,34 @@ def fetch_checkpoint(
     released layout and the card are fetched. Token, endpoint, proxy and offline mode are huggingface_hub's own:
     `HF_TOKEN`, `HF_ENDPOINT`, `HTTPS_PROXY`, `HF_HUB_OFFLINE`. Raises HubError.
     """
-    from huggingface_hub import snapshot_download
-    from huggingface_hub.errors import HTTPError
-
-    try:
-        folder = Path(
-            snapshot_download(
-                repo_id,
-                revision=revision,
-                cache_dir=cache,
-                endpoint=endpoint,
-                allow_patterns=[*CHECKPOINT_FILES, *COMPANIONS],
-            )
-        )
-    except (HTTPError, OSError, ValueError) as error:
-        raise HubError(_advice(repo_id, revision, error)) from error
+    folder = fetch_files(repo_id, (*CHECKPOINT_FILES, *COMPANIONS), revision, cache, endpoint)
     missing = [name for name in CHECKPOINT_FILES if not (folder / name).is_file()]
     if missing:
         raise HubError(
             f"{_called(repo_id, revision)} lacks {', '.join(missing)}; it is no checkpoint in the released layout"
         )
     return folder
+
+
+def fetch_files(
+    repo_id: str,
+    patterns: Sequence[str],
+    revision: str | None = None,
+    cache: Path | None = None,
+    endpoint: str | None = None,
+) -> Path:
+    """The folder with those files of a repository that match a pattern; the rest as in `fetch_checkpoint`."""
+    from huggingface_hub import snapshot_download
+    from huggingface_hub.errors import HTTPError
+
+    try:
+        return Path(
+            snapshot_download(
+                repo_id, revision=revision, cache_dir=cache, endpoint=endpoint, allow_patterns=list(patterns)
+            )
+        )
+    except (HTTPError, OSError, ValueError) as error:
+        raise HubError(_advice(repo_id, revision, error)) from error
 
 
 def _called(repo_id: str, revision: str | None) -> str:

@@ -41,6 +41,7 @@ ROOMS = (
     room(
         "ardy/data ardy/train ardy/evaluate", f"ardy {NUMBERS} {FILES} {TEXT} {PICTURES} rich tensorboard transformers"
     ),
+    room("ardy/text", f"ardy {NUMBERS} {FILES} {TEXT} peft transformers"),
     room("ardy/formats", f"ardy {NUMBERS} pygltflib"),
     room("ardy", f"ardy {NUMBERS} {FILES} {TEXT}"),
     room("server/engine", "numpy server.engine", never="asyncio"),
@@ -120,8 +121,8 @@ def test_every_source_file_is_in_a_room(repository: Any) -> None:
 @pytest.mark.parametrize(
     ("path", "source"),
     [
-        ("ardy/text.py", "import grpc"),
-        ("ardy/text.py", "from server.engine import types"),
+        ("ardy/text/gradio.py", "import grpc"),
+        ("ardy/text/gradio.py", "from server.engine import types"),
         ("server/engine/session.py", "import torch"),
         ("server/engine/session.py", "import asyncio"),
         ("server/engine/session.py", "from server import runner"),

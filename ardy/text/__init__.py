@@ -1,0 +1,26 @@
+"""Text encoders: prompt -> one vector. The denoiser takes the vectors as they are; a blank prompt is a zero vector."""
+
+from ardy.text.encoder import (
+    TextEncoder,
+    TextEncoderChanged,
+    TextEncoderUnavailable,
+    TextWidthMismatch,
+    UnknownTextEncoder,
+    Vectors,
+)
+from ardy.text.hashed import HashedTextEncoder
+from ardy.text.loading import load_text_encoder
+from ardy.text.static import StaticTextEncoder, built_in_text_folder
+
+__all__ = [
+    "HashedTextEncoder",
+    "StaticTextEncoder",
+    "TextEncoder",
+    "TextEncoderChanged",
+    "TextEncoderUnavailable",
+    "TextWidthMismatch",
+    "UnknownTextEncoder",
+    "Vectors",
+    "built_in_text_folder",
+    "load_text_encoder",
+]

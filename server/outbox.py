@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections import deque
 from typing import TypeAlias
 
-import numpy as np
-
 from server.engine.types import Chunk, Closed, Float32Array, Outcome, Output, PlanNotice
 
 UPDATE_OVERHEAD_BYTES = 64
@@ -54,9 +52,13 @@ class Run:
         left = self.num_frames - dropped
         if dropped:
             self.fixed = True
-            self.parts = [np.concatenate(self.parts)[:left]] if left else []
-            self.num_bytes = UPDATE_OVERHEAD_BYTES + self.parts[0].nbytes if left else 0
             self.num_frames = left
+            kept = []
+            for part in self.parts:
+                kept.append(part[:left])
+                left -= len(kept[-1])
+            self.parts = [part for part in kept if len(part)]
+            self.num_bytes = UPDATE_OVERHEAD_BYTES + sum(part.nbytes for part in self.parts) if self.parts else 0
         return dropped
 
 

@@ -60,8 +60,8 @@ class LadderLimits:
 
     Down where more than miss_share of the windows of miss_window_s were late, or the load is above high_load; not again
     within settle_s, since what a rung saves shows only then. Up after well_s without either and with the load below
-    low_load; where that was too early, after twice as long the next time, up to patience times. min_windows: fewer
-    than so many windows say nothing about the share that is late.
+    low_load, and after half as long if the rung before held; where it did not, twice as long, up to patience times.
+    min_windows: fewer than so many windows say nothing about the share that is late.
     """
 
     miss_share: float = 0.01
@@ -142,6 +142,7 @@ class Ladder:
             return self._down(present)
         if self._made and now - max(self._well_since, self._settled_at) >= self._wait_s:
             self._settled_at = self._went_up_at = now
+            self._wait_s = max(limits.well_s, self._wait_s / 2)  # if this one holds, the next comes sooner
             return self._up(present)
         return ()
 
@@ -149,7 +150,7 @@ class Ladder:
         """The last rung up did not hold for long: wait longer before the next, and so stop going up and down."""
         limits = self._limits
         if now - self._went_up_at < limits.well_s:
-            self._wait_s = min(2 * self._wait_s, limits.patience * limits.well_s)
+            self._wait_s = min(4 * self._wait_s, limits.patience * limits.well_s)
         elif now - self._went_up_at > limits.patience * limits.well_s:
             self._wait_s = limits.well_s
 

@@ -124,7 +124,7 @@ class Day:
                 stage.pause(viewer, False)
         stage.run(5.0)
         # A pose that is held is held on for a while, and the edits of its session wait.
-        limit_at = stage.clock.now() + 200.0
+        limit_at = stage.clock.now() + 400.0
         while any(stage.engine._pressure.rung(priority).hold for priority in Priority):
             assert stage.clock.now() < limit_at, "held for ever"
             stage.run(1.0)

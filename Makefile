@@ -99,7 +99,7 @@ bench-service: $(READY) ## measure what the service costs without a model; write
 
 .PHONY: bench-engine
 bench-engine: $(READY) ## measure the engine against simpler ones: characters in real time, latencies, the ceiling; writes out/bench
-	$(PYTHON) -m tests.bench.engine --out $(OUT)/bench $(ARGS)
+	OMP_WAIT_POLICY=PASSIVE $(PYTHON) -m tests.bench.engine --out $(OUT)/bench $(ARGS)
 
 .PHONY: fuzz
 fuzz: $(READY) ## give the readers of checkpoints, motion and constraints 10,000 broken files each

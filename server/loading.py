@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import dataclass
 
@@ -55,6 +56,9 @@ def load_model(config: ServerConfig) -> LoadedModel:
     torch is imported here and not above, so that the ports answer while that takes its seconds, and so that a process
     without the engine never imports it.
     """
+    # Threads that wait for each other by spinning make every product several times slower as soon as another process
+    # wants a core. OpenMP reads this once, when torch is loaded.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     import torch
 
     from ardy.model_card import model_folder, read_model_card

@@ -24,9 +24,9 @@ def generate(out: Path) -> list[Path]:
     """Write messages, services and the type stubs of both below `out`; return the files written, sorted."""
     out.mkdir(parents=True, exist_ok=True)
     run(f"--python_out={out}", f"--pyi_out={out}")
-    run(f"--grpc_python_out={out}", only="service.proto")
     services = [file for file in descriptors().file if file.service]
     for file in services:
+        run(f"--grpc_python_out={out}", only=Path(file.name).name)
         stub = out / file.name.replace(".proto", "_pb2_grpc.pyi")
         stub.write_text(service_stub(file), encoding="utf-8")
     written = sorted((out / PACKAGE).glob("*_pb2*.py*"))

@@ -39,16 +39,28 @@ class ChannelBlock(_message.Message):
     def __init__(self, name: _Optional[str] = ..., width: _Optional[int] = ...) -> None: ...
 
 class PromptSpan(_message.Message):
-    __slots__ = ("prompt_id", "start_frame", "end_frame", "text")
+    __slots__ = ("prompt_id", "start_frame", "end_frame", "text", "preset_id", "embedding")
     PROMPT_ID_FIELD_NUMBER: _ClassVar[int]
     START_FRAME_FIELD_NUMBER: _ClassVar[int]
     END_FRAME_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
+    PRESET_ID_FIELD_NUMBER: _ClassVar[int]
+    EMBEDDING_FIELD_NUMBER: _ClassVar[int]
     prompt_id: int
     start_frame: int
     end_frame: int
     text: str
-    def __init__(self, prompt_id: _Optional[int] = ..., start_frame: _Optional[int] = ..., end_frame: _Optional[int] = ..., text: _Optional[str] = ...) -> None: ...
+    preset_id: str
+    embedding: TextEmbedding
+    def __init__(self, prompt_id: _Optional[int] = ..., start_frame: _Optional[int] = ..., end_frame: _Optional[int] = ..., text: _Optional[str] = ..., preset_id: _Optional[str] = ..., embedding: _Optional[_Union[TextEmbedding, _Mapping]] = ...) -> None: ...
+
+class TextEmbedding(_message.Message):
+    __slots__ = ("text_encoder", "values")
+    TEXT_ENCODER_FIELD_NUMBER: _ClassVar[int]
+    VALUES_FIELD_NUMBER: _ClassVar[int]
+    text_encoder: str
+    values: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, text_encoder: _Optional[str] = ..., values: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Constraint(_message.Message):
     __slots__ = ("constraint_id", "frame", "root", "joints", "pose", "trajectory")

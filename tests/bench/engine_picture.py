@@ -34,7 +34,9 @@ def draw(report: Mapping[str, Any], path: Path) -> None:
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)
     facts = report["facts"]
-    machine = facts.get("device") or f"{facts['processor']}, {facts['cores']} cores"
+    machine = facts.get("device") or f"{facts['processor']}, {facts['cores']}"
+    if served["processor_time"]:
+        machine = f"{facts['processor']}, one core's processor time"
     figure.suptitle(
         f"{fullest[0]['model']}, {served['num_steps']} steps, {served['precision']} - {machine}", fontsize=10
     )
@@ -66,9 +68,10 @@ def _draw_latencies(axes: Any, found: list[Any]) -> None:
         axes.bar_label(axes.bar(places, heights, width=0.34, color=color, label=percentile), fmt="%.0f", fontsize=8)
     axes.axhline(TARGET_MS, color=_CEILING, linestyle="--", linewidth=1, label=f"{TARGET_MS} ms")
     axes.set_xticks(range(len(found)), [f"{one['name']}\n({one['at_load']['characters']})" for one in found])
+    axes.set_ylim(0, 1.35 * max([TARGET_MS, *(one["edit_to_frame_ms"]["p99"] for one in found)]))
     axes.set_ylabel("ms")
     axes.set_title("edit to first changed frame, at 70 % of those characters", fontsize=11)
-    axes.legend(frameon=False)
+    axes.legend(frameon=False, ncols=3, loc="upper right")
 
 
 def main(arguments: list[str]) -> int:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from server.engine.types import Guidance, ModelFacts
 from server.limits import MAX_COORDINATE_M, MAX_GUIDANCE, MAX_SPEED_MPS, Limits
+from server.presets import Preset
 
 
 class Catalog:
@@ -20,8 +22,11 @@ class Catalog:
         licence: str,
         text_encoder: str,
         history_frames: int,
+        presets: Sequence[Preset] = (),
     ) -> None:
         """history_frames: the history given to a window, which its view of the future shares the window with."""
+        self.text_encoder = text_encoder
+        self.presets = {preset.preset_id: preset for preset in presets}
         self.facts = facts
         self.limits = limits
         self.guidance = guidance
@@ -51,6 +56,8 @@ class Catalog:
             min_denoise_steps=facts.min_steps,
             max_denoise_steps=facts.max_steps,
             text_encoder=text_encoder,
+            text_width=facts.embedding_dim,
+            presets=[service_pb2.Preset(preset_id=preset.preset_id, text=preset.text) for preset in presets],
             default_guidance=session_pb2.Guidance(text=guidance.text, constraint=guidance.constraint),
             num_parameters=facts.num_parameters,
             future_frames=facts.max_window_frames - facts.horizon - history_frames,

@@ -1,7 +1,8 @@
 """Protocol messages <-> engine values: pure, and the only room that checks what a client sent."""
 
-from server.convert.events import engine_event, playhead_of, prompt_texts, round_trip_s
+from server.convert.events import engine_event, playhead_of, round_trip_s
 from server.convert.outputs import write_update
+from server.convert.prompts import prompt_texts
 from server.convert.wire import Parts, append_frames, append_update
 
 __all__ = [

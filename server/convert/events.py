@@ -4,24 +4,19 @@ from __future__ import annotations
 
 import math
 import secrets
-from collections.abc import Mapping, Sequence
-
-import numpy as np
-from numpy.typing import NDArray
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from server.catalog import Catalog
 from server.convert.checks import (
     check_coordinates,
-    check_count,
     check_range,
     frame_number,
     heading_of,
-    identifier_of,
     identifiers_of,
     refuse,
 )
 from server.convert.constraints import constraints_of
+from server.convert.prompts import Embeddings, prompts_of
 from server.engine.types import (
     Close,
     Code,
@@ -31,7 +26,6 @@ from server.engine.types import (
     Playhead,
     PlayState,
     Priority,
-    Prompt,
     SessionKey,
     SessionSpec,
     SetConstraints,
@@ -47,22 +41,6 @@ MAX_ROUND_TRIP_S = 1.0
 SPEED_TOLERANCE = 1e-5
 """Of the greatest speed: two float32 numbers of exactly that speed may come to a little more."""
 
-Embeddings = Mapping[str, NDArray[np.float32]]
-
-
-def prompt_texts(event: session_pb2.SessionEvent, catalog: Catalog) -> tuple[str, ...]:
-    """The texts that must be encoded before `engine_event` can be called. Raises EventRefused for a bad one."""
-    name = event.WhichOneof("event")
-    if name == "open":
-        spans, field = event.open.prompts, "open.prompts"
-    elif name == "edit_prompts":
-        spans, field = event.edit_prompts.upsert, "edit_prompts.upsert"
-    else:
-        return ()
-    # Before any of them is encoded: a message has room for a thousand times as many as a session.
-    check_count(spans, catalog.limits.max_prompts, "TOO_MANY_PROMPTS", field)
-    return tuple(prompt_text(span, f"{field}[{index}]", catalog) for index, span in enumerate(spans))
-
 
 def engine_event(
     event: session_pb2.SessionEvent, key: SessionKey, received_at: float, embeddings: Embeddings, catalog: Catalog
@@ -77,7 +55,7 @@ def engine_event(
         return Open(_session_spec(event.open, key, embeddings, catalog), sequence, received_at)
     if name == "edit_prompts":
         edit = event.edit_prompts
-        prompts = _prompts(edit.upsert, "edit_prompts.upsert", embeddings, catalog)
+        prompts = prompts_of(edit.upsert, "edit_prompts.upsert", embeddings, catalog)
         return SetPrompts(key, sequence, received_at, prompts, identifiers_of(edit.remove, "edit_prompts.remove"))
     if name == "edit_constraints":
         change = event.edit_constraints
@@ -177,7 +155,7 @@ def _session_spec(
         denoise_steps=steps,
         guidance=_guidance(message.guidance, catalog.guidance),
         start_pose=_start_pose(message.initial_root),
-        prompts=_prompts(message.prompts, "open.prompts", embeddings, catalog),
+        prompts=prompts_of(message.prompts, "open.prompts", embeddings, catalog),
         constraints=constraints_of(message.constraints, "open.constraints", catalog),
     )
 
@@ -198,35 +176,3 @@ def _start_pose(message: motion_pb2.RootPose) -> StartPose:
     check_coordinates((message.z,), "open.initial_root.z")
     heading = heading_of(message, "open.initial_root")
     return StartPose(message.x, message.z, 0.0 if heading is None else heading)
-
-
-def prompt_text(span: motion_pb2.PromptSpan, field: str, catalog: Catalog) -> str:
-    most = catalog.limits.max_prompt_characters
-    allowed = f"1 to {most} characters, not all blank"
-    if not span.text.strip():
-        raise refuse(
-            "EMPTY_PROMPT", f"{field}.text", "the prompt is blank", f"{allowed}; remove the span for no prompt"
-        )
-    if len(span.text) > most:
-        raise refuse("PROMPT_TOO_LONG", f"{field}.text", f"the prompt has {len(span.text)} characters", allowed)
-    return span.text
-
-
-def _prompts(
-    spans: Sequence[motion_pb2.PromptSpan], field: str, embeddings: Embeddings, catalog: Catalog
-) -> tuple[Prompt, ...]:
-    prompts = []
-    for index, span in enumerate(spans):
-        where = f"{field}[{index}]"
-        text = prompt_text(span, where, catalog)
-        start, end = (
-            frame_number(span.start_frame, f"{where}.start_frame"),
-            frame_number(span.end_frame, f"{where}.end_frame"),
-        )
-        if end and end <= start:
-            raise refuse(
-                "EMPTY_SPAN", f"{where}.end_frame", f"the span ends at {end}", f"above {start}, or 0 for open-ended"
-            )
-        identifier = identifier_of(span.prompt_id, f"{where}.prompt_id")
-        prompts.append(Prompt(identifier, start or None, end or None, text, embeddings[text]))
-    return tuple(prompts)

@@ -63,12 +63,13 @@ async def test_what_was_intended_is_sent_and_what_comes_is_booked(server: FakeSe
     assert sent == edits_received(server.streams) > 10
     assert sent + skipped == len(schedule.edit_at_s)
     assert skipped == 0
-    assert book.total("opens", 0, end_s) == book.counts["sessions_opened"] == len(schedule.characters)
+    assert book.total("opens", 0, end_s) == len(schedule.characters)
+    assert load.characters <= book.counts["sessions_opened"] <= len(schedule.characters)  # the last may come too late
     assert report.streams == len(server.streams) == math.ceil(schedule.most_at_once() / 4)
     assert book.histogram(ANSWER).get_total_count() > 0
     assert book.counts["protocol_breaches"] == 0
     assert book.counts["streams_lost"] == 0
-    assert [progress.playing > 0 for progress in told][-1]
+    assert max(progress.playing for progress in told) > 0
 
 
 async def test_refusals_are_counted_and_the_rest_goes_on(server: FakeServer, load: Load) -> None:

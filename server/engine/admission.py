@@ -1,7 +1,9 @@
 """Admission: who may come in, by what sessions ask of the machine and what it has been measured to do.
 
 A session asks for windows at the rate at which its client plays them; what edits ask for besides shows in the measured
-load. Whichever of the two is greater counts. Threads: `reserve` and `release` from any, the rest from the engine's.
+load. Whichever of the two is greater counts. Clips take what sessions leave, and are only counted.
+
+Threads: `reserve` and `release` from any, the rest from the engine's.
 """
 
 from __future__ import annotations
@@ -36,6 +38,7 @@ class Admission:
         self._lock = threading.Lock()
         self._places: dict[SessionKey, SessionSpec] = {}
         self._steps = 0
+        self._clips = 0
         self._refusals = 0
         self._refused: Counter[Code] = Counter()
         self._closed_for_good = False
@@ -51,7 +54,11 @@ class Admission:
     @property
     def asked(self) -> float:
         """The share of the machine that the sessions ask for, edits left out."""
-        return self._share(self._steps, len(self._places))
+        return self._share(self._steps, self._num_sessions)
+
+    @property
+    def _num_sessions(self) -> int:
+        return len(self._places) - self._clips
 
     @property
     def load(self) -> float:
@@ -70,7 +77,7 @@ class Admission:
             refusal = self._refusal(spec, event_seq)
             if refusal is None:
                 self._places[spec.session] = spec
-                self._steps += spec.denoise_steps
+                self._count(spec, 1)
             else:
                 self._refused[refusal.code] += 1
             return refusal
@@ -81,7 +88,13 @@ class Admission:
             held = self._places.get(session)
             if held is not None and (spec is None or held is spec):
                 del self._places[session]
-                self._steps -= held.denoise_steps
+                self._count(held, -1)
+
+    def _count(self, spec: SessionSpec, change: int) -> None:
+        if spec.is_clip:
+            self._clips += change
+        else:
+            self._steps += change * spec.denoise_steps
 
     def take_refused(self) -> Counter[Code]:
         """How many were refused since this was last asked, by answer."""
@@ -96,12 +109,17 @@ class Admission:
         if self._closed_for_good:
             message = "the server is going away; open the session elsewhere"
             return Outcome(spec.session, event_seq, Code.UNAVAILABLE, None, "DRAINING", message, "open")
-        if len(self._places) >= config.max_sessions:
+        if spec.is_clip:
+            if self._clips < config.max_clips:
+                return None
+            limit = f"at most {config.max_clips} samples of clips at once"
+            return self._full(spec, event_seq, "CLIP_LIMIT", "other clips are being made; try again later", limit)
+        if self._num_sessions >= config.max_sessions:
             limit = f"at most {config.max_sessions} sessions at once"
             return self._full(spec, event_seq, "SESSION_LIMIT", "the server is full; try again later", limit)
         most = config.admit_load[spec.priority - 1]
         load = self.load + self._share(spec.denoise_steps, 1)
-        if load <= most or not self._places:
+        if load <= most or not self._num_sessions:
             return None
         return self._full(
             spec,

@@ -11,7 +11,7 @@ from server.engine.types import ModelFacts, Priority
 class EngineConfig:
     """How far ahead, how many, how soon.
 
-    max_sessions, max_rows: sessions held at once; rows of one denoising step.
+    max_sessions, max_clips, max_rows: sessions held at once, and beside them clips; rows of one denoising step.
     max_pending_events, max_prompts, max_constraints: limits of one session.
     history_crop: most history frames given to a window. continue_threshold: unplayed frames at which the next window is
     started. So that sessions opened together spread out, each differently: continue_jitter, most frames added to that,
@@ -19,7 +19,9 @@ class EngineConfig:
     steady_chunk: frames of the first chunk after an edit, and of any chunk at most.
     rtt_s, flush_s, margin_s: the way to the client and back, the service's flush interval, and a safety margin; the sum
     is the least lead of a replan. edit_target_s: seconds from an edit to its frames that each class is promised;
-    open_target_s: the same from opening. idle_timeout_s: silence after which a session is closed.
+    open_target_s: the same from opening. clip_target_s: within which a clip's windows come before those of sessions of
+    the class BATCH that are due later; clips go in the order they came.
+    idle_timeout_s: silence after which a session is closed.
     max_restarts: how often in a row edits may restart a running window before one is allowed to finish.
     replans_hz: most replans a second that edits may cause in a session of each class; edits between them share one.
     max_waiting_edits: edits of one session that may wait for a plan. reuse_tokens: give windows the tokens of earlier
@@ -34,6 +36,7 @@ class EngineConfig:
     """
 
     max_sessions: int = 256
+    max_clips: int = 64
     max_rows: int = 32
     max_pending_events: int = 64
     max_prompts: int = 16
@@ -49,6 +52,7 @@ class EngineConfig:
     margin_s: float = 0.1
     edit_target_s: tuple[float, float, float, float] = (0.05, 0.1, 0.25, 1.0)
     open_target_s: float = 0.5
+    clip_target_s: float = 10.0
     idle_timeout_s: float = 300.0
     max_restarts: int = 2
     replans_hz: tuple[float, float, float, float] = (10.0, 5.0, 2.0, 1.0)
@@ -67,7 +71,7 @@ class EngineConfig:
     degrade: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("max_sessions", "max_rows", "max_pending_events", "max_prompts", "max_constraints"):
+        for name in ("max_sessions", "max_clips", "max_rows", "max_pending_events", "max_prompts", "max_constraints"):
             self._check(name, 1)
         for name in ("first_chunk", "steady_chunk", "continue_threshold", "max_waiting_edits", "hold_frames"):
             self._check(name, 1)
@@ -81,7 +85,7 @@ class EngineConfig:
             "margin_s",
         ):
             self._check(name, 0)
-        for name in ("open_target_s", "idle_timeout_s", "initial_step_s", "retry_after_s"):
+        for name in ("open_target_s", "clip_target_s", "idle_timeout_s", "initial_step_s", "retry_after_s"):
             self._check(name, 0.001)
         for name in ("max_lean_rad", "max_coordinate_m"):
             self._check(name, 0.001)

@@ -16,6 +16,7 @@ from server.engine.ladder import EXPENDABLE
 from server.engine.mailbox import Mailbox, refuse_pending
 from server.engine.ports import Clock, Deliver, Inbox, Observe, Runner, SchedulingPolicy
 from server.engine.pressure import Pressure
+from server.engine.refusals import handle_in_use, not_open, prior_frames_failed
 from server.engine.report import StepReport
 from server.engine.rounds import Rounds
 from server.engine.scheduler import Scheduler
@@ -210,7 +211,8 @@ class Engine:
             if isinstance(event, Open):
                 self._open(event, state)
             elif state is None:
-                self._refuse_unopened(event)
+                if not isinstance(event, Playhead):
+                    self._outbox.append(not_open(event))
             elif isinstance(event, Close):
                 self._close(state, event.reason, Code.OK, "")
             else:
@@ -227,49 +229,42 @@ class Engine:
 
     def _open(self, event: Open, held: SessionState | None) -> None:
         if held is not None:
-            message = "a session with this handle is open on this stream; choose another handle"
-            self._outbox.append(
-                Outcome(
-                    event.session,
-                    event.event_seq,
-                    Code.ALREADY_EXISTS,
-                    None,
-                    "HANDLE_IN_USE",
-                    message,
-                    "session",
-                    "a handle that is not in use",
-                )
-            )
+            self._outbox.append(handle_in_use(event))
             self._report.opens.append(Code.ALREADY_EXISTS)
             return
         refusal = self._admission.reserve(event.spec, event.event_seq)
         if refusal is not None:
             self._outbox.append(refusal)
             return
+        spec = event.spec
+        features = None if spec.prior_rows is None else self._rounds.features(spec.prior_rows)
+        if spec.prior_rows is not None and features is None:
+            self._admission.release(spec.session, spec)
+            self._outbox.append(prior_frames_failed(event))
+            self._report.opens.append(Code.INTERNAL)
+            return
         now = self._clock.now()
-        state = SessionState.opened(event.spec, event.received_at, next(self._ordinals), self._facts, self._config, now)
+        state = SessionState.opened(
+            spec, event.received_at, next(self._ordinals), self._facts, self._config, now, features
+        )
         self._sessions[state.key] = self._touched[state.key] = state
-        self._present[state.spec.priority] += 1
+        self._outbox.append(state.greeting())
+        self._report.opens.append(Code.OK)
+        if spec.is_clip:  # it gets all it asked for, late if need be, and says nothing until it ends
+            return
+        self._present[spec.priority] += 1
         self._recount(state, 1)
         self._silences.ask(state.key, now + self._config.idle_timeout_s)
-        self._outbox.append(state.greeting())
-        self._outbox += state.set_tier(self._pressure.rung(state.spec.priority))
-        self._report.opens.append(Code.OK)
-
-    def _refuse_unopened(self, event: Event) -> None:
-        if not isinstance(event, Playhead):
-            message = "no session with this handle is open on this stream; open one first"
-            self._outbox.append(
-                Outcome(event.session, event.event_seq, Code.NOT_FOUND, None, "SESSION_NOT_OPEN", message, "session")
-            )
+        self._outbox += state.set_tier(self._pressure.rung(spec.priority))
 
     def _close(self, state: SessionState, reason: CloseReason, code: Code, message: str) -> None:
         if state.running is not None:
             self._discard(state.running.job.job_id)
         self._outbox += state.close(reason, code, message)
         self._report.closes.append(reason)
-        self._present[state.spec.priority] -= 1
-        self._recount(state, -1)
+        if not state.spec.is_clip:
+            self._present[state.spec.priority] -= 1
+            self._recount(state, -1)
         del self._sessions[state.key]
         self._touched.pop(state.key, None)
         self._wakes.forget(state.key)
@@ -302,7 +297,9 @@ class Engine:
         touched, self._touched = self._touched, {}
         for state in touched.values():
             self._outbox += state.emit(now, self._report)
-            if not self._stopping:
+            if state.complete:
+                self._close(state, CloseReason.CLIENT, Code.OK, "")
+            elif not self._stopping:
                 self._start_window(state, now)
         self._flush()
 
@@ -341,7 +338,7 @@ class Engine:
             self._outbox += state.accept(result, now, self._report)
             self._touched[state.key] = state
             # Only who goes on shows whether the machine keeps up: edits may ask for more than it could ever do.
-            if job is not None and job.cause is PlanCause.CONTINUE and job.first_frame:
+            if job is not None and job.cause is PlanCause.CONTINUE and job.first_frame and not job.background:
                 due += 1
                 late += len(self._report.deadline_misses) - misses
         self._pressure.note_windows(now, due, late)
@@ -369,7 +366,7 @@ class Engine:
                 rung.steps or "all",
             )
             for state in self._sessions.values():
-                if state.spec.priority is priority:
+                if state.spec.priority is priority and not state.spec.is_clip:
                     self._outbox += state.set_tier(rung)
                     self._touched[state.key] = state
         if self._pressure.shed:
@@ -380,7 +377,11 @@ class Engine:
     def _shed(self) -> None:
         """Close some of the least urgent sessions, the newest first."""
         lowest = max(priority for priority in EXPENDABLE if self._present[priority])
-        of_class = [state for state in reversed(self._sessions.values()) if state.spec.priority is lowest]
+        of_class = [
+            state
+            for state in reversed(self._sessions.values())
+            if state.spec.priority is lowest and not state.spec.is_clip
+        ]
         message = "the server cannot keep up with all its sessions; open this one again later, or elsewhere"
         for state in of_class[: math.ceil(_SHED_SHARE * len(of_class))]:
             self._close(state, CloseReason.OVERLOAD, Code.RESOURCE_EXHAUSTED, message)

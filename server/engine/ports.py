@@ -8,7 +8,16 @@ from typing import Protocol, TypeAlias
 from server.engine.costs import CostTable
 from server.engine.report import StepReport
 from server.engine.scheduler import ScheduledJob
-from server.engine.types import Event, ModelFacts, Output, Priority, RowStatus, WindowJob, WindowResult
+from server.engine.types import (
+    Event,
+    Float32Array,
+    ModelFacts,
+    Output,
+    Priority,
+    RowStatus,
+    WindowJob,
+    WindowResult,
+)
 
 
 class OutOfMemory(RuntimeError):
@@ -35,6 +44,10 @@ class Runner(Protocol):
 
     def num_passes(self, job: WindowJob) -> int:
         """Evaluations of the denoiser that one step of this job costs, 1 to 3."""
+        ...
+
+    def features(self, rows: Float32Array) -> Float32Array:
+        """Normalized features (H, D) of frames (H, row_width) as they are on the wire, one patch or more."""
         ...
 
     def prepare(self, jobs: Sequence[WindowJob]) -> None:

@@ -5,6 +5,7 @@ Failures of the runner end here: calls are made in parts, jobs that cannot be do
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from math import ceil
 
@@ -13,10 +14,12 @@ import numpy as np
 from server.engine.admission import Prices
 from server.engine.attempts import Attempts
 from server.engine.costs import bucket
-from server.engine.ports import Clock, OutOfMemory, Runner, SchedulingPolicy
+from server.engine.ports import Clock, DeviceLost, OutOfMemory, Runner, SchedulingPolicy
 from server.engine.report import StepReport
 from server.engine.scheduler import ScheduledJob
-from server.engine.types import RowStatus, WindowJob, WindowResult
+from server.engine.types import Float32Array, RowStatus, WindowJob, WindowResult
+
+_log = logging.getLogger(__name__)
 
 # How fast the mean number of evaluations of a step follows what is seen, for every row.
 _PASSES_RATE = 1 / 4096
@@ -55,6 +58,7 @@ class Rounds:
         self._decodes: Attempts[int, WindowResult] = Attempts(
             runner.decode, int, self._give_up, self._decoded, clock.now, max_rows
         )
+        self._background: set[int] = set()
         self._passes = float(runner.facts.guidance_passes)
         self.work_s = 0.0
 
@@ -63,15 +67,19 @@ class Rounds:
         return len(self._policy)
 
     def add(self, job: WindowJob) -> None:
-        """Take in a window."""
+        """Take in a window. What is done for one in the background does not count as work: it takes what is left."""
+        if job.background:
+            self._background.add(job.job_id)
         self._policy.add(job, self._runner.num_passes(job))
 
     def finish(self, job_id: int) -> None:
         """Let go of a job whose window has been decoded."""
+        self._background.discard(job_id)
         self._policy.remove(job_id)
 
     def discard(self, job_id: int) -> None:
         """Forget a job at any stage, here and in the runner."""
+        self._background.discard(job_id)
         self._policy.remove(job_id)
         # Also where `prepare` has not succeeded: it may have got half way, and an unknown id is no error.
         self._runner.discard([job_id])
@@ -116,6 +124,17 @@ class Rounds:
         self._tally(report)
         return sound
 
+    def features(self, rows: Float32Array) -> Float32Array | None:
+        """The features (H, D) of a client's frames (H, row_width); None where the model can make none of them."""
+        try:
+            features = self._runner.features(rows)
+        except DeviceLost:
+            raise
+        except Exception:
+            _log.exception("the runner failed for a session's prior frames")
+            return None
+        return features if np.isfinite(features).all() else None
+
     def prices(self) -> Prices:
         """What a step and a window cost by now, where steps are full, with as many evaluations as steps have had."""
         costs = self._policy.costs
@@ -134,19 +153,22 @@ class Rounds:
     def _prepared(self, jobs: Sequence[ScheduledJob], seconds: float) -> None:
         costs = self._policy.costs
         costs.prepare.observe(len(jobs), seconds)
-        self.work_s += len(jobs) * min(costs.prepare.each_s(self._turnover), seconds / len(jobs))
+        counted = sum(not held.job.background for held in jobs)
+        self.work_s += counted * min(costs.prepare.each_s(self._turnover), seconds / len(jobs))
 
     def _stepped(self, jobs: Sequence[ScheduledJob], seconds: float) -> None:
         costs = self._policy.costs
         evaluations = sum(held.passes for held in jobs)
         costs.step.observe(evaluations, seconds)
         self._passes += min(1.0, _PASSES_RATE * len(jobs)) * (evaluations / len(jobs) - self._passes)
-        self.work_s += evaluations * min(costs.step.each_s(self._full), seconds / evaluations)
+        counted = sum(held.passes for held in jobs if not held.job.background)
+        self.work_s += counted * min(costs.step.each_s(self._full), seconds / evaluations)
 
     def _decoded(self, job_ids: Sequence[int], seconds: float) -> None:
         costs = self._policy.costs
         costs.decode.observe(len(job_ids), seconds)
-        self.work_s += len(job_ids) * min(costs.decode.each_s(self._turnover), seconds / len(job_ids))
+        counted = sum(job_id not in self._background for job_id in job_ids)
+        self.work_s += counted * min(costs.decode.each_s(self._turnover), seconds / len(job_ids))
 
     # ---- failures ---------------------------------------------------------------------------------------------------
 

@@ -16,6 +16,7 @@ from server.engine.costs import CostTable
 from server.engine.types import Priority, RowStatus, WindowJob
 
 DEFAULT_SHARES = (0.0, 0.15, 0.1, 0.05)
+DEFAULT_BACKGROUND_STEP_S = 0.05
 # A class is never owed more than so many rows: what it did not ask for in time is not kept for later.
 _MOST_OWED = 2.0
 # Steps are not made smaller for a deadline than the size at which a row costs so many times its least.
@@ -41,7 +42,8 @@ class Scheduler:
     """Holds every window job from `add` to `remove`.
 
     max_rows, max_evaluations: of one step. max_step_s: a step is not made larger than what this time allows, so that
-    whoever comes meanwhile need not wait longer; shares: of all rows, reserved for each class, most urgent first.
+    whoever comes meanwhile need not wait longer; background_step_s: the same for what jobs in the background add to a
+    step; shares: of all rows, reserved for each class, most urgent first.
     """
 
     def __init__(
@@ -50,12 +52,14 @@ class Scheduler:
         max_rows: int,
         max_evaluations: int | None = None,
         max_step_s: float = inf,
+        background_step_s: float = DEFAULT_BACKGROUND_STEP_S,
         shares: Sequence[float] = DEFAULT_SHARES,
     ) -> None:
         self.costs = costs
         self._max_rows = max_rows
         self._max_evaluations = max_evaluations or 3 * max_rows
         self._max_step_s = max_step_s
+        self._background_step_s = background_step_s
         self._shares = tuple(shares)
         self._jobs: dict[int, ScheduledJob] = {}
         self._queues: tuple[list[tuple[float, int]], ...] = tuple([] for _ in Priority)
@@ -96,6 +100,8 @@ class Scheduler:
                 step_s = self.costs.step.seconds(larger)
                 if step_s > budget_s and larger > self.least_efficient():
                     return self._commit_rows(taken)
+                if held.job.background and rows and step_s > self._background_step_s:
+                    break  # a session that comes during the step would wait for them
                 allowed_s = self._allowed_step_s(held, now)
                 if allowed_s >= step_s:  # else it is late whatever is done, and nobody need make room for it
                     budget_s = min(budget_s, allowed_s)

@@ -12,6 +12,7 @@ return and what they tally in the StepReport. The rules:
 - A window is taken only up to the next change of prompt, so the window after it starts there with the new prompt.
 - No frame is sent at or beyond the reported playhead + lookahead.
 - A session told to hold makes no windows; it repeats its last pose when it would run out.
+- A clip has no playhead: windows follow one another until its frames are there, and each is sent when it lands.
 """
 
 from __future__ import annotations
@@ -28,11 +29,12 @@ from server.engine.ladder import FULL, Rung
 from server.engine.playback import PlaybackClock, RoundTrip
 from server.engine.pose import PoseReader
 from server.engine.report import EventLatency, StepReport
-from server.engine.timeline import Timeline
+from server.engine.timeline import Timeline, first_timeline
 from server.engine.types import (
     Closed,
     CloseReason,
     Code,
+    Float32Array,
     ModelFacts,
     Opened,
     Outcome,
@@ -48,7 +50,7 @@ from server.engine.types import (
     WindowJob,
     WindowResult,
 )
-from server.engine.windows import RunningWindow, WindowSite, history_frames, steps_at
+from server.engine.windows import RunningWindow, WindowSite, history_crop, history_frames, steps_at
 
 # A wake-up computed in floating point may come a hair early; the tolerance keeps it from being asked for again.
 _FRAME_TOLERANCE = 1e-3
@@ -95,6 +97,11 @@ class SessionState:
         return self.delivery.clock
 
     @property
+    def complete(self) -> bool:
+        """Whether it is a clip that was sent to its last frame."""
+        return self.spec.clip_frames is not None and self.delivery.sent_to >= self.spec.clip_frames
+
+    @property
     def num_steps(self) -> int:
         """Denoising steps of the next window."""
         return steps_at(self.rung, self.spec, self.facts)
@@ -103,9 +110,19 @@ class SessionState:
 
     @classmethod
     def opened(
-        cls, spec: SessionSpec, received_at: float, ordinal: int, facts: ModelFacts, config: EngineConfig, now: float
+        cls,
+        spec: SessionSpec,
+        received_at: float,
+        ordinal: int,
+        facts: ModelFacts,
+        config: EngineConfig,
+        now: float,
+        prior_features: Float32Array | None = None,
     ) -> SessionState:
-        """A new session. ordinal: how many were opened before it; it spreads the start times of later windows."""
+        """A new session. ordinal: how many were opened before it; it spreads the start times of later windows.
+
+        prior_features: (H, D), those of spec.prior_rows, None where there are none.
+        """
         spread = (ordinal * 0.618033988749895) % 1.0 * (config.stride_jitter // facts.patch + 1)
         jitter = math.floor(spread % 1.0 * (config.continue_jitter + 1))
         return cls(
@@ -117,7 +134,7 @@ class SessionState:
             cut_frames=math.floor(spread) * facts.patch,
             conditions=Conditions(spec.prompts, spec.constraints),
             delivery=Delivery(spec.session, spec.lookahead, config, PlaybackClock(facts.fps), RoundTrip(config.rtt_s)),
-            timeline=Timeline.empty(facts.row_width, facts.feature_dim, facts.token_width, facts.patch),
+            timeline=first_timeline(facts, spec.prior_rows, prior_features),
             edits=EditQueue(config.max_waiting_edits),
             footing=Footing(DriftGuard(PoseReader.of(facts.rig), config)),
             opened_at=received_at,
@@ -177,7 +194,8 @@ class SessionState:
     def _edit(self, event: EditEvent, now: float, report: StepReport) -> list[Output]:
         self.edits.require_room()
         floor = self._replaceable_from(now, self.delivery.commit_s)
-        reach = self.facts.max_window_frames - history_frames(floor, self.timeline, self.config, self.facts.patch)
+        crop = history_crop(self.spec, self.config)
+        reach = self.facts.max_window_frames - history_frames(floor, self.timeline, crop, self.facts.patch)
         self.conditions, kind, dirty_from = edited(self.conditions, event, floor, reach, self.config)
         if dirty_from is None:
             return [Outcome(self.key, event.event_seq, Code.OK)]
@@ -235,7 +253,7 @@ class SessionState:
 
     def wake_at(self) -> float:
         """When the session is to be looked at if nothing happens before; infinity if then, too, nothing happens."""
-        if self.running is not None:
+        if self.running is not None or self.spec.is_clip:
             return math.inf
         planned_to, delivery = self.timeline.end, self.delivery
         if self.rung.hold and planned_to:
@@ -252,6 +270,8 @@ class SessionState:
         if self.running is not None:
             return False
         planned_to = self.timeline.end
+        if self.spec.clip_frames is not None:
+            return planned_to < self.spec.clip_frames
         if planned_to == 0:
             return True
         if self.rung.hold:
@@ -300,6 +320,8 @@ class SessionState:
     def deadline(self, now: float) -> float:
         """When the window that is due is to be done: its class target after an edit may be answered, or before frames
         run out."""
+        if self.spec.is_clip:
+            return self.opened_at + self.config.clip_target_s
         if self.planned_to == 0:
             return self.opened_at + self.config.open_target_s
         if self.edits.waiting:
@@ -347,6 +369,8 @@ class SessionState:
         ]
 
     def _note_deadline(self, running: RunningWindow, now: float, report: StepReport) -> None:
+        if self.spec.is_clip:
+            return
         report.deadlines.append(self.spec.priority)
         # A client that stands cannot run out of frames.
         counts = self.clock.running or running.job.cause is PlanCause.EDIT or self.planned_to == 0
@@ -358,6 +382,8 @@ class SessionState:
     def emit(self, now: float, report: StepReport) -> list[Output]:
         """Send what the credit allows."""
         outputs: list[Output] = self._hold(now, report) if self.rung.hold else []
+        if self.spec.is_clip:
+            self.delivery.promise(self.planned_to)
         # The window that runs may still land where it starts; a promise beyond that would only make it void.
         promise_to = math.inf if self.running is None else self.running.first_frame
         sent_before = self.delivery.sent_to
@@ -393,7 +419,7 @@ class SessionState:
     def _trim(self) -> None:
         """Let go of what can neither be sent, nor replaced, nor be history; and of conditions that have passed."""
         committed_to = self.delivery.committed_to
-        keep_from = min(committed_to, self.delivery.sent_to) - self.config.history_crop
+        keep_from = min(committed_to, self.delivery.sent_to) - history_crop(self.spec, self.config)
         if keep_from - self.timeline.first >= self.facts.horizon:
             self.timeline = self.timeline.trimmed(keep_from)
         self.conditions = self.conditions.without_past(committed_to)

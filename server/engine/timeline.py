@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from server.engine.types import Float32Array
+from server.engine.types import Float32Array, ModelFacts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,3 +132,11 @@ class Timeline:
     def tokens_before(self, frame: int, num_frames: int) -> Float32Array | None:
         """The tokens of the same frames; None where whole tokens do not cover them exactly, or there are none."""
         return self.run.before(frame, num_frames) if num_frames else None
+
+
+def first_timeline(facts: ModelFacts, prior_rows: Float32Array | None, prior_features: Float32Array | None) -> Timeline:
+    """What a session begins with: nothing, or the frames just before frame 0, which count from -H."""
+    if prior_rows is None or prior_features is None:
+        return Timeline.empty(facts.row_width, facts.feature_dim, facts.token_width, facts.patch)
+    run = TokenRun(0, np.empty((0, facts.token_width), np.float32), facts.patch)
+    return Timeline(-len(prior_rows), prior_rows, prior_features, run, motion_from=-len(prior_rows))

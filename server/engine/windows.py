@@ -62,7 +62,8 @@ class WindowSite:
     ) -> WindowJob:
         """The job of a window from first_frame on."""
         start_pose = self._start_pose(first_frame, remedy)
-        length = 0 if start_pose else history_frames(first_frame, self.timeline, self.config, self.facts.patch)
+        crop = history_crop(self.spec, self.config)
+        length = 0 if start_pose else history_frames(first_frame, self.timeline, crop, self.facts.patch)
         if remedy is Remedy.SHORT_HISTORY:
             length = min(length, self.facts.patch)
         prompt = self.conditions.prompt_at(first_frame)
@@ -84,11 +85,12 @@ class WindowSite:
             cause=cause,
             created_at=now,
             history_tokens=self.timeline.tokens_before(first_frame, length) if self.config.reuse_tokens else None,
+            background=self.spec.is_clip,
         )
 
     def _start_pose(self, first_frame: int, remedy: Remedy | None) -> StartPose | None:
         """Where a window without history starts; None for one that goes on from the frames before it."""
-        if first_frame == 0:
+        if first_frame == 0 and self.spec.prior_rows is None:
             return self.spec.start_pose
         if remedy is not Remedy.FRESH_START:
             return None
@@ -113,9 +115,14 @@ class WindowSite:
         return root_state(reader.positions(rows), reader.heading(rows[-1]), self.facts.fps)
 
 
-def history_frames(frame: int, timeline: Timeline, config: EngineConfig, patch: int) -> int:
-    """Frames of history of a window that starts at `frame`: whole patches."""
-    return min(config.history_crop, (frame - timeline.motion_from) // patch * patch)
+def history_crop(spec: SessionSpec, config: EngineConfig) -> int:
+    """The most history that a session's windows see."""
+    return config.history_crop if spec.history_frames is None else spec.history_frames
+
+
+def history_frames(frame: int, timeline: Timeline, crop: int, patch: int) -> int:
+    """Frames of history of a window that starts at `frame`: whole patches, at most `crop`."""
+    return min(crop, (frame - timeline.motion_from) // patch * patch)
 
 
 def guidance_at(rung: Rung, asked: Guidance, has_constraints: bool, facts: ModelFacts) -> Guidance:

@@ -28,6 +28,7 @@ def model_facts(model: Model, model_id: str, default_steps: int) -> ModelFacts:
                 ChannelBlock("joint_rotation_quat_wxyz", 4 * skeleton.num_joints),
                 ChannelBlock("foot_contact", 4),
             ),
+            hip_joints=skeleton.hip_joints,
         ),
         fps=config.fps,
         horizon=config.horizon,

@@ -1,4 +1,4 @@
-"""Features become the rows that go over the wire."""
+"""Features become the rows that go over the wire, and rows from there features."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from ardy.representation import Representation
-from ardy.rotation import matrix_to_quaternion
+from ardy.rotation import matrix_to_quaternion, quaternion_to_matrix
 
 
 def wire_rows(layout: Representation, features: Tensor) -> Tensor:
@@ -19,3 +19,10 @@ def wire_rows(layout: Representation, features: Tensor) -> Tensor:
     signs = torch.cat([first, torch.where(dots < 0, -1.0, 1.0)], dim=1).cumprod(dim=1)
     parts = [motion.root_positions, (quaternions * signs).flatten(-2), motion.foot_contacts.float()]
     return torch.cat(parts, dim=-1)
+
+
+def features_of_rows(layout: Representation, rows: Tensor) -> Tensor:
+    """Normalised features (B, G, D) of rows (B, G, row width). Contacts are found anew, as in the model's own data."""
+    num_joints = layout.skeleton.num_joints
+    quaternions = rows[..., 3 : 3 + 4 * num_joints].reshape(*rows.shape[:-1], num_joints, 4)
+    return layout.normalize(layout.features(quaternion_to_matrix(quaternions), rows[..., :3]))

@@ -13,10 +13,10 @@ from ardy.diffusion import cosine_schedule
 from ardy.model import Model
 from ardy.packed import PackedBatch, PackedDenoiser
 from ardy.rollout import world_tokens_of
-from server.engine.types import ModelFacts, RowStatus, WindowJob, WindowResult
+from server.engine.types import Float32Array, ModelFacts, RowStatus, WindowJob, WindowResult
 from server.runner.device_errors import device_errors
 from server.runner.facts import model_facts
-from server.runner.frames import wire_rows
+from server.runner.frames import features_of_rows, wire_rows
 from server.runner.preparation import Preparation
 from server.runner.row import Row
 
@@ -45,6 +45,13 @@ class TorchRunner:
     def num_passes(self, job: WindowJob) -> int:
         """Evaluations of the denoiser that one step of this job costs."""
         return len(self._preparation.passes(job))
+
+    @torch.inference_mode()
+    def features(self, rows: Float32Array) -> Float32Array:
+        """Normalised features (H, D) of wire rows (H, row width). Raises OutOfMemory or DeviceLost."""
+        with device_errors():
+            features = features_of_rows(self._model.representation, torch.from_numpy(rows).to(self._device)[None])
+            return features[0].cpu().numpy()
 
     @torch.inference_mode()
     def prepare(self, jobs: Sequence[WindowJob]) -> None:

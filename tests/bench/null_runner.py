@@ -58,6 +58,9 @@ class NullRunner:
         del job
         return 1
 
+    def features(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.zeros((len(rows), FEATURE_DIM), np.float32)
+
     def prepare(self, jobs: Sequence[WindowJob]) -> None:
         self._steps_done.update((job.job_id, 0) for job in jobs)
 

@@ -83,6 +83,10 @@ class RolloutRunner:
         del job
         return self._facts.guidance_passes
 
+    def features(self, rows: np.ndarray) -> np.ndarray:
+        """Nobody whom it serves brings frames of their own."""
+        raise NotImplementedError
+
     def _precision(self) -> AbstractContextManager[None]:
         return torch.autocast(self._device.type, torch.bfloat16, enabled=self._bf16)
 

@@ -21,7 +21,8 @@ class RigLayout:
 
     parents: the parent of each joint, -1 for the root (joint 0); parents precede their children.
     neutral_offsets: (J, 3) float32, metres, each joint relative to its parent; the root's is its neutral position.
-    blocks: the row's layout in order; the widths sum to `row_width`.
+    blocks: the row's layout in order; the widths sum to `row_width`. hip_joints: right and left, whose line a pose's
+    heading is read from; None: it is the root's rotation that tells.
     """
 
     rig_id: str
@@ -29,6 +30,7 @@ class RigLayout:
     parents: tuple[int, ...]
     neutral_offsets: Float32Array
     blocks: tuple[ChannelBlock, ...]
+    hip_joints: tuple[int, int] | None = None
 
     @property
     def row_width(self) -> int:

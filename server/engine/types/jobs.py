@@ -21,6 +21,7 @@ class WindowJob:
     where whole tokens of earlier windows do not cover it exactly, and the runner then encodes `history` again.
     embedding: the prompt's, None for no prompt. constraints: absolute frames, only those that reach past first_frame
     and into the window. deadline: when the frames are due. cause and priority are for the scheduler and the metrics.
+    background: of a clip, which nobody plays while it is made.
     """
 
     job_id: int
@@ -39,6 +40,7 @@ class WindowJob:
     cause: PlanCause
     created_at: float
     history_tokens: Float32Array | None = None
+    background: bool = False
 
 
 @dataclass(frozen=True, slots=True)

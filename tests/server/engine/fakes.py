@@ -104,6 +104,10 @@ class FakeRunner:
     def num_passes(self, job: WindowJob) -> int:
         return self.passes(job)
 
+    def features(self, rows: np.ndarray) -> np.ndarray:
+        self._raise_if_told("features", [])
+        return np.repeat(rows[:, FRAME : FRAME + 1], FEATURE_DIM, axis=1)
+
     def prepare(self, jobs: Sequence[WindowJob]) -> None:
         self._raise_if_told("prepare", [job.job_id for job in jobs])
         for job in jobs:

@@ -50,9 +50,23 @@ def spec(
     num_steps: int = 4,
     prompts: tuple[Prompt, ...] = (),
     constraints: tuple[Constraint, ...] = (),
+    history_frames: int | None = None,
+    prior_rows: np.ndarray | None = None,
+    clip_frames: int | None = None,
 ) -> SessionSpec:
     return SessionSpec(
-        key, seed, "fake", priority, lookahead, num_steps, Guidance(2.0, 2.0), prompts=prompts, constraints=constraints
+        key,
+        seed,
+        "fake",
+        priority,
+        lookahead,
+        num_steps,
+        Guidance(2.0, 2.0),
+        prompts=prompts,
+        constraints=constraints,
+        history_frames=history_frames,
+        prior_rows=prior_rows,
+        clip_frames=clip_frames,
     )
 
 
@@ -98,6 +112,12 @@ class Stage:
         seq = next(self._seqs)
         self._carry(lambda now: self._submit(viewer, Open(session, seq, now)))
         return viewer
+
+    def open_clip(self, handle: int, clip_frames: int, **fields: object) -> Viewer:
+        """A clip: nobody plays it, so nobody reports a playhead."""
+        self.silent.add(SessionKey(1, handle))
+        fields = {"priority": Priority.BATCH, "lookahead": clip_frames, **fields}
+        return self.open(handle, clip_frames=clip_frames, **fields)
 
     def set_prompts(self, viewer: Viewer, *upsert: Prompt, remove: tuple[int, ...] = ()) -> int:
         return self._ask(viewer, lambda seq, now: SetPrompts(viewer.key, seq, now, upsert, remove))

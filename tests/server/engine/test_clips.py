@@ -1,0 +1,156 @@
+"""Clips: bounded motion that is made as fast as there is room, and what it leaves to the sessions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from server.engine.config import EngineConfig
+from server.engine.types import CloseReason, Code, Priority, RootTarget, SessionKey
+from tests.server.engine.fakes import CONSTRAINTS, FRAME, PROMPT, ROW_WIDTH, SEED
+from tests.server.engine.stage import Stage, prompt
+
+
+def prior_rows(num_frames: int) -> np.ndarray:
+    """The frames just before frame 0."""
+    rows = np.zeros((num_frames, ROW_WIDTH), np.float32)
+    rows[:, FRAME] = np.arange(-num_frames, 0)
+    rows[:, 1:4] = (1.0, 0.0, 1.0)
+    return rows
+
+
+@pytest.mark.parametrize("num_frames", [1, 40, 41, 90, 200])
+def test_a_clip_has_just_its_frames_and_then_ends(num_frames: int) -> None:
+    stage = Stage()
+    clip = stage.open_clip(1, num_frames)
+    stage.run(1.0)
+    assert [int(row[FRAME]) for row in clip.rows] == list(range(num_frames))
+    assert clip.closed is not None
+    assert (clip.closed.reason, clip.closed.code, clip.closed.num_frames) == (CloseReason.CLIENT, Code.OK, num_frames)
+    assert stage.engine.num_sessions == 0
+    assert len(stage.runner.decoded) == -(-num_frames // 40), "no window more than it takes"
+    stage.check_finished()
+
+
+def test_a_clip_does_not_wait_for_a_playhead() -> None:
+    stage = Stage()
+    clip = stage.open_clip(1, 400)
+    begun_at = stage.clock.now()
+    stage.run_until(lambda: clip.closed is not None)
+    assert stage.clock.now() - begun_at < 1.0, "twenty seconds of motion"
+
+
+def test_samples_and_sessions_share_steps() -> None:
+    stage = Stage()
+    viewer = stage.open(1)
+    clips = [stage.open_clip(handle, 120, seed=handle) for handle in range(2, 10)]
+    stage.run(3.0)
+    assert max(len(batch) for batch in stage.runner.batches) == 9
+    for clip in clips:
+        assert {int(row[SEED]) for row in clip.rows} == {clip.key.handle}
+    assert viewer.underruns == 0
+    stage.check_finished()
+
+
+def test_prompts_change_at_their_frame_and_constraints_are_seen() -> None:
+    stage = Stage()
+    goal = RootTarget(1, 100, 0.0, 1.0)
+    prompts = (prompt(3, 1, 0, 50), prompt(7, 2, 50, None))
+    clip = stage.open_clip(1, 120, prompts=prompts, constraints=(goal,))
+    stage.run(1.0)
+    assert [int(row[PROMPT]) for row in clip.rows] == [3] * 50 + [7] * 70
+    assert {int(row[CONSTRAINTS]) for row in clip.rows} == {1}, "the goal is seen from the start"
+
+
+def test_history_is_as_long_as_asked_for() -> None:
+    stage = Stage()
+    stage.open_clip(1, 120, history_frames=40)
+    stage.open_clip(2, 120, history_frames=4)
+    stage.open(3)
+    stage.run(4.0)
+    longest = {
+        handle: max(len(job.history) for job in stage.runner.prepared if job.session.handle == handle)
+        for handle in (1, 2, 3)
+    }
+    assert longest == {1: 40, 2: 4, 3: 16}
+    stage.check_finished()
+
+
+@pytest.mark.parametrize("is_clip", [True, False])
+def test_motion_goes_on_from_prior_frames(is_clip: bool) -> None:
+    stage = Stage()
+    seeded = stage.open_clip if is_clip else lambda handle, _, **fields: stage.open(handle, **fields)
+    viewer = seeded(1, 120, prior_rows=prior_rows(24))
+    stage.run(3.0)
+    first = stage.runner.prepared[0]
+    assert first.start_pose is None
+    assert list(first.history[:, 0]) == list(range(-16, 0)), "as many of them as a window sees"
+    assert [int(row[FRAME]) for row in viewer.rows[:50]] == list(range(50)), "the prior frames are not sent again"
+    stage.check_finished()
+
+
+def test_prior_frames_of_which_nothing_can_be_made_refuse_the_open() -> None:
+    stage = Stage()
+    stage.runner.fails = lambda call, _: call == "features"
+    refused = stage.open_clip(1, 40, prior_rows=prior_rows(8))
+    other = stage.open(2)
+    stage.run(0.5)
+    assert refused.refused is not None
+    assert (refused.refused.code, refused.refused.reason) == (Code.INTERNAL, "PRIOR_FRAMES_FAILED")
+    assert other.rows
+    assert stage.engine.num_sessions == 1
+
+
+def test_closing_a_clip_stops_its_work_within_a_step() -> None:
+    stage = Stage()
+    clip = stage.open_clip(1, 4000)
+    stage.run(0.3)
+    stage.close(clip)
+    stage.step()
+    batches = len(stage.runner.batches)
+    assert stage.runner.jobs == {}
+    stage.run(1.0)
+    assert len(stage.runner.batches) == batches
+    assert clip.closed is not None
+
+
+def test_so_many_samples_at_once_and_no_more() -> None:
+    stage = Stage(EngineConfig(max_clips=2, max_sessions=1))
+    stage.open(1)
+    clips = [stage.open_clip(handle, 400) for handle in range(2, 5)]
+    stage.step()
+    refused = [clip.refused for clip in clips]
+    assert refused[:2] == [None, None], "clips take no places of sessions"
+    assert refused[2] is not None
+    assert (refused[2].code, refused[2].reason) == (Code.RESOURCE_EXHAUSTED, "CLIP_LIMIT")
+    assert refused[2].retry_after_s is not None
+    stage.run(2.0)
+    again = stage.open_clip(5, 40)
+    stage.run(1.0)
+    assert len(again.rows) == 40
+
+
+def test_clips_leave_the_load_the_ladder_and_the_deadlines_to_sessions() -> None:
+    """The machine is busy all the time; all of it is background."""
+    stage = Stage(EngineConfig(initial_step_s=0.01))
+    stage.runner.step_s = lambda rows: 0.005 * rows
+    for handle in range(2, 18):
+        stage.open_clip(handle, 8000)
+    heroes = [stage.open(handle, priority=Priority.HERO) for handle in range(100, 104)]
+    stage.run(20.0)
+    loads = [report.load for report in stage.reports if report.load is not None]
+    assert max(loads) < 0.5, "what clips take is free for sessions"
+    assert not [output for output in stage.outputs if type(output).__name__ == "ServiceLevel"]
+    assert [hero.underruns for hero in heroes] == [0] * 4
+    assert stage.total("deadline_misses") == 0
+    assert all(any(job.session == SessionKey(1, handle) for job in stage.runner.prepared) for handle in range(2, 18))
+
+
+def test_background_rows_do_not_make_steps_long() -> None:
+    stage = Stage(EngineConfig(initial_step_s=0.01))
+    stage.runner.step_s = lambda rows: 0.02 * rows
+    for handle in range(2, 34):
+        stage.open_clip(handle, 400)
+    stage.run(20.0)
+    sizes = [len(batch) for batch in stage.runner.batches]
+    assert max(sizes[50:]) <= 4, "whoever comes during a step waits for its end"

@@ -38,7 +38,7 @@ class GetCatalogResponse(_message.Message):
     def __init__(self, catalog_etag: _Optional[str] = ..., rigs: _Optional[_Iterable[_Union[_motion_pb2.Rig, _Mapping]]] = ..., limits: _Optional[_Union[Limits, _Mapping]] = ..., models: _Optional[_Iterable[_Union[Model, _Mapping]]] = ...) -> None: ...
 
 class Model(_message.Message):
-    __slots__ = ("model_id", "rig_id", "licence", "horizon_frames", "patch_frames", "default_denoise_steps", "max_denoise_steps", "text_encoder", "default_guidance", "future_frames", "min_denoise_steps", "num_parameters", "text_width", "presets")
+    __slots__ = ("model_id", "rig_id", "licence", "horizon_frames", "patch_frames", "default_denoise_steps", "max_denoise_steps", "text_encoder", "default_guidance", "future_frames", "min_denoise_steps", "num_parameters", "default_history_frames", "max_history_frames", "text_width", "presets")
     MODEL_ID_FIELD_NUMBER: _ClassVar[int]
     RIG_ID_FIELD_NUMBER: _ClassVar[int]
     LICENCE_FIELD_NUMBER: _ClassVar[int]
@@ -51,6 +51,8 @@ class Model(_message.Message):
     FUTURE_FRAMES_FIELD_NUMBER: _ClassVar[int]
     MIN_DENOISE_STEPS_FIELD_NUMBER: _ClassVar[int]
     NUM_PARAMETERS_FIELD_NUMBER: _ClassVar[int]
+    DEFAULT_HISTORY_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    MAX_HISTORY_FRAMES_FIELD_NUMBER: _ClassVar[int]
     TEXT_WIDTH_FIELD_NUMBER: _ClassVar[int]
     PRESETS_FIELD_NUMBER: _ClassVar[int]
     model_id: str
@@ -65,9 +67,11 @@ class Model(_message.Message):
     future_frames: int
     min_denoise_steps: int
     num_parameters: int
+    default_history_frames: int
+    max_history_frames: int
     text_width: int
     presets: _containers.RepeatedCompositeFieldContainer[Preset]
-    def __init__(self, model_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., licence: _Optional[str] = ..., horizon_frames: _Optional[int] = ..., patch_frames: _Optional[int] = ..., default_denoise_steps: _Optional[int] = ..., max_denoise_steps: _Optional[int] = ..., text_encoder: _Optional[str] = ..., default_guidance: _Optional[_Union[_session_pb2.Guidance, _Mapping]] = ..., future_frames: _Optional[int] = ..., min_denoise_steps: _Optional[int] = ..., num_parameters: _Optional[int] = ..., text_width: _Optional[int] = ..., presets: _Optional[_Iterable[_Union[Preset, _Mapping]]] = ...) -> None: ...
+    def __init__(self, model_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., licence: _Optional[str] = ..., horizon_frames: _Optional[int] = ..., patch_frames: _Optional[int] = ..., default_denoise_steps: _Optional[int] = ..., max_denoise_steps: _Optional[int] = ..., text_encoder: _Optional[str] = ..., default_guidance: _Optional[_Union[_session_pb2.Guidance, _Mapping]] = ..., future_frames: _Optional[int] = ..., min_denoise_steps: _Optional[int] = ..., num_parameters: _Optional[int] = ..., default_history_frames: _Optional[int] = ..., max_history_frames: _Optional[int] = ..., text_width: _Optional[int] = ..., presets: _Optional[_Iterable[_Union[Preset, _Mapping]]] = ...) -> None: ...
 
 class Preset(_message.Message):
     __slots__ = ("preset_id", "text")
@@ -78,7 +82,7 @@ class Preset(_message.Message):
     def __init__(self, preset_id: _Optional[str] = ..., text: _Optional[str] = ...) -> None: ...
 
 class Limits(_message.Message):
-    __slots__ = ("max_sessions_per_stream", "max_constraints", "max_events_per_second", "max_lookahead_frames", "max_prompts", "max_prompt_characters", "max_request_bytes", "default_lookahead_frames", "max_trajectory_frames", "max_coordinate_m", "max_guidance", "max_stream_events_per_second", "max_speed_mps", "max_hold_frames")
+    __slots__ = ("max_sessions_per_stream", "max_constraints", "max_events_per_second", "max_lookahead_frames", "max_prompts", "max_prompt_characters", "max_request_bytes", "default_lookahead_frames", "max_trajectory_frames", "max_coordinate_m", "max_guidance", "max_stream_events_per_second", "max_speed_mps", "max_hold_frames", "max_clip_frames", "max_clip_samples")
     MAX_SESSIONS_PER_STREAM_FIELD_NUMBER: _ClassVar[int]
     MAX_CONSTRAINTS_FIELD_NUMBER: _ClassVar[int]
     MAX_EVENTS_PER_SECOND_FIELD_NUMBER: _ClassVar[int]
@@ -93,6 +97,8 @@ class Limits(_message.Message):
     MAX_STREAM_EVENTS_PER_SECOND_FIELD_NUMBER: _ClassVar[int]
     MAX_SPEED_MPS_FIELD_NUMBER: _ClassVar[int]
     MAX_HOLD_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    MAX_CLIP_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    MAX_CLIP_SAMPLES_FIELD_NUMBER: _ClassVar[int]
     max_sessions_per_stream: int
     max_constraints: int
     max_events_per_second: float
@@ -107,7 +113,9 @@ class Limits(_message.Message):
     max_stream_events_per_second: float
     max_speed_mps: float
     max_hold_frames: int
-    def __init__(self, max_sessions_per_stream: _Optional[int] = ..., max_constraints: _Optional[int] = ..., max_events_per_second: _Optional[float] = ..., max_lookahead_frames: _Optional[int] = ..., max_prompts: _Optional[int] = ..., max_prompt_characters: _Optional[int] = ..., max_request_bytes: _Optional[int] = ..., default_lookahead_frames: _Optional[int] = ..., max_trajectory_frames: _Optional[int] = ..., max_coordinate_m: _Optional[float] = ..., max_guidance: _Optional[float] = ..., max_stream_events_per_second: _Optional[float] = ..., max_speed_mps: _Optional[float] = ..., max_hold_frames: _Optional[int] = ...) -> None: ...
+    max_clip_frames: int
+    max_clip_samples: int
+    def __init__(self, max_sessions_per_stream: _Optional[int] = ..., max_constraints: _Optional[int] = ..., max_events_per_second: _Optional[float] = ..., max_lookahead_frames: _Optional[int] = ..., max_prompts: _Optional[int] = ..., max_prompt_characters: _Optional[int] = ..., max_request_bytes: _Optional[int] = ..., default_lookahead_frames: _Optional[int] = ..., max_trajectory_frames: _Optional[int] = ..., max_coordinate_m: _Optional[float] = ..., max_guidance: _Optional[float] = ..., max_stream_events_per_second: _Optional[float] = ..., max_speed_mps: _Optional[float] = ..., max_hold_frames: _Optional[int] = ..., max_clip_frames: _Optional[int] = ..., max_clip_samples: _Optional[int] = ...) -> None: ...
 
 class StreamMotionRequest(_message.Message):
     __slots__ = ("events", "hello", "ping")
@@ -130,6 +138,56 @@ class StreamMotionResponse(_message.Message):
     pong: Pong
     goodbye: Goodbye
     def __init__(self, updates: _Optional[_Iterable[_Union[_session_pb2.SessionUpdate, _Mapping]]] = ..., hello: _Optional[_Union[ServerHello, _Mapping]] = ..., pong: _Optional[_Union[Pong, _Mapping]] = ..., goodbye: _Optional[_Union[Goodbye, _Mapping]] = ...) -> None: ...
+
+class GenerateClipRequest(_message.Message):
+    __slots__ = ("open", "frame_count", "sample_count")
+    OPEN_FIELD_NUMBER: _ClassVar[int]
+    FRAME_COUNT_FIELD_NUMBER: _ClassVar[int]
+    SAMPLE_COUNT_FIELD_NUMBER: _ClassVar[int]
+    open: _session_pb2.OpenSession
+    frame_count: int
+    sample_count: int
+    def __init__(self, open: _Optional[_Union[_session_pb2.OpenSession, _Mapping]] = ..., frame_count: _Optional[int] = ..., sample_count: _Optional[int] = ...) -> None: ...
+
+class GenerateClipResponse(_message.Message):
+    __slots__ = ("sample", "opened", "chunk", "summary")
+    SAMPLE_FIELD_NUMBER: _ClassVar[int]
+    OPENED_FIELD_NUMBER: _ClassVar[int]
+    CHUNK_FIELD_NUMBER: _ClassVar[int]
+    SUMMARY_FIELD_NUMBER: _ClassVar[int]
+    sample: int
+    opened: _session_pb2.SessionOpened
+    chunk: _motion_pb2.FrameChunk
+    summary: ClipSummary
+    def __init__(self, sample: _Optional[int] = ..., opened: _Optional[_Union[_session_pb2.SessionOpened, _Mapping]] = ..., chunk: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., summary: _Optional[_Union[ClipSummary, _Mapping]] = ...) -> None: ...
+
+class ClipSummary(_message.Message):
+    __slots__ = ("residuals",)
+    RESIDUALS_FIELD_NUMBER: _ClassVar[int]
+    residuals: _containers.RepeatedCompositeFieldContainer[ConstraintResidual]
+    def __init__(self, residuals: _Optional[_Iterable[_Union[ConstraintResidual, _Mapping]]] = ...) -> None: ...
+
+class ConstraintResidual(_message.Message):
+    __slots__ = ("constraint_id", "frame_count", "position_m", "heading_rad", "rotation_rad")
+    CONSTRAINT_ID_FIELD_NUMBER: _ClassVar[int]
+    FRAME_COUNT_FIELD_NUMBER: _ClassVar[int]
+    POSITION_M_FIELD_NUMBER: _ClassVar[int]
+    HEADING_RAD_FIELD_NUMBER: _ClassVar[int]
+    ROTATION_RAD_FIELD_NUMBER: _ClassVar[int]
+    constraint_id: int
+    frame_count: int
+    position_m: Deviation
+    heading_rad: Deviation
+    rotation_rad: Deviation
+    def __init__(self, constraint_id: _Optional[int] = ..., frame_count: _Optional[int] = ..., position_m: _Optional[_Union[Deviation, _Mapping]] = ..., heading_rad: _Optional[_Union[Deviation, _Mapping]] = ..., rotation_rad: _Optional[_Union[Deviation, _Mapping]] = ...) -> None: ...
+
+class Deviation(_message.Message):
+    __slots__ = ("mean", "worst")
+    MEAN_FIELD_NUMBER: _ClassVar[int]
+    WORST_FIELD_NUMBER: _ClassVar[int]
+    mean: float
+    worst: float
+    def __init__(self, mean: _Optional[float] = ..., worst: _Optional[float] = ...) -> None: ...
 
 class ClientHello(_message.Message):
     __slots__ = ("client_agent", "flush_interval")

@@ -45,6 +45,11 @@ class MotionServiceStub:
                 request_serializer=motiongen_dot_v1_dot_service__pb2.StreamMotionRequest.SerializeToString,
                 response_deserializer=motiongen_dot_v1_dot_service__pb2.StreamMotionResponse.FromString,
                 _registered_method=True)
+        self.GenerateClip = channel.unary_stream(
+                '/motiongen.v1.MotionService/GenerateClip',
+                request_serializer=motiongen_dot_v1_dot_service__pb2.GenerateClipRequest.SerializeToString,
+                response_deserializer=motiongen_dot_v1_dot_service__pb2.GenerateClipResponse.FromString,
+                _registered_method=True)
 
 
 class MotionServiceServicer:
@@ -68,6 +73,14 @@ class MotionServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def GenerateClip(self, request, context):
+        """Bounded clips for planners and tools: made as fast as there is room beside the sessions, whose frames come first. The
+        deadline of the call is kept: when it passes, or the client cancels, the work stops. Refused with a status.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
 
 def add_MotionServiceServicer_to_server(servicer, server):
     rpc_method_handlers = {
@@ -80,6 +93,11 @@ def add_MotionServiceServicer_to_server(servicer, server):
                     servicer.StreamMotion,
                     request_deserializer=motiongen_dot_v1_dot_service__pb2.StreamMotionRequest.FromString,
                     response_serializer=motiongen_dot_v1_dot_service__pb2.StreamMotionResponse.SerializeToString,
+            ),
+            'GenerateClip': grpc.unary_stream_rpc_method_handler(
+                    servicer.GenerateClip,
+                    request_deserializer=motiongen_dot_v1_dot_service__pb2.GenerateClipRequest.FromString,
+                    response_serializer=motiongen_dot_v1_dot_service__pb2.GenerateClipResponse.SerializeToString,
             ),
     }
     generic_handler = grpc.method_handlers_generic_handler(
@@ -137,6 +155,33 @@ class MotionService:
             '/motiongen.v1.MotionService/StreamMotion',
             motiongen_dot_v1_dot_service__pb2.StreamMotionRequest.SerializeToString,
             motiongen_dot_v1_dot_service__pb2.StreamMotionResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def GenerateClip(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_stream(
+            request,
+            target,
+            '/motiongen.v1.MotionService/GenerateClip',
+            motiongen_dot_v1_dot_service__pb2.GenerateClipRequest.SerializeToString,
+            motiongen_dot_v1_dot_service__pb2.GenerateClipResponse.FromString,
             options,
             channel_credentials,
             insecure,

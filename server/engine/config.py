@@ -12,6 +12,8 @@ class EngineConfig:
     """How far ahead, how many, how soon.
 
     max_sessions, max_clips, max_rows: sessions held at once, and beside them clips; rows of one denoising step.
+    max_step_s: what a step may be expected to take, so that an edit need not wait long for the next one; steps are not
+    made smaller than pays, though.
     max_pending_events, max_prompts, max_constraints: limits of one session.
     history_crop: most history frames given to a window. continue_threshold: unplayed frames at which the next window is
     started. So that sessions opened together spread out, each differently: continue_jitter, most frames added to that,
@@ -37,7 +39,8 @@ class EngineConfig:
 
     max_sessions: int = 256
     max_clips: int = 64
-    max_rows: int = 32
+    max_rows: int = 64
+    max_step_s: float = 0.05
     max_pending_events: int = 64
     max_prompts: int = 16
     max_constraints: int = 256
@@ -85,7 +88,14 @@ class EngineConfig:
             "margin_s",
         ):
             self._check(name, 0)
-        for name in ("open_target_s", "clip_target_s", "idle_timeout_s", "initial_step_s", "retry_after_s"):
+        for name in (
+            "max_step_s",
+            "open_target_s",
+            "clip_target_s",
+            "idle_timeout_s",
+            "initial_step_s",
+            "retry_after_s",
+        ):
             self._check(name, 0.001)
         for name in ("max_lean_rad", "max_coordinate_m"):
             self._check(name, 0.001)

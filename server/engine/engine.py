@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from server.engine.admission import Admission
 from server.engine.config import EngineConfig
 from server.engine.costs import CostTable
+from server.engine.device import Device, Seat
 from server.engine.ladder import EXPENDABLE
 from server.engine.mailbox import Mailbox, refuse_pending
 from server.engine.ports import Clock, Deliver, Inbox, Observe, Runner, SchedulingPolicy
@@ -45,10 +46,6 @@ _IDLE_TICK_S = 0.5
 # Of the sessions that may be shed, so many are, each time that the last rung of the ladder did not help.
 _SHED_SHARE = 0.05
 
-# The longest sleep: it keeps the heartbeat fresh. The sweep looks for sessions that have gone silent.
-_IDLE_TICK_S = 0.5
-_SWEEP_EVERY_S = 1.0
-
 
 class Engine:
     """Generates the motion of all sessions with one runner.
@@ -66,9 +63,11 @@ class Engine:
         observe: Observe | None = None,
         inbox: Inbox | None = None,
         scheduler: SchedulingPolicy | None = None,
+        seat: Seat | None = None,
     ) -> None:
         """inbox: where events come from, when not from `submit` alone. scheduler: a policy in place of `Scheduler`.
 
+        seat: this engine's at a device that other engines use too; it is left at the end.
         Raises ValueError where the configuration does not fit the runner's model.
         """
         config.check_against(runner.facts)
@@ -80,11 +79,14 @@ class Engine:
         self._config = config
         self._mailbox: Inbox = Mailbox(config.max_pending_events) if inbox is None else inbox
         if scheduler is None:  # not `or`: a policy that holds no jobs yet is false
-            scheduler = Scheduler(CostTable.assumed(config.initial_step_s), config.max_rows)
+            scheduler = Scheduler(
+                CostTable.assumed(config.initial_step_s), config.max_rows, max_step_s=config.max_step_s
+            )
         self._scheduler: SchedulingPolicy = scheduler
         self._rounds = Rounds(runner, self._scheduler, clock, config.max_rows, self._fail)
         self._admission = Admission(runner.facts, config)
-        self._pressure = Pressure(runner.facts, self._admission, now, config.degrade)
+        self._seat = Device().seat() if seat is None else seat
+        self._pressure = Pressure(runner.facts, self._admission, now, config.degrade, self._seat)
         self._sessions: dict[SessionKey, SessionState] = {}
         self._present: Counter[Priority] = Counter()
         self._counts: Counter[tuple[Priority, PlayState]] = Counter()
@@ -161,7 +163,8 @@ class Engine:
         """Go round until stopped. An error of the engine itself closes every session; `failure` then holds it."""
         try:
             while not self._stopping or len(self._rounds):
-                report = self.step()
+                with self._seat:
+                    report = self.step()
                 if self._observe is not None:
                     self._observe(report)
                 if not report.rows and not self._stopping:
@@ -173,6 +176,8 @@ class Engine:
             self._failure = error
             self._admission.close()
             self._close_all(CloseReason.ENGINE_FAULT, Code.INTERNAL, "the server's engine failed; open a new session")
+        finally:
+            self._seat.leave()
 
     def step(self) -> StepReport:
         """One round: events in, one denoising step for the most urgent rows, finished windows out."""
@@ -308,7 +313,7 @@ class Engine:
             predicted_s = self._scheduler.predict_s(
                 state.spec.priority, state.deadline(now), state.num_steps, self._facts.guidance_passes
             )
-            job = state.next_window(now, predicted_s, next(self._job_ids))
+            job = state.next_window(now, predicted_s * self._seat.stretch, next(self._job_ids))
             self._owners[job.job_id] = state
             self._rounds.add(job)
         else:

@@ -273,7 +273,7 @@ class Stream:
                 # The number as of then: since, later events may have been answered in later updates.
                 output, applied_seq = item
                 update = session_pb2.SessionUpdate(session=output.session.handle, applied_seq=applied_seq)
-                write_update(update, output, self._catalog)
+                write_update(update, output)
                 append_update(response, update)
         return b"".join(response)
 

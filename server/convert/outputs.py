@@ -5,11 +5,10 @@ from __future__ import annotations
 import secrets
 
 from motiongen.v1 import motion_pb2, session_pb2
-from server.catalog import Catalog
 from server.engine.types import Closed, Opened, Outcome, Output, PlanNotice, ServiceLevel
 
 
-def write_update(update: session_pb2.SessionUpdate, output: Output, catalog: Catalog) -> None:
+def write_update(update: session_pb2.SessionUpdate, output: Output) -> None:
     """Fill an update with any output but frames; `session` and `applied_seq` are the stream's to fill in."""
     if isinstance(output, PlanNotice):
         plan = update.plan
@@ -20,7 +19,7 @@ def write_update(update: session_pb2.SessionUpdate, output: Output, catalog: Cat
     elif isinstance(output, Outcome):
         _write_outcome(update.outcome, output)
     elif isinstance(output, Opened):
-        _write_opened(update.opened, output, catalog)
+        _write_opened(update.opened, output)
     elif isinstance(output, ServiceLevel):
         update.service_level.tier = output.tier.value  # type: ignore[assignment]
         update.service_level.denoise_steps = output.denoise_steps
@@ -33,14 +32,14 @@ def write_update(update: session_pb2.SessionUpdate, output: Output, catalog: Cat
         closed.late_frames = output.late_frames
 
 
-def _write_opened(opened: session_pb2.SessionOpened, output: Opened, catalog: Catalog) -> None:
+def _write_opened(opened: session_pb2.SessionOpened, output: Opened) -> None:
     # Stream and handle find it in the logs; the rest tells it from sessions of other servers and of a used handle.
     opened.session_id = f"{output.session.stream}-{output.session.handle}-{secrets.token_hex(6)}"
     opened.seed = output.seed
     opened.start_frame = output.start_frame
-    opened.rig_id = catalog.facts.rig.rig_id
-    opened.model_id = catalog.facts.model_id
-    opened.frame_rate = catalog.facts.fps
+    opened.rig_id = output.rig_id
+    opened.model_id = output.model_id
+    opened.frame_rate = output.fps
     opened.lookahead_frames = output.lookahead
     opened.committed_horizon_frames = output.committed_horizon
     opened.denoise_steps = output.denoise_steps

@@ -34,7 +34,7 @@ class Admission:
         self._config = config
         self._windows_a_second = facts.fps / facts.horizon
         self._prices = Prices()
-        self._measured = 0.0
+        self._measured = self._elsewhere = 0.0
         self._lock = threading.Lock()
         self._places: dict[SessionKey, SessionSpec] = {}
         self._steps = 0
@@ -47,9 +47,9 @@ class Admission:
         """Let nobody in any more."""
         self._closed_for_good = True
 
-    def set_prices(self, prices: Prices, measured: float) -> None:
-        """What the machine costs by now, and the share of it that was in use of late."""
-        self._prices, self._measured = prices, measured
+    def set_prices(self, prices: Prices, measured: float, elsewhere: float = 0.0) -> None:
+        """What the machine costs by now, and the share of it that was in use of late: here, and by other engines."""
+        self._prices, self._measured, self._elsewhere = prices, measured, elsewhere
 
     @property
     def asked(self) -> float:
@@ -62,8 +62,8 @@ class Admission:
 
     @property
     def load(self) -> float:
-        """The share of the machine that is spoken for."""
-        return max(self.asked, self._measured)
+        """The share of the machine that is spoken for, by other engines too."""
+        return self._elsewhere + max(self.asked, self._measured)
 
     def _share(self, steps: int, sessions: int) -> float:
         prices = self._prices
@@ -119,7 +119,7 @@ class Admission:
             return self._full(spec, event_seq, "SESSION_LIMIT", "the server is full; try again later", limit)
         most = config.admit_load[spec.priority - 1]
         load = self.load + self._share(spec.denoise_steps, 1)
-        if load <= most or not self._num_sessions:
+        if load <= most or (not self._num_sessions and self._elsewhere <= most):
             return None
         return self._full(
             spec,

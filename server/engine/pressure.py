@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from server.engine.admission import Admission, Prices
+from server.engine.device import Seat
 from server.engine.ladder import FULL, Ladder, Rung, rungs_of
 from server.engine.types import ModelFacts, Priority
 
@@ -18,8 +19,9 @@ class Pressure:
     degrade False: the ladder stays where it is, and sessions get all they asked for, late if need be.
     """
 
-    def __init__(self, facts: ModelFacts, admission: Admission, now: float, degrade: bool) -> None:
+    def __init__(self, facts: ModelFacts, admission: Admission, now: float, degrade: bool, seat: Seat) -> None:
         self._admission = admission
+        self._seat = seat
         self._ladder = Ladder(rungs_of(facts), now) if degrade else None
         self._measured = 0.0
         self._work_s = 0.0
@@ -32,8 +34,8 @@ class Pressure:
 
     @property
     def load(self) -> float:
-        """Share of the machine that was in use of late, counted as if all steps had been full."""
-        return self._measured
+        """Share of the machine that was in use of late, counted as if all steps had been full, by other engines too."""
+        return self._measured + self._seat.elsewhere
 
     @property
     def shed(self) -> bool:
@@ -59,5 +61,6 @@ class Pressure:
             weight = min(1.0, elapsed_s / _MEASURED_OVER_S)
             self._measured += weight * ((work_s - self._work_s) / elapsed_s - self._measured)
         self._work_s, self._at = work_s, now
-        self._admission.set_prices(prices, self._measured)
-        return self._ladder.update(now, self._measured, present) if self._ladder is not None else ()
+        self._seat.load = self._measured
+        self._admission.set_prices(prices, self._measured, self._seat.elsewhere)
+        return self._ladder.update(now, self.load, present) if self._ladder is not None else ()

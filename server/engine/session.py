@@ -149,6 +149,9 @@ class SessionState:
             lookahead=self.spec.lookahead,
             committed_horizon=math.ceil(self.facts.fps * self.config.commit_s) + 1,
             denoise_steps=self.spec.denoise_steps,
+            model_id=self.facts.model_id,
+            rig_id=self.facts.rig.rig_id,
+            fps=self.facts.fps,
         )
 
     def close(self, reason: CloseReason, code: Code, message: str) -> list[Output]:

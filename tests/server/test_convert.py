@@ -61,7 +61,7 @@ def convert(event: session_pb2.SessionEvent) -> Event:
 
 def updated(output: Output) -> session_pb2.SessionUpdate:
     update = session_pb2.SessionUpdate()
-    write_update(update, output, CATALOG)
+    write_update(update, output)
     return update
 
 
@@ -338,9 +338,9 @@ def test_a_refusal_says_when_to_ask_again_where_that_helps(retry_after_s: float 
 
 
 def test_the_other_outputs() -> None:
-    opened = updated(Opened(KEY, 2**64 - 1, 0, 40, 4, 5))
+    opened = updated(Opened(KEY, 2**64 - 1, 0, 40, 4, 5, "tiny", "stick", 25))
     assert (opened.opened.seed, opened.opened.lookahead_frames) == (2**64 - 1, 40)
-    assert (opened.opened.rig_id, opened.opened.model_id) == (FACTS.rig.rig_id, FACTS.model_id)
+    assert (opened.opened.rig_id, opened.opened.model_id, opened.opened.frame_rate) == ("stick", "tiny", 25)
     plan = updated(PlanNotice(KEY, 2, 44, PlanCause.EDIT, (3, 4))).plan
     assert (plan.plan, plan.valid_from, list(plan.event_seqs)) == (2, 44, [3, 4])
     assert plan.cause == session_pb2.PLAN_CAUSE_EDIT

@@ -99,7 +99,7 @@ class Line:
     def open(self) -> None:
         """Open a session, and let the engine say so."""
         self.send(1, open=session_pb2.OpenSession(request_id="first"))
-        self.stream.take(Opened(self.engine.events[-1].session, 1, 0, 40, 4, 4))
+        self.stream.take(Opened(self.engine.events[-1].session, 1, 0, 40, 4, 4, "tiny", "stick", 20))
 
     async def encoded(self) -> None:
         """Let the encoder go on until nothing waits for it."""

@@ -19,6 +19,9 @@ class Opened:
     lookahead: int
     committed_horizon: int
     denoise_steps: int
+    model_id: str
+    rig_id: str
+    fps: int
 
 
 @dataclass(frozen=True, slots=True)

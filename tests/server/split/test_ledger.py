@@ -19,7 +19,7 @@ from server.split.ledger import Ledger
 from tests.server.split.audience import KEY, close, opening, play, playhead
 
 OTHER = SessionKey(1, 2)
-OPENED = Opened(KEY, 1, 0, 40, 5, 4)
+OPENED = Opened(KEY, 1, 0, 40, 5, 4, "tiny", "stick", 20)
 
 
 def closed(reason: CloseReason = CloseReason.CLIENT) -> Closed:

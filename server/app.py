@@ -25,7 +25,7 @@ from server.engine.types import Guidance, Output
 from server.errors import SettingError
 from server.hosting import ENGINE_COMMAND, Hosted, host_engine
 from server.limits import Limits
-from server.loading import Loaded, load_all
+from server.loading import Loaded, load_all, open_store
 from server.methods import SERVICE_NAME, add_methods
 from server.metrics import Metrics
 from server.ops import OpsServer, ops_app
@@ -94,7 +94,7 @@ class Application:
             lambda: host_engine(config, self._load, self._deliver, self._metrics.observe, self._engine_command)
         )
         facts = hosted.facts
-        self._prompts = PromptEncoder(hosted.encoder, config.prompt_cache, self._metrics.prompt_seconds.observe)
+        self._prompts = make_prompts(config, hosted, self._metrics)
         self._engine = hosted.engine
         catalog = make_catalog(config, hosted)
         self._service = MotionService(self._engine, self._prompts, catalog, config.flush_ms / 1000, self._metrics)
@@ -263,7 +263,25 @@ def make_catalog(config: ServerConfig, hosted: Hosted) -> Catalog:
         stream_events_per_second=config.stream_events_per_second,
     )
     guidance = Guidance(config.text_guidance, config.constraint_guidance)
-    return Catalog(hosted.facts, limits, guidance, hosted.licence, hosted.encoder.identity, config.history_frames)
+    encoder = hosted.encoder.identity
+    return Catalog(hosted.facts, limits, guidance, hosted.licence, encoder, config.history_frames, hosted.presets)
+
+
+def make_prompts(config: ServerConfig, hosted: Hosted, metrics: Metrics) -> PromptEncoder:
+    """What encodes prompts. It knows the presets' texts already."""
+    prompts = PromptEncoder(
+        hosted.encoder,
+        config.prompt_cache,
+        metrics.prompt_seconds.observe,
+        store=open_store(config, hosted.encoder.identity, hosted.facts),
+        timeout_s=config.prompt_timeout_s,
+        max_waiting=config.max_waiting_prompts,
+        count=metrics.count_prompt,
+    )
+    for preset in hosted.presets:
+        prompts.remember(preset.text, preset.embedding)
+    metrics.prompts_waiting.set_function(lambda: prompts.num_waiting)
+    return prompts
 
 
 def stop_on_signals(application: Application) -> None:

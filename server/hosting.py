@@ -11,7 +11,8 @@ from server.engine.ports import Deliver, Observe
 from server.engine.types import ModelFacts
 from server.engine_port import EnginePort
 from server.errors import SettingError
-from server.loading import Loaded, build_engine, load_encoder
+from server.loading import Loaded, build_engine, load_encoder, load_presets
+from server.presets import Preset
 from server.prompts import TextEncoder
 
 ENGINE_COMMAND = (sys.executable, "-m", "server.split")
@@ -27,6 +28,7 @@ class Hosted:
     encoder: TextEncoder
     licence: str
     threads: int
+    presets: tuple[Preset, ...]
 
 
 def host_engine(
@@ -44,7 +46,7 @@ def host_engine(
         return _in_its_own_process(config, deliver, observe, engine_command)
     loaded = load(config)
     engine = build_engine(config, loaded.runner, deliver, observe)
-    return Hosted(engine, loaded.runner.facts, loaded.encoder, loaded.licence, loaded.threads)
+    return Hosted(engine, loaded.runner.facts, loaded.encoder, loaded.licence, loaded.threads, loaded.presets)
 
 
 def _in_its_own_process(
@@ -56,7 +58,8 @@ def _in_its_own_process(
     ready = engine.load()
     try:
         encoder = load_encoder(config, ready.facts)
+        presets = load_presets(config, encoder.identity, ready.facts)
     except SettingError:
         engine.stop()
         raise
-    return Hosted(engine, ready.facts, encoder, ready.licence, ready.threads)
+    return Hosted(engine, ready.facts, encoder, ready.licence, ready.threads, presets)

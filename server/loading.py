@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 from server.config import ServerConfig
 from server.engine.config import EngineConfig
@@ -14,7 +15,10 @@ from server.engine.profile import profile
 from server.engine.scheduler import Scheduler
 from server.engine.types import ModelFacts
 from server.errors import SettingError
-from server.prompts import TextEncoder
+from server.presets import Preset
+from server.prompts import Store, TextEncoder
+
+REMOTE_ENCODER = "grpc:"
 
 
 class MonotonicClock:
@@ -41,13 +45,15 @@ class Loaded:
     encoder: TextEncoder
     licence: str
     threads: int
+    presets: tuple[Preset, ...] = ()
 
 
 def load_all(config: ServerConfig) -> Loaded:
     """The configured model and its text encoder. Raises SettingError saying what is wrong with the settings."""
     model = load_model(config)
     encoder = load_encoder(config, model.runner.facts)
-    return Loaded(model.runner, encoder, model.licence, model.threads)
+    presets = load_presets(config, encoder.identity, model.runner.facts)
+    return Loaded(model.runner, encoder, model.licence, model.threads, presets)
 
 
 def load_model(config: ServerConfig) -> LoadedModel:
@@ -78,12 +84,46 @@ def load_model(config: ServerConfig) -> LoadedModel:
 
 def load_encoder(config: ServerConfig, facts: ModelFacts) -> TextEncoder:
     """The configured text encoder. Raises SettingError where there is none or it does not fit the model."""
-    from ardy.text import load_text_encoder
+    from ardy.text import check_width, load_text_encoder
+
+    name, width = config.text_encoder, facts.embedding_dim
+    try:
+        if name.startswith(REMOTE_ENCODER):
+            from server.encoder.client import RemoteEncoder
+
+            remote = RemoteEncoder(name.removeprefix(REMOTE_ENCODER), config.prompt_timeout_s)
+            check_width(name, remote.width, width)
+            return remote
+        return load_text_encoder(name, width, config.text_device, config.text_precision, config.prompt_timeout_s)
+    except (ValueError, RuntimeError, ConnectionError) as error:
+        raise SettingError(f"cannot serve model {config.model!r} with text encoder {name!r}: {error}") from error
+
+
+def load_presets(config: ServerConfig, text_encoder: str, facts: ModelFacts) -> tuple[Preset, ...]:
+    """The configured presets. Raises SettingError where they are from another encoder than the server's."""
+    if not config.presets:
+        return ()
+    from ardy.text.prompt_file import PromptFileError, read_prompt_file
 
     try:
-        return load_text_encoder(config.text_encoder, facts.embedding_dim)
-    except (ValueError, RuntimeError) as error:
-        raise SettingError(f"cannot serve model {config.model!r}: {error}") from error
+        prompts = read_prompt_file(Path(config.presets))
+    except PromptFileError as error:
+        raise SettingError(f"cannot use presets: {error}") from error
+    if prompts.text_encoder != text_encoder or prompts.vectors.shape[1] != facts.embedding_dim:
+        raise SettingError(
+            f"the presets of {config.presets} are {prompts.vectors.shape[1]} numbers each, from the text encoder "
+            f"{prompts.text_encoder!r}; {facts.model_id} takes {facts.embedding_dim}, here from {text_encoder!r}"
+        )
+    return tuple(map(Preset, prompts.ids, prompts.texts, prompts.vectors))
+
+
+def open_store(config: ServerConfig, text_encoder: str, facts: ModelFacts) -> Store | None:
+    """Where embeddings outlive the process, None where that is not asked for."""
+    if not config.prompt_store:
+        return None
+    from ardy.text.store import VectorStore
+
+    return VectorStore(Path(config.prompt_store), text_encoder, facts.embedding_dim, config.prompt_store_size)
 
 
 def check_fit(config: ServerConfig, facts: ModelFacts) -> None:
@@ -111,13 +151,14 @@ def build_engine(
         engine_config = EngineConfig(
             max_sessions=config.max_sessions,
             max_rows=measured.max_rows,
+            max_step_s=config.max_step_ms / 1000,
             history_crop=config.history_frames,
             flush_s=config.flush_ms / 1000,
             idle_timeout_s=config.idle_timeout_s,
             admit_load=admit_loads(config.admit_load),
             degrade=config.degrade,
         )
-        scheduler = Scheduler(measured.costs, measured.max_rows)
+        scheduler = Scheduler(measured.costs, measured.max_rows, max_step_s=engine_config.max_step_s)
         return Engine(runner, clock, deliver, engine_config, observe, inbox, scheduler)
     except ValueError as error:
         raise SettingError(str(error)) from error

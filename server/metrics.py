@@ -70,6 +70,15 @@ class Metrics:
         self.batch_rows = Histogram(
             "motiongen_batch_rows", "Rows in a denoising step.", buckets=ROW_BUCKETS, registry=registry
         )
+        self.prompts = Counter(
+            "motiongen_prompts",
+            "Prompts that were not in memory: from the store, from the encoder, or why they did not come.",
+            ["source"],
+            registry=registry,
+        )
+        self.prompts_waiting = Gauge(
+            "motiongen_prompts_waiting", "Prompts that wait for the text encoder.", registry=registry
+        )
         self.prompt_seconds = Histogram(
             "motiongen_prompt_encode_seconds",
             "Encoding a prompt that was not in the cache.",
@@ -150,6 +159,10 @@ class Metrics:
         if report.tiers is not None:
             self._set_tiers(report.tiers)
         self._count_sessions(report)
+
+    def count_prompt(self, source: str) -> None:
+        """Note a prompt that was not in memory: where it came from, or the reason for which it did not."""
+        self.prompts.labels(source).inc()
 
     def reject(self, reason: str) -> None:
         """As in Tally."""

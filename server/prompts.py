@@ -71,11 +71,14 @@ class PromptEncoder:
         store: Store | None = None,
         timeout_s: float = 10.0,
         max_waiting: int = 256,
+        count: Callable[[str], None] | None = None,
     ) -> None:
         """observe: told the seconds that each encoding took. timeout_s: longest that one who asks waits.
 
-        max_waiting: texts that may be under way at once; one more is refused.
+        max_waiting: texts that may be under way at once; one more is refused. count: told where each text that was not
+        in memory came from ("store", "encoder"), or the reason for which it did not come.
         """
+        self._count = count or (lambda what: None)
         self._encoder = encoder
         self._cache_size = cache_size
         self._observe = observe
@@ -123,7 +126,7 @@ class PromptEncoder:
         task = self._running.get(text)
         if task is None:
             if len(self._running) >= self._max_waiting:
-                raise encoder_busy(self._max_waiting)
+                raise self._refused(encoder_busy(self._max_waiting))
             task = asyncio.get_running_loop().create_task(self._encode(text))
             task.add_done_callback(_retrieve)
             self._running[text] = task
@@ -132,7 +135,7 @@ class PromptEncoder:
             return await asyncio.wait_for(asyncio.shield(task), self._timeout_s)
         except TimeoutError:
             self._complain("the text encoder has not answered within %g s", self._timeout_s)
-            raise encoder_slow(self._timeout_s) from None
+            raise self._refused(encoder_slow(self._timeout_s)) from None
 
     async def _encode(self, text: str) -> Embedding:
         loop = asyncio.get_running_loop()
@@ -141,6 +144,7 @@ class PromptEncoder:
             embedding = await self._ask(text) if kept is None else kept
         finally:
             del self._running[text]
+        self._count("encoder" if kept is None else "store")
         self.remember(text, embedding)
         if kept is None and self._store is not None:
             self._keeper.submit(self._store.put, text, embedding)
@@ -153,11 +157,15 @@ class PromptEncoder:
             vectors = await loop.run_in_executor(self._workers, self._encoder.encode, [text])
         except ConnectionError as error:
             self._complain("a prompt could not be encoded: %s", error)
-            raise encoder_away(error) from error
+            raise self._refused(encoder_away(error)) from error
         if self._observe is not None:
             self._observe(time.monotonic() - started)
         embedding: Embedding = vectors[0]
         return embedding
+
+    def _refused(self, refusal: EventRefused) -> EventRefused:
+        self._count(refusal.reason)
+        return refusal
 
     def _complain(self, message: str, *values: object) -> None:
         """Log it, unless something like it was logged just now: an encoder that is down fails every prompt."""

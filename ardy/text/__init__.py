@@ -7,6 +7,7 @@ from ardy.text.encoder import (
     TextWidthMismatch,
     UnknownTextEncoder,
     Vectors,
+    check_width,
 )
 from ardy.text.hashed import HashedTextEncoder
 from ardy.text.loading import load_text_encoder
@@ -22,5 +23,6 @@ __all__ = [
     "UnknownTextEncoder",
     "Vectors",
     "built_in_text_folder",
+    "check_width",
     "load_text_encoder",
 ]

@@ -55,11 +55,12 @@ ROOMS = (
     room("server/outbox.py server/rate.py server/limits.py", "server.engine.types"),
     room("server/ops.py", "starlette uvicorn prometheus_client"),
     room("server/metrics.py", "prometheus_client server.engine"),
-    room("server/config.py", "server.engine server.errors"),
+    room("server/config.py server/settings.py", "server.errors server.settings"),
     room("server/errors.py", "grpc grpc_status google server.engine.types"),
     room("server/prompts.py", "numpy server.engine.types server.errors"),
     room("server/app.py server/__main__.py", f"{GRPC} google motiongen server"),
     room("server/loading.py", f"{NUMBERS} ardy server"),
+    room("server/encoder", f"{GRPC} ardy.text google motiongen numpy prometheus_client server torch"),
     room("server/split", "msgpack numpy zmq server", never="asyncio"),
     room("server", "grpc google motiongen numpy server"),
     room(

@@ -6,7 +6,7 @@ from dataclasses import fields
 
 import pytest
 
-from server.config import ServerConfig, environment_name, parse_config
+from server.config import SERVER, ServerConfig, parse_config
 from server.errors import SettingError
 
 
@@ -17,7 +17,7 @@ def test_help_names_every_flag_and_environment_name(capsys: pytest.CaptureFixtur
     text = " ".join(capsys.readouterr().out.split())
     for each in fields(ServerConfig):
         assert f"--{each.name.replace('_', '-')} " in text
-        assert environment_name(each.name) in text.replace(" ", "")
+        assert SERVER.environment_name(each.name) in text.replace(" ", "")
 
 
 def test_a_flag_wins_over_the_environment_and_that_over_the_default() -> None:

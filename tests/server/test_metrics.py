@@ -11,6 +11,8 @@ from server.metrics import Metrics
 SET_BY_THE_APPLICATION = {
     "motiongen_build_info",
     "motiongen_prompt_encode_seconds",
+    "motiongen_prompts",
+    "motiongen_prompts_waiting",
     "motiongen_engine_heartbeat_age_seconds",
     "motiongen_admission_rejects",
     "motiongen_slow_reader_closes",
@@ -100,6 +102,15 @@ def test_what_the_streams_count_arrives() -> None:
     assert value("motiongen_admission_rejects_total", {"reason": "OVERLOADED"}) == 1
     assert value("motiongen_slow_reader_closes_total") == 1
     assert value("motiongen_frames_dropped_total") == 12
+
+
+def test_where_prompts_came_from_is_counted() -> None:
+    metrics = Metrics()
+    for source in ("store", "encoder", "encoder", "TEXT_ENCODER_SLOW"):
+        metrics.count_prompt(source)
+    value = metrics.registry.get_sample_value
+    assert value("motiongen_prompts_total", {"source": "encoder"}) == 2
+    assert value("motiongen_prompts_total", {"source": "TEXT_ENCODER_SLOW"}) == 1
 
 
 def test_the_tier_of_every_class_is_there_from_the_start_and_follows_the_reports() -> None:

@@ -62,16 +62,24 @@ def processor() -> str:
 
 
 def busy_share() -> Callable[[], float]:
-    """Ask now, call later: the share of all cores that other processes used meanwhile; 0 where the system keeps it."""
-    started_s, ours_s, all_s = time.monotonic(), time.process_time(), _busy_s()
+    """Ask now, call later: the share of all cores that others used meanwhile; 0 where the system keeps it.
+
+    Others are all but this process and those that it started and has waited for.
+    """
+    started_s, ours_s, all_s = time.monotonic(), _ours_s(), _busy_s()
 
     def share() -> float:
         if all_s is None or (now_s := _busy_s()) is None:
             return 0.0
-        others_s = now_s - all_s - (time.process_time() - ours_s)
+        others_s = now_s - all_s - (_ours_s() - ours_s)
         return max(0.0, others_s / ((time.monotonic() - started_s) * (os.cpu_count() or 1)))
 
     return share
+
+
+def _ours_s() -> float:
+    """Processor seconds of this process, and of those that it started, once they have ended."""
+    return time.process_time() + sum(os.times()[2:4])
 
 
 def _busy_s() -> float | None:

@@ -10,11 +10,11 @@ from server.engine.ports import Deliver, Inbox, Observe
 from server.loading import build_engine
 from server.memory import keep_freed_memory
 from server.split.engine_main import Built, run
-from tests.bench.null_runner import NullRunner
+from tests.bench.null_runner import STEP_S, NullRunner
 
 
 def build(config: ServerConfig, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
-    runner = NullRunner()
+    runner = NullRunner(STEP_S)
     return Built(build_engine(config, runner, deliver, observe, inbox), runner.facts, "none", threads=1)
 
 

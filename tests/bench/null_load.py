@@ -1,8 +1,9 @@
 """Load for the server with the null runner: bare gRPC streams, as light as Python can make them.
 
-Two kinds. `Lockstep`: every session of a stream advances at once and as fast as answers come, so that a message carries
-as many chunks as the stream has sessions. `paced`: sessions play in real time and edit every five seconds; latency
-counts from when an edit was meant to be sent, not from when the generator got round to it.
+Three kinds. `Line.advance_for`: every session of a stream advances at once, again and again, so that a
+message carries as many chunks as the stream has sessions; only the null engine can be driven so. `Paced`: sessions play
+in real time and edit every five seconds; latency counts from when an edit was meant to be sent, not from when the
+generator got round to it. `exchange`: messages of a given size with gRPC alone.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import asyncio
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import grpc.aio
 
@@ -18,25 +20,32 @@ from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 
 FPS = 20
 LOOKAHEAD = 40
-CHUNK_FRAMES = 20
 REPORTS_HZ = 2.0
 TICK_S = 0.025
 EDIT_EVERY_S = 5.0
 LONGEST_EDIT_GAP_S = 0.31  # so that a few sessions, too, give enough edits to judge by
 STREAMS_A_CHANNEL = 100
 OPENS_A_MESSAGE = 64
+CHANNEL_OPTIONS = (("grpc.use_local_subchannel_pool", 1), ("grpc.max_receive_message_length", 8 << 20))
+SERVICE_NAME = service_pb2.DESCRIPTOR.services_by_name["MotionService"].full_name
 
 
 @dataclass(slots=True)
 class Counts:
-    """What came in: messages with updates, chunks in them, and the frames of the chunks."""
+    """What came in: messages with updates, chunks in them, their frames, all bytes; what was sent: requests, bytes."""
 
     messages: int = 0
     chunks: int = 0
     frames: int = 0
+    num_bytes: int = 0
+    requests: int = 0
+    request_bytes: int = 0
 
     def minus(self, other: Counts) -> Counts:
-        return Counts(self.messages - other.messages, self.chunks - other.chunks, self.frames - other.frames)
+        return Counts(*(getattr(self, name) - getattr(other, name) for name in COUNTED))
+
+
+COUNTED = tuple(Counts.__dataclass_fields__)
 
 
 class Channels:
@@ -47,13 +56,19 @@ class Channels:
         self._channels: list[grpc.aio.Channel] = []
         self._streams = 0
 
-    def stub(self) -> service_pb2_grpc.MotionServiceStub:
-        """For one more stream."""
+    def stream(self) -> Any:
+        """One more call of StreamMotion."""
+        return service_pb2_grpc.MotionServiceStub(self._channel()).StreamMotion()
+
+    def bare_stream(self) -> Any:
+        """One more call of StreamMotion that takes and gives bytes as they are."""
+        return self._channel().stream_stream(f"/{SERVICE_NAME}/StreamMotion")()
+
+    def _channel(self) -> grpc.aio.Channel:
         if self._streams % STREAMS_A_CHANNEL == 0:
-            options = [("grpc.use_local_subchannel_pool", 1), ("grpc.max_receive_message_length", 8 << 20)]
-            self._channels.append(grpc.aio.insecure_channel(self._address, options=options))
+            self._channels.append(grpc.aio.insecure_channel(self._address, options=CHANNEL_OPTIONS))
         self._streams += 1
-        return service_pb2_grpc.MotionServiceStub(self._channels[-1])
+        return self._channels[-1]
 
     async def close(self) -> None:
         await asyncio.gather(*(channel.close() for channel in self._channels))
@@ -71,7 +86,7 @@ class Line:
         self.latencies_s: list[float] = []
         self.pings_s: list[float] = []
         self._answered: dict[int, list[int]] = {}
-        self._call = channels.stub().StreamMotion()
+        self._call = channels.stream()
         self._writing = asyncio.Lock()
 
     async def open(self) -> None:
@@ -92,6 +107,8 @@ class Line:
                 await self.read()
 
     async def write(self, request: service_pb2.StreamMotionRequest) -> None:
+        self.counts.requests += 1
+        self.counts.request_bytes += request.ByteSize()
         async with self._writing:  # edits and reports come from two tasks, and a call takes one message at a time
             await self._call.write(request)
 
@@ -105,6 +122,7 @@ class Line:
             self.pings_s.append(now - response.pong.client_time_ns / 1e9)
         if response.updates:
             self.counts.messages += 1
+            self.counts.num_bytes += response.ByteSize()
         for update in response.updates:
             self._take(update, now)
 
@@ -147,12 +165,12 @@ class Line:
         event = session_pb2.SessionEvent(session=handle, event_seq=self.seqs[handle], edit_prompts=span)
         return service_pb2.StreamMotionRequest(events=[event])
 
-    async def advance_for(self, seconds: float) -> None:
+    async def advance_for(self, seconds: float, chunk_frames: int) -> None:
         """All sessions, a chunk each a round, as fast as the answers come."""
         frame = min(self.sent_to) - LOOKAHEAD
         ends_s = time.perf_counter() + seconds
         while time.perf_counter() < ends_s:
-            frame += CHUNK_FRAMES
+            frame += chunk_frames
             await self.write(self.reports(frame, range(self.num_sessions)))
             await self.read_to(frame + LOOKAHEAD)
 
@@ -161,7 +179,21 @@ class Line:
 
 
 def total(lines: Sequence[Line]) -> Counts:
-    return Counts(*(sum(getattr(line.counts, name) for line in lines) for name in ("messages", "chunks", "frames")))
+    return Counts(*(sum(getattr(line.counts, name) for line in lines) for name in COUNTED))
+
+
+async def exchange(channels: Channels, request_bytes: int, every_s: float, seconds: float) -> int:
+    """On one stream: send a message, wait for the answer, and again after every_s. Returns how many."""
+    call = channels.bare_stream()
+    request, count, begun_s = bytes(request_bytes), 0, time.perf_counter()
+    while (now := time.perf_counter()) < begun_s + seconds:
+        await call.write(request)
+        if await call.read() is grpc.aio.EOF:
+            raise RuntimeError(f"the server ended the stream: {await call.code()}, {await call.details()}")
+        count += 1
+        await asyncio.sleep(max(0.0, now + every_s - time.perf_counter()))
+    call.cancel()
+    return count
 
 
 @dataclass

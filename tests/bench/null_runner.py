@@ -5,6 +5,7 @@ It gives frames of the built-in rig's size, so that the bytes on the wire are th
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,6 +16,8 @@ from server.engine.types import ChannelBlock, ModelFacts, RigLayout, RowStatus, 
 NUM_JOINTS = 27
 FEATURE_DIM = 12 * NUM_JOINTS + 6
 TOKEN_WIDTH = 52
+STEP_S = 0.002
+"""What a step takes on the clock where it is to: as with a model, what comes during one is taken up together."""
 
 FACTS = ModelFacts(
     model_id="null",
@@ -44,11 +47,12 @@ FACTS = ModelFacts(
 
 
 class NullRunner:
-    """Satisfies `server.engine.ports.Runner`; every window is the same zeros."""
+    """Satisfies `server.engine.ports.Runner`; every window is the same zeros. step_s: what a step waits."""
 
     facts = FACTS
 
-    def __init__(self) -> None:
+    def __init__(self, step_s: float = 0.0) -> None:
+        self._step_s = step_s
         self._steps_done: dict[int, int] = {}
         self._frames = np.zeros((FACTS.horizon, FACTS.row_width), np.float32)
         self._features = np.zeros((FACTS.horizon, FACTS.feature_dim), np.float32)
@@ -65,6 +69,8 @@ class NullRunner:
         self._steps_done.update((job.job_id, 0) for job in jobs)
 
     def denoise(self, job_ids: Sequence[int]) -> list[RowStatus]:
+        if self._step_s:
+            time.sleep(self._step_s)
         for job_id in job_ids:
             self._steps_done[job_id] += 1
         return [RowStatus(job_id, self._steps_done[job_id], finite=True) for job_id in job_ids]

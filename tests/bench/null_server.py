@@ -15,12 +15,12 @@ import threading
 from server.app import Application, Loaded
 from server.config import ServerConfig, parse_config
 from server.memory import keep_freed_memory
-from tests.bench.null_runner import NullEncoder, NullRunner
+from tests.bench.null_runner import STEP_S, NullEncoder, NullRunner
 
 
 def load_nothing(config: ServerConfig) -> Loaded:
     del config
-    return Loaded(NullRunner(), NullEncoder(), "none", threads=1)
+    return Loaded(NullRunner(STEP_S), NullEncoder(), "none", threads=1)
 
 
 async def serve(config: ServerConfig) -> int:

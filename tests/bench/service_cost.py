@@ -1,8 +1,10 @@
 """What the service costs without a model: `python -m tests.bench.service_cost`.
 
-The real server with a null runner in one process, the load in another. Tells the server's processor time for a chunk of
-20 frames at several numbers of chunks a message, by thread, and what a thousand playing sessions see of latency.
-Prints a table; with --out writes service_cost.json and service_cost.md.
+Each server in one process, the load in another. First the service on the null engine: its processor time for a chunk
+at several numbers of chunks a message, beside that of gRPC alone with messages of the same sizes. Then the real engine
+with the null runner: processor time and latency of a thousand sessions that play in real time. Processor time is that
+of the server's process, by thread, so it holds where others use the machine too; latency does not.
+Prints tables; with --out writes service_cost.json and service_cost.md.
 """
 
 from __future__ import annotations
@@ -22,11 +24,17 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.bench.machine import ROOT, machine_facts
-from tests.bench.null_load import Channels, Counts, Line, Paced, PacedResult, total
+from tests.bench.machine import ROOT, busy_share, machine_facts
+from tests.bench.null_load import Channels, Counts, Line, Paced, PacedResult, exchange, total
 
 SIZES = (1, 10, 50, 200)
 SESSIONS_IN_LOCKSTEP = 200
+CHUNK_FRAMES = 20
+FLUSH_MS = 20.0
+PLAYED = ((1000, 1), (1000, 4), (1000, 1000))
+"""Sessions, and the streams they are on."""
+NULL_SERVER = "tests.bench.null_server"
+STAND_INS = "tests.bench.stand_ins"
 SETTINGS = (
     "--port", "0", "--ops-port", "0", "--log-level", "WARNING", "--drain-wait-s", "0", "--drain-grace-s", "0.5",
     "--max-sessions", "4000", "--max-sessions-per-stream", "4000", "--max-rows", "4000", "--denoise-steps", "2",
@@ -36,7 +44,7 @@ SETTINGS = (
 
 @dataclass(frozen=True)
 class NullServer:
-    """A server process. threads: name -> the operating system's number."""
+    """A server's process. threads: name -> the operating system's number."""
 
     pid: int
     address: str
@@ -54,8 +62,8 @@ class NullServer:
 
 
 @contextmanager
-def null_server(*settings: str) -> Iterator[NullServer]:
-    command = [sys.executable, "-m", "tests.bench.null_server", *SETTINGS, *settings]
+def server_process(module: str, *arguments: str) -> Iterator[NullServer]:
+    command = [sys.executable, "-m", module, *arguments]
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     try:
@@ -72,50 +80,109 @@ def null_server(*settings: str) -> Iterator[NullServer]:
 
 @dataclass(frozen=True)
 class ChunkCost:
-    """The median over repeats. cpu_us: processor microseconds a chunk, of the whole server and by thread."""
+    """Of the service on the null engine. Sizes are means.
+
+    cpu_us: processor microseconds a chunk by thread, the median over trials; grpc_us: what gRPC alone takes for
+    messages of these sizes. others: the share of the machine that others used meanwhile.
+    """
 
     sessions_a_stream: int
     chunks_a_message: float
+    frames_a_chunk: float
+    request_bytes: int
+    response_bytes: int
     chunks_per_s: float
     cpu_us: dict[str, float]
+    grpc_us: float
+    others: float
 
     @property
     def total_us(self) -> float:
         return sum(self.cpu_us.values())
 
-    @property
-    def service_us(self) -> float:
-        """Without the engine's thread."""
-        return self.total_us - self.cpu_us["engine"]
+
+@dataclass(frozen=True)
+class Trials:
+    """Of one server: what came in over all of them, and by thread the processor microseconds a chunk in each."""
+
+    counts: Counts
+    seconds: float
+    cpu_us: list[dict[str, float]]
+
+    def median_us(self) -> dict[str, float]:
+        return {name: statistics.median(used[name] for used in self.cpu_us) for name in self.cpu_us[0]}
 
 
-async def chunk_cost(server: NullServer, sessions_a_stream: int, seconds: float, repeats: int) -> ChunkCost:
-    """Sessions in lockstep, `sessions_a_stream` of them on each stream."""
+async def lockstep(server: NullServer, sessions_a_stream: int, frames: int, seconds: float, repeats: int) -> Trials:
+    """Advance all sessions, `sessions_a_stream` of them on each stream."""
     channels = Channels(server.address)
     lines = [Line(channels, sessions_a_stream) for _ in range(SESSIONS_IN_LOCKSTEP // sessions_a_stream)]
     await asyncio.gather(*(line.open() for line in lines))
-    await asyncio.gather(*(line.advance_for(0.5) for line in lines))
-    trials: list[tuple[Counts, float, dict[str, float]]] = []
+    await asyncio.gather(*(line.advance_for(0.5, frames) for line in lines))
+    first, begun_s = total(lines), time.perf_counter()
+    used = []
     for _ in range(repeats):
-        before, cpu_before, started_s = total(lines), server.cpu_s(), time.perf_counter()
-        await asyncio.gather(*(line.advance_for(seconds) for line in lines))
-        cpu_after, counts = server.cpu_s(), total(lines).minus(before)
-        used = {name: 1e6 * (cpu_after[name] - cpu_before[name]) / counts.chunks for name in cpu_after}
-        trials.append((counts, time.perf_counter() - started_s, used))
+        before, cpu_before = total(lines), server.cpu_s()
+        await asyncio.gather(*(line.advance_for(seconds, frames) for line in lines))
+        used.append(used_us(cpu_before, server.cpu_s(), total(lines).minus(before).chunks))
+    trials = Trials(total(lines).minus(first), time.perf_counter() - begun_s, used)
     for line in lines:
         line.cancel()
     await channels.close()
+    return trials
+
+
+def used_us(before: dict[str, float], after: dict[str, float], count: int) -> dict[str, float]:
+    """Processor microseconds by thread, of each of `count`."""
+    return {name: 1e6 * (after[name] - before[name]) / count for name in after}
+
+
+async def bare_us(server: NullServer, streams: int, request_bytes: int, seconds: float, repeats: int) -> float:
+    """Processor microseconds of an exchange of messages with a server that is gRPC alone; the median."""
+    channels = Channels(server.address)
+
+    async def exchanged(seconds: float) -> int:
+        return sum(
+            await asyncio.gather(*(exchange(channels, request_bytes, FLUSH_MS / 1000, seconds) for _ in range(streams)))
+        )
+
+    await exchanged(0.5)
+    used = []
+    for _ in range(repeats):
+        before = server.cpu_s()
+        count = await exchanged(seconds)
+        used.append(sum(used_us(before, server.cpu_s(), count).values()))
+    await channels.close()
+    return statistics.median(used)
+
+
+def chunk_cost(sessions_a_stream: int, frames: int, seconds: float, repeats: int) -> ChunkCost:
+    """Of the service, then of gRPC with messages as large as the service's were."""
+    share = busy_share()
+    with server_process(STAND_INS, "service", *SETTINGS, "--flush-ms", str(FLUSH_MS)) as server:
+        trials = asyncio.run(lockstep(server, sessions_a_stream, frames, seconds, repeats))
+    counts = trials.counts
+    request_bytes = round(counts.request_bytes / counts.requests)
+    response_bytes = round(counts.num_bytes / counts.messages)
+    with server_process(STAND_INS, "grpc", str(response_bytes)) as server:
+        streams = SESSIONS_IN_LOCKSTEP // sessions_a_stream
+        message_us = asyncio.run(bare_us(server, streams, request_bytes, seconds, repeats))
     return ChunkCost(
         sessions_a_stream,
-        statistics.median(counts.chunks / counts.messages for counts, _, _ in trials),
-        statistics.median(counts.chunks / elapsed_s for counts, elapsed_s, _ in trials),
-        {name: statistics.median(used[name] for _, _, used in trials) for name in trials[0][2]},
+        counts.chunks / counts.messages,
+        counts.frames / counts.chunks,
+        request_bytes,
+        response_bytes,
+        counts.chunks / trials.seconds,
+        trials.median_us(),
+        message_us * counts.messages / counts.chunks,
+        share(),
     )
 
 
 @dataclass(frozen=True)
 class Latency:
-    """At so many sessions in real time. (p50, p99, max) in ms; cpu_share: of one core, by thread."""
+    """At so many sessions in real time. (p50, p99, max) in ms; cpu_share: of one core, by thread; cpu_us: a chunk."""
 
     sessions: int
     streams: int
@@ -125,7 +192,10 @@ class Latency:
     generator_lag_ms: tuple[float, float, float]
     edits: int
     unanswered: int
+    chunks_a_message: float
+    frames_a_chunk: float
     cpu_share: dict[str, float]
+    cpu_us: dict[str, float]
 
     @property
     def void(self) -> bool:
@@ -138,9 +208,9 @@ async def latency(server: NullServer, sessions: int, streams: int, flush_ms: flo
     lines = [Line(channels, sessions // streams) for _ in range(streams)]
     for first in range(0, streams, 50):
         await asyncio.gather(*(line.open() for line in lines[first : first + 50]))
-    cpu_before, started_s = server.cpu_s(), time.perf_counter()
+    before, cpu_before, started_s = total(lines), server.cpu_s(), time.perf_counter()
     result: PacedResult = await Paced(lines).run(warm_up_s=2.0, seconds=seconds)
-    cpu_after, elapsed_s = server.cpu_s(), time.perf_counter() - started_s
+    cpu_after, elapsed_s, counts = server.cpu_s(), time.perf_counter() - started_s, total(lines).minus(before)
     for line in lines:
         line.cancel()
     await channels.close()
@@ -153,7 +223,10 @@ async def latency(server: NullServer, sessions: int, streams: int, flush_ms: flo
         milliseconds(result.lags_s),
         len(result.edits_s),
         result.unanswered,
+        counts.chunks / counts.messages,
+        counts.frames / counts.chunks,
         {name: (cpu_after[name] - cpu_before[name]) / elapsed_s for name in cpu_after},
+        used_us(cpu_before, cpu_after, counts.chunks),
     )
 
 
@@ -167,31 +240,33 @@ def milliseconds(seconds: list[float]) -> tuple[float, float, float]:
 
 def markdown(facts: dict[str, str], costs: list[ChunkCost], latencies: list[Latency]) -> str:
     lines = [
-        "| sessions a stream | chunks a message | chunks/s | CPU us a chunk | service alone "
-        "| event loop | engine | gRPC, other |",
-        "|---:|---:|---:|---:|---:|---:|---:|---:|",
+        "The service on the null engine, processor time a chunk:",
+        "",
+        "| chunks a message | frames a chunk | KB a message | chunks/s | CPU us a chunk | event loop | null engine "
+        "| gRPC's threads | gRPC alone, same messages | others used |",
+        "|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
         *(
-            f"| {each.sessions_a_stream} | {each.chunks_a_message:.1f} | {each.chunks_per_s:.0f} | {each.total_us:.1f} "
-            f"| {each.service_us:.1f} | {each.cpu_us['event loop']:.1f} | {each.cpu_us['engine']:.1f} "
-            f"| {each.cpu_us['others']:.1f} |"
+            f"| {each.chunks_a_message:.1f} | {each.frames_a_chunk:.1f} | {each.response_bytes / 1000:.1f} "
+            f"| {each.chunks_per_s:.0f} | {each.total_us:.1f} | {each.cpu_us['event loop']:.1f} "
+            f"| {each.cpu_us['engine']:.1f} | {each.cpu_us['others']:.1f} | {each.grpc_us:.1f} | {each.others:.0%} |"
             for each in costs
         ),
-    ]  # fmt: skip
-    if len(costs) > 1:
-        ratio = costs[0].total_us / costs[-1].total_us
-        lines += ["", f"One stream a character costs {ratio:.1f} times what one stream for all costs."]
-    lines += [
         "",
-        "| sessions | streams | flush | edit to frame p50 / p99 / max | ping p50 / p99 / max "
-        "| generator lag p99 | server CPU |",
-        "|---:|---:|---:|---:|---:|---:|---:|",
+        "The engine with the null runner and the service, sessions playing in real time:",
+        "",
+        "| sessions | streams | flush | chunks a message | frames a chunk | CPU us a chunk | event loop | engine "
+        "| gRPC's threads | server CPU | ping p50 / p99 / max | edit to frame p50 / p99 / max | generator lag p99 |",
+        "|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for each in latencies:
         edit, ping = (" / ".join(f"{value:.1f}" for value in values) for values in (each.edit_ms, each.ping_ms))
         void = " (void)" * each.void
         lines.append(
-            f"| {each.sessions} | {each.streams} | {each.flush_ms:g} ms | {edit} ms | {ping} ms "
-            f"| {each.generator_lag_ms[1]:.1f} ms{void} | {100 * sum(each.cpu_share.values()):.0f} % |"
+            f"| {each.sessions} | {each.streams} | {each.flush_ms:g} ms | {each.chunks_a_message:.1f} "
+            f"| {each.frames_a_chunk:.1f} | {sum(each.cpu_us.values()):.1f} | {each.cpu_us['event loop']:.1f} "
+            f"| {each.cpu_us['engine']:.1f} | {each.cpu_us['others']:.1f} "
+            f"| {100 * sum(each.cpu_share.values()):.0f} % of a core | {ping} ms | {edit} ms "
+            f"| {each.generator_lag_ms[1]:.1f} ms{void} |"
         )
     lines += ["", *(f"- {name}: {value}" for name, value in facts.items()), ""]
     return "\n".join(lines)
@@ -205,21 +280,27 @@ def main() -> int:
         "--sizes", type=int, nargs="*", default=list(SIZES), help="chunks a message (default: %(default)s)"
     )
     parser.add_argument(
-        "--sessions", type=int, nargs="*", default=[1, 1000], help="sessions playing (default: %(default)s)"
+        "--chunk-frames", type=int, nargs="*", default=[CHUNK_FRAMES], help="frames a chunk (default: %(default)s)"
     )
+    parser.add_argument(
+        "--played", type=int, nargs=2, action="append", metavar=("SESSIONS", "STREAMS"),
+        help=f"sessions that play, and on how many streams; may be repeated (default: {PLAYED})",
+    )  # fmt: skip
+    parser.add_argument("--flush-ms", type=float, nargs="*", default=[FLUSH_MS, 5.0], help="for those that play")
     options = parser.parse_args()
     seconds, repeats, play_s = (1.0, 3, 5.0) if options.quick else (3.0, 3, 15.0)
     facts, costs, latencies = machine_facts(), [], []
-    with null_server() as server:
+    share = busy_share()
+    for frames in options.chunk_frames:
         for size in sorted(options.sizes):
-            costs.append(asyncio.run(chunk_cost(server, size, seconds, repeats)))
-            print(f"{size} chunks a message: {costs[-1].total_us:.1f} us a chunk", flush=True)
-    for flush_ms in (20.0, 5.0):
-        for sessions in options.sessions:
-            for streams in sorted({min(4, sessions), sessions}):
-                with null_server("--flush-ms", str(flush_ms)) as server:
-                    latencies.append(asyncio.run(latency(server, sessions, streams, flush_ms, play_s)))
-                    print(f"{sessions} sessions on {streams} streams: {latencies[-1].edit_ms}", flush=True)
+            costs.append(chunk_cost(size, frames, seconds, repeats))
+            print(f"{size} chunks of {frames} frames a message: {costs[-1].total_us:.1f} us a chunk", flush=True)
+    for flush_ms in options.flush_ms:
+        for sessions, streams in options.played or PLAYED:
+            with server_process(NULL_SERVER, *SETTINGS, "--flush-ms", str(flush_ms)) as server:
+                latencies.append(asyncio.run(latency(server, sessions, streams, flush_ms, play_s)))
+            print(f"{sessions} sessions on {streams} streams: ping {latencies[-1].ping_ms} ms", flush=True)
+    facts["others used"] = f"{share():.0%} of the machine meanwhile"
     table = markdown(facts, costs, latencies)
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)

@@ -157,7 +157,8 @@ def find_folders(second: str = SECOND_ADAPTER, first: str = FIRST_ADAPTER) -> Ll
 
 def _find(name: str, kind: str) -> Path:
     home = os.environ.get(FOLDERS_VARIABLE)
-    if home and ".." not in Path(name).parts and (Path(home) / name).is_dir():
+    is_inside = not Path(name).is_absolute() and ".." not in Path(name).parts
+    if home and is_inside and (Path(home) / name).is_dir():
         return Path(home) / name
     try:
         return fetch_files(name, MODEL_FILES)

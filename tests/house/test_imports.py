@@ -55,7 +55,7 @@ ROOMS = (
     room("server/outbox.py server/rate.py server/limits.py", "server.engine.types"),
     room("server/ops.py", "starlette uvicorn prometheus_client"),
     room("server/metrics.py", "prometheus_client server.engine"),
-    room("server/config.py server/settings.py", "server.errors server.settings"),
+    room("server/config.py server/settings.py", "_typeshed server.errors server.settings"),
     room("server/errors.py", "grpc grpc_status google server.engine.types"),
     room("server/prompts.py", "numpy server.engine.types server.errors"),
     room("server/app.py server/__main__.py", f"{GRPC} google motiongen server"),

@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from server.prompts import PromptEncoder
+from ardy.text.encoder import PromptNotEncoded, TextEncoderUnavailable
+from server.engine.types import Code
+from server.errors import EventRefused
+from server.prompts import ENCODING_THREADS, PromptEncoder
 
 
 class GatedEncoder:
@@ -20,12 +23,17 @@ class GatedEncoder:
 
     def __init__(self) -> None:
         self.go = threading.Event()
+        self.begun = threading.Event()
         self.asked: list[str] = []
         self.fails = False
+        self.error: Exception | None = None
 
     def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
         self.asked += texts
+        self.begun.set()
         assert self.go.wait(10)
+        if self.error is not None:
+            raise self.error
         if self.fails:
             raise RuntimeError("the encoder broke")
         return np.array([[len(text)] for text in texts], np.float32)
@@ -103,3 +111,113 @@ async def test_each_encoding_is_observed_and_cache_hits_are_not(encoder: GatedEn
     prompts.close()
     assert len(seen) == 2
     assert min(seen) >= 0
+
+
+class DictStore:
+    """A store in memory, which remembers what was asked of it."""
+
+    def __init__(self, **known: NDArray[np.float32]) -> None:
+        self.known = dict(known)
+        self.closed = False
+
+    def get(self, text: str) -> NDArray[np.float32] | None:
+        return self.known.get(text)
+
+    def put(self, text: str, vector: NDArray[np.float32]) -> None:
+        self.known[text] = vector
+
+    def close(self) -> None:
+        self.closed = True
+
+
+async def test_what_the_store_knows_does_not_wait_for_the_encoder(encoder: GatedEncoder) -> None:
+    store = DictStore(walk=np.array([7], np.float32))
+    prompts = PromptEncoder(encoder, 10, store=store)
+    hanging = [asyncio.create_task(prompts.encode(f"new {number}")) for number in range(2 * ENCODING_THREADS)]
+    np.testing.assert_array_equal(await prompts.encode("walk"), [7])
+    assert prompts.num_waiting == len(hanging)
+    assert "walk" not in encoder.asked
+    encoder.go.set()
+    await asyncio.gather(*hanging)
+    prompts.close()
+    assert store.closed
+    assert set(store.known) == {"walk", *(f"new {number}" for number in range(2 * ENCODING_THREADS))}
+
+
+async def test_one_who_waits_too_long_is_answered_and_the_next_gets_the_result(encoder: GatedEncoder) -> None:
+    prompts = PromptEncoder(encoder, 10, timeout_s=0.01)
+    with pytest.raises(EventRefused) as refused:
+        await prompts.encode("crawl")
+    assert (refused.value.code, refused.value.reason) == (Code.UNAVAILABLE, "TEXT_ENCODER_SLOW")
+    assert refused.value.retry_after_s
+    encoder.go.set()
+    await asyncio.gather(*asyncio.all_tasks() - {asyncio.current_task()})  # the encoding, for which nobody waits now
+    np.testing.assert_array_equal(await prompts.encode("crawl"), [5])
+    assert encoder.asked == ["crawl"]
+    prompts.close()
+
+
+async def test_more_than_may_wait_are_refused_at_once(encoder: GatedEncoder) -> None:
+    reasons: list[str] = []
+    prompts = PromptEncoder(encoder, 10, max_waiting=2, count=reasons.append)
+    waiting = [asyncio.create_task(prompts.encode(text)) for text in ("a", "bb")]
+    await asyncio.sleep(0)  # both have asked now
+    with pytest.raises(EventRefused) as refused:
+        await prompts.encode("ccc")
+    assert (refused.value.code, refused.value.reason) == (Code.RESOURCE_EXHAUSTED, "TEXT_ENCODER_BUSY")
+    joined = asyncio.create_task(prompts.encode("a"))  # no further text
+    encoder.go.set()
+    await asyncio.gather(*waiting, joined)
+    prompts.close()
+    assert sorted(reasons) == ["TEXT_ENCODER_BUSY", "encoder", "encoder"]
+
+
+async def test_an_encoder_that_is_away_is_an_answer_and_known_prompts_go_on(
+    encoder: GatedEncoder, caplog: pytest.LogCaptureFixture
+) -> None:
+    encoder.go.set()
+    prompts = PromptEncoder(encoder, 10)
+    known = await prompts.encode("walk")
+    encoder.error = TextEncoderUnavailable("nobody is there")
+    for text in ("a", "bb", "ccc"):
+        with pytest.raises(EventRefused, match="cannot be encoded: nobody is there") as refused:
+            await prompts.encode(text)
+        assert (refused.value.code, refused.value.reason) == (Code.UNAVAILABLE, "TEXT_ENCODER_UNAVAILABLE")
+        assert refused.value.retry_after_s == TextEncoderUnavailable.retry_after_s
+    assert await prompts.encode("walk") is known
+    assert caplog.text.count("nobody is there") == 1  # not once for every prompt
+    encoder.error = None
+    np.testing.assert_array_equal(await prompts.encode("a"), [1])
+    prompts.close()
+
+
+async def test_a_prompt_that_never_can_be_encoded_gives_no_time_to_retry(encoder: GatedEncoder) -> None:
+    encoder.go.set()
+    encoder.error = PromptNotEncoded("none of those known")
+    prompts = PromptEncoder(encoder, 10)
+    with pytest.raises(EventRefused, match="none of those known") as refused:
+        await prompts.encode("a")
+    assert refused.value.retry_after_s is None
+    prompts.close()
+
+
+async def test_what_is_remembered_is_known(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
+    preset = np.array([9], np.float32)
+    prompts.remember("bow", preset)
+    assert await prompts.encode("bow") is preset
+    assert encoder.asked == []
+
+
+async def test_closing_breaks_off_calls_of_an_encoder_elsewhere() -> None:
+    class Elsewhere(GatedEncoder):
+        def close(self) -> None:
+            self.error = TextEncoderUnavailable("closed")
+            self.go.set()
+
+    encoder = Elsewhere()
+    prompts = PromptEncoder(encoder, 10)
+    asked = asyncio.create_task(prompts.encode("walk"))
+    await asyncio.to_thread(encoder.begun.wait)
+    await asyncio.to_thread(prompts.close)
+    with pytest.raises(EventRefused, match="closed"):
+        await asked

@@ -1,0 +1,124 @@
+"""A Gradio app in this process: the text service of ARDY as its clients see it, failing on demand.
+
+Its answers have the form of gradio 6.31's; they were compared with that.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+import numpy as np
+
+WIDTH = 8
+
+
+def vector_of(text: str) -> np.ndarray:
+    """(1, WIDTH) float32, another for every text."""
+    return np.random.default_rng(list(text.encode())).standard_normal((1, WIDTH)).astype(np.float32)
+
+
+@dataclass
+class FakeGradio:
+    """texts: those that came. fate: "" to answer; "error" to fail inside; "silent" to say only that it lives; "down" to
+    answer with status 502. encode: what it does; result: what the endpoint's results look like around the path."""
+
+    encode: Callable[[str], np.ndarray] = vector_of
+    fate: str = ""
+    content: bytes | None = None
+    result: Callable[[str], Any] | None = None
+    texts: list[str] = field(default_factory=list)
+    file_names: list[str] = field(default_factory=list)
+    files: dict[str, bytes] = field(default_factory=dict)
+    events: dict[str, str] = field(default_factory=dict)
+    url: str = ""
+
+
+@contextmanager
+def serving(app: FakeGradio) -> Iterator[FakeGradio]:
+    """Serve it on a free port while the context lasts."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), lambda *given: _Handler(app, *given))
+    app.url = f"http://127.0.0.1:{server.server_address[1]}/"
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01}, name="fake gradio")
+    thread.start()
+    try:
+        yield app
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+class _Handler(BaseHTTPRequestHandler):
+    def __init__(self, app: FakeGradio, *given: object) -> None:
+        self._app = app
+        super().__init__(*given)  # type: ignore[arg-type]
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Nothing on the terminal."""
+
+    def do_POST(self) -> None:
+        body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+        if self.path != "/gradio_api/call/DemoWrapper" or self._app.fate == "down":
+            return self._answer(502, b"bad gateway")
+        text, name = body["data"]
+        self._app.texts.append(text)
+        self._app.file_names.append(name)
+        self._app.events[event := f"event{len(self._app.events)}"] = text
+        file = io.BytesIO()
+        np.save(file, self._app.encode(text))
+        self._app.files[f"/tmp/gradio/{event}/{name}"] = file.getvalue()
+        return self._answer(200, json.dumps({"event_id": event}).encode())
+
+    def do_GET(self) -> None:
+        call, _, event = self.path.rpartition("/")
+        if call == "/gradio_api/call/DemoWrapper":
+            return self._tell(event)
+        path = self.path.removeprefix("/gradio_api/file=")
+        if path not in self._app.files:
+            return self._answer(404, b"")
+        return self._answer(200, self._app.files[path] if self._app.content is None else self._app.content)
+
+    def _tell(self, event: str) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "text/event-stream; charset=utf-8")
+        self.end_headers()
+        if self._app.fate == "error":
+            self.wfile.write(b'event: error\ndata: {"error": null}\n\n')
+            return
+        try:
+            while self._app.fate == "silent":
+                self.wfile.write(b"event: heartbeat\ndata: null\n\n")
+        except OSError:
+            return  # the client has given up
+        path = next(path for path in self._app.files if f"/{event}/" in path)
+        results = (self._app.result or _results)(path)
+        self.wfile.write(b"event: heartbeat\ndata: null\n\n")
+        self.wfile.write(f"event: complete\ndata: {json.dumps(results)}\n\n".encode())
+
+    def _answer(self, status: int, content: bytes) -> None:
+        self.send_response(status)
+        self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        self.wfile.write(content)
+
+
+def _results(path: str) -> list[Any]:
+    """What a download button, a text and another make: the button is an update, its file lies in its value."""
+    file = {
+        "path": path,
+        "url": f"http://elsewhere.invalid/gradio_api/file={path}",
+        "size": None,
+        "orig_name": "name.npy",
+        "mime_type": None,
+        "is_stream": False,
+        "meta": {"_type": "gradio.FileData"},
+    }
+    button = {"visible": True, "label": "Download", "value": file, "__type__": "update"}
+    return [button, {"value": "encoded", "__type__": "update"}, "(1, 8)"]

@@ -1,0 +1,114 @@
+"""LLM2Vec without its libraries: which tokens count, how prompts are cut, which folders are taken.
+
+What transformers and peft make of it is checked by `python -m tests.bench.llm2vec`.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ardy.text import UnknownTextEncoder, load_text_encoder
+from ardy.text.llm2vec import (
+    FIRST_ADAPTER,
+    MAX_TEXT_TOKENS,
+    SECOND_ADAPTER,
+    Llm2VecFolders,
+    both_ways,
+    find_folders,
+    fingerprint,
+    mean_of_last,
+    shortened,
+)
+
+LLAMA = "someone/Llama-8B"
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Folders as they must lie below $TEXT_ENCODERS_DIR."""
+    for name in (LLAMA, FIRST_ADAPTER, SECOND_ADAPTER):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "model.safetensors").write_bytes(name.encode() * 10)
+    (tmp_path / FIRST_ADAPTER / "adapter_config.json").write_text(json.dumps({"base_model_name_or_path": LLAMA}))
+    monkeypatch.setenv("TEXT_ENCODERS_DIR", str(tmp_path))
+    return tmp_path
+
+
+def test_only_the_prompt_s_tokens_count() -> None:
+    hidden = torch.arange(10.0).reshape(5, 2)
+    torch.testing.assert_close(mean_of_last(hidden, 2), hidden[3:].mean(0))
+    torch.testing.assert_close(mean_of_last(hidden, 5), hidden.mean(0))
+
+
+def test_the_mask_hides_nothing() -> None:
+    mask = both_ways(torch.zeros(1, 6, dtype=torch.int64), torch.bfloat16)
+    assert (mask.shape, mask.dtype) == ((1, 1, 6, 6), torch.bfloat16)
+    assert not mask.any()
+
+
+@given(st.lists(st.text(alphabet="abc", min_size=1, max_size=30), min_size=1, max_size=200))
+def test_a_text_is_cut_to_its_first_words_and_no_further_than_it_must(words: list[str]) -> None:
+    text = " ".join(words)
+    kept = shortened(text, len)
+    assert text.startswith(kept)
+    assert len(kept) <= MAX_TEXT_TOKENS
+    if len(text) <= MAX_TEXT_TOKENS:
+        assert kept == text
+    else:
+        assert kept
+
+
+def test_one_long_word_is_left_for_the_tokenizer_to_cut() -> None:
+    assert shortened("あ" * 1000, len) == "あ" * 1000
+
+
+def test_the_folders_are_found_where_the_variable_says(home: Path) -> None:
+    folders = find_folders()
+    assert folders == Llm2VecFolders(home / LLAMA, (home / FIRST_ADAPTER, home / SECOND_ADAPTER))
+
+
+def test_an_adapter_that_names_no_model_is_refused(home: Path) -> None:
+    for content in ("{}", "[", '["a"]'):
+        (home / FIRST_ADAPTER / "adapter_config.json").write_text(content)
+        with pytest.raises(UnknownTextEncoder, match="no adapter"):
+            find_folders()
+
+
+@pytest.mark.parametrize("name", ["../../etc", "/etc"])
+def test_an_adapter_cannot_name_a_folder_outside(home: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    (home / FIRST_ADAPTER / "adapter_config.json").write_text(json.dumps({"base_model_name_or_path": name}))
+    with pytest.raises(UnknownTextEncoder, match="lacks its model"):
+        find_folders()
+
+
+def test_the_fingerprint_follows_the_content_of_every_folder(home: Path) -> None:
+    folders = find_folders()
+    prints = {fingerprint(folders)}
+    assert fingerprint(folders) in prints
+    for name in (LLAMA, FIRST_ADAPTER, SECOND_ADAPTER):
+        path = home / name / "model.safetensors"
+        path.write_bytes(path.read_bytes() + b"1")
+        prints.add(fingerprint(folders))
+    (home / LLAMA / "tokenizer.json").write_text("{}")
+    prints.add(fingerprint(folders))
+    assert len(prints) == 5
+
+
+def test_without_its_libraries_it_says_what_to_install(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "peft", None)
+    monkeypatch.setitem(sys.modules, "transformers", None)
+    with pytest.raises(UnknownTextEncoder, match=r"pip install 'motiongen\[llm2vec\]'"):
+        load_text_encoder("llm2vec", 4096)
+
+
+def test_a_precision_it_has_not_is_refused(home: Path) -> None:
+    with pytest.raises(UnknownTextEncoder, match=r"'int8'.*float32 or bfloat16"):
+        load_text_encoder("llm2vec", 4096, precision="int8")

@@ -1,0 +1,72 @@
+"""Encoders by their names; what holds of every one; what is said where there is none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ardy.text import (
+    HashedTextEncoder,
+    StaticTextEncoder,
+    TextEncoder,
+    TextWidthMismatch,
+    UnknownTextEncoder,
+    built_in_text_folder,
+    load_text_encoder,
+)
+
+STATIC = StaticTextEncoder(built_in_text_folder())
+ENCODERS: list[TextEncoder] = [HashedTextEncoder(7), STATIC]
+
+
+@pytest.mark.parametrize("encoder", ENCODERS, ids=lambda encoder: encoder.identity)
+@given(texts=st.lists(st.text(max_size=40), max_size=5))
+def test_each_row_is_of_its_text_alone_and_blank_ones_are_zeros(encoder: TextEncoder, texts: list[str]) -> None:
+    vectors = encoder.encode(texts)
+    assert vectors.shape == (len(texts), encoder.width)
+    assert vectors.dtype == np.float32
+    assert np.isfinite(vectors).all()
+    for row, text in enumerate(texts):
+        np.testing.assert_array_equal(vectors[row], encoder.encode([text])[0])
+        if not text.strip():
+            assert not vectors[row].any()
+
+
+def test_static_vectors_have_unit_scale_and_tell_prompts_apart() -> None:
+    walk, wave = STATIC.encode(["a person walks", "a person waves"])
+    assert np.sqrt(np.square(walk).mean()) == pytest.approx(1, abs=1e-5)
+    assert float(walk @ wave) / walk.size < 0.95
+
+
+def test_a_model2vec_folder_is_the_encoder_in_it() -> None:
+    assert load_text_encoder(str(built_in_text_folder()), STATIC.width).identity == STATIC.identity
+    assert load_text_encoder("static").identity == STATIC.identity
+
+
+def test_hashed_fits_every_width_and_a_width_must_be_given() -> None:
+    assert load_text_encoder("hashed", 4096).width == 4096
+    with pytest.raises(UnknownTextEncoder, match="any width"):
+        load_text_encoder("hashed")
+    with pytest.raises(TextWidthMismatch, match="at least 1"):
+        load_text_encoder("hashed", 0)
+
+
+def test_one_of_another_width_than_the_model_s_is_refused_with_both() -> None:
+    with pytest.raises(TextWidthMismatch, match=rf"'static' gives vectors of {STATIC.width} .* takes 4096"):
+        load_text_encoder("static", 4096)
+
+
+@pytest.mark.parametrize("name", ["none", "", "llm2vec2", "gradio", "prompts", "/etc"])
+def test_an_unknown_name_is_refused_with_those_that_are_known(name: str) -> None:
+    with pytest.raises(UnknownTextEncoder, match="static, hashed, llm2vec, gradio:URL, prompts:FILE"):
+        load_text_encoder(name, 8)
+
+
+def test_a_folder_with_other_weights_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "model.safetensors").write_bytes(b"nothing")
+    with pytest.raises(UnknownTextEncoder, match=r"no.* model2vec folder"):
+        load_text_encoder(str(tmp_path), 8)

@@ -1,0 +1,114 @@
+"""Prompts encoded beforehand: written, read, used in place of an encoder; files that are none are refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors.numpy import save_file
+
+from ardy.text import HashedTextEncoder, TextWidthMismatch, load_text_encoder
+from ardy.text.__main__ import main
+from ardy.text.encoder import PromptNotEncoded
+from ardy.text.prompt_file import FORMAT, PromptFileError, encode_prompts, read_prompt_file, write_prompt_file
+
+PROMPTS = [("wave", "a person waves"), ("walk", "a person walks, déjà vu")]
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path = tmp_path / "prompts.safetensors"
+    write_prompt_file(path, encode_prompts(HashedTextEncoder(6), PROMPTS))
+    return path
+
+
+def test_what_is_written_is_read(path: Path) -> None:
+    prompts = read_prompt_file(path)
+    assert list(zip(prompts.ids, prompts.texts, strict=True)) == PROMPTS
+    assert prompts.text_encoder == "hashed-6"
+    np.testing.assert_array_equal(prompts.vectors, HashedTextEncoder(6).encode([text for _, text in PROMPTS]))
+
+
+def test_it_stands_in_for_the_encoder_that_made_it(path: Path) -> None:
+    encoder = load_text_encoder(f"prompts:{path}", 6)
+    assert (encoder.identity, encoder.width) == ("hashed-6", 6)
+    np.testing.assert_array_equal(
+        encoder.encode(["a person waves", " "]), HashedTextEncoder(6).encode(["a person waves", " "])
+    )
+    with pytest.raises(PromptNotEncoded) as caught:
+        encoder.encode(["a person sleeps"])
+    assert caught.value.retry_after_s is None
+    with pytest.raises(TextWidthMismatch, match="6 numbers, but the model takes 7"):
+        load_text_encoder(f"prompts:{path}", 7)
+
+
+def test_the_command_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines, out = tmp_path / "prompts.txt", tmp_path / "out.safetensors"
+    lines.write_text("wave\ta person waves\n\na person walks\n", encoding="utf-8")
+    assert main([str(lines), str(out), "--encoder", "hashed", "--width", "5"]) == 0
+    prompts = read_prompt_file(out)
+    assert prompts.ids == ("wave", "a person walks")
+    assert prompts.texts == ("a person waves", "a person walks")
+    assert prompts.vectors.shape == (2, 5)
+    assert "2 prompts, 5 numbers each, from hashed-5" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("lines", "options", "said"),
+    [
+        ("a person waves\na person waves\n", ["--encoder", "static"], "there twice"),
+        ("wave\t \n", ["--encoder", "static"], "blank"),
+        ("wave\n", ["--encoder", "hashed"], "any width"),
+        ("wave\n", ["--encoder", "nothing"], "no text encoder 'nothing'"),
+        ("x" * 65 + "\ta person waves\n", ["--encoder", "static"], "1 to 64 characters"),
+    ],
+)
+def test_the_command_says_what_is_wrong(
+    lines: str, options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "prompts.txt").write_text(lines)
+    assert main([str(tmp_path / "prompts.txt"), str(tmp_path / "out"), *options]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+GOOD = {"format": FORMAT, "text_encoder": "e", "ids": '["a", "b"]', "texts": '["A", "B"]'}
+
+
+@pytest.mark.parametrize(
+    ("changes", "vectors", "said"),
+    [
+        ({"format": "other"}, np.zeros((2, 3), np.float32), "no file of prompts"),
+        ({"ids": '["a", "a"]'}, np.zeros((2, 3), np.float32), "there twice"),
+        ({"ids": "[1, 2]"}, np.zeros((2, 3), np.float32), "no list of strings"),
+        ({"ids": "["}, np.zeros((2, 3), np.float32), "no JSON"),
+        ({"ids": "[" * 100_000}, np.zeros((2, 3), np.float32), "no JSON"),
+        ({"texts": '["A"]'}, np.zeros((2, 3), np.float32), "do not fit"),
+        ({}, np.zeros((3, 3), np.float32), "do not fit"),
+        ({}, np.zeros(2, np.float32), "do not fit"),
+        ({}, np.zeros((2, 3), np.float64), "float32"),
+        ({}, np.full((2, 3), np.inf, np.float32), "finite"),
+    ],
+)
+def test_a_file_that_does_not_fit_together_is_refused(
+    changes: dict[str, str], vectors: np.ndarray, said: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "prompts.safetensors"
+    save_file({"vectors": vectors}, path, {**GOOD, **changes})
+    with pytest.raises(PromptFileError, match=said):
+        read_prompt_file(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"\x80\x04pickle", b"\xff" * 8 + b"{}", json.dumps(GOOD).encode()])
+def test_what_is_no_safetensors_file_is_refused(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "prompts.safetensors"
+    path.write_bytes(content)
+    with pytest.raises(PromptFileError, match="no safetensors file"):
+        read_prompt_file(path)
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(PromptFileError, match="cannot be read"):
+        load_text_encoder(f"prompts:{tmp_path / 'none'}", 4)

@@ -1,0 +1,152 @@
+"""Vectors on the disk: what is found again, what is not mistaken, and that it never stands in the way."""
+
+from __future__ import annotations
+
+import logging
+import sqlite3
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ardy.text.store import VectorStore
+
+VECTOR = np.array([1.5, -2.25, 0, 1e-30], np.float32)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "folder" / "prompts.db"
+
+
+def store(path: Path, identity: str = "llm2vec-01-float32", width: int = 4, most: int = 100) -> VectorStore:
+    return VectorStore(path, identity, width, most)
+
+
+def test_what_is_put_is_found_by_the_next_process(path: Path) -> None:
+    first = store(path)
+    first.put("a person walks", VECTOR)
+    first.close()
+    second = store(path)
+    found = second.get("a person walks")
+    assert found is not None
+    assert found.tobytes() == VECTOR.tobytes()
+    assert second.get("a person walks ") is None
+    second.close()
+
+
+@given(
+    st.dictionaries(
+        st.text(), st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=4, max_size=4)
+    )
+)
+def test_every_text_finds_its_own_vector(content: dict[str, list[float]]) -> None:
+    keeper = VectorStore(Path(":memory:"), "any", 4)
+    for text, values in content.items():
+        keeper.put(text, np.array(values, np.float32))
+    for text, values in content.items():
+        np.testing.assert_array_equal(keeper.get(text), np.array(values, np.float32))
+    keeper.close()
+
+
+@pytest.mark.parametrize(
+    ("identity", "width"), [("llm2vec-01-bfloat16", 4), ("llm2vec-02-float32", 4), ("llm2vec-01-float32", 3)]
+)
+def test_another_encoder_precision_or_width_finds_nothing(path: Path, identity: str, width: int) -> None:
+    first, second = store(path), store(path, identity, width)
+    first.put("walk", VECTOR)
+    assert second.get("walk") is None
+    first.close()
+    second.close()
+
+
+def test_of_more_than_it_may_hold_the_least_recently_used_go(path: Path) -> None:
+    keeper = store(path, most=10)
+    for number in range(11):
+        keeper.put(f"prompt {number}", VECTOR)
+    assert [number for number in range(11) if keeper.get(f"prompt {number}") is None] == [0, 1]
+    keeper.close()
+
+
+def test_two_processes_worth_of_stores_write_at_once(path: Path) -> None:
+    stores = [store(path, most=1000) for _ in range(3)]
+
+    def fill(keeper: VectorStore, offset: int) -> None:
+        for number in range(20):
+            keeper.put(f"{offset} {number}", VECTOR * offset)
+
+    threads = [threading.Thread(target=fill, args=(keeper, offset)) for offset, keeper in enumerate(stores)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for offset in range(3):
+        for number in range(20):
+            np.testing.assert_array_equal(stores[0].get(f"{offset} {number}"), VECTOR * offset)
+    for keeper in stores:
+        keeper.close()
+
+
+def test_a_file_that_is_no_database_is_put_aside(path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path.parent.mkdir()
+    path.write_bytes(b"not a database, but a letter to my aunt" * 100)
+    keeper = store(path)
+    keeper.put("walk", VECTOR)
+    np.testing.assert_array_equal(keeper.get("walk"), VECTOR)
+    keeper.close()
+    assert path.with_name("prompts.db.broken").read_bytes().startswith(b"not a database")
+    assert "prompts.db.broken" in caplog.text
+
+
+def test_what_is_damaged_inside_is_not_found(path: Path) -> None:
+    keeper = store(path)
+    keeper.put("short", VECTOR)
+    keeper.put("nan", VECTOR)
+    keeper.put("text", VECTOR)
+    with sqlite3.connect(path) as other:
+        other.execute("UPDATE vectors SET vector = x'0011' WHERE text = 'short'")
+        other.execute("UPDATE vectors SET vector = ? WHERE text = 'nan'", (np.full(4, np.nan, "<f4").tobytes(),))
+        other.execute("UPDATE vectors SET vector = 'abcdefghijklmnop' WHERE text = 'text'")
+    other.close()
+    assert [keeper.get(text) for text in ("short", "nan", "text")] == [None, None, None]
+    keeper.close()
+
+
+def test_one_that_another_version_wrote_is_left_alone(path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    store(path).close()
+    with sqlite3.connect(path) as other:
+        other.execute("PRAGMA user_version = 99")
+    other.close()
+    keeper = store(path)
+    keeper.put("walk", VECTOR)
+    assert keeper.get("walk") is None
+    keeper.close()
+    assert "another version, 99" in caplog.text
+    assert not path.with_name("prompts.db.broken").exists()
+
+
+def test_where_it_cannot_be_it_forgets_and_says_so_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tmp_path / "file").write_text("in the way")
+    with caplog.at_level(logging.WARNING):
+        keeper = store(tmp_path / "file" / "prompts.db")
+        for _ in range(3):
+            keeper.put("walk", VECTOR)
+            assert keeper.get("walk") is None
+        keeper.close()
+    assert len(caplog.records) == 1
+
+
+def test_one_that_breaks_while_it_is_used_forgets_and_says_so_once(
+    path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    keeper = store(path)
+    with sqlite3.connect(path) as other:
+        other.execute("DROP TABLE vectors")
+    other.close()
+    keeper.put("walk", VECTOR)
+    assert keeper.get("walk") is None
+    keeper.close()
+    assert caplog.text.count("cannot be used") == 1

@@ -43,6 +43,8 @@ class Catalog:
             max_guidance=MAX_GUIDANCE,
             max_speed_mps=MAX_SPEED_MPS,
             max_hold_frames=limits.max_hold_frames,
+            max_clip_frames=limits.max_clip_frames,
+            max_clip_samples=limits.max_clip_samples,
             max_events_per_second=limits.events_per_second,
             max_stream_events_per_second=limits.stream_events_per_second,
         )
@@ -61,6 +63,8 @@ class Catalog:
             default_guidance=session_pb2.Guidance(text=guidance.text, constraint=guidance.constraint),
             num_parameters=facts.num_parameters,
             future_frames=facts.max_window_frames - facts.horizon - history_frames,
+            default_history_frames=history_frames,
+            max_history_frames=facts.max_history // facts.patch * facts.patch,
         )
         self._response = service_pb2.GetCatalogResponse(
             rigs=[rig_message(facts)], limits=self.limits_message, models=[model]
@@ -84,4 +88,6 @@ def rig_message(facts: ModelFacts) -> motion_pb2.Rig:
         frame_rate=facts.fps,
         blocks=[motion_pb2.ChannelBlock(name=block.name, width=block.width) for block in facts.rig.blocks],
         neutral_offsets_m=facts.rig.neutral_offsets.ravel().tolist(),
+        hip_joints=facts.rig.hip_joints or (),
+        limbs=[motion_pb2.Limb(name=limb.name, joints=limb.joints) for limb in facts.rig.limbs],
     )

@@ -42,20 +42,31 @@ class EventRefused(Exception):
 
 
 class StreamRefused(Exception):
-    """What ends a whole stream with a status and details. retry_after_s: when to try again, 0 where it is of no use."""
+    """What ends a whole call with a status and details.
+
+    retry_after_s: when to try again, 0 where it is of no use; allowed: what may stand in the field.
+    """
 
     def __init__(
-        self, code: grpc.StatusCode, reason: str, message: str, field: str = "", retry_after_s: float = 0.0
+        self,
+        code: grpc.StatusCode,
+        reason: str,
+        message: str,
+        field: str = "",
+        retry_after_s: float = 0.0,
+        allowed: str = "",
     ) -> None:
         super().__init__(message)
         self.code = code
         self.reason = reason
         self.field = field
         self.retry_after_s = retry_after_s
+        self.allowed = allowed
 
     def status(self) -> grpc.Status:
         """With ErrorInfo; BadRequest where a field is at fault, RetryInfo where waiting helps (google.rpc model)."""
-        packed = [_pack(error_details_pb2.ErrorInfo(reason=self.reason, domain=ERROR_DOMAIN))]
+        metadata = {"allowed": self.allowed} if self.allowed else {}
+        packed = [_pack(error_details_pb2.ErrorInfo(reason=self.reason, domain=ERROR_DOMAIN, metadata=metadata))]
         if self.field:
             violation = error_details_pb2.BadRequest.FieldViolation(
                 field=self.field, description=str(self), reason=self.reason

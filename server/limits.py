@@ -17,6 +17,7 @@ class Limits:
     """Counts, frames and bytes; the meaning of each is that of the field of the same name in the protocol.
 
     events_per_second, stream_events_per_second: sustained rates of one session and one stream, with bursts of as many.
+    max_clip_s: how long one call for a clip may take, whatever deadline it has.
     soft_backlog_bytes for backlog_s seconds, or hard_backlog_bytes at once, of unsent updates end a stream's sessions.
     """
 
@@ -29,6 +30,9 @@ class Limits:
     max_lookahead_frames: int = 80
     max_trajectory_frames: int = 400
     max_hold_frames: int = 400
+    max_clip_frames: int = 2_400
+    max_clip_samples: int = 16
+    max_clip_s: float = 600.0
     events_per_second: float = 50.0
     stream_events_per_second: float = 5_000.0
     soft_backlog_bytes: int = 1 << 20

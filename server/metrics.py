@@ -11,6 +11,7 @@ from server.engine.types import Code, PlayState, Priority, ServiceTier
 
 LATENCY_BUCKETS = (0.005, 0.01, 0.02, 0.03, 0.05, 0.075, 0.1, 0.15, 0.25, 0.5, 1.0, 2.5)
 STEP_BUCKETS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+CLIP_BUCKETS = (0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0, 150.0, 300.0, 600.0)
 ROW_BUCKETS = (1, 2, 4, 8, 16, 32, 64, 128)
 
 
@@ -111,6 +112,13 @@ class Metrics:
         self.dropped = Counter(
             "motiongen_frames_dropped", "Frames taken out of a stream's queue unsent.", registry=registry
         )
+        self.clips = Counter(
+            "motiongen_clips", "Samples of clips asked for, by the status of their call.", ["code"], registry=registry
+        )
+        self.clip_seconds = Histogram(
+            "motiongen_clip_seconds", "Calls for clips that were made, to their last frame.", buckets=CLIP_BUCKETS,
+            registry=registry,
+        )  # fmt: skip
         self.streams = Gauge("motiongen_streams", "Open streams.", registry=registry)
         self.queue_bytes = Gauge(
             "motiongen_outbound_queue_bytes", "What waits to be written to all streams.", registry=registry
@@ -167,6 +175,12 @@ class Metrics:
     def reject(self, reason: str) -> None:
         """As in Tally."""
         self.rejects.labels(reason).inc()
+
+    def end_clip(self, code: str, seconds: float, num_samples: int) -> None:
+        """As in Tally."""
+        self.clips.labels(code).inc(num_samples)
+        if code == "OK":
+            self.clip_seconds.observe(seconds)
 
     def give_up_on_reader(self) -> None:
         """As in Tally."""

@@ -12,6 +12,10 @@ class Tally(Protocol):
         """A session was refused for want of room."""
         ...
 
+    def end_clip(self, code: str, seconds: float, num_samples: int) -> None:
+        """A call for a clip has ended with a status, after so long."""
+        ...
+
     def give_up_on_reader(self) -> None:
         """The sessions of a stream were closed because its client does not read."""
         ...
@@ -25,6 +29,9 @@ class NoTally:
     """Counts nothing: for streams that nobody watches."""
 
     def reject(self, reason: str) -> None:
+        """As in Tally."""
+
+    def end_clip(self, code: str, seconds: float, num_samples: int) -> None:
         """As in Tally."""
 
     def give_up_on_reader(self) -> None:

@@ -88,9 +88,14 @@ def _joint_targets(
     check_finite(numbers, f"{field}.rotations", "finite numbers")
     quaternions = numbers.reshape(-1, 4).astype(np.float64)  # squares of great float32 numbers fit
     norms = np.linalg.norm(quaternions, axis=1)
-    if not np.all(np.abs(norms - 1) <= UNIT_TOLERANCE):
-        raise refuse("NOT_A_ROTATION", f"{field}.rotations", f"quaternion lengths are {norms[:8]}", "1 within 0.001")
-    return JointTargets(identifier, frame, joints, positions, _matrices(quaternions / norms[:, None]))
+    rotated = norms > 0
+    if not np.all(np.abs(norms[rotated] - 1) <= UNIT_TOLERANCE):
+        allowed = "1 within 0.001, or 0 for a rotation that is free"
+        raise refuse("NOT_A_ROTATION", f"{field}.rotations", f"quaternion lengths are {norms[:8]}", allowed)
+    matrices = _matrices(quaternions / np.where(rotated, norms, 1.0)[:, None])
+    return JointTargets(
+        identifier, frame, joints, positions, matrices, None if rotated.all() else tuple(rotated.tolist())
+    )
 
 
 def _matrices(quaternions: NDArray[np.float64]) -> Float32Array:

@@ -16,6 +16,7 @@ from server.convert.checks import (
     refuse,
 )
 from server.convert.constraints import constraints_of
+from server.convert.history import history_frames_of, prior_rows_of
 from server.convert.prompts import Embeddings, prompts_of
 from server.engine.types import (
     Close,
@@ -157,6 +158,8 @@ def _session_spec(
         start_pose=_start_pose(message.initial_root),
         prompts=prompts_of(message.prompts, "open.prompts", embeddings, catalog),
         constraints=constraints_of(message.constraints, "open.constraints", catalog),
+        history_frames=history_frames_of(message, catalog.facts),
+        prior_rows=prior_rows_of(message, catalog),
     )
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ardy.config import FRAMES_PER_TOKEN
+from ardy.constraint import limb_chains
 from ardy.model import Model
 from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
-from server.engine.types import ChannelBlock, ModelFacts, RigLayout
+from server.engine.types import ChannelBlock, Limb, ModelFacts, RigLayout
 
 MIN_STEPS = 2  # one step alone would tell the model that pure noise is almost clean
 _GUIDANCE_PASSES = {"separated": 3, "regular": 2, "none": 1}
@@ -29,6 +30,7 @@ def model_facts(model: Model, model_id: str, default_steps: int) -> ModelFacts:
                 ChannelBlock("foot_contact", 4),
             ),
             hip_joints=skeleton.hip_joints,
+            limbs=tuple(Limb(name, joints) for name, joints in limb_chains(skeleton).items()),
         ),
         fps=config.fps,
         horizon=config.horizon,

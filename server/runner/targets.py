@@ -23,8 +23,12 @@ def job_targets(skeleton: Skeleton, job: WindowJob) -> Targets | None:
             headings = None if constraint.heading is None else torch.from_numpy(constraint.heading)
             targets.add_root(frames, torch.from_numpy(constraint.xz), headings)
         elif isinstance(constraint, JointTargets):
-            rotations = None if constraint.rotations is None else torch.from_numpy(constraint.rotations)
-            targets.add_joints(constraint.frame, constraint.joints, torch.from_numpy(constraint.positions), rotations)
+            positions, turns = torch.from_numpy(constraint.positions), constraint.turns
+            targets.add_joints(constraint.frame, constraint.joints, positions)
+            if constraint.rotations is not None and turns:
+                turned = [constraint.joints[index] for index in turns]
+                rotations = torch.from_numpy(constraint.rotations)[turns]
+                targets.add_joints(constraint.frame, turned, positions[turns], rotations)
         elif isinstance(constraint, PoseTarget):
             targets.add_full_body([constraint.frame], torch.from_numpy(constraint.positions)[None])
     return targets

@@ -28,6 +28,7 @@ from server.engine.types.events import (
 )
 from server.engine.types.facts import (
     ChannelBlock,
+    Limb,
     ModelFacts,
     RigLayout,
 )
@@ -72,6 +73,7 @@ __all__ = [
     "Float32Array",
     "Guidance",
     "JointTargets",
+    "Limb",
     "ModelFacts",
     "Open",
     "Opened",

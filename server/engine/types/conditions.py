@@ -59,13 +59,23 @@ class RootPath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointTargets:
-    """World targets of some joints at one frame. positions: (K, 3); rotations: (K, 3, 3) global matrices, or None."""
+    """World targets of some joints at one frame. positions: (K, 3); rotations: (K, 3, 3) global matrices, or None.
+
+    rotated: which of the joints the rotations count for, all of them unless given; the other matrices say nothing.
+    """
 
     constraint_id: int
     frame: int
     joints: tuple[int, ...]
     positions: Float32Array
     rotations: Float32Array | None = None
+    rotated: tuple[bool, ...] | None = None
+
+    @property
+    def turns(self) -> list[int]:
+        """Which of its joints, counted from 0, have a rotation to reach."""
+        count = 0 if self.rotations is None else len(self.joints)
+        return [index for index in range(count) if self.rotated is None or self.rotated[index]]
 
     @property
     def last_frame(self) -> int:

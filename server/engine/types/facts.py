@@ -15,6 +15,14 @@ class ChannelBlock:
     width: int
 
 
+@dataclass(frozen=True, slots=True)
+class Limb:
+    """A part of the body by the name that motion tools give it: a chain of joints."""
+
+    name: str
+    joints: tuple[int, ...]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RigLayout:
     """What a client needs to read a frame row and to do forward kinematics alone.
@@ -22,7 +30,7 @@ class RigLayout:
     parents: the parent of each joint, -1 for the root (joint 0); parents precede their children.
     neutral_offsets: (J, 3) float32, metres, each joint relative to its parent; the root's is its neutral position.
     blocks: the row's layout in order; the widths sum to `row_width`. hip_joints: right and left, whose line a pose's
-    heading is read from; None: it is the root's rotation that tells.
+    heading is read from; None: it is the root's rotation that tells. limbs: that constraints of motion tools name.
     """
 
     rig_id: str
@@ -31,6 +39,7 @@ class RigLayout:
     neutral_offsets: Float32Array
     blocks: tuple[ChannelBlock, ...]
     hip_joints: tuple[int, int] | None = None
+    limbs: tuple[Limb, ...] = ()
 
     @property
     def row_width(self) -> int:

@@ -15,20 +15,32 @@ SCALAR_TYPE_UNSPECIFIED: ScalarType
 SCALAR_TYPE_F32_LE: ScalarType
 
 class Rig(_message.Message):
-    __slots__ = ("rig_id", "joints", "parents", "frame_rate", "blocks", "neutral_offsets_m")
+    __slots__ = ("rig_id", "joints", "parents", "frame_rate", "blocks", "neutral_offsets_m", "hip_joints", "limbs")
     RIG_ID_FIELD_NUMBER: _ClassVar[int]
     JOINTS_FIELD_NUMBER: _ClassVar[int]
     PARENTS_FIELD_NUMBER: _ClassVar[int]
     FRAME_RATE_FIELD_NUMBER: _ClassVar[int]
     BLOCKS_FIELD_NUMBER: _ClassVar[int]
     NEUTRAL_OFFSETS_M_FIELD_NUMBER: _ClassVar[int]
+    HIP_JOINTS_FIELD_NUMBER: _ClassVar[int]
+    LIMBS_FIELD_NUMBER: _ClassVar[int]
     rig_id: str
     joints: _containers.RepeatedScalarFieldContainer[str]
     parents: _containers.RepeatedScalarFieldContainer[int]
     frame_rate: int
     blocks: _containers.RepeatedCompositeFieldContainer[ChannelBlock]
     neutral_offsets_m: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, rig_id: _Optional[str] = ..., joints: _Optional[_Iterable[str]] = ..., parents: _Optional[_Iterable[int]] = ..., frame_rate: _Optional[int] = ..., blocks: _Optional[_Iterable[_Union[ChannelBlock, _Mapping]]] = ..., neutral_offsets_m: _Optional[_Iterable[float]] = ...) -> None: ...
+    hip_joints: _containers.RepeatedScalarFieldContainer[int]
+    limbs: _containers.RepeatedCompositeFieldContainer[Limb]
+    def __init__(self, rig_id: _Optional[str] = ..., joints: _Optional[_Iterable[str]] = ..., parents: _Optional[_Iterable[int]] = ..., frame_rate: _Optional[int] = ..., blocks: _Optional[_Iterable[_Union[ChannelBlock, _Mapping]]] = ..., neutral_offsets_m: _Optional[_Iterable[float]] = ..., hip_joints: _Optional[_Iterable[int]] = ..., limbs: _Optional[_Iterable[_Union[Limb, _Mapping]]] = ...) -> None: ...
+
+class Limb(_message.Message):
+    __slots__ = ("name", "joints")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    JOINTS_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    joints: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, name: _Optional[str] = ..., joints: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class ChannelBlock(_message.Message):
     __slots__ = ("name", "width")

@@ -19,8 +19,12 @@ DEFAULT_SHARES = (0.0, 0.15, 0.1, 0.05)
 DEFAULT_BACKGROUND_STEP_S = 0.05
 # A class is never owed more than so many rows: what it did not ask for in time is not kept for later.
 _MOST_OWED = 2.0
-# Steps are not made smaller for a deadline than the size at which a row costs so many times its least.
+# Steps are not made smaller for a deadline than the size at which a row costs so many times its least: with time to
+# spare, and where what is held fills more than such a share of the time until it is due. Late jobs count as due soon.
 _MOST_WASTE = 2.0
+_LITTLE_WASTE = 1.15
+_STRAINED_SHARE = 0.5
+_SOON_S = 0.25
 
 
 @dataclass(slots=True)
@@ -90,7 +94,7 @@ class Scheduler:
             for queue, count in zip(self._queues, taken, strict=True)
             for _, job_id in queue[:count]
         )
-        budget_s, most = inf, self._step_cap()
+        budget_s, most, least = inf, self._step_cap(), self._least_evaluations(now)
         for index, queue in enumerate(self._queues):
             for _, job_id in queue[taken[index] :]:
                 held = self._jobs[job_id]
@@ -98,7 +102,7 @@ class Scheduler:
                 if rows >= self._max_rows or (rows and larger > most):
                     return self._commit_rows(taken)
                 step_s = self.costs.step.seconds(larger)
-                if step_s > budget_s and larger > self.least_efficient():
+                if step_s > budget_s and larger > least:
                     return self._commit_rows(taken)
                 if held.job.background and rows and step_s > self._background_step_s:
                     break  # a session that comes during the step would wait for them
@@ -143,6 +147,23 @@ class Scheduler:
     def least_efficient(self) -> int:
         """The fewest evaluations that do not waste the machine."""
         return self.costs.step.efficient_from(self._max_evaluations, _MOST_WASTE)
+
+    def _least_evaluations(self, now: float) -> int:
+        """A step is not made smaller than this for a deadline."""
+        waste = _LITTLE_WASTE if self._strained(now) else _MOST_WASTE
+        return self.costs.step.efficient_from(self._max_evaluations, waste)
+
+    def _strained(self, now: float) -> bool:
+        """Whether there is no time to waste, if all that is held shall be done when it is due."""
+        each_s = self.costs.step.each_s(self._max_evaluations)
+        work_s = 0.0
+        for queue in self._queues:
+            for deadline, job_id in queue:
+                held = self._jobs[job_id]
+                work_s += each_s * held.passes * (held.job.num_steps - held.steps_done)
+                if work_s > _STRAINED_SHARE * max(deadline - now, _SOON_S):
+                    return True
+        return False
 
     def _allowed_step_s(self, held: ScheduledJob, now: float) -> float:
         """How long each step of a job may take for it to make its deadline."""

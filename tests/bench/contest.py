@@ -22,7 +22,8 @@ from tests.bench.plain_runner import PlainRunner, RolloutRunner, job_shape
 from tests.bench.policies import OneAtATime, StepsInOrder, WholeWindows
 from tests.bench.trial import Contestant, Effort, Trial, most_characters, run_trial
 
-NAMES = ("B0", "B1", "B2", "B3", "B4", "null")
+NAMES = ("B0", "B1", "B2", "B3", "B4", "B5", "null")
+PLAIN_ROWS = 32  # of a step of the engines without speed-ups: more make their steps long and them no faster
 LATENCY_LOAD = 0.7
 WINDOWS_A_SECOND = 0.5  # of a character that is left alone: 40 frames every two seconds
 MOST_NULL_CHARACTERS = 4000
@@ -58,11 +59,15 @@ class Standing:
 
 @dataclass(frozen=True)
 class Contest:
-    """What all contestants have in common. runner: makes the runner that serves, with all its speed-ups."""
+    """What all contestants have in common. runner, bf16_runner: those that serve, with all their speed-ups.
+
+    bf16: whether the baselines and `runner` multiply in bfloat16 too.
+    """
 
     model: Model
     embeddings: Sequence[Float32Array]
     runner: Runner
+    bf16_runner: Runner
     habits: Habits
     config: EngineConfig
     effort: Effort
@@ -72,6 +77,7 @@ class Contest:
     def contestant(self, name: str) -> Contestant:
         """One of NAMES, with what its calls cost already measured, as a server does before it is ready."""
         rows, model = self.config.max_rows, self.model
+        plain_rows = min(rows, PLAIN_ROWS)
 
         def plain() -> Runner:
             return PlainRunner(model, "plain", bf16=self.bf16)
@@ -83,21 +89,25 @@ class Contest:
             case "B1":
                 meaning = "whole windows of one shape, gathered for 20 ms"
                 return self._made(
-                    name, meaning, plain(), rows,
-                    lambda costs: WholeWindows(costs, rows, lambda job: (job_shape(model, job), job.num_steps)),
+                    name, meaning, plain(), plain_rows,
+                    lambda costs: WholeWindows(costs, plain_rows, lambda job: (job_shape(model, job), job.num_steps)),
                 )  # fmt: skip
             case "B2":
                 meaning = "steps batched, first in first out"
-                return self._made(name, meaning, plain(), rows, lambda costs: StepsInOrder(costs, rows))
+                return self._made(name, meaning, plain(), plain_rows, lambda costs: StepsInOrder(costs, plain_rows))
             case "B3":
                 return self._made(name, "B2 with classes and deadlines", plain(), rows, self._scheduler)
             case "B4":
-                return self._made(name, "B3 with all speed-ups: as served", self.runner, rows, self._scheduler)
+                return self._made(name, "B3 with all speed-ups but the precision", self.runner, rows, self._scheduler)
+            case "B5":
+                return self._made(
+                    name, "B4 in bfloat16: as served where it pays", self.bf16_runner, rows, self._scheduler
+                )
             case _:
                 return self._made(name, "B4's engine, no model", NullRunner(), rows, self._scheduler)
 
     def _scheduler(self, costs: CostTable) -> SchedulingPolicy:
-        return Scheduler(costs, self.config.max_rows)
+        return Scheduler(costs, self.config.max_rows, max_step_s=self.config.max_step_s)
 
     def _made(
         self, name: str, meaning: str, runner: Runner, rows: int, policy: Callable[[CostTable], SchedulingPolicy]

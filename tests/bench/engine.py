@@ -28,7 +28,7 @@ def parser(prog: str, description: str) -> argparse.ArgumentParser:
     made.add_argument("--only", nargs="+", choices=NAMES, default=list(NAMES), help="rows to measure (default: all)")
     made.add_argument("--seconds", type=float, help="how long to measure in each trial")
     made.add_argument("--steps", type=int, default=4, help="denoising steps (default: %(default)s)")
-    made.add_argument("--rows", type=int, default=32, help="most rows of a step (default: %(default)s)")
+    made.add_argument("--rows", type=int, default=64, help="most rows of a step (default: %(default)s)")
     made.add_argument("--precision", choices=("float32", "bfloat16"), default="float32", help="of matrix products")
     made.add_argument("--threads", type=int, default=usable_cores(), help="of torch (default: one for each core)")
     made.add_argument(

@@ -98,6 +98,7 @@ def run(settings: Settings, full_size: bool = False) -> Report:
         model=chosen.model,
         embeddings=chosen.embeddings,
         runner=runner,
+        bf16_runner=serving_runner(chosen.model, chosen.name, "bfloat16"),
         habits=habits,
         config=contest_config(settings.max_rows),
         effort=settings.effort,
@@ -106,7 +107,11 @@ def run(settings: Settings, full_size: bool = False) -> Report:
     )
     say("full batches")
     batches = sorted({settings.max_rows, 2 * settings.max_rows})
-    ceilings = [ceiling(chosen, runner, settings, batch, settings.effort.offline_s) for batch in batches]
+    ceilings = [
+        ceiling(chosen, served, replace(settings, precision=precision), batch, settings.effort.offline_s)
+        for precision, served in {settings.precision: runner, "bfloat16": contest.bf16_runner}.items()
+        for batch in batches
+    ]
     standings = [contest.measure(name, say) for name in settings.names]
     if full_size:
         ceilings += full_size_ceilings(settings)

@@ -132,7 +132,7 @@ def test_steps_are_not_made_so_small_that_they_waste_the_machine() -> None:
 
 
 def test_with_a_backlog_there_is_nothing_to_waste() -> None:
-    # 63 windows of 4 steps take 0.3 s at the least: with a second's time the hero gets small steps, with half of it not.
+    # 63 windows of 4 steps take 0.3 s at the least: with a second the hero gets small steps, with half of it not.
     for due, smaller in ((1.0, True), (0.5, False)):
         crowd = [_job(n, CROWD, due) for n in range(2, 65)]
         chosen = _ids(_scheduler(64, _job(1, HERO, 0.12), *crowd, costs=_costs()))

@@ -24,13 +24,14 @@ class Run:
     )  # fmt: skip
 
     def __init__(self, chunk: Chunk, applied_seq: int) -> None:
+        rows = chunk.rows
         self.handle = chunk.session.handle
         self.plan = chunk.plan
         self.first_frame = chunk.first_frame
-        self.num_frames = len(chunk.rows)
+        self.num_frames = len(rows)
         self.committed_to = chunk.committed_to
-        self.parts: list[Float32Array] = [chunk.rows]
-        self.num_bytes = UPDATE_OVERHEAD_BYTES + chunk.rows.nbytes
+        self.parts: list[Float32Array] = [rows]
+        self.num_bytes = UPDATE_OVERHEAD_BYTES + rows.nbytes
         self.applied_seq = applied_seq
         self.fixed = False
 
@@ -73,7 +74,7 @@ class Outbox:
 
     def __init__(self) -> None:
         self._waiting: deque[Run | Said] = deque()
-        self._runs: dict[int, deque[Run]] = {}  # those that wait, by handle; each session's in order
+        self._runs: dict[int, list[Run]] = {}  # those that wait, by handle; each session's in order, which are few
         self.num_bytes = 0
         self.dropped_frames = 0
 
@@ -88,11 +89,11 @@ class Outbox:
             return
         run = Run(chunk, applied_seq)
         if runs is None:
-            self._runs[run.handle] = deque((run,))
+            self._runs[run.handle] = [run]
         else:
             runs.append(run)
         self._waiting.append(run)
-        self.num_bytes += UPDATE_OVERHEAD_BYTES + chunk.rows.nbytes
+        self.num_bytes += run.num_bytes
 
     def put(self, output: Output, applied_seq: int) -> None:
         """Add anything else at the end. applied_seq: the session's as of this output, to be told with it."""
@@ -107,7 +108,7 @@ class Outbox:
         self._waiting.append((output, applied_seq))
         self.num_bytes += size_of(output)
 
-    def _supersede(self, runs: deque[Run], valid_from: int) -> None:
+    def _supersede(self, runs: list[Run], valid_from: int) -> None:
         for run in runs:
             before = run.num_bytes
             self.dropped_frames += run.cut(valid_from)
@@ -127,13 +128,13 @@ class Outbox:
         waiting = self._waiting
         while waiting:
             item = waiting[0]
-            size = item.num_bytes if isinstance(item, Run) else size_of(item[0])
+            size = size_of(item[0]) if isinstance(item, tuple) else item.num_bytes
             if taken and size > left:
                 break
             waiting.popleft()
             left -= size
             self.num_bytes -= size
-            if isinstance(item, Run):
+            if not isinstance(item, tuple):
                 self._forget(item)
                 if not item.parts:
                     continue
@@ -143,8 +144,9 @@ class Outbox:
     def _forget(self, run: Run) -> None:
         runs = self._runs.get(run.handle)
         if runs is not None and runs[0] is run:
-            runs.popleft()
-            if not runs:
+            if len(runs) > 1:
+                del runs[0]
+            else:
                 del self._runs[run.handle]
 
 

@@ -14,7 +14,16 @@ from numpy.typing import NDArray
 
 from motiongen.v1 import service_pb2, session_pb2
 from server.catalog import Catalog
-from server.convert import Parts, append_frames, append_update, engine_event, playhead_of, prompt_texts, write_update
+from server.convert import (
+    Parts,
+    append_frames,
+    append_plan,
+    append_update,
+    engine_event,
+    playhead_of,
+    prompt_texts,
+    write_update,
+)
 from server.engine.types import Chunk, Close, Closed, CloseReason, Code, Opened, Outcome, Output, PlanNotice, SessionKey
 from server.engine_port import EventSink
 from server.errors import EventRefused
@@ -269,9 +278,12 @@ class Stream:
                 append_frames(
                     response, item.handle, item.applied_seq, item.plan, item.first_frame, item.parts, item.committed_to
                 )
+                continue
+            # The number as of then: since, later events may have been answered in later updates.
+            output, applied_seq = item
+            if isinstance(output, PlanNotice):
+                append_plan(response, applied_seq, output)
             else:
-                # The number as of then: since, later events may have been answered in later updates.
-                output, applied_seq = item
                 update = session_pb2.SessionUpdate(session=output.session.handle, applied_seq=applied_seq)
                 write_update(update, output)
                 append_update(response, update)

@@ -3,11 +3,12 @@
 from server.convert.events import engine_event, playhead_of, round_trip_s
 from server.convert.outputs import write_update
 from server.convert.prompts import prompt_texts
-from server.convert.wire import Parts, append_frames, append_update
+from server.convert.wire import Parts, append_frames, append_plan, append_update
 
 __all__ = [
     "Parts",
     "append_frames",
+    "append_plan",
     "append_update",
     "engine_event",
     "playhead_of",

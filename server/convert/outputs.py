@@ -1,27 +1,21 @@
-"""The engine's outputs -> messages; frames have a way of their own, in `wire`."""
+"""The engine's outputs -> messages; frames and plans have a way of their own, in `wire`."""
 
 from __future__ import annotations
 
 import secrets
 
 from motiongen.v1 import motion_pb2, session_pb2
-from server.engine.types import Closed, Opened, Outcome, Output, PlanNotice, ServiceLevel
+from server.engine.types import Closed, Opened, Outcome, Output, ServiceLevel
 
 
 def write_update(update: session_pb2.SessionUpdate, output: Output) -> None:
-    """Fill an update with any output but frames; `session` and `applied_seq` are the stream's to fill in."""
-    if isinstance(output, PlanNotice):
-        plan = update.plan
-        plan.plan = output.plan
-        plan.valid_from = output.valid_from
-        plan.cause = output.cause.value  # type: ignore[assignment]  # the engine's numbers are the protocol's
-        plan.event_seqs.extend(output.event_seqs)
-    elif isinstance(output, Outcome):
+    """Fill an update with any output but frames and plans; `session` and `applied_seq` are the stream's to fill in."""
+    if isinstance(output, Outcome):
         _write_outcome(update.outcome, output)
     elif isinstance(output, Opened):
         _write_opened(update.opened, output)
     elif isinstance(output, ServiceLevel):
-        update.service_level.tier = output.tier.value  # type: ignore[assignment]
+        update.service_level.tier = output.tier.value  # type: ignore[assignment]  # the engine's numbers are the protocol's
         update.service_level.denoise_steps = output.denoise_steps
     elif isinstance(output, Closed):
         closed = update.closed

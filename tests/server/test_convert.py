@@ -28,7 +28,6 @@ from server.engine.types import (
     Outcome,
     Output,
     PlanCause,
-    PlanNotice,
     Playhead,
     PlayState,
     PoseTarget,
@@ -341,9 +340,6 @@ def test_the_other_outputs() -> None:
     opened = updated(Opened(KEY, 2**64 - 1, 0, 40, 4, 5, "tiny", "stick", 25))
     assert (opened.opened.seed, opened.opened.lookahead_frames) == (2**64 - 1, 40)
     assert (opened.opened.rig_id, opened.opened.model_id, opened.opened.frame_rate) == ("stick", "tiny", 25)
-    plan = updated(PlanNotice(KEY, 2, 44, PlanCause.EDIT, (3, 4))).plan
-    assert (plan.plan, plan.valid_from, list(plan.event_seqs)) == (2, 44, [3, 4])
-    assert plan.cause == session_pb2.PLAN_CAUSE_EDIT
     level = updated(ServiceLevel(KEY, ServiceTier.FEWER_STEPS, 3)).service_level
     assert (level.tier, level.denoise_steps) == (session_pb2.SERVICE_TIER_FEWER_STEPS, 3)
     closed = updated(Closed(KEY, CloseReason.IDLE, Code.OK, "quiet", 120, 3)).closed

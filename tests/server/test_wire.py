@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from server.convert import Parts, append_frames, append_update
+from server.convert import Parts, append_frames, append_plan, append_update
 from server.convert.wire import varint
+from server.engine.types import PlanCause, PlanNotice, SessionKey
 
 uint32 = st.integers(0, 2**32 - 1)
 uint64 = st.one_of(st.integers(0, 300), st.integers(0, 2**64 - 1))
@@ -36,6 +37,18 @@ def test_frames_are_read_as_the_message_that_was_meant(
         scalar_type=motion_pb2.SCALAR_TYPE_F32_LE,
     )
     update = session_pb2.SessionUpdate(session=session, applied_seq=applied_seq, chunk=chunk)
+    assert read(response) == service_pb2.StreamMotionResponse(updates=[update])
+
+
+@given(uint32, uint64, uint32, uint64, st.sampled_from(PlanCause), st.lists(uint64, max_size=4))
+def test_plans_are_read_as_the_message_that_was_meant(
+    session: int, applied_seq: int, plan: int, valid_from: int, cause: PlanCause, event_seqs: list[int]
+) -> None:
+    response: Parts = []
+    append_plan(response, applied_seq, PlanNotice(SessionKey(1, session), plan, valid_from, cause, tuple(event_seqs)))
+    notice = session_pb2.PlanNotice(plan=plan, valid_from=valid_from, event_seqs=event_seqs)
+    notice.cause = session_pb2.PlanCause.Value(f"PLAN_CAUSE_{cause.name}")
+    update = session_pb2.SessionUpdate(session=session, applied_seq=applied_seq, plan=notice)
     assert read(response) == service_pb2.StreamMotionResponse(updates=[update])
 
 
@@ -68,6 +81,8 @@ def test_rows_that_do_not_lie_together_are_sent_in_their_order() -> None:
         (300, "ac02"),
         (16383, "ff7f"),
         (16384, "808001"),
+        (2**28 - 1, "ffffff7f"),
+        (2**28, "8080808001"),
         (2**64 - 1, "ffffffffffffffffff01"),
     ],
 )

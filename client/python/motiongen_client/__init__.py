@@ -26,6 +26,7 @@ from motiongen_client.errors import (
 from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.npz import read_npz, write_npz
 from motiongen_client.playback import Playback
+from motiongen_client.prompts import Preset, TextEmbedding
 from motiongen_client.session import Session, SessionStats
 from motiongen_client.stream import Stream
 from motiongen_client.types import (
@@ -49,6 +50,7 @@ __all__ = [
     "MotionClient", "Stream", "Session", "Edit", "SessionStats", "Playback",
     "Frame", "Motion", "Rig", "write_bvh", "write_npz", "read_npz",
     "SessionOptions", "StartPose", "Priority", "Waypoint", "Trajectory", "Keyframe", "JointTargets",
+    "Preset", "TextEmbedding",
     "Catalog", "Model", "Limits", "Opened", "Outcome", "ServiceLevel", "SessionEnd",
     "MotiongenError", "InvalidInput", "UnknownName", "ServerUnavailable", "StreamLost", "SessionEnded",
     "EventRefused", "ProtocolViolation", "MissingExtra",

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from motiongen_client import client, edit, session, stream
 from motiongen_client.motion import Frame, Motion, Rig
+from motiongen_client.prompts import Prompt
 from motiongen_client.session import SessionStats
 from motiongen_client.types import (
     NO_PROMPTS,
@@ -127,9 +128,9 @@ class Session:
         """Counts and times so far."""
         return self._loop.call(lambda: self._inner.stats)
 
-    def set_prompt(self, text: str, *, frame: int | None = None) -> Edit:
+    def set_prompt(self, prompt: Prompt, *, frame: int | None = None) -> Edit:
         """Direct the motion by a text, now or from a frame on."""
-        return self._edit(lambda: self._inner.set_prompt(text, frame=frame))
+        return self._edit(lambda: self._inner.set_prompt(prompt, frame=frame))
 
     def add_waypoint(self, x_m: float, z_m: float, *, frame: int, heading_rad: float | None = None) -> Edit:
         """Be at a ground position (world metres) at a frame."""
@@ -221,9 +222,9 @@ class Stream:
 
     def open(
         self,
-        prompt: str | None = None,
+        prompt: Prompt | None = None,
         *,
-        later_prompts: Mapping[int, str] = NO_PROMPTS,
+        later_prompts: Mapping[int, Prompt] = NO_PROMPTS,
         options: SessionOptions | None = None,
         constraints: Sequence[Constraint] = (),
         keep_s: float | None = 60.0,
@@ -276,9 +277,9 @@ class MotionClient:
 
     def open(
         self,
-        prompt: str | None = None,
+        prompt: Prompt | None = None,
         *,
-        later_prompts: Mapping[int, str] = NO_PROMPTS,
+        later_prompts: Mapping[int, Prompt] = NO_PROMPTS,
         options: SessionOptions | None = None,
         constraints: Sequence[Constraint] = (),
         keep_s: float | None = 60.0,

@@ -10,6 +10,7 @@ from google.protobuf.duration_pb2 import Duration
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_client.errors import EventRefused, ProtocolViolation
 from motiongen_client.motion import CONTACT_BLOCK, ROOT_BLOCK, ROTATION_BLOCK, Float32, Rig
+from motiongen_client.prompts import Preset, Prompt, TextEmbedding
 from motiongen_client.types import (
     Catalog,
     Constraint,
@@ -72,9 +73,19 @@ def open_session(
     return message
 
 
-def prompt_span(prompt_id: int, text: str, start_frame: int | None) -> motion_pb2.PromptSpan:
+def prompt_span(prompt_id: int, prompt: Prompt, start_frame: int | None) -> motion_pb2.PromptSpan:
     """A prompt that holds from a frame on, or as soon as possible."""
-    return motion_pb2.PromptSpan(prompt_id=prompt_id, text=text, start_frame=start_frame or 0)
+    span = motion_pb2.PromptSpan(prompt_id=prompt_id, start_frame=start_frame or 0)
+    match prompt:
+        case Preset():
+            span.preset_id = prompt.preset_id
+        case TextEmbedding():
+            span.text = prompt.text
+            span.embedding.text_encoder = prompt.text_encoder
+            span.embedding.values.extend(np.asarray(prompt.values, np.float32).tolist())
+        case _:
+            span.text = prompt
+    return span
 
 
 def constraint(constraint_id: int, target: Constraint) -> motion_pb2.Constraint:
@@ -121,6 +132,8 @@ def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
                 min_denoise_steps=entry.min_denoise_steps,
                 max_denoise_steps=entry.max_denoise_steps,
                 text_encoder=entry.text_encoder,
+                text_width=entry.text_width,
+                presets={preset.preset_id: preset.text for preset in entry.presets},
                 num_parameters=entry.num_parameters,
             )
             for entry in message.models

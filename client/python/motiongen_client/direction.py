@@ -14,6 +14,7 @@ from motiongen_client.edit import Edit, EditBook
 from motiongen_client.errors import MotiongenError
 from motiongen_client.motion import Rig
 from motiongen_client.playback import Playback
+from motiongen_client.prompts import Prompt, prompt_name
 from motiongen_client.types import Constraint, Trajectory, Waypoint, as_array, check_finite, check_frame
 
 PRESENT_PROMPT_ID = 1  # the prompt set without a frame; scheduled prompts take the ids above it
@@ -47,8 +48,8 @@ class Direction:
         self._edits = EditBook()
         self._changed = asyncio.Event()  # something came, or is due now
 
-    def set_prompt(self, text: str, *, frame: int | None = None) -> Edit:
-        """Direct the motion by a text, such as "a person walks forward".
+    def set_prompt(self, prompt: Prompt, *, frame: int | None = None) -> Edit:
+        """Direct the motion by a text, such as "a person walks forward", by a Preset, or by a TextEmbedding.
 
         Without `frame` it replaces the present prompt as soon as possible. With `frame` it is scheduled: it takes over
         at that frame and holds until another takes over.
@@ -65,8 +66,8 @@ class Direction:
         for key in begun:
             del self._scheduled_prompts[key]
         edit.remove.extend(begun)
-        edit.upsert.append(convert.prompt_span(prompt_id, text, frame))
-        sent = self._send_edit(f"the prompt {text!r}", session_pb2.SessionEvent(edit_prompts=edit))
+        edit.upsert.append(convert.prompt_span(prompt_id, prompt, frame))
+        sent = self._send_edit(prompt_name(prompt), session_pb2.SessionEvent(edit_prompts=edit))
         if frame is not None:
             scheduled = frame
             sent.when_accepted(lambda: self._scheduled_prompts.__setitem__(prompt_id, scheduled))

@@ -13,6 +13,7 @@ from motiongen_client.direction import PRESENT_PROMPT_ID, Carrier, Direction
 from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolation, SessionEnded, UnknownName
 from motiongen_client.motion import Frame, Motion
 from motiongen_client.playback import Playback
+from motiongen_client.prompts import Prompt
 from motiongen_client.types import (
     Catalog,
     Constraint,
@@ -204,8 +205,8 @@ class Session(Direction):
     async def _open(
         self,
         options: SessionOptions,
-        prompt: str | None,
-        later_prompts: Mapping[int, str],
+        prompt: Prompt | None,
+        later_prompts: Mapping[int, Prompt],
         constraints: Sequence[Constraint],
         keep_s: float | None,
     ) -> None:

@@ -19,6 +19,7 @@ from motiongen.v1 import service_pb2, session_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_client import convert
 from motiongen_client.errors import InvalidInput, MotiongenError, ProtocolViolation, ServerUnavailable, StreamLost
+from motiongen_client.prompts import Prompt
 from motiongen_client.session import Session
 from motiongen_client.types import NO_PROMPTS, Catalog, Constraint, SessionOptions
 
@@ -78,9 +79,9 @@ class Stream:
 
     async def open(
         self,
-        prompt: str | None = None,
+        prompt: Prompt | None = None,
         *,
-        later_prompts: Mapping[int, str] = NO_PROMPTS,
+        later_prompts: Mapping[int, Prompt] = NO_PROMPTS,
         options: SessionOptions | None = None,
         constraints: Sequence[Constraint] = (),
         keep_s: float | None = 60.0,

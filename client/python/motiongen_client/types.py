@@ -190,7 +190,10 @@ class SessionEnd:
 
 @dataclass(frozen=True)
 class Model:
-    """A motion generator of the catalogue; durations are frames of its rig."""
+    """A motion generator of the catalogue; durations are frames of its rig.
+
+    text_width: numbers in a TextEmbedding for it. presets: the texts of prompts that a `Preset` can name, by their ids.
+    """
 
     model_id: str
     rig_id: str
@@ -202,6 +205,8 @@ class Model:
     min_denoise_steps: int
     max_denoise_steps: int
     text_encoder: str
+    text_width: int
+    presets: Mapping[str, str]
     num_parameters: int
 
 

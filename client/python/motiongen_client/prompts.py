@@ -1,0 +1,51 @@
+"""What a prompt may be: a text, a preset of the server's, or the vector that a text encoder made of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from numpy.typing import ArrayLike
+
+from motiongen_client.errors import InvalidInput
+from motiongen_client.types import as_array
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A prompt that the server knows beforehand, by its id in `Model.presets`. It needs no text encoder."""
+
+    preset_id: str
+
+    def __post_init__(self) -> None:
+        if not self.preset_id:
+            raise InvalidInput("preset_id", self.preset_id, "an id of Model.presets")
+
+
+@dataclass(frozen=True, eq=False)
+class TextEmbedding:
+    """A prompt that was encoded already. values: (Model.text_width,), as `text_encoder` makes them of a text.
+
+    text_encoder: its name, which must be Model.text_encoder. text: what it says, for people; may be empty.
+    """
+
+    values: ArrayLike
+    text_encoder: str
+    text: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", as_array("values", self.values, (None,)))
+
+
+Prompt: TypeAlias = str | Preset | TextEmbedding
+
+
+def prompt_name(prompt: Prompt) -> str:
+    """What to call it in messages."""
+    match prompt:
+        case Preset():
+            return f"the preset {prompt.preset_id!r}"
+        case TextEmbedding():
+            return f"the embedding of {prompt.text!r}" if prompt.text else "an embedding"
+        case _:
+            return f"the prompt {prompt!r}"

@@ -58,8 +58,9 @@ def rungs_of(facts: ModelFacts) -> tuple[Rung, ...]:
 class LadderLimits:
     """When to go down and up. Shares are of 1.
 
-    Down where more than miss_share of the windows of miss_window_s were late, or the load is above high_load; not again
-    within settle_s, since what a rung saves shows only then. Up after well_s without either and with the load below
+    Down where more than miss_share of the windows of miss_window_s were late, or the load is above high_load, and that
+    for pressed_s, since many sessions that open at once ask for more than they do later; not again within settle_s,
+    since what a rung saves shows only then. Up after well_s without either and with the load below
     low_load, and after half as long if the rung before held; where it did not, twice as long, up to patience times.
     min_windows: fewer than so many windows say nothing about the share that is late.
     """
@@ -68,6 +69,7 @@ class LadderLimits:
     miss_window_s: float = 2.0
     high_load: float = 0.95
     low_load: float = 0.8
+    pressed_s: float = 1.0
     settle_s: float = 2.0
     well_s: float = 10.0
     patience: int = 8
@@ -95,6 +97,7 @@ class Ladder:
         self._windows = self._misses = 0
         self._settled_at = now
         self._well_since = now
+        self._unpressed_at = now
         self._went_up_at = -math.inf
         self._wait_s = self._limits.well_s
         self.shed = False
@@ -130,10 +133,13 @@ class Ladder:
             self._windows -= windows
             self._misses -= misses
         pressed = self.missed_share > limits.miss_share or load > limits.high_load
+        settled = now - self._settled_at >= limits.settle_s
+        if settled and not pressed:
+            self._unpressed_at = now
         if pressed or load > limits.low_load:
             self._well_since = now
         self.shed = False
-        if pressed and now - self._settled_at >= limits.settle_s:
+        if pressed and settled and now - self._unpressed_at >= limits.pressed_s:
             self._learn_patience(now)
             self._settled_at = now
             # What was late before says nothing about the rung that comes.

@@ -52,6 +52,13 @@ def test_under_pressure_the_least_urgent_class_goes_down_a_rung_every_two_second
     assert day.pass_time(1.5, **trouble) == []
 
 
+def test_a_burst_that_is_over_soon_costs_nobody_anything() -> None:
+    day = Day()
+    for _ in range(10):
+        day.pass_time(6.0)
+        assert day.pass_time(0.75, load=1.5) == []
+
+
 def test_heroes_give_up_last_and_are_never_held() -> None:
     day = Day()
     moved = day.pass_time(200.0, late=0.5)

@@ -134,7 +134,7 @@ def test_the_crowd_gives_up_first_is_told_and_gets_everything_back() -> None:
     crowd = [stage.open(handle, priority=Priority.CROWD) for handle in range(2, 32)]
     stage.runner.step_s = lambda rows: 0.08
     stage.runner.holds = True
-    stage.run(14.0)
+    stage.run(20.0)
     told = [level.tier for level in _levels(stage, crowd[0])]
     assert told[0] is ServiceTier.FEWER_STEPS
     assert told == sorted(told)

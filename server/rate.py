@@ -15,8 +15,10 @@ class TokenBucket:
 
     def take(self, now: float) -> bool:
         """Use one token; false when none is left. now: monotonic seconds."""
-        self._tokens = min(self._rate, self._tokens + (now - self._refilled_at) * self._rate)
-        self._refilled_at = now
+        if now != self._refilled_at:  # events of one message come at the same moment
+            tokens = self._tokens + (now - self._refilled_at) * self._rate
+            self._tokens = tokens if tokens < self._rate else self._rate
+            self._refilled_at = now
         if self._tokens < 1:
             return False
         self._tokens -= 1

@@ -36,7 +36,7 @@ from server.engine.types import (
     StartPose,
 )
 from server.errors import EventRefused
-from server.limits import MAX_GUIDANCE, MAX_REQUEST_ID_CHARACTERS, MAX_SPEED_MPS
+from server.limits import MAX_FRAME, MAX_GUIDANCE, MAX_REQUEST_ID_CHARACTERS, MAX_SPEED_MPS
 
 MAX_ROUND_TRIP_S = 1.0
 SPEED_TOLERANCE = 1e-5
@@ -87,8 +87,10 @@ def engine_event(
 
 def playhead_of(report: session_pb2.Playhead, key: SessionKey, received_at: float, rtt_s: float | None) -> Playhead:
     """The engine's event for a report, which has no number. Raises EventRefused."""
-    frame = frame_number(report.frame, "playhead.frame")
-    buffered_to = frame_number(report.buffered_to, "playhead.buffered_to")
+    frame, buffered_to = report.frame, report.buffered_to
+    if frame > MAX_FRAME or buffered_to > MAX_FRAME:
+        frame_number(frame, "playhead.frame")
+        frame_number(buffered_to, "playhead.buffered_to")
     return Playhead(key, 0, received_at, frame, buffered_to, report.underruns, rtt_s)
 
 

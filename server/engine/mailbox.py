@@ -17,7 +17,9 @@ class Mailbox:
 
     def __init__(self, max_pending_events: int) -> None:
         self._max_pending = max_pending_events
-        self._arrived = threading.Condition()
+        self._lock = threading.Lock()
+        self._arrived = threading.Condition(self._lock)
+        self._asleep = False  # nobody is told otherwise: that costs as much as all the rest of an event
         self._events: list[Event] = []
         self._playhead_at: dict[SessionKey, int] = {}
         self._waiting: Counter[SessionKey] = Counter()
@@ -26,7 +28,7 @@ class Mailbox:
     def put(self, event: Event) -> bool:
         """Hand in an event. False: the session has as many waiting as it may, and the event was not taken."""
         key = event.session
-        with self._arrived:
+        with self._lock:
             if isinstance(event, Playhead):
                 index = self._playhead_at.setdefault(key, len(self._events))
                 if index < len(self._events):
@@ -42,12 +44,13 @@ class Mailbox:
                     # A report about the new session must not slip into the place of one about the old.
                     self._playhead_at.pop(key, None)
             self._events.append(event)
-            self._arrived.notify()
+            if self._asleep:
+                self._arrived.notify()
             return True
 
     def take_all(self) -> list[Event]:
         """All events that wait, oldest first."""
-        with self._arrived:
+        with self._lock:
             events, self._events = self._events, []
             self._playhead_at.clear()
             self._waiting.clear()
@@ -56,14 +59,16 @@ class Mailbox:
 
     def ring(self) -> None:
         """End the current or the next `wait` without an event."""
-        with self._arrived:
+        with self._lock:
             self._rung = True
             self._arrived.notify()
 
     def wait(self, timeout_s: float) -> None:
         """Sleep until something has come, or timeout_s has passed."""
-        with self._arrived:
+        with self._lock:
+            self._asleep = True
             self._arrived.wait_for(lambda: self._events or self._rung, timeout_s)
+            self._asleep = False
 
 
 def refuse_pending(event: Event, max_pending_events: int) -> Outcome:

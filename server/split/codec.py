@@ -130,11 +130,11 @@ class _Table:
             self.lines.append(line)
 
     def struct(self, kind: type) -> tuple[Convert, Convert]:
-        """A dataclass as the tuple of its fields."""
+        """A dataclass or a named tuple as the tuple of its fields."""
         if kind in self._structs:
             return self._structs[kind]
         hints = typing.get_type_hints(kind)
-        names = [field.name for field in fields(kind)]
+        names = [field.name for field in fields(kind)] if is_dataclass(kind) else list(hints)
         self._note(kind, ", ".join(f"{name}: {_spelled(hints[name])}" for name in names))
         pairs = [self.of(hints[name]) for name in names]
         self._structs[kind] = (

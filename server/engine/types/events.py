@@ -9,7 +9,7 @@ answer.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from server.engine.types.conditions import Constraint, Prompt
 from server.engine.types.names import CloseReason, PlayState, SessionKey
@@ -66,12 +66,13 @@ class SetVelocity:
     hold_frames: int
 
 
-@dataclass(frozen=True, slots=True)
-class Playhead:
+class Playhead(NamedTuple):
     """The client's report: the frame being shown, frames held up to (exclusive), underruns so far. The newest wins.
 
     A frame below an earlier report's is ignored; one beyond what was sent is taken as the end of what was sent.
     rtt_s: the stream's measured round trip, None while it is not known.
+
+    Of all events these are almost all, and a tuple is made in a third of the time.
     """
 
     session: SessionKey

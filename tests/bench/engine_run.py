@@ -10,6 +10,7 @@ import torch
 
 from ardy.config import FRAMES_PER_TOKEN
 from ardy.model import Model
+from server.memory import keep_freed_memory
 from server.runner import TorchRunner
 from tests.bench.clocks import BenchClock, ProcessorClock, WallClock
 from tests.bench.contest import Contest, Standing, contest_config
@@ -84,6 +85,7 @@ class Report:
 def run(settings: Settings, full_size: bool = False) -> Report:
     """Measure all of it. Says on stderr what it is doing."""
     torch.set_num_threads(settings.threads)
+    keep_freed_memory()  # as the server does
     facts = {
         **machine_facts(),
         "threads of torch": str(torch.get_num_threads()),

@@ -22,6 +22,7 @@ from torch import Tensor, nn
 from ardy.model import Model
 from ardy.packed.stack import Group, PackedStack
 from server.engine.types import Float32Array
+from server.memory import keep_freed_memory
 from server.runner import TorchRunner
 from tests.bench.clocks import WallClock
 from tests.bench.flops import stack_flops
@@ -116,9 +117,14 @@ def main() -> None:
     parser.add_argument("--model", default=BUILT_IN, help="built-in model or checkpoint folder (default %(default)s)")
     parser.add_argument("--seconds", type=float, default=2.0, help="for each row of a table (default %(default)s)")
     parser.add_argument("--compile", action="store_true", help="torch.compile too; it needs a C++ compiler")
+    parser.add_argument(
+        "--return-memory", action="store_true", help="give freed memory back, as a process does by itself"
+    )
     parser.add_argument("--out", type=Path, help="folder for levers.json")
     arguments = parser.parse_args()
     torch.set_num_threads(usable_cores())
+    if not arguments.return_memory:
+        keep_freed_memory()
     facts, console = machine_facts(), Console()
     for name, fact in facts.items():
         console.print(f"{name}: {fact}", highlight=False)

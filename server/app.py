@@ -9,27 +9,28 @@ import logging
 import signal
 import socket
 import sys
-import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, TypeVar
 
 import grpc.aio
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
-from server.catalog import Catalog
+from server.admin import AdminService, add_admin
+from server.beside import start_beside
 from server.config import ServerConfig
 from server.door import Door
-from server.engine.types import Guidance, Output
+from server.engine.types import Output
 from server.errors import SettingError
-from server.hosting import ENGINE_COMMAND, Hosted, host_engine
-from server.limits import Limits
-from server.loading import Loaded, load_all, open_store
+from server.hosting import ENGINE_COMMAND
+from server.keeper import Keeper
+from server.loading import Loaded, Loader
 from server.methods import SERVICE_NAME, add_methods
 from server.metrics import Metrics
+from server.offer import Offer
 from server.ops import OpsServer, ops_app
-from server.prompts import PromptEncoder
 from server.service import MotionService
 
 _log = logging.getLogger("server")
@@ -58,20 +59,22 @@ class Application:
     def __init__(
         self,
         config: ServerConfig,
-        load: Callable[[ServerConfig], Loaded] = load_all,
+        load: Callable[[ServerConfig], Loaded] | None = None,
         engine_command: Sequence[str] = ENGINE_COMMAND,
     ) -> None:
         """load: the model, for an engine in this process. engine_command: for one in a process of its own."""
         self._config = config
-        self._load = load
-        self._engine_command = engine_command
         self._metrics = Metrics()
+        self._offer = Offer(config, load or Loader(), self._deliver, self._metrics, engine_command)
+        self._keeper = Keeper(self._offer.host, self._offer.serve, self._offer.forget)
+        self._admin: grpc.aio.Server | None = None
         self._health = health.aio.HealthServicer()
         self._stop = asyncio.Event()
         self._door = Door()
         self._ready = False
         self.grpc_port = 0
         self.ops_port = 0
+        self.admin_port = 0
 
     # ---- startup ----------------------------------------------------------------------------------------------------
 
@@ -82,54 +85,41 @@ class Application:
         """
         await self._start_ops()
         await self._start_grpc()
+        await self._start_admin()
         try:
             await self._open()
         except (SettingError, StoppedEarly):
             await self._server.stop(None)
+            await self._stop_admin()
             raise
 
     async def _open(self) -> None:
         config = self._config
-        hosted = await self._unless_stopped(
-            lambda: host_engine(config, self._load, self._deliver, self._metrics.observe, self._engine_command)
-        )
-        facts = hosted.facts
-        self._prompts = make_prompts(config, hosted, self._metrics)
-        self._engine = hosted.engine
-        catalog = make_catalog(config, hosted)
-        self._service = MotionService(self._engine, self._prompts, catalog, config.flush_ms / 1000, self._metrics)
-        self._engine.start()
+        for source in config.models:
+            hosted = await self._unless_stopped(partial(self._offer.host, source))
+            if hosted.facts.model_id in self._keeper:
+                raise SettingError(f"model is {config.model!r}, and two of these are {hosted.facts.model_id}; give one")
+            self._keeper.adopt(source, hosted)
+        self._service = MotionService(self._keeper.models, config.flush_ms / 1000, self._metrics)
+        self._keeper.open(self._service)
         self._door.open(self._service)
         self._metrics.heartbeat_age.set_function(self._heartbeat_age_s)
         self._metrics.streams.set_function(lambda: self._service.num_streams)
         self._metrics.queue_bytes.set_function(lambda: self._service.num_waiting_bytes)
-        self._metrics.build.labels(facts.model_id, facts.rig.rig_id).set(1)
+        self._metrics.prompts_waiting.set_function(lambda: self._offer.num_waiting_prompts)
         await self._set_health(health_pb2.HealthCheckResponse.SERVING)
         self._ready = True
-        _log.info("serving %s (weights: %s) on port %d, ops on port %d, with %d threads",
-                  facts.model_id, hosted.licence, self.grpc_port, self.ops_port, hosted.threads)  # fmt: skip
+        for kept in self._keeper.kept:
+            hosted = kept.hosted
+            _log.info("serving %s (weights: %s) on port %d, ops on port %d, with %d threads",
+                      kept.model_id, hosted.licence, self.grpc_port, self.ops_port, hosted.threads)  # fmt: skip
         if config.print_ports:
-            print(json.dumps({"grpc_port": self.grpc_port, "ops_port": self.ops_port}), flush=True)
+            ports = {"grpc_port": self.grpc_port, "ops_port": self.ops_port}
+            print(json.dumps(ports | ({"admin_port": self.admin_port} if config.admin_listen else {})), flush=True)
 
     async def _unless_stopped(self, work: Callable[[], T]) -> T:
         """What `work` returns, done on a thread that does not keep the process from ending. Raises StoppedEarly."""
-        loop = asyncio.get_running_loop()
-        outcome: asyncio.Future[T] = loop.create_future()
-
-        def settle(act: Callable[[], None]) -> None:
-            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody waits any more
-                loop.call_soon_threadsafe(lambda: None if outcome.done() else act())
-
-        def run_work() -> None:
-            try:
-                result = work()
-            except Exception as error:
-                failure = error  # outlives the except clause
-                settle(lambda: outcome.set_exception(failure))
-            else:
-                settle(lambda: outcome.set_result(result))
-
-        threading.Thread(target=run_work, name="loading", daemon=True).start()
+        outcome = start_beside(work, "loading")
         stopping = asyncio.create_task(self._stop.wait())
         either: set[asyncio.Future[Any]] = {outcome, stopping}
         await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
@@ -187,6 +177,22 @@ class Application:
             raise SettingError(f"cannot listen on {address}; choose another port, or 0") from error
         await self._server.start()
 
+    async def _start_admin(self) -> None:
+        address = self._config.admin_listen
+        if not address:
+            return
+        self._admin = grpc.aio.server(options=[("grpc.so_reuseport", 0)])
+        add_admin(AdminService(self._keeper, self._metrics.load_of), self._admin)
+        try:
+            self.admin_port = self._admin.add_insecure_port(address)
+        except RuntimeError as error:
+            raise SettingError(f"cannot listen on {address} (admin); choose another port, or 0") from error
+        await self._admin.start()
+
+    async def _stop_admin(self) -> None:
+        if self._admin is not None:
+            await self._admin.stop(None)
+
     async def _set_health(self, status: int) -> None:
         for name in ("", SERVICE_NAME):
             await self._health.set(name, status)
@@ -198,10 +204,10 @@ class Application:
         return self._ready and self._engine_is_well(HEARTBEAT_LIMIT_S)
 
     def _engine_is_well(self, limit_s: float) -> bool:
-        return self._engine.failure is None and self._heartbeat_age_s() < limit_s
+        return self._keeper.failure is None and self._heartbeat_age_s() < limit_s
 
     def _heartbeat_age_s(self) -> float:
-        return time.monotonic() - self._engine.heartbeat_at
+        return time.monotonic() - self._keeper.heartbeat_at
 
     # ---- serve, drain, stop -----------------------------------------------------------------------------------------
 
@@ -210,8 +216,9 @@ class Application:
         self._stop.set()
 
     async def serve(self) -> None:
-        """Return when asked to stop, or when the engine has failed."""
-        while not self._stop.is_set() and self._engine.failure is None:
+        """Return when asked to stop, or when nothing can be served any more."""
+        while not self._stop.is_set() and self._keeper.failure is None:
+            self._keeper.look_after()
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._stop.wait(), timeout=1.0)
 
@@ -223,7 +230,8 @@ class Application:
         await self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
         # Balancers see the changed health only some time later: until then, whoever they send is served.
         await asyncio.sleep(config.drain_wait_s)
-        self._engine.drain()
+        await self._stop_admin()
+        self._keeper.drain()
         self._service.goodbye(config.drain_grace_s)
         finished = asyncio.create_task(self._service.finished())
         await asyncio.wait({finished}, timeout=config.drain_grace_s)
@@ -232,11 +240,10 @@ class Application:
         # A client that does not read keeps its stream from ending; nothing more can be told to it.
         await self._server.stop(LAST_CALLS_S if finished.done() else None)
         finished.cancel()
-        self._engine.stop()
-        await asyncio.to_thread(self._engine.join, STOP_GRACE_S)
+        failed = self._keeper.failure is not None
+        await self._keeper.stop()
         await self.stop_ops()
-        self._prompts.close()
-        failed = self._engine.failure is not None
+        self._offer.close()
         _log.info("stopped%s", " after the engine failed" if failed else "")
         return 1 if failed else 0
 
@@ -249,39 +256,6 @@ class Application:
 def join_address(host: str, port: int) -> str:
     """host:port, with an IPv6 host in brackets."""
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-
-
-def make_catalog(config: ServerConfig, hosted: Hosted) -> Catalog:
-    """The catalog of the configured model and limits."""
-    limits = Limits(
-        max_sessions_per_stream=config.max_sessions_per_stream,
-        max_prompt_characters=config.max_prompt_characters,
-        max_request_bytes=config.max_request_bytes,
-        default_lookahead_frames=config.lookahead_for(hosted.facts.horizon),
-        max_lookahead_frames=config.max_lookahead_frames,
-        events_per_second=config.events_per_second,
-        stream_events_per_second=config.stream_events_per_second,
-    )
-    guidance = Guidance(config.text_guidance, config.constraint_guidance)
-    encoder = hosted.encoder.identity
-    return Catalog(hosted.facts, limits, guidance, hosted.licence, encoder, config.history_frames, hosted.presets)
-
-
-def make_prompts(config: ServerConfig, hosted: Hosted, metrics: Metrics) -> PromptEncoder:
-    """What encodes prompts. It knows the presets' texts already."""
-    prompts = PromptEncoder(
-        hosted.encoder,
-        config.prompt_cache,
-        metrics.prompt_seconds.observe,
-        store=open_store(config, hosted.encoder.identity, hosted.facts),
-        timeout_s=config.prompt_timeout_s,
-        max_waiting=config.max_waiting_prompts,
-        count=metrics.count_prompt,
-    )
-    for preset in hosted.presets:
-        prompts.remember(preset.text, preset.embedding)
-    metrics.prompts_waiting.set_function(lambda: prompts.num_waiting)
-    return prompts
 
 
 def stop_on_signals(application: Application) -> None:
@@ -298,7 +272,7 @@ def stop_on_signals(application: Application) -> None:
         loop.add_signal_handler(number, asked)
 
 
-async def run(config: ServerConfig, load: Callable[[ServerConfig], Loaded] = load_all) -> int:
+async def run(config: ServerConfig, load: Callable[[ServerConfig], Loaded] | None = None) -> int:
     """Start, serve until SIGTERM or SIGINT, drain. Returns the process's exit code."""
     application = Application(config, load)
     stop_on_signals(application)

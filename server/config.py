@@ -11,6 +11,7 @@ from server.settings import ENVIRONMENT_PREFIX, Program, check_settings, setting
 DEFAULT_LOOKAHEAD_FRAMES = 40
 PRECISIONS = ("float32", "bfloat16", "auto")
 TEXT_PRECISIONS = ("float32", "bfloat16")
+LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 LOG_LEVELS = ("DEBUG", "INFO", "WARNING", "ERROR")
 ENCODER_PREFIX = f"{ENVIRONMENT_PREFIX}ENCODER_"
 """Of the environment of `python -m server.encoder`, which may be that of this program too."""
@@ -26,7 +27,12 @@ class ServerConfig:
     ops_host: str = setting("127.0.0.1", "address of health checks and metrics (HTTP)")
     ops_port: int = setting(9464, "port of health checks and metrics; 0 picks a free one", 0, 65535)
     print_ports: bool = setting(False, "print one JSON line with both ports on standard output once ready")
-    model: str = setting("motiongen-mini", "motiongen-mini, core, core8, g1, g18, a folder, or a hub's owner/name")
+    admin_listen: str = setting("", "host:port of this machine to serve the admin service on; port 0 picks a free one")
+    model: str = setting(
+        "motiongen-mini",
+        "motiongen-mini, core, core8, g1, g18, a folder, a hub's owner/name; again for more",
+        many=True,
+    )
     text_encoder: str = setting("static", ENCODERS)
     text_device: str = setting("cpu", "device of llm2vec", choices=("cpu", "cuda"))
     text_precision: str = setting("bfloat16", "precision of llm2vec", choices=TEXT_PRECISIONS)
@@ -76,10 +82,31 @@ class ServerConfig:
                 f"max_lookahead_frames is {self.max_lookahead_frames}; it must be at least lookahead_frames, "
                 f"which is {self.lookahead_frames}"
             )
+        if not all(self.models) or len(set(self.models)) < len(self.models):
+            raise SettingError(f"model is {self.model!r}; give each model once, with commas between them")
+        if self.admin_listen:
+            check_admin_address(self.admin_listen)
+        if self.engine_process and (len(self.models) > 1 or self.admin_listen):
+            raise SettingError("engine_process serves one model and no admin service; leave it out for several models")
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """All models to serve, the default first."""
+        return tuple(name.strip() for name in self.model.split(","))
 
     def lookahead_for(self, horizon: int) -> int:
         """Frames sent beyond the playhead of a session that does not say, of a model with that horizon."""
         return self.lookahead_frames or max(DEFAULT_LOOKAHEAD_FRAMES, horizon)
+
+
+def check_admin_address(given: str) -> None:
+    """Raise SettingError unless it is an address of this machine that others cannot reach."""
+    host, _, port = given.rpartition(":")
+    if host not in LOOPBACK or not port.isdecimal() or int(port) > 65535:
+        raise SettingError(
+            f"admin_listen is {given!r}; it must be a loopback host ({', '.join(LOOPBACK)}) and a port, such as "
+            "127.0.0.1:50052: who reaches it may load any folder"
+        )
 
 
 SERVER = Program(

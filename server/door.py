@@ -9,7 +9,7 @@ import grpc.aio
 
 from motiongen.v1 import service_pb2
 from server.errors import StreamRefused
-from server.methods import CatalogContext, StreamContext
+from server.methods import CatalogContext, ClipContext, StreamContext
 from server.service import MotionService
 
 RETRY_AFTER_S = 1.0
@@ -42,6 +42,13 @@ class Door:
             await context.abort_with_status(self._refusal())
         assert self._service is not None
         await self._service.StreamMotion(request_iterator, context)
+
+    async def GenerateClip(self, request: service_pb2.GenerateClipRequest, context: ClipContext) -> None:
+        """As the service's."""
+        if self._service is None:
+            await context.abort_with_status(self._refusal())
+        assert self._service is not None
+        await self._service.GenerateClip(request, context)
 
     @staticmethod
     def _refusal() -> grpc.Status:

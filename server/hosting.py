@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from server.config import ServerConfig
+from server.engine.device import Device
 from server.engine.ports import Deliver, Observe
 from server.engine.types import ModelFacts
 from server.engine_port import EnginePort
@@ -37,15 +38,18 @@ def host_engine(
     deliver: Deliver,
     observe: Observe,
     engine_command: Sequence[str] = ENGINE_COMMAND,
+    device: Device | None = None,
 ) -> Hosted:
     """Load and warm up. load, engine_command: for an engine in this process, and in one of its own.
+
+    device: what engines of this process take turns on.
 
     Raises SettingError for settings that cannot be served.
     """
     if config.engine_process:
         return _in_its_own_process(config, deliver, observe, engine_command)
     loaded = load(config)
-    engine = build_engine(config, loaded.runner, deliver, observe)
+    engine = build_engine(config, loaded.runner, deliver, observe, device=device)
     return Hosted(engine, loaded.runner.facts, loaded.encoder, loaded.licence, loaded.threads, loaded.presets)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from motiongen.v1 import session_pb2
 from server.engine.types import SessionKey
+from server.models import Served
 from server.rate import TokenBucket
 from server.refusals import invalid_event_seq, sequence_gap
 
@@ -18,10 +19,12 @@ class Link:
 
     last_seq: the highest event number taken. answered: numbers above applied_seq that have been answered already.
     waiting: events held back behind one whose prompt is being encoded. known_to_engine: whether its open was passed on.
-    closing: whether its close was. muted: frames for it are dropped, since its client does not read.
+    closing: whether its close was. muted: frames for it are dropped, since its client does not read. model: what it was
+    opened with.
     """
 
     key: SessionKey
+    model: Served
     request_id: str
     bucket: TokenBucket
     last_seq: int = 1

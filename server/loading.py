@@ -9,6 +9,7 @@ from pathlib import Path
 
 from server.config import ServerConfig
 from server.engine.config import EngineConfig
+from server.engine.device import Device, InTurns
 from server.engine.engine import Engine
 from server.engine.ports import Deliver, Inbox, Observe, Runner
 from server.engine.profile import profile
@@ -48,12 +49,22 @@ class Loaded:
     presets: tuple[Preset, ...] = ()
 
 
-def load_all(config: ServerConfig) -> Loaded:
-    """The configured model and its text encoder. Raises SettingError saying what is wrong with the settings."""
-    model = load_model(config)
-    encoder = load_encoder(config, model.runner.facts)
-    presets = load_presets(config, encoder.identity, model.runner.facts)
-    return Loaded(model.runner, encoder, model.licence, model.threads, presets)
+class Loader:
+    """Loads models with their text encoders. Models of the same width of text share an encoder."""
+
+    def __init__(self) -> None:
+        self._encoders: dict[tuple[str, int], TextEncoder] = {}
+
+    def __call__(self, config: ServerConfig) -> Loaded:
+        """The configured model and its text encoder. Raises SettingError saying what is wrong with the settings."""
+        model = load_model(config)
+        facts = model.runner.facts
+        key = (config.text_encoder, facts.embedding_dim)
+        if key not in self._encoders:
+            self._encoders[key] = load_encoder(config, facts)
+        encoder = self._encoders[key]
+        presets = load_presets(config, encoder.identity, facts)
+        return Loaded(model.runner, encoder, model.licence, model.threads, presets)
 
 
 def load_model(config: ServerConfig) -> LoadedModel:
@@ -141,13 +152,22 @@ def check_fit(config: ServerConfig, facts: ModelFacts) -> None:
 
 
 def build_engine(
-    config: ServerConfig, runner: Runner, deliver: Deliver, observe: Observe, inbox: Inbox | None = None
+    config: ServerConfig,
+    runner: Runner,
+    deliver: Deliver,
+    observe: Observe,
+    inbox: Inbox | None = None,
+    device: Device | None = None,
 ) -> Engine:
-    """Check that the settings fit, measure the model, and make the engine. Raises SettingError where they do not."""
+    """Check that the settings fit, measure the model, and make the engine. Raises SettingError where they do not.
+
+    device: where other engines are at work; they wait for single calls of what is measured.
+    """
     check_fit(config, runner.facts)
     clock = MonotonicClock()
+    seat = (device or Device()).seat()
     try:
-        measured = profile(runner, clock, config.max_rows, config.history_frames, config.profile_s)
+        measured = profile(InTurns(runner, seat), clock, config.max_rows, config.history_frames, config.profile_s)
         engine_config = EngineConfig(
             max_sessions=config.max_sessions,
             max_rows=measured.max_rows,
@@ -159,9 +179,13 @@ def build_engine(
             degrade=config.degrade,
         )
         scheduler = Scheduler(measured.costs, measured.max_rows, max_step_s=engine_config.max_step_s)
-        return Engine(runner, clock, deliver, engine_config, observe, inbox, scheduler)
+        return Engine(runner, clock, deliver, engine_config, observe, inbox, scheduler, seat)
     except ValueError as error:
+        seat.leave()
         raise SettingError(str(error)) from error
+    except Exception:
+        seat.leave()
+        raise
 
 
 def admit_loads(load: float) -> tuple[float, float, float, float]:

@@ -14,6 +14,7 @@ SERVICE = service_pb2.DESCRIPTOR.services_by_name["MotionService"]
 SERVICE_NAME = SERVICE.full_name
 
 CatalogContext: TypeAlias = "grpc.aio.ServicerContext[service_pb2.GetCatalogRequest, service_pb2.GetCatalogResponse]"
+ClipContext: TypeAlias = "grpc.aio.ServicerContext[service_pb2.GenerateClipRequest, service_pb2.GenerateClipResponse]"
 StreamContext: TypeAlias = "grpc.aio.ServicerContext[service_pb2.StreamMotionRequest, bytes]"
 
 
@@ -28,6 +29,8 @@ class Methods(Protocol):
         self, request_iterator: AsyncIterator[service_pb2.StreamMotionRequest], context: StreamContext
     ) -> None: ...
 
+    async def GenerateClip(self, request: service_pb2.GenerateClipRequest, context: ClipContext) -> None: ...
+
 
 def add_methods(methods: Methods, server: grpc.aio.Server) -> None:
     """Serve the methods. As the generated `add_MotionServiceServicer_to_server`, but for the streams' bytes."""
@@ -36,6 +39,11 @@ def add_methods(methods: Methods, server: grpc.aio.Server) -> None:
             methods.GetCatalog,
             request_deserializer=service_pb2.GetCatalogRequest.FromString,
             response_serializer=service_pb2.GetCatalogResponse.SerializeToString,
+        ),
+        "GenerateClip": grpc.unary_stream_rpc_method_handler(
+            methods.GenerateClip,
+            request_deserializer=service_pb2.GenerateClipRequest.FromString,
+            response_serializer=service_pb2.GenerateClipResponse.SerializeToString,
         ),
         "StreamMotion": grpc.stream_stream_rpc_method_handler(
             methods.StreamMotion, request_deserializer=service_pb2.StreamMotionRequest.FromString

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from server.engine.types import Code, Outcome, SessionKey
 from server.errors import EventRefused
 
@@ -17,6 +19,37 @@ def refusal_outcome(session: SessionKey, event_seq: int, refusal: EventRefused) 
         field=refusal.field,
         allowed=refusal.allowed,
         retry_after_s=refusal.retry_after_s,
+    )
+
+
+def unknown_model(given: str, known: Iterable[str]) -> EventRefused:
+    return EventRefused(
+        Code.NOT_FOUND,
+        "UNKNOWN_MODEL",
+        f"no model {given[:80]!r} is served",
+        field="open.model_id",
+        allowed=", ".join(known),
+    )
+
+
+def model_reloading(model_id: str) -> EventRefused:
+    return EventRefused(
+        Code.UNAVAILABLE,
+        "MODEL_RELOADING",
+        f"{model_id} is being loaded anew",
+        field="open.model_id",
+        allowed="the same a little later, or another model of the catalogue",
+        retry_after_s=2.0,
+    )
+
+
+def model_failed(model_id: str) -> EventRefused:
+    return EventRefused(
+        Code.UNAVAILABLE,
+        "MODEL_FAILED",
+        f"the engine of {model_id} has failed",
+        field="open.model_id",
+        allowed="another model of the catalogue, or another server",
     )
 
 

@@ -13,13 +13,12 @@ import grpc
 import grpc.aio
 
 from motiongen.v1 import service_pb2
-from server.catalog import Catalog
+from server.clip import ClipDesk
 from server.convert import round_trip_s
 from server.engine.types import CloseReason, Output
-from server.engine_port import EventSink
 from server.errors import StreamRefused
-from server.methods import CatalogContext, StreamContext
-from server.prompts import PromptEncoder
+from server.methods import CatalogContext, ClipContext, StreamContext
+from server.models import Models, Served
 from server.stream import Stream
 from server.tally import Tally
 
@@ -35,20 +34,17 @@ class MotionService:
 
     def __init__(
         self,
-        engine: EventSink,
-        prompts: PromptEncoder,
-        catalog: Catalog,
+        models: Models,
         flush_s: float = 0.02,
         tally: Tally | None = None,
     ) -> None:
-        self._engine = engine
-        self._prompts = prompts
-        self._catalog = catalog
+        self._models = models
         self._flush_s = flush_s
         self._tally = tally
         self._replica_id = secrets.token_hex(4)
         self._numbers = itertools.count(1)
         self._streams: dict[int, Stream] = {}
+        self.clips = ClipDesk(models, self._numbers, tally)
         self._loop = asyncio.get_running_loop()
         self._ends_at: float | None = None  # monotonic seconds, known once the server drains
         self._all_ended = asyncio.Event()
@@ -78,8 +74,10 @@ class MotionService:
             by_stream.setdefault(output.session.stream, []).append(output)
         for number, of_stream in by_stream.items():
             stream = self._streams.get(number)
-            if stream is not None:  # else its client has gone
+            if stream is not None:
                 stream.take_all(of_stream)
+            else:  # a clip's, or of a client that has gone
+                self.clips.take(number, of_stream)
 
     # ---- calls ------------------------------------------------------------------------------------------------------
 
@@ -87,13 +85,17 @@ class MotionService:
         self, request: service_pb2.GetCatalogRequest, context: CatalogContext
     ) -> service_pb2.GetCatalogResponse:
         """Rigs, models and limits, or the etag alone for a client that holds them."""
-        return self._catalog.response(request.catalog_etag)
+        return self._models.catalog_response(request.catalog_etag)
+
+    async def GenerateClip(self, request: service_pb2.GenerateClipRequest, context: ClipContext) -> None:
+        """Samples of one clip, from the request to the last frame."""
+        await self.clips.generate(request, context)
 
     async def StreamMotion(
         self, request_iterator: AsyncIterator[service_pb2.StreamMotionRequest], context: StreamContext
     ) -> None:
         """One stream, from its hello to its end."""
-        stream = Stream(next(self._numbers), self._engine, self._prompts, self._catalog, self._tally)
+        stream = Stream(next(self._numbers), self._models, self._tally)
         stream.flush_s = self._flush_s
         stream.accepts_opens = self._ends_at is None
         self._streams[stream.number] = stream
@@ -164,7 +166,7 @@ class MotionService:
             asked = hello.flush_interval.seconds + hello.flush_interval.nanos / 1e9
             stream.flush_s = min(max(asked, FLUSH_RANGE_S[0]), FLUSH_RANGE_S[1])
         answer = service_pb2.ServerHello(
-            replica_id=self._replica_id, limits=self._catalog.limits_message, server_time_ns=time.time_ns()
+            replica_id=self._replica_id, limits=self._models.limits_message, server_time_ns=time.time_ns()
         )
         stream.reply(service_pb2.StreamMotionResponse(hello=answer))
         stream.greeted = True
@@ -213,12 +215,19 @@ class MotionService:
         goodbye.grace.FromMilliseconds(max(0, round(1000 * grace_s)))
         stream.reply(service_pb2.StreamMotionResponse(goodbye=goodbye))
 
+    def close_model(self, model: Served) -> int:
+        """Close every session of a model that is unloaded, and its clips; returns how many sessions those were."""
+        self.clips.close_model(model)
+        return sum(stream.close_all(CloseReason.MODEL_UNLOADED, model) for stream in list(self._streams.values()))
+
     def close_all(self) -> None:
-        """Close every session as drained and end every stream once it has been told."""
+        """Close every session as drained and end every stream once it has been told; clips end where they are."""
         for stream in list(self._streams.values()):
             stream.close_all(CloseReason.DRAINED)
             stream.end()
+        self.clips.close_all()
 
     async def finished(self) -> None:
-        """Wait until no stream is left."""
+        """Wait until no stream and no clip is left."""
         await self._all_ended.wait()
+        await self.clips.finished()

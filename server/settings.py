@@ -22,7 +22,10 @@ _LINK_ADDRESS = re.compile(r"(tcp|udp|sctp)://")
 
 
 def setting(default: Any, meaning: str, least: float | None = None, most: float | None = None, **more: Any) -> Any:
-    """A field of a program's settings: its default, what it means, and what it may be (a range, or `choices`)."""
+    """A field of a program's settings: its default, what it means, and what it may be (a range, or `choices`).
+
+    many: its flag may be given again, for more values, which are joined with commas.
+    """
     return field(default=default, metadata={"meaning": meaning, "least": least, "most": most, **more})
 
 
@@ -69,6 +72,8 @@ class Program(Generic[Config]):
         values = {}
         for name, each in known.items():
             given = flags.get(name)
+            if isinstance(given, list):
+                given = ",".join(given)
             if given is None:
                 given = given_by_environment.get(self.environment_name(name))
             if given is not None:
@@ -102,6 +107,7 @@ class Program(Generic[Config]):
             parser.add_argument(
                 f"--{each.name.replace('_', '-')}",
                 metavar="true|false" if is_switch else type(each.default).__name__.upper(),
+                action="append" if metadata.get("many") else "store",
                 nargs="?" if is_switch else None,
                 const="true" if is_switch else None,
                 help=f"{metadata['meaning']}{allowed} ({default}) [{self.environment_name(each.name)}]",

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motiongen.v1 import service_pb2, session_pb2
-from server.catalog import Catalog
 from server.convert import (
     Parts,
     append_frames,
@@ -25,11 +24,10 @@ from server.convert import (
     write_update,
 )
 from server.engine.types import Chunk, Close, Closed, CloseReason, Code, Opened, Outcome, Output, PlanNotice, SessionKey
-from server.engine_port import EventSink
 from server.errors import EventRefused
 from server.link import Link
+from server.models import Models, Served
 from server.outbox import Outbox, Run
-from server.prompts import PromptEncoder
 from server.rate import TokenBucket
 from server.refusals import (
     closed_before,
@@ -56,9 +54,7 @@ Embeddings = dict[str, NDArray[np.float32]]
 class Stream:
     """The state of one StreamMotion call. Everything here runs on the event loop."""
 
-    def __init__(
-        self, number: int, engine: EventSink, prompts: PromptEncoder, catalog: Catalog, tally: Tally | None = None
-    ) -> None:
+    def __init__(self, number: int, models: Models, tally: Tally | None = None) -> None:
         self.number = number
         self.outbox = Outbox()
         self.ready = asyncio.Event()  # something to write, or the end
@@ -69,13 +65,12 @@ class Stream:
         self.ended = False
         self.rtt_s: float | None = None  # the client's last measurement
         self.responses: deque[service_pb2.StreamMotionResponse] = deque()
-        self._engine = engine
-        self._prompts = prompts
-        self._catalog = catalog
+        self._models = models
+        self._limits = models.limits
         self._tally = tally or NoTally()
         self._dropped_told = 0
         self._links: dict[int, Link] = {}
-        self._bucket = TokenBucket(catalog.limits.stream_events_per_second, time.monotonic())
+        self._bucket = TokenBucket(self._limits.stream_events_per_second, time.monotonic())
         self._patience: asyncio.TimerHandle | None = None  # runs while more waits than may wait for long
         self._room = asyncio.Event()
 
@@ -120,7 +115,7 @@ class Stream:
             raise invalid_event_seq(event.event_seq)
         self._take_tokens(link, now)
         if link.known_to_engine and not link.closing:
-            self._engine.submit(playhead_of(event.playhead, link.key, now, self.rtt_s))
+            link.model.engine.submit(playhead_of(event.playhead, link.key, now, self.rtt_s))
 
     def _next_of(self, event: session_pb2.SessionEvent, link: Link | None) -> Link | None:
         """The session that the event is the next one of; None where it is to be dropped. Raises EventRefused."""
@@ -129,7 +124,7 @@ class Stream:
         return link if link.takes(event.event_seq) else None
 
     def _open(self, event: session_pb2.SessionEvent, link: Link | None, now: float) -> Link | None:
-        handle, limits = event.session, self._catalog.limits
+        handle, limits = event.session, self._limits
         if link is not None:
             if event.open.request_id and event.open.request_id == link.request_id:
                 return None  # the same open again
@@ -141,12 +136,13 @@ class Stream:
         if len(self._links) >= limits.max_sessions_per_stream:
             raise too_many_sessions(len(self._links), limits.max_sessions_per_stream)
         key = SessionKey(self.number, handle)
-        link = Link(key, event.open.request_id, TokenBucket(limits.events_per_second, now))
+        model = self._models.find(event.open.model_id)
+        link = Link(key, model, event.open.request_id, TokenBucket(limits.events_per_second, now))
         self._links[handle] = link
         return link
 
     def _take_tokens(self, link: Link, now: float) -> None:
-        limits = self._catalog.limits
+        limits = self._limits
         if not self._bucket.take(now):
             raise too_fast("stream", limits.stream_events_per_second, self._bucket.wait_s)
         if not link.bucket.take(now):
@@ -155,7 +151,7 @@ class Stream:
     def _pass_on(self, link: Link, event: session_pb2.SessionEvent, now: float) -> None:
         """Submit at once if nothing of the session waits and its prompts are known, else queue behind the encoder."""
         if not link.waiting and link.encoding is None:
-            known = self._known_embeddings(event)
+            known = self._known_embeddings(link.model, event)
             if known is not None:
                 self._submit(link, event, now, known)
                 return
@@ -163,10 +159,10 @@ class Stream:
         if link.encoding is None:
             link.encoding = asyncio.get_running_loop().create_task(self._encode_waiting(link))
 
-    def _known_embeddings(self, event: session_pb2.SessionEvent) -> Embeddings | None:
+    def _known_embeddings(self, model: Served, event: session_pb2.SessionEvent) -> Embeddings | None:
         known = {}
-        for text in prompt_texts(event, self._catalog):
-            embedding = self._prompts.cached(text)
+        for text in prompt_texts(event, model.catalog):
+            embedding = model.prompts.cached(text)
             if embedding is None:
                 return None
             known[text] = embedding
@@ -179,8 +175,8 @@ class Stream:
                 embeddings: Embeddings = {}
                 failure: Exception | None = None
                 try:
-                    for text in () if link.closing else prompt_texts(event, self._catalog):
-                        embeddings[text] = await self._prompts.encode(text)
+                    for text in () if link.closing else prompt_texts(event, link.model.catalog):
+                        embeddings[text] = await link.model.prompts.encode(text)
                 except Exception as error:
                     failure = error
                 link.waiting.popleft()
@@ -207,10 +203,10 @@ class Stream:
     def _submit(self, link: Link, message: session_pb2.SessionEvent, now: float, embeddings: Embeddings) -> None:
         if link.closing:
             raise closed_before()
-        event = engine_event(message, link.key, now, embeddings, self._catalog)
+        event = engine_event(message, link.key, now, embeddings, link.model.catalog)
         link.closing = isinstance(event, Close)
         link.known_to_engine = True
-        refusal = self._engine.submit(event)
+        refusal = link.model.engine.submit(event)
         if refusal is not None:
             self.take(refusal)
             self.urgent.set()
@@ -303,7 +299,7 @@ class Stream:
         """
         await asyncio.sleep(0)
         while not self.ended and (
-            self.outbox.num_bytes > self._catalog.limits.hard_backlog_bytes or len(self.responses) > MAX_WAITING_REPLIES
+            self.outbox.num_bytes > self._limits.hard_backlog_bytes or len(self.responses) > MAX_WAITING_REPLIES
         ):
             self._room.clear()
             await self._room.wait()
@@ -312,7 +308,7 @@ class Stream:
 
     def _check_backlog(self) -> None:
         """Close every session when the client reads too slowly: too much unsent at once, or a lot for too long."""
-        limits, waiting = self._catalog.limits, self.outbox.num_bytes
+        limits, waiting = self._limits, self.outbox.num_bytes
         if self.outbox.dropped_frames > self._dropped_told:
             self._tally.drop_frames(self.outbox.dropped_frames - self._dropped_told)
             self._dropped_told = self.outbox.dropped_frames
@@ -337,14 +333,21 @@ class Stream:
         self.outbox.drop_frames()
         self.close_all(CloseReason.SLOW_READER)
 
-    def close_all(self, reason: CloseReason) -> None:
-        """Ask the engine to close every session of the stream that is not closing already."""
-        now = time.monotonic()
+    def close_all(self, reason: CloseReason, model: Served | None = None) -> int:
+        """Ask for every session of the stream to be closed that is not closing already; returns how many those were.
+
+        model: those that were opened with this one only.
+        """
+        now, asked = time.monotonic(), 0
         for link in list(self._links.values()):
+            if model is not None and link.model is not model:
+                continue
             self._refuse_waiting(link)  # the first may be the OpenSession itself, which is then refused
             if link.known_to_engine and not link.closing:
                 link.closing = True
-                self._engine.submit(Close(link.key, link.last_seq + 1, now, reason))
+                link.model.engine.submit(Close(link.key, link.last_seq + 1, now, reason))
+                asked += 1
+        return asked
 
     def abandon(self) -> None:
         """The client is gone: close everything and write nothing more."""

@@ -149,6 +149,8 @@ class Engine:
         self._admission.close()
         self._stopping = True
         self._mailbox.ring()
+        if self._thread is None:  # it never began, and will not leave by itself
+            self._seat.leave()
 
     def join(self, timeout_s: float | None = None) -> bool:
         """Wait for the loop to end. True if it has."""

@@ -16,6 +16,7 @@ from server.engine.engine import Engine
 from server.engine.types import Guidance
 from server.limits import Limits
 from server.methods import add_methods
+from server.models import Models, Served
 from server.prompts import PromptEncoder
 from server.service import MotionService
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
@@ -55,7 +56,7 @@ class LocalServer:
         self.prompts = PromptEncoder(LengthEncoder(), 1000)
         self.engine = Engine(self.runner, self.runner.clock, self._deliver, self._engine_config)
         catalog = Catalog(FACTS, limits, Guidance(2.0, 2.0), "CC0-1.0", self.prompts.identity, history_frames=16)
-        self.service = MotionService(self.engine, self.prompts, catalog)
+        self.service = MotionService(Models(Served(self.engine, self.prompts, catalog)))
         self._server = grpc.aio.server(options=[("grpc.max_receive_message_length", limits.max_request_bytes)])
         add_methods(self.service, self._server)
         self.address = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"

@@ -18,7 +18,7 @@ async def test_answers_to_a_flood_that_nobody_reads_stay_within_the_limit(
 ) -> None:
     other, flooder = await local.talk(), await local.talk()
     await other.open(1)
-    limits = local_server.service._catalog.limits
+    limits = local_server.service._models.limits
     nothing = session_pb2.SessionEvent(session=5)  # four bytes that cost the server an answer of a few hundred
     request = service_pb2.StreamMotionRequest(events=[nothing] * 100_000)
 

@@ -49,6 +49,7 @@ async def test_a_running_server_is_alive_ready_and_counts(live_server: LiveServe
             metrics = (await ops.get("/metrics")).text
     assert answers == [200, 200, 200]
     lines = dict(line.rsplit(" ", 1) for line in metrics.splitlines() if not line.startswith("#"))
-    assert float(lines["motiongen_frames_sent_total"]) >= 20
-    assert float(lines['motiongen_session_opens_total{code="OK"}']) >= 1
-    assert 'motiongen_build_info{model="' in metrics
+    model = f'model="{client.catalog.models[0].model_id}"'
+    assert float(lines[f"motiongen_frames_sent_total{{{model}}}"]) >= 20
+    assert float(lines[f'motiongen_session_opens_total{{code="OK",{model}}}']) >= 1
+    assert f"motiongen_build_info{{{model}" in metrics

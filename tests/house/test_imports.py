@@ -54,7 +54,7 @@ ROOMS = (
     room("server/presets.py", "server.engine.types"),
     room("server/outbox.py server/rate.py server/limits.py", "server.engine.types"),
     room("server/ops.py", "starlette uvicorn prometheus_client"),
-    room("server/metrics.py", "prometheus_client server.engine"),
+    room("server/metrics.py server/model_metrics.py", "prometheus_client server.engine server.model_metrics"),
     room("server/config.py server/settings.py", "_typeshed server.errors server.settings"),
     room("server/errors.py", "grpc grpc_status google server.engine.types"),
     room("server/prompts.py", "numpy server.engine.types server.errors"),

@@ -22,7 +22,7 @@ from server.errors import SettingError
 from server.loading import build_engine, load_model
 from tests.contract.local import LengthEncoder, RealTime
 from tests.contract.talk import Talk
-from tests.server.engine.fakes import FakeRunner
+from tests.server.engine.fakes import FACTS, FakeRunner
 
 LIMIT_S = 20.0
 SERVING, NOT_SERVING = health_pb2.HealthCheckResponse.SERVING, health_pb2.HealthCheckResponse.NOT_SERVING
@@ -272,7 +272,7 @@ async def test_when_the_engine_fails_it_ends_with_1(caplog: pytest.LogCaptureFix
     def observe(report: object) -> None:
         raise RuntimeError("the books do not fit together")
 
-    application._metrics.observe = observe  # type: ignore[method-assign]
+    application._metrics.of_model(FACTS.model_id).observe = observe  # type: ignore[method-assign]
     async with asyncio.timeout(LIMIT_S):
         await application.start()
         await application.serve()

@@ -7,6 +7,7 @@ import asyncio
 from server.catalog import Catalog
 from server.engine.types import Code, Guidance, Outcome, SessionKey
 from server.limits import Limits
+from server.models import Models, Served
 from server.prompts import PromptEncoder
 from server.service import MotionService
 from tests.contract.local import LengthEncoder, LocalServer
@@ -32,7 +33,7 @@ def test_outputs_after_the_event_loop_s_end_are_dropped() -> None:
     async def make() -> MotionService:
         prompts = PromptEncoder(LengthEncoder(), 1)
         catalog = Catalog(FACTS, Limits(), Guidance(2.0, 2.0), "CC0-1.0", prompts.identity, history_frames=16)
-        return MotionService(NoEngine(), prompts, catalog)
+        return MotionService(Models(Served(NoEngine(), prompts, catalog)))
 
     asyncio.run(make()).deliver([STRAY])
 

@@ -50,6 +50,7 @@ class CloseReason(IntEnum):
     DRAINED = 5
     ENGINE_FAULT = 6
     OVERLOAD = 8
+    MODEL_UNLOADED = 9
 
 
 class ServiceTier(IntEnum):

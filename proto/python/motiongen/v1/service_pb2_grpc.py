@@ -57,7 +57,7 @@ class MotionServiceServicer:
     """
 
     def GetCatalog(self, request, context):
-        """Rigs, models and limits. Does not change while the server lives.
+        """Rigs, models and limits. Changes only where the operator loads or unloads models.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

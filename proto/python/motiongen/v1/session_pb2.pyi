@@ -50,6 +50,7 @@ class CloseReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     CLOSE_REASON_DRAINED: _ClassVar[CloseReason]
     CLOSE_REASON_ENGINE_FAULT: _ClassVar[CloseReason]
     CLOSE_REASON_OVERLOAD: _ClassVar[CloseReason]
+    CLOSE_REASON_MODEL_UNLOADED: _ClassVar[CloseReason]
 PRIORITY_CLASS_UNSPECIFIED: PriorityClass
 PRIORITY_CLASS_HERO: PriorityClass
 PRIORITY_CLASS_NEAR: PriorityClass
@@ -75,6 +76,7 @@ CLOSE_REASON_SLOW_READER: CloseReason
 CLOSE_REASON_DRAINED: CloseReason
 CLOSE_REASON_ENGINE_FAULT: CloseReason
 CLOSE_REASON_OVERLOAD: CloseReason
+CLOSE_REASON_MODEL_UNLOADED: CloseReason
 
 class SessionEvent(_message.Message):
     __slots__ = ("session", "event_seq", "open", "edit_prompts", "edit_constraints", "set_velocity", "playhead", "set_play_state", "close")

@@ -13,6 +13,7 @@ from motiongen_client.bvh import write_bvh
 from motiongen_client.client import MotionClient
 from motiongen_client.edit import Edit
 from motiongen_client.errors import (
+    DeadlineExceeded,
     EventRefused,
     InvalidInput,
     MissingExtra,
@@ -31,6 +32,8 @@ from motiongen_client.session import Session, SessionStats
 from motiongen_client.stream import Stream
 from motiongen_client.types import (
     Catalog,
+    Clip,
+    Deviation,
     JointTargets,
     Keyframe,
     Limits,
@@ -38,6 +41,7 @@ from motiongen_client.types import (
     Opened,
     Outcome,
     Priority,
+    Residual,
     ServiceLevel,
     SessionEnd,
     SessionOptions,
@@ -51,7 +55,7 @@ __all__ = [
     "Frame", "Motion", "Rig", "write_bvh", "write_npz", "read_npz",
     "SessionOptions", "StartPose", "Priority", "Waypoint", "Trajectory", "Keyframe", "JointTargets",
     "Preset", "TextEmbedding",
-    "Catalog", "Model", "Limits", "Opened", "Outcome", "ServiceLevel", "SessionEnd",
+    "Clip", "Residual", "Deviation", "Catalog", "Model", "Limits", "Opened", "Outcome", "ServiceLevel", "SessionEnd",
     "MotiongenError", "InvalidInput", "UnknownName", "ServerUnavailable", "StreamLost", "SessionEnded",
-    "EventRefused", "ProtocolViolation", "MissingExtra",
+    "EventRefused", "DeadlineExceeded", "ProtocolViolation", "MissingExtra",
 ]  # fmt: skip

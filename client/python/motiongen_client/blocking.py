@@ -25,6 +25,7 @@ from motiongen_client.session import SessionStats
 from motiongen_client.types import (
     NO_PROMPTS,
     Catalog,
+    Clip,
     Constraint,
     Opened,
     Outcome,
@@ -289,6 +290,29 @@ class MotionClient:
             prompt, later_prompts=later_prompts, options=options, constraints=constraints, keep_s=keep_s
         )
         return Session(self._loop, self._loop.run(opening))
+
+    def generate_clip(
+        self,
+        prompt: Prompt | None = None,
+        *,
+        num_frames: int,
+        num_samples: int = 1,
+        later_prompts: Mapping[int, Prompt] = NO_PROMPTS,
+        options: SessionOptions | None = None,
+        constraints: Sequence[Constraint] = (),
+        timeout_s: float | None = None,
+    ) -> list[Clip]:
+        """Bounded motion, several samples at once."""
+        work = self._inner.generate_clip(
+            prompt,
+            num_frames=num_frames,
+            num_samples=num_samples,
+            later_prompts=later_prompts,
+            options=options,
+            constraints=constraints,
+            timeout_s=timeout_s,
+        )
+        return self._loop.run(work)
 
     def close(self) -> None:
         """End all streams, the connection and the background thread."""

@@ -1,4 +1,4 @@
-"""The command line: `motiongen stream`, `motiongen catalog`, `motiongen demo`, `motiongen bench`."""
+"""The command line: `motiongen stream`, `generate`, `catalog`, `demo` and `bench`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from motiongen_client import cli_bench, cli_catalog, cli_stream, demo
+from motiongen_client import cli_bench, cli_catalog, cli_generate, cli_stream, demo
 from motiongen_client.errors import MotiongenError
 
 DEFAULT_SERVER = "localhost:50051"
@@ -44,12 +44,24 @@ def run(arguments: Sequence[str]) -> int:
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """The options of a command line. Exits with 2, and says why, where they make no sense."""
     parser = _parser()
-    options = parser.parse_args(list(arguments))
+    arguments, settings = _server_settings(list(arguments))
+    options = parser.parse_args(arguments)
+    if options.command is cli_generate.generate:
+        options.server_arguments = settings
+        _check_generate(parser, options)
     if options.command is cli_stream.stream:
         _check_stream(parser, options)
     if options.command is cli_bench.bench:
         cli_bench.check(parser, options)
     return options
+
+
+def _server_settings(arguments: list[str]) -> tuple[list[str], list[str]]:
+    """What stands after `--` of generate: argparse cannot tell it from a prompt."""
+    if arguments[:1] != ["generate"] or "--" not in arguments:
+        return arguments, []
+    at = arguments.index("--")
+    return arguments[:at], arguments[at + 1 :]
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -86,6 +98,24 @@ def _parser() -> argparse.ArgumentParser:
     stream.add_argument("--model", default="", metavar="NAME", help="model of the catalogue (default: its first)")
     stream.add_argument("--realtime", action="store_true", help="take frames in real time, not as fast as they come")
 
+    generate = commands.add_parser(
+        "generate",
+        help="generate clips as fast as a server makes them, and write them to files",
+        description="Generate bounded clips, several samples at once, and write them in the formats of animation and "
+        "robot tools. The server makes them in the background of its sessions.",
+        usage="motiongen generate [options] [PROMPT] [-- SETTING ...]",
+        epilog='Example: motiongen generate "a person walks forward" --at 3 --prompt "a person runs" --seconds 6 '
+        "--samples 4 --out walk.npz --start-server. What follows -- are settings of the server that is started.",
+    )
+    generate.set_defaults(command=cli_generate.generate, script=Script())
+    where = generate.add_mutually_exclusive_group()
+    _add_server(where)
+    where.add_argument("--start-server", action="store_true", help="start one for this; its settings stand after --")
+    generate.add_argument("prompt", nargs="?", metavar="PROMPT", help="what to do from the start")
+    generate.add_argument("--prompt", dest="script", action=_Prompt, metavar="TEXT", help="after --at, what to do next")
+    generate.add_argument("--at", action=_At, metavar="SECONDS", help="when the next --prompt takes over")
+    cli_generate.add_arguments(generate)
+
     catalog = commands.add_parser("catalog", help="show what a server offers", description="Show what a server offers.")
     catalog.set_defaults(command=cli_catalog.catalog)
     _add_server(catalog)
@@ -121,12 +151,32 @@ def _add_server(parser: argparse._ActionsContainer) -> None:
     parser.add_argument("--server", default=DEFAULT_SERVER, metavar="HOST:PORT", help="default: %(default)s")
 
 
+def _check_generate(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    script: Script = options.script
+    if options.prompt is not None:
+        if script.prompts and script.prompts[0][0] == 0:
+            parser.error("PROMPT and a --prompt without --at before it are both for the start; give one")
+        options.script = script = Script([(0.0, options.prompt), *script.prompts], script.waiting_at_s)
+    if script.waiting_at_s is not None:
+        parser.error(f"--at {script.waiting_at_s:g} has no --prompt after it")
+    if not script.prompts and not options.waypoint and options.constraints is None and options.history is None:
+        parser.error("nothing to do: give a PROMPT, --waypoint, --constraints or --history")
+    if options.server_arguments and not options.start_server:
+        parser.error(f"{options.server_arguments[0]!r} is for a server that this starts: give --start-server too")
+    _check_times(parser, options)
+
+
 def _check_stream(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     script: Script = options.script
     if script.waiting_at_s is not None:
         parser.error(f"--at {script.waiting_at_s:g} has no --prompt after it")
     if not script.prompts and not options.waypoint:
         parser.error("nothing to do: give a --prompt, a --waypoint or both")
+    _check_times(parser, options)
+
+
+def _check_times(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    script: Script = options.script
     for name, at_s in [
         *(("--at", at_s) for at_s, _ in script.prompts),
         *(("--waypoint", waypoint.at_s) for waypoint in options.waypoint),

@@ -10,12 +10,12 @@ import grpc.aio
 
 from motiongen.v1 import service_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
-from motiongen_client import convert
+from motiongen_client import clip, convert
 from motiongen_client.errors import InvalidInput, MotiongenError, ServerUnavailable
 from motiongen_client.prompts import Prompt
 from motiongen_client.session import Session
 from motiongen_client.stream import Stream
-from motiongen_client.types import NO_PROMPTS, Catalog, Constraint, SessionOptions
+from motiongen_client.types import NO_PROMPTS, Catalog, Clip, Constraint, SessionOptions
 
 _CHANNEL_OPTIONS = (
     ("grpc.keepalive_time_ms", 30_000),
@@ -95,6 +95,35 @@ class MotionClient:
             self._own_stream = await self.stream().start()
         return await self._own_stream.open(
             prompt, later_prompts=later_prompts, options=options, constraints=constraints, keep_s=keep_s
+        )
+
+    async def generate_clip(
+        self,
+        prompt: Prompt | None = None,
+        *,
+        num_frames: int,
+        num_samples: int = 1,
+        later_prompts: Mapping[int, Prompt] = NO_PROMPTS,
+        options: SessionOptions | None = None,
+        constraints: Sequence[Constraint] = (),
+        timeout_s: float | None = None,
+    ) -> list[Clip]:
+        """Bounded motion: num_samples clips of num_frames frames, made as fast as the server has room for them.
+
+        later_prompts: by the frame they take over at. Sample n has the seed + n. timeout_s: after which the server
+        stops working on it. Raises InvalidInput, EventRefused, DeadlineExceeded or ServerUnavailable.
+        """
+        return await clip.generate_clip(
+            self._stub,
+            self.address,
+            self.catalog,
+            prompt,
+            num_frames,
+            num_samples,
+            later_prompts,
+            options or SessionOptions(),
+            constraints,
+            timeout_s,
         )
 
     async def close(self) -> None:

@@ -14,6 +14,7 @@ from motiongen_client.prompts import Preset, Prompt, TextEmbedding
 from motiongen_client.types import (
     Catalog,
     Constraint,
+    Deviation,
     JointTargets,
     Keyframe,
     Limits,
@@ -21,6 +22,7 @@ from motiongen_client.types import (
     Opened,
     Outcome,
     Priority,
+    Residual,
     ServiceLevel,
     SessionEnd,
     SessionOptions,
@@ -61,7 +63,12 @@ def open_session(
         prompts=prompts,
         constraints=constraints,
         denoise_steps=options.denoise_steps,
+        history_frames=options.history_frames,
     )
+    if options.prior is not None:
+        message.prior_frames.frame_count = len(options.prior)
+        message.prior_frames.scalar_type = motion_pb2.SCALAR_TYPE_F32_LE
+        message.prior_frames.data = np.ascontiguousarray(options.prior.rows, "<f4").tobytes()
     if options.start != StartPose():
         message.initial_root.CopyFrom(
             motion_pb2.RootPose(x=options.start.x_m, z=options.start.z_m, heading=options.start.heading_rad)
@@ -71,6 +78,14 @@ def open_session(
             session_pb2.Guidance(text=options.text_guidance, constraint=options.constraint_guidance)
         )
     return message
+
+
+def generate_clip(
+    opening: session_pb2.OpenSession, num_frames: int, num_samples: int
+) -> service_pb2.GenerateClipRequest:
+    """The message that asks for a clip."""
+    opening.priority = session_pb2.PRIORITY_CLASS_UNSPECIFIED  # a clip has none
+    return service_pb2.GenerateClipRequest(open=opening, frame_count=num_frames, sample_count=num_samples)
 
 
 def prompt_span(prompt_id: int, prompt: Prompt, start_frame: int | None) -> motion_pb2.PromptSpan:
@@ -135,6 +150,8 @@ def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
                 text_width=entry.text_width,
                 presets={preset.preset_id: preset.text for preset in entry.presets},
                 num_parameters=entry.num_parameters,
+                default_history_frames=entry.default_history_frames,
+                max_history_frames=entry.max_history_frames,
             )
             for entry in message.models
         ),
@@ -153,6 +170,8 @@ def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
             max_stream_events_per_second=limits.max_stream_events_per_second,
             max_speed_mps=limits.max_speed_mps,
             max_hold_frames=limits.max_hold_frames,
+            max_clip_frames=limits.max_clip_frames,
+            max_clip_samples=limits.max_clip_samples,
         ),
     )
 
@@ -172,6 +191,10 @@ def rig(message: motion_pb2.Rig) -> Rig:
         )
     if any(not -1 <= parent < joint or (parent < 0) != (joint == 0) for joint, parent in enumerate(message.parents)):
         raise ProtocolViolation(f"rig {message.rig_id}: parents {list(message.parents)} are no tree, parents first")
+    named = [*message.hip_joints, *(joint for limb in message.limbs for joint in limb.joints)]
+    if any(joint >= num_joints for joint in named) or len(message.hip_joints) not in (0, 2):
+        raise ProtocolViolation(f"rig {message.rig_id}: its hips or limbs are no joints of {num_joints}: {named}")
+    hips = (message.hip_joints[0], message.hip_joints[1]) if message.hip_joints else None
     if message.frame_rate < 1:
         raise ProtocolViolation(f"rig {message.rig_id}: frame rate {message.frame_rate}")
     return Rig(
@@ -181,6 +204,8 @@ def rig(message: motion_pb2.Rig) -> Rig:
         offsets_m=np.array(message.neutral_offsets_m, dtype=np.float32).reshape(num_joints, 3),
         frame_rate_hz=message.frame_rate,
         blocks=blocks,
+        hip_joints=hips,
+        limbs={limb.name: tuple(limb.joints) for limb in message.limbs},
     )
 
 
@@ -224,6 +249,21 @@ def outcome(message: session_pb2.EditOutcome, event: str) -> Outcome | EventRefu
 def service_level(message: session_pb2.ServiceLevel) -> ServiceLevel:
     tier = session_pb2.ServiceTier.Name(message.tier) if message.tier in _SERVICE_TIERS else "UNSPECIFIED"
     return ServiceLevel(tier.removeprefix("SERVICE_TIER_").lower(), message.denoise_steps)
+
+
+def residual(message: service_pb2.ConstraintResidual) -> Residual:
+    """How near a clip came to a constraint."""
+
+    def deviation(name: str) -> Deviation | None:
+        value: service_pb2.Deviation = getattr(message, name)
+        return Deviation(value.mean, value.worst) if message.HasField(name) else None
+
+    return Residual(
+        num_frames=message.frame_count,
+        position_m=deviation("position_m"),
+        heading_rad=deviation("heading_rad"),
+        rotation_rad=deviation("rotation_rad"),
+    )
 
 
 def session_end(message: session_pb2.SessionClosed) -> SessionEnd:

@@ -96,6 +96,15 @@ class EventRefused(MotiongenError):
         self.retry_after_s = retry_after_s
 
 
+class DeadlineExceeded(MotiongenError, TimeoutError):
+    """A clip was not finished in time, and is made no further: ask for less, or give it longer."""
+
+    def __init__(self, what: str, timeout_s: float | None) -> None:
+        within = f" within {timeout_s:g} s" if timeout_s is not None else " within the time the server allows"
+        super().__init__(f"{what} was not finished{within}; ask for fewer frames or samples, or allow more time")
+        self.timeout_s = timeout_s
+
+
 class ProtocolViolation(MotiongenError):
     """The server broke a rule of the protocol. Not the caller's mistake: report it with the server's version."""
 

@@ -47,3 +47,38 @@ def forward_kinematics(
 def heading_rad(rotation: Array) -> Array:
     """(..., 3, 3) -> (...) the facing about +Y in radians: 0 toward +Z, +pi/2 toward +X."""
     return np.arctan2(rotation[..., 0, 2], rotation[..., 2, 2])
+
+
+def matrix_to_quaternion(rotation: Array) -> Array:
+    """(..., 3, 3) rotation matrices -> (..., 4) unit quaternions w x y z, w not negative."""
+    matrix = np.asarray(rotation, np.float64)
+    diagonal = np.diagonal(matrix, axis1=-2, axis2=-1)
+    trace = diagonal.sum(axis=-1)
+    # Four times the product of each component with the others: the row of the greatest component is the most exact.
+    squares = np.concatenate([1 + trace[..., None], 1 - trace[..., None] + 2 * diagonal], axis=-1)
+    products = np.zeros((*trace.shape, 4, 4))
+    products[..., range(4), range(4)] = squares
+    for first, (row, column) in enumerate(((2, 1), (0, 2), (1, 0)), 1):
+        products[..., 0, first] = products[..., first, 0] = matrix[..., row, column] - matrix[..., column, row]
+    for first, second in ((1, 2), (1, 3), (2, 3)):
+        total = matrix[..., first - 1, second - 1] + matrix[..., second - 1, first - 1]
+        products[..., first, second] = products[..., second, first] = total
+    best = np.argmax(squares, axis=-1)
+    chosen = np.take_along_axis(products, best[..., None, None], axis=-2)[..., 0, :]
+    unit = chosen / np.linalg.norm(chosen, axis=-1, keepdims=True)
+    quaternion: Array = np.where(unit[..., :1] < 0, -unit, unit)
+    return quaternion
+
+
+def axis_angle_to_quaternion(rotation_vector: Array) -> Array:
+    """(..., 3) axis times angle in radians -> (..., 4) unit quaternions w x y z."""
+    vector = np.asarray(rotation_vector, np.float64)
+    angle = np.linalg.norm(vector, axis=-1, keepdims=True)
+    # sin(a/2)/a by numpy's sinc, which knows its value at 0
+    return np.concatenate([np.cos(angle / 2), vector * np.sinc(angle / (2 * np.pi)) / 2], axis=-1)
+
+
+def facing_rad(positions_m: Array, hip_joints: tuple[int, int]) -> Array:
+    """(..., J, 3) joint positions -> (...) the facing about +Y: the line of the hips, turned by a quarter."""
+    across = positions_m[..., hip_joints[0], :] - positions_m[..., hip_joints[1], :]
+    return np.arctan2(across[..., 2], -across[..., 0])

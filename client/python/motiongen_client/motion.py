@@ -6,7 +6,7 @@ Right-handed, +Y up, +Z forward, metres, radians; a character that faces +Z has 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -29,6 +29,8 @@ class Rig:
     joint_names, parents: J of each; joint 0 is the root with parent -1, and a parent precedes its children.
     offsets_m: (J, 3) float32, from the parent in the neutral pose, metres.
     blocks: name -> width of each block of a frame row, in the order they lie in it; width counts float32 numbers.
+    hip_joints: the right and the left one, whose line a pose's heading is read from; None: its root's rotation tells.
+    limbs: the joints of each part of the body that motion tools name, the one whose rotation is the limb's first.
     """
 
     rig_id: str
@@ -37,6 +39,8 @@ class Rig:
     offsets_m: Float32
     frame_rate_hz: int
     blocks: Mapping[str, int]
+    hip_joints: tuple[int, int] | None = None
+    limbs: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
     @property
     def num_joints(self) -> int:

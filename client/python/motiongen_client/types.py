@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from motiongen_client.errors import InvalidInput, UnknownName
-from motiongen_client.motion import Rig
+from motiongen_client.motion import Motion, Rig
 
 NO_PROMPTS: Mapping[int, str] = MappingProxyType({})
 
@@ -122,7 +122,8 @@ class SessionOptions:
 
     seed: same seed and same events at the same frames give the same motion. lookahead_frames: how far ahead of the
     playhead the server may send. denoise_steps: fewer are faster, more are finer. text_guidance and
-    constraint_guidance: how strongly prompt and constraints are followed, 0 not at all.
+    constraint_guidance: how strongly prompt and constraints are followed, 0 not at all. history_frames: how many frames
+    each window sees before it. prior: what the character did just before frame 0, in place of `start`.
     """
 
     model_id: str = ""
@@ -134,11 +135,15 @@ class SessionOptions:
     text_guidance: float | None = None
     constraint_guidance: float | None = None
     start: StartPose = field(default_factory=StartPose)
+    history_frames: int | None = None
+    prior: Motion | None = None
 
     def __post_init__(self) -> None:
+        if self.prior is not None and self.start != StartPose():
+            raise InvalidInput("start", self.start, "none beside prior, whose last frame is where the character starts")
         if self.seed is not None and not 0 <= self.seed < 1 << 64:
             raise InvalidInput("seed", self.seed, "a whole number from 0 to 2**64 - 1")
-        for name in ("lookahead_frames", "denoise_steps"):
+        for name in ("lookahead_frames", "denoise_steps", "history_frames"):
             value = getattr(self, name)
             if value is not None and not 1 <= value < 1 << 32:
                 raise InvalidInput(name, value, "a whole number of 1 or more, or None for the server's default")
@@ -179,6 +184,38 @@ class ServiceLevel:
 
 
 @dataclass(frozen=True)
+class Deviation:
+    """The mean and the worst of one kind of error."""
+
+    mean: float
+    worst: float
+
+
+@dataclass(frozen=True)
+class Residual:
+    """How far a clip is from what one constraint asks for. None: it asks for nothing of that kind.
+
+    num_frames: of the constraint, in the clip. heading_rad and rotation_rad are angles from 0 to pi.
+    """
+
+    num_frames: int
+    position_m: Deviation | None
+    heading_rad: Deviation | None
+    rotation_rad: Deviation | None
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """One sample of a clip. residuals: one for each constraint, in the order they were given."""
+
+    model_id: str
+    seed: int
+    denoise_steps: int
+    motion: Motion
+    residuals: tuple[Residual, ...]
+
+
+@dataclass(frozen=True)
 class SessionEnd:
     """How a session ended. frames: sent in all; late_frames: sent after the playhead had reached them."""
 
@@ -208,6 +245,8 @@ class Model:
     text_width: int
     presets: Mapping[str, str]
     num_parameters: int
+    default_history_frames: int
+    max_history_frames: int
 
 
 @dataclass(frozen=True)
@@ -228,6 +267,8 @@ class Limits:
     max_stream_events_per_second: float
     max_speed_mps: float
     max_hold_frames: int
+    max_clip_frames: int
+    max_clip_samples: int
 
 
 @dataclass(frozen=True)

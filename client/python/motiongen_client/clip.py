@@ -1,0 +1,95 @@
+"""Clips: bounded motion in one call, several samples at once, as fast as the server makes it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import grpc
+import grpc.aio
+import numpy as np
+
+from motiongen.v1 import service_pb2
+from motiongen.v1.service_pb2_grpc import MotionServiceStub
+from motiongen_client import convert
+from motiongen_client.errors import DeadlineExceeded, InvalidInput, ProtocolViolation
+from motiongen_client.motion import Float32, Motion, Rig
+from motiongen_client.prompts import Prompt
+from motiongen_client.status import error_of
+from motiongen_client.types import Catalog, Clip, Constraint, Opened, Priority, Residual, SessionOptions
+
+
+@dataclass(eq=False)
+class _Sample:
+    """What has come of one sample."""
+
+    rows: list[Float32] = field(default_factory=list)
+    num_frames: int = 0
+    opened: Opened | None = None
+    residuals: tuple[Residual, ...] | None = None
+
+    def take(self, response: service_pb2.GenerateClipResponse, rig: Rig) -> None:
+        match response.WhichOneof("part"):
+            case "opened":
+                self.opened = convert.opened(response.opened)
+            case "chunk":
+                if response.chunk.first_frame != self.num_frames:
+                    given = f"frame {response.chunk.first_frame} of a clip came after {self.num_frames} frames"
+                    raise ProtocolViolation(given)
+                self.rows.append(convert.chunk_rows(response.chunk, rig.row_width))
+                self.num_frames += len(self.rows[-1])
+            case "summary":
+                self.residuals = tuple(convert.residual(one) for one in response.summary.residuals)
+
+    def clip(self, rig: Rig, num_frames: int, num_constraints: int) -> Clip:
+        """The sample once the call has ended. Raises ProtocolViolation when a part is missing."""
+        if self.opened is None or self.residuals is None or self.num_frames != num_frames:
+            raise ProtocolViolation(f"a clip of {num_frames} frames ended after {self.num_frames}")
+        if len(self.residuals) != num_constraints:
+            raise ProtocolViolation(f"{len(self.residuals)} residuals came for {num_constraints} constraints")
+        motion = Motion(rig, 0, np.concatenate(self.rows))
+        return Clip(self.opened.model_id, self.opened.seed, self.opened.denoise_steps, motion, self.residuals)
+
+
+async def generate_clip(
+    stub: MotionServiceStub,
+    address: str,
+    catalog: Catalog,
+    prompt: Prompt | None,
+    num_frames: int,
+    num_samples: int,
+    later_prompts: Mapping[int, Prompt],
+    options: SessionOptions,
+    constraints: Sequence[Constraint],
+    timeout_s: float | None,
+) -> list[Clip]:
+    """See `MotionClient.generate_clip`."""
+    model = catalog.model(options.model_id) if options.model_id else catalog.models[0]
+    rig = catalog.rig(model.rig_id)
+    check_request(catalog, num_frames, num_samples, options)
+    timeline = dict(later_prompts) if prompt is None else {0: prompt, **later_prompts}
+    spans = [convert.prompt_span(number, timeline[frame], frame) for number, frame in enumerate(sorted(timeline), 1)]
+    targets = [convert.constraint(number, target) for number, target in enumerate(constraints, 1)]
+    request = convert.generate_clip(convert.open_session(options, spans, targets), num_frames, num_samples)
+    samples = [_Sample() for _ in range(num_samples)]
+    try:
+        async for response in stub.GenerateClip(request, timeout=timeout_s):
+            if response.sample >= num_samples:
+                raise ProtocolViolation(f"sample {response.sample} came of {num_samples}")
+            samples[response.sample].take(response, rig)
+    except grpc.aio.AioRpcError as failure:
+        if failure.code() is grpc.StatusCode.DEADLINE_EXCEEDED:
+            raise DeadlineExceeded("the clip", timeout_s) from None
+        raise error_of(failure, "the clip", address) from None
+    return [sample.clip(rig, num_frames, len(constraints)) for sample in samples]
+
+
+def check_request(catalog: Catalog, num_frames: int, num_samples: int, options: SessionOptions) -> None:
+    """Raise InvalidInput for what the server would refuse anyway."""
+    limits = catalog.limits
+    if not 1 <= num_frames <= limits.max_clip_frames:
+        raise InvalidInput("frames", num_frames, f"1 to {limits.max_clip_frames} frames")
+    if not 1 <= num_samples <= limits.max_clip_samples:
+        raise InvalidInput("samples", num_samples, f"1 to {limits.max_clip_samples} samples")
+    if options.priority is not Priority.NEAR or options.lookahead_frames is not None:
+        raise InvalidInput("options", options, "a clip without priority and lookahead_frames, which sessions have")

@@ -1,0 +1,37 @@
+"""The status of a call that failed -> the error that a caller can act on."""
+
+from __future__ import annotations
+
+import grpc
+import grpc.aio
+from google.rpc import error_details_pb2, status_pb2  # type: ignore[import-untyped]
+
+from motiongen_client.errors import EventRefused, MotiongenError, ServerUnavailable
+
+_DETAILS = "grpc-status-details-bin"
+
+
+def error_of(failure: grpc.aio.AioRpcError, event: str, address: str) -> MotiongenError:
+    """EventRefused with what the server says of the mistake, or ServerUnavailable where no server says anything.
+
+    event: what was tried, in words.
+    """
+    code, message = failure.code(), failure.details() or ""
+    info, bad, retry = error_details_pb2.ErrorInfo(), error_details_pb2.BadRequest(), error_details_pb2.RetryInfo()
+    retry_after_s = None
+    for name, value in failure.trailing_metadata() or ():
+        if name != _DETAILS or not isinstance(value, bytes):
+            continue
+        status = status_pb2.Status.FromString(value)
+        message = status.message
+        for detail in status.details:
+            if detail.Unpack(retry):
+                retry_after_s = retry.retry_delay.seconds + retry.retry_delay.nanos / 1e9
+            elif not detail.Unpack(info):
+                detail.Unpack(bad)
+    if code is grpc.StatusCode.UNAVAILABLE and not info.reason:
+        return ServerUnavailable(address, message or code.name)
+    field = bad.field_violations[0].field if bad.field_violations else ""
+    allowed = info.metadata.get("allowed", "")
+    said = message.removesuffix(f"; allowed is {allowed}") if allowed else message
+    return EventRefused(event, code.name, info.reason, said, field, allowed, retry_after_s)

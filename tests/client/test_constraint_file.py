@@ -1,0 +1,140 @@
+"""Constraint files: what the client makes of them is what the model library makes of them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from ardy.constraint import limb_chains
+from ardy.formats.constraints import (
+    PoseConstraint,
+    RootConstraint,
+    constraint_targets,
+    write_constraints,
+)
+from ardy.skeleton import load_skeleton
+from motiongen_client import InvalidInput, JointTargets, Keyframe, Rig, Trajectory, Waypoint
+from motiongen_client.constraint_file import read_constraints
+from motiongen_client.kinematics import quaternion_to_matrix
+
+SKELETONS = ("core27", "g134")
+
+
+def rig_of(name: str) -> Rig:
+    skeleton = load_skeleton(name)
+    blocks = {"root_translation_m": 3, "joint_rotation_quat_wxyz": 4 * skeleton.num_joints, "foot_contact": 4}
+    offsets = skeleton.offsets.astype(np.float32)
+    limbs = dict(limb_chains(skeleton))
+    return Rig(name, skeleton.joint_names, skeleton.parents, offsets, 20, blocks, skeleton.hip_joints, limbs)
+
+
+def poses(name: str, *frames: int, limbs: tuple[str, ...] | None = None, moved: bool = False) -> PoseConstraint:
+    numbers = torch.Generator().manual_seed(len(frames))
+    joints = load_skeleton(name).num_joints
+    vectors = torch.randn(len(frames), joints, 3, generator=numbers)
+    ground = torch.randn(len(frames), 2, generator=numbers) if moved else None
+    return PoseConstraint(frames, vectors, torch.randn(len(frames), 3, generator=numbers), limbs, ground)
+
+
+@pytest.mark.parametrize("name", SKELETONS)
+def test_whole_poses_are_keyframes(name: str, tmp_path: Path) -> None:
+    constraint = poses(name, 3, 9)
+    write_constraints(tmp_path / "c.json", [constraint])
+    targets = constraint_targets(load_skeleton(name), [constraint])
+    found = read_constraints(tmp_path / "c.json", rig_of(name), 20)
+    for keyframe, frame in zip(found, (3, 9), strict=True):
+        assert isinstance(keyframe, Keyframe)
+        expected = torch.stack([targets.positions[frame, joint] for joint in range(len(keyframe.positions_m))])
+        np.testing.assert_allclose(keyframe.positions_m, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", SKELETONS)
+@pytest.mark.parametrize("limbs", [("LeftHand", "Hips"), ("RightFoot",), ("LeftFoot", "RightHand")])
+def test_limbs_leave_free_what_the_library_leaves_free(name: str, limbs: tuple[str, ...], tmp_path: Path) -> None:
+    constraint = poses(name, 7, limbs=limbs)
+    write_constraints(tmp_path / "c.json", [constraint])
+    targets = constraint_targets(load_skeleton(name), [constraint])
+    joints, facing = read_constraints(tmp_path / "c.json", rig_of(name), 8)
+    assert isinstance(joints, JointTargets)
+    assert isinstance(facing, Waypoint)
+    assert set(joints.joints) == {0, *(joint for _, joint in targets.positions)}
+    assert joints.rotations_quat_wxyz is not None
+    for row, joint in enumerate(joints.joints):
+        if joint:
+            np.testing.assert_allclose(joints.positions_m[row], targets.positions[7, joint], atol=1e-5)
+        quaternion = joints.rotations_quat_wxyz[row]
+        if (7, joint) in targets.rotations:
+            np.testing.assert_allclose(quaternion_to_matrix(quaternion), targets.rotations[7, joint], atol=1e-5)
+        else:
+            assert not quaternion.any()
+    cosine, sine = targets.heading[7].tolist()
+    assert facing.heading_rad == pytest.approx(np.arctan2(sine, cosine), abs=1e-4)
+    np.testing.assert_allclose((facing.x_m, facing.z_m), targets.ground[7], atol=1e-5)
+
+
+def test_a_pose_may_stand_elsewhere(tmp_path: Path) -> None:
+    constraint = poses("core27", 2, moved=True)
+    assert constraint.ground is not None
+    write_constraints(tmp_path / "c.json", [constraint])
+    (keyframe,) = read_constraints(tmp_path / "c.json", rig_of("core27"), 3)
+    assert isinstance(keyframe, Keyframe)
+    np.testing.assert_allclose(keyframe.positions_m[0, [0, 2]], constraint.ground[0], atol=1e-6)
+
+
+def test_frames_one_after_another_are_a_path(tmp_path: Path) -> None:
+    frames = (4, 5, 6, 9, 10, 2)
+    ground, heading = torch.randn(6, 2), torch.randn(6)
+    write_constraints(tmp_path / "c.json", [RootConstraint(frames, ground, heading)])
+    found = read_constraints(tmp_path / "c.json", rig_of("core27"), 20, max_path_frames=2)
+    assert all(isinstance(path, Trajectory) for path in found)
+    spans = [(path.first_frame, len(path.positions_m)) for path in found if isinstance(path, Trajectory)]
+    assert spans == [(4, 2), (6, 1), (9, 2), (2, 1)]
+    joined = np.concatenate([path.positions_m for path in found if isinstance(path, Trajectory)])
+    np.testing.assert_allclose(joined, ground, atol=1e-6)
+
+
+def test_the_other_writing_of_headings_and_positions(tmp_path: Path) -> None:
+    entry = {
+        "type": "root2d",
+        "frame_indices": [3],
+        "smooth_root_2d": [[1, 2]],
+        "global_root_heading": [[0.0, 1.0]],
+        "more": 1,
+    }
+    (tmp_path / "c.json").write_text(json.dumps([entry]))
+    (path,) = read_constraints(tmp_path / "c.json", rig_of("core27"), 20)
+    assert isinstance(path, Trajectory)
+    assert path.headings_rad is not None
+    assert path.headings_rad.tolist() == pytest.approx([np.pi / 2])
+
+
+ROOT: dict[str, Any] = {"type": "root2d", "frame_indices": [3], "root_2d": [[1, 2]]}
+
+
+@pytest.mark.parametrize(
+    ("content", "named"),
+    [
+        ("{", "path"),
+        ('"no list"', "path"),
+        ("[1]", "path"),
+        (json.dumps([ROOT, {"type": "jump"}]), "constraint 1, type"),
+        (json.dumps([{**ROOT, "frame_indices": [20]}]), "constraint 0, frame_indices"),
+        (json.dumps([{**ROOT, "frame_indices": [True]}]), "constraint 0, frame_indices"),
+        (json.dumps([{**ROOT, "root_2d": [[1, 2], [3, 4]]}]), "constraint 0, root_2d"),
+        (json.dumps([{**ROOT, "root_2d": None}]), "constraint 0, root_2d"),
+        (json.dumps([{**ROOT, "smooth_root_2d": [[1, 3]]}]), "constraint 0, smooth_root_2d"),
+        (json.dumps([{**ROOT, "global_root_heading": [[3, 4]]}]), "constraint 0, global_root_heading"),
+        (json.dumps([{"type": "fullbody", "frame_indices": [1]}]), "constraint 0, local_joints_rot"),
+        ('[{"type": "root2d", "frame_indices": [1], "root_2d": [[NaN, 1]]}]', "constraint 0, root_2d"),
+    ],
+)
+def test_a_mistake_names_entry_and_field(content: str, named: str, tmp_path: Path) -> None:
+    (tmp_path / "c.json").write_text(content)
+    with pytest.raises(InvalidInput) as refused:
+        read_constraints(tmp_path / "c.json", rig_of("core27"), 20)
+    assert refused.value.field == named

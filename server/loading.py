@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from server.config import ServerConfig
 from server.engine.config import EngineConfig
@@ -18,6 +20,11 @@ from server.engine.types import ModelFacts
 from server.errors import SettingError
 from server.presets import Preset
 from server.prompts import Store, TextEncoder
+
+if TYPE_CHECKING:
+    from server.encoder.client import RemoteEncoder
+
+_log = logging.getLogger(__name__)
 
 REMOTE_ENCODER = "grpc:"
 
@@ -100,14 +107,31 @@ def load_encoder(config: ServerConfig, facts: ModelFacts) -> TextEncoder:
     name, width = config.text_encoder, facts.embedding_dim
     try:
         if name.startswith(REMOTE_ENCODER):
-            from server.encoder.client import RemoteEncoder
-
-            remote = RemoteEncoder(name.removeprefix(REMOTE_ENCODER), config.prompt_timeout_s)
+            remote = _remote_encoder(config)
             check_width(name, remote.width, width)
             return remote
-        return load_text_encoder(name, width, config.text_device, config.text_precision, config.prompt_timeout_s)
+        return load_text_encoder(name, width, config.text_device, config.text_precision, 2 * config.prompt_timeout_s)
     except (ValueError, RuntimeError, ConnectionError) as error:
         raise SettingError(f"cannot serve model {config.model!r} with text encoder {name!r}: {error}") from error
+
+
+def _remote_encoder(config: ServerConfig) -> RemoteEncoder:
+    """The encoder at an address; if it is away and the prompt store knows what it was, that, and it may come later."""
+    from ardy.text import TextEncoderUnavailable
+    from ardy.text.store import known_encoder
+    from server.encoder.client import RemoteEncoder
+
+    address = config.text_encoder.removeprefix(REMOTE_ENCODER)
+    # Longer than anybody waits, so that a slow answer is there for the next who asks.
+    timeout_s = 2 * config.prompt_timeout_s
+    try:
+        return RemoteEncoder(address, timeout_s)
+    except TextEncoderUnavailable as error:
+        known = known_encoder(Path(config.prompt_store), config.text_encoder) if config.prompt_store else None
+        if known is None:
+            raise
+        _log.warning("%s; until it does, only prompts are served that %s has kept", error, config.prompt_store)
+        return RemoteEncoder(address, timeout_s, known)
 
 
 def load_presets(config: ServerConfig, text_encoder: str, facts: ModelFacts) -> tuple[Preset, ...]:
@@ -134,7 +158,9 @@ def open_store(config: ServerConfig, text_encoder: str, facts: ModelFacts) -> St
         return None
     from ardy.text.store import VectorStore
 
-    return VectorStore(Path(config.prompt_store), text_encoder, facts.embedding_dim, config.prompt_store_size)
+    store = VectorStore(Path(config.prompt_store), text_encoder, facts.embedding_dim, config.prompt_store_size)
+    store.note_encoder(config.text_encoder)
+    return store
 
 
 def check_fit(config: ServerConfig, facts: ModelFacts) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import sqlite3
 import threading
@@ -19,12 +20,27 @@ LOCK_WAIT_S = 2.0
 PRUNE_TO = 0.9
 TOUCH_S = 3600.0
 """How exactly the time of the last use is known; noting each would make every reading a writing."""
-CREATE = """
-CREATE TABLE IF NOT EXISTS vectors (
-    encoder TEXT NOT NULL, text TEXT NOT NULL, vector BLOB NOT NULL, used_at REAL NOT NULL,
-    PRIMARY KEY (encoder, text)
-) WITHOUT ROWID
-"""
+CREATE = (
+    """
+    CREATE TABLE IF NOT EXISTS vectors (
+        encoder TEXT NOT NULL, text TEXT NOT NULL, vector BLOB NOT NULL, used_at REAL NOT NULL,
+        PRIMARY KEY (encoder, text)
+    ) WITHOUT ROWID
+    """,
+    "CREATE TABLE IF NOT EXISTS encoders (name TEXT PRIMARY KEY, identity TEXT NOT NULL, width INTEGER NOT NULL)",
+)
+
+
+def known_encoder(path: Path, name: str) -> tuple[str, int] | None:
+    """Identity and width that the encoder called `name` had when a store in this file was last told of it."""
+    if not path.is_file():
+        return None
+    try:
+        with contextlib.closing(sqlite3.connect(path, timeout=LOCK_WAIT_S)) as connection:
+            row = connection.execute("SELECT identity, width FROM encoders WHERE name = ?", (name,)).fetchone()
+    except sqlite3.Error:
+        return None
+    return None if row is None else (str(row[0]), int(row[1]))
 
 
 class VectorStore:
@@ -58,6 +74,18 @@ class VectorStore:
         with self._lock:
             try:
                 self._put(text, vector)
+            except sqlite3.Error as error:
+                self._warn(error)
+
+    def note_encoder(self, name: str) -> None:
+        """Remember that this store's encoder is the one called `name`, for `known_encoder`."""
+        with self._lock:
+            try:
+                if self._connection is not None:
+                    with self._connection:
+                        self._connection.execute(
+                            "INSERT OR REPLACE INTO encoders VALUES (?, ?, ?)", (name, self._identity, self._width)
+                        )
             except sqlite3.Error as error:
                 self._warn(error)
 
@@ -127,7 +155,8 @@ class VectorStore:
             if schema not in (0, SCHEMA):
                 raise sqlite3.OperationalError(f"it was written by another version, {schema}")
             with connection:
-                connection.execute(CREATE)
+                for statement in CREATE:
+                    connection.execute(statement)
                 connection.execute(f"PRAGMA user_version = {SCHEMA}")
         except sqlite3.Error:
             connection.close()

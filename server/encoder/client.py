@@ -30,10 +30,11 @@ class RemoteEncoder:
     May be used from several threads.
     """
 
-    def __init__(self, address: str, timeout_s: float = 10.0) -> None:
+    def __init__(self, address: str, timeout_s: float = 10.0, known: tuple[str, int] | None = None) -> None:
         """address: host:port. timeout_s: of a call; at the start so long is waited for the service to come up.
 
-        Raises UnknownTextEncoder for what cannot be an address, TextEncoderUnavailable when nobody answers there.
+        known: identity and width that it is to have, where it is not to be asked at the start. Raises
+        UnknownTextEncoder for what cannot be an address, TextEncoderUnavailable when nobody answers there.
         """
         if ":" not in address or not address.rpartition(":")[2].isdigit():
             raise UnknownTextEncoder(f"{address!r} is no address of an encoder service; such as localhost:50052")
@@ -49,6 +50,9 @@ class RemoteEncoder:
             request_serializer=encoder_pb2.EncodeTextsRequest.SerializeToString,
             response_deserializer=encoder_pb2.EncodeTextsResponse.FromString,
         )
+        if known is not None:
+            (self._identity, self._width), self._max_texts = known, 1
+            return
         try:
             found = describe(encoder_pb2.GetTextEncoderRequest(), timeout=timeout_s, wait_for_ready=True)
         except grpc.RpcError as error:

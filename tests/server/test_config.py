@@ -7,6 +7,7 @@ from dataclasses import fields
 import pytest
 
 from server.config import SERVER, ServerConfig, parse_config
+from server.encoder.config import ENCODER
 from server.errors import SettingError
 
 
@@ -18,6 +19,21 @@ def test_help_names_every_flag_and_environment_name(capsys: pytest.CaptureFixtur
     for each in fields(ServerConfig):
         assert f"--{each.name.replace('_', '-')} " in text
         assert SERVER.environment_name(each.name) in text.replace(" ", "")
+
+
+def test_the_encoder_service_has_settings_of_its_own_in_the_same_environment() -> None:
+    environment = {
+        "MOTIONGEN_PORT": "1111",
+        "MOTIONGEN_ENCODER_PORT": "2222",
+        "MOTIONGEN_ENCODER_TEXT_ENCODER": "static",
+    }
+    assert parse_config([], environment).port == 1111
+    encoder = ENCODER.parse(["--max-texts", "7"], environment)
+    assert (encoder.port, encoder.text_encoder, encoder.max_texts) == (2222, "static", 7)
+    with pytest.raises(SettingError, match=r"MOTIONGEN_ENCODER_COLOUR.*python -m server\.encoder --help"):
+        ENCODER.parse([], {"MOTIONGEN_ENCODER_COLOUR": "red"})
+    with pytest.raises(SettingError, match=r"port is 70000"):
+        ENCODER.parse(["--port", "70000"], {})
 
 
 def test_a_flag_wins_over_the_environment_and_that_over_the_default() -> None:

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ardy.text.store import VectorStore
+from ardy.text.store import VectorStore, known_encoder
 
 VECTOR = np.array([1.5, -2.25, 0, 1e-30], np.float32)
 
@@ -150,3 +150,15 @@ def test_one_that_breaks_while_it_is_used_forgets_and_says_so_once(
     assert keeper.get("walk") is None
     keeper.close()
     assert caplog.text.count("cannot be used") == 1
+
+
+def test_what_an_encoder_was_is_known_after_the_process(path: Path) -> None:
+    assert known_encoder(path, "grpc:here:1") is None
+    for identity in ("llm2vec-01-float32", "llm2vec-02-float32"):
+        keeper = store(path, identity)
+        keeper.note_encoder("grpc:here:1")
+        keeper.close()
+    assert known_encoder(path, "grpc:here:1") == ("llm2vec-02-float32", 4)
+    assert known_encoder(path, "grpc:there:1") is None
+    path.write_bytes(b"a letter")
+    assert known_encoder(path, "grpc:here:1") is None

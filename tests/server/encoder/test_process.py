@@ -93,6 +93,20 @@ def test_what_it_kept_on_the_disk_the_next_process_knows(tmp_path: Path) -> None
             process.start()
 
 
+def test_one_that_is_known_is_not_asked_what_it_is_and_checked_when_it_comes(hashed: EncoderProcess) -> None:
+    hashed.kill()
+    encoder = RemoteEncoder(hashed.address, LIMIT_S, ("hashed-16", 16))
+    other = RemoteEncoder(hashed.address, LIMIT_S, ("hashed-15", 15))
+    with pytest.raises(TextEncoderUnavailable):
+        encoder.encode(PROMPTS)
+    hashed.start()
+    np.testing.assert_array_equal(encode_when_back(encoder, PROMPTS), HashedTextEncoder(16).encode(PROMPTS))
+    with pytest.raises(TextEncoderChanged, match="'hashed-16', not 'hashed-15'"):
+        encode_when_back(other, PROMPTS)
+    encoder.close()
+    other.close()
+
+
 def test_where_nobody_answers_the_client_gives_up(hashed: EncoderProcess) -> None:
     hashed.kill()
     with pytest.raises(TextEncoderUnavailable, match="does not answer"):

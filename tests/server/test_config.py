@@ -121,3 +121,35 @@ def test_what_only_looks_a_little_like_it_is_refused(name: str) -> None:
 def test_the_lookahead_reaches_over_the_horizon_unless_it_is_set() -> None:
     assert [ServerConfig().lookahead_for(horizon) for horizon in (8, 40, 52)] == [40, 40, 52]
     assert ServerConfig(lookahead_frames=60).lookahead_for(52) == 60
+
+
+@pytest.mark.parametrize("words", [["--model", "one", "--model", "two"], ["--model", "one, two"]])
+def test_several_models_are_given_by_repetition_or_with_commas(words: list[str]) -> None:
+    assert parse_config(words, {}).models == ("one", "two")
+    assert parse_config([], {"MOTIONGEN_MODEL": "one,two"}).models == ("one", "two")
+    assert parse_config(words, {"MOTIONGEN_MODEL": "three"}).models == ("one", "two")
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:0", "localhost:50052", "[::1]:50052"])
+def test_the_admin_service_may_listen_where_others_cannot_reach_it(address: str) -> None:
+    assert ServerConfig(admin_listen=address).admin_listen == address
+
+
+@pytest.mark.parametrize("address", ["0.0.0.0:50052", "10.0.0.7:50052", ":50052", "localhost", "localhost:70000"])
+def test_the_admin_service_may_listen_nowhere_else(address: str) -> None:
+    with pytest.raises(SettingError, match="it must be a loopback host"):
+        ServerConfig(admin_listen=address)
+
+
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [
+        ({"model": "one,one"}, "give each model once"),
+        ({"model": "one,,two"}, "give each model once"),
+        ({"model": "one,two", "engine_process": True}, "engine_process serves one model"),
+        ({"admin_listen": "localhost:0", "engine_process": True}, "engine_process serves one model"),
+    ],
+)
+def test_models_that_cannot_be_served_together_are_refused(settings: dict[str, object], named: str) -> None:
+    with pytest.raises(SettingError, match=named):
+        ServerConfig(**settings)  # type: ignore[arg-type]

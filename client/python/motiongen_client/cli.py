@@ -1,4 +1,4 @@
-"""The command line: `motiongen stream`, `generate`, `catalog`, `demo` and `bench`."""
+"""The command line: `motiongen stream`, `generate`, `catalog`, `demo`, `bench` and `admin`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from motiongen_client import cli_bench, cli_catalog, cli_generate, cli_stream, demo
+from motiongen_client import cli_admin, cli_bench, cli_catalog, cli_generate, cli_stream, demo
 from motiongen_client.errors import MotiongenError
 
 DEFAULT_SERVER = "localhost:50051"
@@ -144,6 +144,16 @@ def _parser() -> argparse.ArgumentParser:
     _add_server(which)
     which.add_argument("--start-server", action="store_true", help="start one for this, and measure what it uses")
     cli_bench.add_arguments(bench)
+
+    admin = commands.add_parser(
+        "admin",
+        help="load and unload the models of a running server",
+        description="Load, unload and reload the models of a server that was started with --admin-listen, on its own "
+        "machine. Sessions of other models go on meanwhile.",
+        epilog="Example: motiongen admin load g1; motiongen admin unload motiongen-mini --grace 30",
+    )
+    admin.set_defaults(command=cli_admin.admin)
+    cli_admin.add_arguments(admin, cli_stream.parse_seconds)
     return parser
 
 

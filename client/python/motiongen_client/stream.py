@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TypeAlias
 
 import grpc
@@ -18,7 +19,14 @@ import grpc.aio
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_client import convert
-from motiongen_client.errors import InvalidInput, MotiongenError, ProtocolViolation, ServerUnavailable, StreamLost
+from motiongen_client.errors import (
+    EventRefused,
+    InvalidInput,
+    MotiongenError,
+    ProtocolViolation,
+    ServerUnavailable,
+    StreamLost,
+)
 from motiongen_client.prompts import Prompt
 from motiongen_client.session import Session
 from motiongen_client.types import NO_PROMPTS, Catalog, Constraint, SessionOptions
@@ -94,15 +102,44 @@ class Stream:
         """
         if self._failure is not None:
             raise self._failure
+        options = options or SessionOptions()
+        if options.model_id and not any(model.model_id == options.model_id for model in self._catalog.models):
+            await self._fetch_catalog()
+        try:
+            return await self._open(options, prompt, later_prompts, constraints, keep_s)
+        except EventRefused as refusal:
+            if options.model_id or refusal.reason != "UNKNOWN_MODEL":
+                raise
+        await self._fetch_catalog()  # the default was unloaded since
+        return await self._open(options, prompt, later_prompts, constraints, keep_s)
+
+    async def _open(
+        self,
+        options: SessionOptions,
+        prompt: Prompt | None,
+        later_prompts: Mapping[int, Prompt],
+        constraints: Sequence[Constraint],
+        keep_s: float | None,
+    ) -> Session:
+        if not options.model_id and self._catalog.models:  # the default of the catalogue that its rig is looked up in
+            options = replace(options, model_id=self._catalog.models[0].model_id)
         session = Session(self._next_handle, self, self._catalog, asyncio.get_running_loop().time)
         self._next_handle += 1
         self._sessions[session.handle] = session
         try:
-            await session._open(options or SessionOptions(), prompt, later_prompts, constraints, keep_s)
+            await session._open(options, prompt, later_prompts, constraints, keep_s)
         except MotiongenError:
             self._sessions.pop(session.handle, None)
             raise
         return session
+
+    async def _fetch_catalog(self) -> None:
+        """The server may have loaded and unloaded models since the client connected."""
+        request = service_pb2.GetCatalogRequest()
+        try:
+            self._catalog = convert.catalog(await self._stub.GetCatalog(request, timeout=self._hello_timeout_s))
+        except grpc.aio.AioRpcError as error:
+            raise ServerUnavailable(self._address, f"{error.code().name}, {error.details()}") from None
 
     async def start(self) -> Stream:
         """Make the call and exchange hellos. `async with` does it. Raises ServerUnavailable or StreamLost."""

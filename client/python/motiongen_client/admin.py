@@ -1,0 +1,105 @@
+"""Administration: which models a running server holds. Served to its own machine, where it is switched on."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import grpc.aio
+from google.protobuf.duration_pb2 import Duration
+
+from motiongen.v1 import admin_pb2
+from motiongen.v1.admin_pb2_grpc import MotionAdminServiceStub
+from motiongen_client.status import error_of
+
+T = TypeVar("T")
+
+_STATE_PREFIX = "MODEL_STATE_"
+_LIST_TIMEOUT_S = 10.0
+
+
+@dataclass(frozen=True)
+class ModelStatus:
+    """One model as the server holds it.
+
+    model_id: "" while it is loaded for the first time; source: what it was loaded from; state: loading, serving,
+    unloading or failed; sessions: those that are open; load: share of the machine in use, 1 being all of it; message:
+    why it failed.
+    """
+
+    model_id: str
+    source: str
+    state: str
+    sessions: int
+    load: float
+    message: str
+
+
+class AdminClient:
+    """A connection to a server's admin service. Use it as `async with AdminClient("localhost:50052") as admin`.
+
+    address: host:port, of the server's --admin-listen. Every call raises EventRefused where the server cannot do it,
+    which leaves what it serves untouched, and ServerUnavailable where none answers.
+    """
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self._channel = grpc.aio.insecure_channel(address)
+        self._stub = MotionAdminServiceStub(self._channel)
+
+    async def list_models(self) -> tuple[ModelStatus, ...]:
+        """All models, the default first."""
+        call = self._stub.ListModels(admin_pb2.ListModelsRequest(), timeout=_LIST_TIMEOUT_S)
+        return tuple(_status(model) for model in (await self._answer(call, "listing models")).models)
+
+    async def load_model(self, source: str) -> ModelStatus:
+        """Load one more model, as the server's --model takes it; returns when sessions can be opened with it."""
+        call = self._stub.LoadModel(admin_pb2.LoadModelRequest(source=source))
+        return _status((await self._answer(call, f"loading {source!r}")).model)
+
+    async def unload_model(self, model_id: str, grace_s: float | None = None) -> int:
+        """Unload a model; returns how many sessions had to be closed.
+
+        grace_s: how long its sessions may go on. None: it is refused while any is open.
+        """
+        request = admin_pb2.UnloadModelRequest(model_id=model_id, grace=_duration(grace_s))
+        return (await self._answer(self._stub.UnloadModel(request), f"unloading {model_id!r}")).closed_sessions
+
+    async def reload_model(self, model_id: str, grace_s: float | None = None) -> tuple[ModelStatus, int]:
+        """Load a model again and put it in the place of the old one; returns how many sessions had to be closed.
+
+        grace_s: as for `unload_model`, from when the new one is served.
+        """
+        request = admin_pb2.ReloadModelRequest(model_id=model_id, grace=_duration(grace_s))
+        answer = await self._answer(self._stub.ReloadModel(request), f"reloading {model_id!r}")
+        return _status(answer.model), answer.closed_sessions
+
+    async def _answer(self, call: Awaitable[T], event: str) -> T:
+        try:
+            return await call
+        except grpc.aio.AioRpcError as failure:
+            raise error_of(failure, event, self.address) from None
+
+    async def close(self) -> None:
+        """End the connection. What was asked for goes on."""
+        await self._channel.close(None)
+
+    async def __aenter__(self) -> AdminClient:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+
+
+def _status(message: admin_pb2.ModelStatus) -> ModelStatus:
+    state = admin_pb2.ModelState.Name(message.state).removeprefix(_STATE_PREFIX).lower()
+    return ModelStatus(message.model_id, message.source, state, message.sessions, message.load, message.message)
+
+
+def _duration(seconds: float | None) -> Duration | None:
+    if seconds is None:
+        return None
+    duration = Duration()
+    duration.FromMilliseconds(round(1000 * seconds))
+    return duration

@@ -73,7 +73,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._app.events[event := f"event{len(self._app.events)}"] = text
         file = io.BytesIO()
         np.save(file, self._app.encode(text))
-        self._app.files[f"/tmp/gradio/{event}/{name}"] = file.getvalue()
+        self._app.files[f"/kept/{event}/{name}"] = file.getvalue()
         return self._answer(200, json.dumps({"event_id": event}).encode())
 
     def do_GET(self) -> None:

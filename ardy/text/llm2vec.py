@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -63,6 +63,8 @@ class Llm2VecEncoder:
             self._tokenizer, self._model = _load(folders, PRECISIONS[precision])
         except ImportError as error:
             raise UnknownTextEncoder(f"{MISSING} ({error})") from error
+        except UnknownTextEncoder:
+            raise
         except (OSError, ValueError, KeyError, RuntimeError) as error:
             raise UnknownTextEncoder(f"cannot load llm2vec from {folders.llama}: {error}") from error
         self._device = device
@@ -127,17 +129,42 @@ def shortened(text: str, num_tokens: Any) -> str:
 
 
 def _load(folders: Llm2VecFolders, dtype: torch.dtype) -> tuple[PreTrainedTokenizerBase, LlamaModel]:
-    from peft import PeftModel
+    from peft import PeftModel, get_peft_model_state_dict
+    from safetensors import safe_open
     from transformers import AutoTokenizer, LlamaModel
 
     # The first adapter's own tokenizer, where it has one, is the one it was trained with.
     with_tokenizer = next((each for each in folders.adapters if (each / "tokenizer.json").is_file()), folders.llama)
     tokenizer = AutoTokenizer.from_pretrained(with_tokenizer, local_files_only=True)
-    model: Any = LlamaModel.from_pretrained(folders.llama, dtype=dtype, local_files_only=True, use_safetensors=True)
+    model: Any
+    model, report = LlamaModel.from_pretrained(
+        folders.llama, dtype=dtype, local_files_only=True, use_safetensors=True, output_loading_info=True
+    )
+    # Both libraries fill in what a file lacks with numbers of their own, and only warn.
+    _check_complete(folders.llama, missing=report["missing_keys"])
     for adapter in folders.adapters:
-        model = PeftModel.from_pretrained(model, adapter, local_files_only=True).merge_and_unload()
+        weights = adapter / "adapter_model.safetensors"
+        if not weights.is_file():
+            raise UnknownTextEncoder(f"{weights} is missing; an adapter in another form is not read")
+        model = PeftModel.from_pretrained(model, adapter, local_files_only=True)
+        with safe_open(weights, framework="numpy") as file:
+            stored = set(file.keys())
+        wanted = set(get_peft_model_state_dict(model, save_embedding_layers=False))
+        _check_complete(adapter, missing=wanted - stored, unknown=stored - wanted)
+        model = model.merge_and_unload()
     model.eval()
     return tokenizer, model
+
+
+def _check_complete(folder: Path, missing: Iterable[str], unknown: Iterable[str] = ()) -> None:
+    """Raise UnknownTextEncoder where a folder's weights are not those that its configuration asks for."""
+    parts = [
+        f"{what} {', '.join(sorted(names)[:4])}" for what, names in (("lacks", missing), ("has", unknown)) if names
+    ]
+    if parts:
+        raise UnknownTextEncoder(
+            f"the weights in {folder} are not those of its configuration: it {' and '.join(parts)}"
+        )
 
 
 def find_folders(second: str = SECOND_ADAPTER, first: str = FIRST_ADAPTER) -> Llm2VecFolders:

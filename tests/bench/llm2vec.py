@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from tokenizers import Tokenizer, decoders, models, pre_tokenizers, processors
 
+from ardy.text import UnknownTextEncoder
 from ardy.text.llm2vec import AFTER, BEFORE, Llm2VecEncoder, Llm2VecFolders
 
 SPECIAL = ("<|begin_of_text|>", "<|start_header_id|>", "<|end_header_id|>", "<|eot_id|>")
@@ -104,6 +105,31 @@ def by_hand(folders: Llm2VecFolders, prompt: str) -> np.ndarray:
     return hidden[-pooled:].mean(0).detach().numpy()
 
 
+def refusals(folders: Llm2VecFolders) -> int:
+    """How many of four broken encoders are loaded all the same."""
+    from safetensors.torch import load_file, save_file
+
+    second = folders.adapters[1] / "adapter_model.safetensors"
+    llama = folders.llama / "model.safetensors"
+    taken = 0
+    for path, change in ((second, "lack"), (second, "more"), (llama, "lack"), (second, "gone")):
+        whole = load_file(path)
+        names = sorted(name for name in whole if "layers.1" in name)
+        broken = {name: tensor for name, tensor in whole.items() if change != "lack" or name != names[0]}
+        if change == "more":
+            broken["base_model.model.layers.7.self_attn.q_proj.lora_A.weight"] = whole[names[0]].clone()
+        save_file(broken, path, {"format": "pt"})
+        if change == "gone":
+            path.unlink()
+        try:
+            Llm2VecEncoder(folders, precision="float32")
+            taken += 1
+        except UnknownTextEncoder as refused:
+            print(f"      refused: {str(refused).replace(str(path.parent), path.parent.name)}")
+        save_file(whole, path, {"format": "pt"})
+    return taken
+
+
 def check(what: str, found: float, most: float) -> bool:
     verdict = "ok" if found <= most else "WRONG"
     print(f"{verdict:6}{what}: {found:.2e} (at most {most:.0e})")
@@ -132,6 +158,7 @@ def main() -> int:
             check("a last letter left out that must matter", 1e-3 / float(np.abs(other_end - alone).max()), 1),
             check("a prompt too long, cut by words", float(np.abs(longest - cut).max()) if cut.any() else 1, 1e-5),
         ]
+        results.append(check("broken encoders that are taken", refusals(folders), 0))
         print(f"identities {encoder.identity} and {half.identity}")
         results.append(encoder.identity != half.identity)
     return 0 if all(results) else 1

@@ -1,0 +1,58 @@
+"""What a prompt costs on its way to a vector: `python -m tests.bench.text`. Starts an encoder service of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from ardy.text import HashedTextEncoder, load_text_encoder
+from ardy.text.store import VectorStore
+from server.encoder.client import RemoteEncoder
+from server.prompts import PromptEncoder
+from tests.server.encoder.encoder_process import EncoderProcess
+
+WIDTH = 4096
+ROUNDS = 400
+
+
+def measure(what: str, act: Callable[[int], object]) -> None:
+    """Print the median and the 99th percentile of one call, in microseconds. act: given its number."""
+    times = []
+    for number in range(ROUNDS):
+        started = time.perf_counter()
+        act(number)
+        times.append(1e6 * (time.perf_counter() - started))
+    print(f"{what:56} {np.median(times):8.0f} {np.percentile(times, 99):8.0f}")
+
+
+def main() -> int:
+    print(f"{f'{ROUNDS} prompts, one after the other, of {WIDTH} numbers':56} {'p50 µs':>8} {'p99 µs':>8}")
+    static, hashed = load_text_encoder("static"), HashedTextEncoder(WIDTH)
+    measure("static (256 numbers), in the process", lambda number: static.encode([f"a person walks {number} steps"]))
+    vector = hashed.encode(["a person walks"])[0]
+    with tempfile.TemporaryDirectory() as folder:
+        store = VectorStore(Path(folder) / "prompts.db", hashed.identity, WIDTH)
+        measure("kept on the disk", lambda number: store.put(f"prompt {number}", vector))
+        measure("found on the disk", lambda number: store.get(f"prompt {number}"))
+        store.close()
+        log = Path(folder) / "log.txt"
+        with EncoderProcess(log, "--text-encoder", "hashed", "--width", str(WIDTH)) as process:
+            remote = RemoteEncoder(process.address)
+            measure("hashed, encoder service, new", lambda number: remote.encode([f"{number}"]))
+            measure("the same, known to the service", lambda number: remote.encode([f"{number}"]))
+            remote.close()
+    prompts = PromptEncoder(hashed, ROUNDS)
+    prompts.remember("a person walks", vector)
+    measure("known to the server", lambda _: prompts.cached("a person walks"))
+    asyncio.run(asyncio.to_thread(prompts.close))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

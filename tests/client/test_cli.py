@@ -32,6 +32,14 @@ def test_waypoints_have_a_place_a_time_and_perhaps_a_heading() -> None:
     assert options.waypoint == [TimedWaypoint(3.0, 0.5, 4.0), TimedWaypoint(5.0, -1.0, 2.0, 1.57)]
 
 
+def test_a_clip_takes_a_timeline_and_settings_of_its_server() -> None:
+    line = ["generate", "walk", "--at", "2", "--prompt", "run", "--out", "a.npz", "--out", "b.glb", "--start-server"]
+    options = parse([*line, "--", "--model", "g1"])
+    assert options.script.prompts == [(0.0, "walk"), (2.0, "run")]
+    assert options.out == [Path("a.npz"), Path("b.glb")]
+    assert options.server_arguments == ["--model", "g1"]
+
+
 @pytest.mark.parametrize(("given", "file"), [("walk.bvh", "walk.bvh"), ("out/walk", "out/walk.bvh")])
 def test_the_output_is_a_bvh_file(given: str, file: str) -> None:
     assert parse(["stream", "--prompt", "walk", "--out", given]).out == Path(file)
@@ -55,6 +63,15 @@ def test_the_output_is_a_bvh_file(given: str, file: str) -> None:
         ("stream --prompt walk --seconds 0", "'0' was given; allowed is a number of seconds above 0"),
         ("stream --prompt walk --seconds inf", "'inf' was given"),
         ("stream --prompt walk --out walk.fbx", "'walk.fbx' was given; allowed is a name that ends in .bvh"),
+        ("generate", "nothing to do: give a PROMPT, --waypoint, --constraints or --history"),
+        ("generate walk --prompt run", "PROMPT and a --prompt without --at before it are both for the start"),
+        ("generate walk --at 3", "--at 3 has no --prompt after it"),
+        ("generate walk --at 9 --prompt run", "9 s is not before the end, which is at --seconds 6"),
+        ("generate walk --out walk.fbx", "allowed is a name that ends in .controller.csv, .csv, .npz"),
+        ("generate walk --out .npz", "allowed is a name that ends in"),
+        ("generate walk --samples 0", "allowed is a whole number of 1 or more"),
+        ("generate walk -- --model g1", "'--model' is for a server that this starts: give --start-server too"),
+        ("generate walk --start-server --server a:1", "not allowed with argument"),
         ("dance", "invalid choice: 'dance'"),
     ],
 )

@@ -16,7 +16,6 @@ from typing import Any
 import grpc.aio
 import numpy as np
 
-from server.app import make_catalog, make_prompts
 from server.config import ServerConfig, parse_config
 from server.engine.mailbox import Mailbox
 from server.engine.ports import Deliver
@@ -38,7 +37,9 @@ from server.engine.types import (
 from server.hosting import Hosted
 from server.memory import keep_freed_memory
 from server.methods import SERVICE_NAME, add_methods
-from server.metrics import Metrics
+from server.models import Models, Served
+from server.offer import make_catalog
+from server.prompts import PromptEncoder
 from server.service import MotionService
 from tests.bench.null_runner import FACTS, STEP_S, NullEncoder
 
@@ -95,8 +96,8 @@ class NullEngine:
 async def serve_service(config: ServerConfig) -> None:
     engine = NullEngine()
     hosted = Hosted(engine, FACTS, NullEncoder(), "none", threads=1, presets=())  # type: ignore[arg-type]
-    prompts = make_prompts(config, hosted, Metrics())
-    service = MotionService(engine, prompts, make_catalog(config, hosted), config.flush_ms / 1000)
+    served = Served(engine, PromptEncoder(NullEncoder(), config.prompt_cache), make_catalog(config, hosted))
+    service = MotionService(Models(served), config.flush_ms / 1000)
     engine.deliver = service.deliver
     engine.start()
     server = grpc.aio.server(options=[("grpc.max_send_message_length", 8 << 20)])

@@ -57,7 +57,10 @@ class StreamLost(MotiongenError, ConnectionError):
 
 
 class SessionEnded(MotiongenError):
-    """The session is over: `reason` names why (client, idle, slow_reader, drained, engine_fault, overload)."""
+    """The session is over; `reason` names why.
+
+    It is client, idle, slow_reader, drained, engine_fault, overload or model_unloaded.
+    """
 
     def __init__(self, reason: str, message: str) -> None:
         super().__init__(f"the session has ended ({reason}): {message or 'no further detail'}; open a new one")

@@ -8,9 +8,11 @@ import pytest
 
 from server.engine.admission import Admission, Prices
 from server.engine.config import EngineConfig
-from server.engine.device import Device
-from server.engine.types import Code, SessionKey
-from tests.server.engine.fakes import FACTS
+from server.engine.device import Device, InTurns
+from server.engine.engine import Engine
+from server.engine.profile import profile
+from server.engine.types import Code, Open, SessionKey
+from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
 from tests.server.engine.stage import spec
 
 JOIN_S = 10.0
@@ -93,3 +95,46 @@ def test_what_other_engines_use_is_not_promised_again(elsewhere: float) -> None:
         taken += 1
     assert refusal.code is Code.RESOURCE_EXHAUSTED
     assert taken == (4 if elsewhere == 0.45 else 0)
+
+
+def test_an_engine_steps_in_its_turns_only_and_leaves_at_its_end() -> None:
+    device, opened = Device(), threading.Event()
+    runner = FakeRunner(FakeClock())
+    engine = Engine(runner, runner.clock, lambda _: opened.set(), EngineConfig(), seat=device.seat())
+    with device.seat():
+        engine.start()
+        assert engine.submit(Open(spec(SessionKey(1, 1)), 1, runner.clock.now())) is None
+        while not device.num_waiting:
+            assert not engine.join(0.001)
+        assert not opened.is_set()
+    assert opened.wait(JOIN_S)
+    engine.stop()
+    assert engine.join(JOIN_S)
+    assert device.num_seats == 1  # the test's own
+
+
+def test_an_engine_that_was_never_started_leaves_too() -> None:
+    device = Device()
+    runner = FakeRunner(FakeClock())
+    engine = Engine(runner, runner.clock, lambda _: None, EngineConfig(), seat=device.seat())
+    engine.stop()
+    assert device.num_seats == 0
+
+
+def test_what_is_measured_beside_the_engines_takes_a_turn_for_each_call() -> None:
+    device = Device()
+    runner = FakeRunner(FakeClock())
+    measured = InTurns(runner, device.seat())
+    thread = threading.Thread(target=lambda: profile(measured, runner.clock, max_rows=1, history_frames=16))
+    device.take()
+    thread.start()
+    turns = 0
+    while thread.is_alive():
+        if device.num_waiting:
+            turns += 1
+            device.pass_on()  # one call
+            device.take()
+        thread.join(0.001)
+    device.pass_on()
+    assert turns >= 3  # to prepare, to step, to decode
+    assert (measured.facts, runner.jobs) == (FACTS, {})

@@ -35,7 +35,7 @@ from server.engine.types import (
     SessionKey,
 )
 from server.hosting import Hosted
-from server.memory import keep_freed_memory
+from server.memory import keep_freed_memory, settled_objects
 from server.methods import SERVICE_NAME, add_methods
 from server.models import Models, Served
 from server.offer import make_catalog
@@ -124,7 +124,8 @@ async def serve(server: grpc.aio.Server) -> None:
     await server.start()
     threads = {thread.name: thread.native_id for thread in threading.enumerate()}
     print(json.dumps({"grpc_port": port, "threads": threads}), flush=True)
-    await server.wait_for_termination()
+    with settled_objects():
+        await server.wait_for_termination()
 
 
 if __name__ == "__main__":

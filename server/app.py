@@ -27,6 +27,7 @@ from server.errors import SettingError
 from server.hosting import ENGINE_COMMAND
 from server.keeper import Keeper
 from server.loading import Loaded, Loader
+from server.memory import settled_objects
 from server.methods import SERVICE_NAME, add_methods
 from server.metrics import Metrics
 from server.offer import Offer
@@ -284,5 +285,6 @@ async def run(config: ServerConfig, load: Callable[[ServerConfig], Loaded] | Non
     except StoppedEarly:
         _log.info("stopped before it was ready")
         return 0
-    await application.serve()
-    return await application.drain()
+    with settled_objects():
+        await application.serve()
+        return await application.drain()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import logging
 import os
 import signal
@@ -21,6 +20,7 @@ from server.engine.ports import Deliver, Inbox, Observe
 from server.engine.types import ModelFacts
 from server.errors import SettingError
 from server.logs import configure_logs
+from server.memory import settled_objects
 from server.split.codec import CodecError
 from server.split.inlet import Inlet
 from server.split.messages import GREETING, SCHEMA, TO_ENGINE, Begin, Ended, Greeting, Joined, Ready
@@ -86,12 +86,9 @@ def _serve(config: ServerConfig, build: Build, end: EngineEnd, outlet: Outlet) -
     except SettingError as error:
         outlet.say(Ended(str(error), is_setting=True))
         return 2
-    # What is loaded stays: the collector need not look at it in the middle of a step.
-    gc.collect()
-    gc.freeze()
-    outlet.say(Ready(built.facts, built.licence, built.threads))
-    built.engine.run()
-    gc.unfreeze()  # so that libraries that look for leaks at the end find none
+    with settled_objects():
+        outlet.say(Ready(built.facts, built.licence, built.threads))
+        built.engine.run()
     failure = built.engine.failure
     outlet.say(Ended("" if failure is None else f"{type(failure).__name__}: {failure}"))
     return 0 if failure is None else 1

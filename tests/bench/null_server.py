@@ -14,7 +14,7 @@ import threading
 
 from server.app import Application, Loaded
 from server.config import ServerConfig, parse_config
-from server.memory import keep_freed_memory
+from server.memory import keep_freed_memory, settled_objects
 from tests.bench.null_runner import STEP_S, NullEncoder, NullRunner
 
 
@@ -30,8 +30,9 @@ async def serve(config: ServerConfig) -> int:
     await application.start()
     threads = {thread.name: thread.native_id for thread in threading.enumerate()}
     print(json.dumps({"grpc_port": application.grpc_port, "threads": threads}), flush=True)
-    await application.serve()
-    return await application.drain()
+    with settled_objects():
+        await application.serve()
+        return await application.drain()
 
 
 if __name__ == "__main__":

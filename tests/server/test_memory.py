@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import resource
 import subprocess
 import sys
+
+from server.memory import COLLECT_EVERY, settled_objects
 
 LARGE = 4 << 20
 SCRIPT = f"""
@@ -27,3 +30,11 @@ def test_large_blocks_are_not_faulted_in_again_and_again() -> None:
     ran = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
     kept, faults = map(int, ran.stdout.split())
     assert not kept or faults < 2 * LARGE / resource.getpagesize()
+
+
+def test_objects_that_are_there_are_settled_for_a_while_and_no_longer() -> None:
+    before = gc.get_threshold()
+    with settled_objects():
+        assert gc.get_freeze_count() > 1000
+        assert gc.get_threshold() == COLLECT_EVERY
+    assert (gc.get_freeze_count(), gc.get_threshold()) == (0, before)

@@ -8,7 +8,18 @@ from collections.abc import Iterator
 from typing import Any
 
 REASON = re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)+|INTERNAL")
-REFUSALS = {"CannotKeep", "EventRefused", "EditRefused", "StreamRefused", "Outcome", "refuse", "_full", "check_range", "check_count"}
+REFUSALS = {
+    "CannotKeep",
+    "EventRefused",
+    "EditRefused",
+    "StreamRefused",
+    "Outcome",
+    "refuse",
+    "_refusal",
+    "_full",
+    "check_range",
+    "check_count",
+}
 # Built from the name of what was edited.
 COMPOSED = {"UNKNOWN_PROMPT", "UNKNOWN_CONSTRAINT"}
 # Said of what is allowed.

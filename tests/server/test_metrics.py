@@ -13,6 +13,8 @@ from server.metrics import Metrics
 
 SET_BY_THE_APPLICATION = {
     "motiongen_build_info",
+    "motiongen_clips",
+    "motiongen_clip_seconds",
     "motiongen_prompt_encode_seconds",
     "motiongen_prompts",
     "motiongen_prompts_waiting",

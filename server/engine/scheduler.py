@@ -16,7 +16,9 @@ from server.engine.costs import CostTable
 from server.engine.types import Priority, RowStatus, WindowJob
 
 DEFAULT_SHARES = (0.0, 0.15, 0.1, 0.05)
-DEFAULT_BACKGROUND_STEP_S = 0.05
+DEFAULT_BACKGROUND_STEP_S = 0.025
+# Jobs in the background make a step that has others in it at most so much longer.
+_BACKGROUND_DRAG = 1.2
 # A class is never owed more than so many rows: what it did not ask for in time is not kept for later.
 _MOST_OWED = 2.0
 # Steps are not made smaller for a deadline than the size at which a row costs so many times its least: with time to
@@ -46,8 +48,8 @@ class Scheduler:
     """Holds every window job from `add` to `remove`.
 
     max_rows, max_evaluations: of one step. max_step_s: a step is not made larger than what this time allows, so that
-    whoever comes meanwhile need not wait longer; background_step_s: the same for what jobs in the background add to a
-    step; shares: of all rows, reserved for each class, most urgent first.
+    whoever comes meanwhile need not wait longer; background_step_s: the same for a step that has jobs in the background
+    only; shares: of all rows, reserved for each class, most urgent first.
     """
 
     def __init__(
@@ -68,6 +70,7 @@ class Scheduler:
         self._jobs: dict[int, ScheduledJob] = {}
         self._queues: tuple[list[tuple[float, int]], ...] = tuple([] for _ in Priority)
         self._evaluations = [0 for _ in Priority]
+        self._background = 0  # evaluations of those
         self._owed = [0.0 for _ in Priority]
 
     def __len__(self) -> int:
@@ -78,12 +81,14 @@ class Scheduler:
         self._jobs[job.job_id] = held
         insort(self._queues[job.priority - 1], held.dueness)
         self._evaluations[job.priority - 1] += passes
+        self._background += passes if job.background else 0
 
     def remove(self, job_id: int) -> None:
         held = self._jobs.pop(job_id)
         queue = self._queues[held.job.priority - 1]
         del queue[bisect_left(queue, held.dueness)]
         self._evaluations[held.job.priority - 1] -= held.passes
+        self._background -= held.passes if held.job.background else 0
 
     def schedule(self, now: float) -> list[ScheduledJob]:
         """The jobs of the next step, most urgent first."""
@@ -95,6 +100,7 @@ class Scheduler:
             for _, job_id in queue[:count]
         )
         budget_s, most, least = inf, self._step_cap(), self._least_evaluations(now)
+        room_s: float | None = None  # for the step, once jobs in the background are looked at
         for index, queue in enumerate(self._queues):
             for _, job_id in queue[taken[index] :]:
                 held = self._jobs[job_id]
@@ -104,14 +110,23 @@ class Scheduler:
                 step_s = self.costs.step.seconds(larger)
                 if step_s > budget_s and larger > least:
                     return self._commit_rows(taken)
-                if held.job.background and rows and step_s > self._background_step_s:
-                    break  # a session that comes during the step would wait for them
+                if held.job.background:
+                    room_s = self._background_room_s(taken, evaluations) if room_s is None else room_s
+                    if rows and step_s > room_s:
+                        break
                 allowed_s = self._allowed_step_s(held, now)
                 if allowed_s >= step_s:  # else it is late whatever is done, and nobody need make room for it
                     budget_s = min(budget_s, allowed_s)
                 rows, evaluations = rows + 1, larger
                 taken[index] += 1
         return self._commit_rows(taken)
+
+    def _background_room_s(self, taken: Sequence[int], evaluations: int) -> float:
+        """How long a step may become by jobs in the background: others wait for its end, or for each of their own."""
+        chosen = [job_id for queue, count in zip(self._queues, taken, strict=True) for _, job_id in queue[:count]]
+        if any(not self._jobs[job_id].job.background for job_id in chosen):
+            return _BACKGROUND_DRAG * self.costs.step.seconds(evaluations)
+        return self._background_step_s
 
     def wake_at(self) -> float:
         """Jobs that are held are never made to wait."""
@@ -160,6 +175,8 @@ class Scheduler:
         for queue in self._queues:
             for deadline, job_id in queue:
                 held = self._jobs[job_id]
+                if held.job.background:
+                    continue
                 work_s += each_s * held.passes * (held.job.num_steps - held.steps_done)
                 if work_s > _STRAINED_SHARE * max(deadline - now, _SOON_S):
                     return True
@@ -193,7 +210,7 @@ class Scheduler:
         if queue:
             ahead += in_class * bisect_left(queue, (deadline, 0)) // len(queue)
         cap = self._step_cap()
-        evaluations = min(sum(self._evaluations) + passes, cap)
+        evaluations = min(sum(self._evaluations) - self._background + passes, cap)
         rows = min(len(self._jobs) + 1, self._max_rows)
         rounds = ceil(num_steps * max(1.0, ahead / cap))
         return self.costs.window_s(num_steps, rounds, evaluations, rows)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -145,7 +144,7 @@ class Stage:
 
     def report(self, viewer: Viewer) -> None:
         report = viewer.report(self.clock.now())
-        self._carry(lambda now: self.engine.submit(replace(report, received_at=now)))
+        self._carry(lambda now: self.engine.submit(report._replace(received_at=now)))
 
     def _ask(self, viewer: Viewer, event: Callable[[int, float], _Edit]) -> int:
         seq = next(self._seqs)

@@ -148,9 +148,25 @@ def test_clips_leave_the_load_the_ladder_and_the_deadlines_to_sessions() -> None
 
 def test_background_rows_do_not_make_steps_long() -> None:
     stage = Stage(EngineConfig(initial_step_s=0.01))
-    stage.runner.step_s = lambda rows: 0.02 * rows
+    stage.runner.step_s = lambda rows: 0.01 * rows
     for handle in range(2, 34):
         stage.open_clip(handle, 400)
     stage.run(20.0)
     sizes = [len(batch) for batch in stage.runner.batches]
     assert max(sizes[50:]) <= 4, "whoever comes during a step waits for its end"
+
+
+def test_sessions_have_steps_almost_to_themselves_while_they_want_some() -> None:
+    stage = Stage(EngineConfig(initial_step_s=0.01))
+    stage.runner.step_s = lambda rows: 0.004 * rows
+    for handle in range(2, 34):
+        stage.open_clip(handle, 8000)
+    stage.run(3.0)
+    viewer = stage.open(1, priority=Priority.HERO)
+    stage.run(6.0)
+    jobs = {job.job_id: job for job in stage.runner.prepared}
+    shared = [
+        len(batch) for batch in stage.runner.batches if any(jobs[job_id].session == viewer.key for job_id in batch)
+    ]
+    assert shared
+    assert max(shared) <= 3, "itself and what the class is owed"

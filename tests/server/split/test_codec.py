@@ -35,7 +35,7 @@ def values(hint: typing.Any) -> st.SearchStrategy[typing.Any]:
     if hint in PLAIN:
         return PLAIN[hint]
     if hint is ServerConfig:
-        return st.builds(ServerConfig, port=st.integers(0, 65535), model=st.text(), reflection=st.booleans())
+        return st.builds(ServerConfig, port=st.integers(0, 65535), host=st.text(), reflection=st.booleans())
     if origin is np.ndarray:
         return FLOATS
     if origin is tuple and arguments[-1] is not Ellipsis:

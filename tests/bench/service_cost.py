@@ -28,7 +28,9 @@ from tests.bench.machine import ROOT, busy_share, machine_facts
 from tests.bench.null_load import Channels, Counts, Line, Paced, PacedResult, exchange, total
 
 SIZES = (1, 10, 50, 200)
-SESSIONS_IN_LOCKSTEP = 200
+SESSIONS_IN_LOCKSTEP = 800
+MOST_STREAMS = 200
+"""In lockstep; enough of both to keep the server's caches warm and most of a core busy."""
 CHUNK_FRAMES = 20
 FLUSH_MS = 20.0
 PLAYED = ((1000, 1), (1000, 4), (1000, 1000))
@@ -113,10 +115,15 @@ class Trials:
         return {name: statistics.median(used[name] for used in self.cpu_us) for name in self.cpu_us[0]}
 
 
+def streams_of(sessions_a_stream: int) -> int:
+    """How many streams advance in lockstep."""
+    return min(MOST_STREAMS, SESSIONS_IN_LOCKSTEP // sessions_a_stream)
+
+
 async def lockstep(server: NullServer, sessions_a_stream: int, frames: int, seconds: float, repeats: int) -> Trials:
     """Advance all sessions, `sessions_a_stream` of them on each stream."""
     channels = Channels(server.address)
-    lines = [Line(channels, sessions_a_stream) for _ in range(SESSIONS_IN_LOCKSTEP // sessions_a_stream)]
+    lines = [Line(channels, sessions_a_stream) for _ in range(streams_of(sessions_a_stream))]
     await asyncio.gather(*(line.open() for line in lines))
     await asyncio.gather(*(line.advance_for(0.5, frames) for line in lines))
     first, begun_s = total(lines), time.perf_counter()
@@ -165,7 +172,7 @@ def chunk_cost(sessions_a_stream: int, frames: int, seconds: float, repeats: int
     request_bytes = round(counts.request_bytes / counts.requests)
     response_bytes = round(counts.num_bytes / counts.messages)
     with server_process(STAND_INS, "grpc", str(response_bytes)) as server:
-        streams = SESSIONS_IN_LOCKSTEP // sessions_a_stream
+        streams = streams_of(sessions_a_stream)
         message_us = asyncio.run(bare_us(server, streams, request_bytes, seconds, repeats))
     return ChunkCost(
         sessions_a_stream,
@@ -296,7 +303,7 @@ def main() -> int:
             costs.append(chunk_cost(size, frames, seconds, repeats))
             print(f"{size} chunks of {frames} frames a message: {costs[-1].total_us:.1f} us a chunk", flush=True)
     for flush_ms in options.flush_ms:
-        for sessions, streams in options.played or PLAYED:
+        for sessions, streams in PLAYED if options.played is None else options.played:
             with server_process(NULL_SERVER, *SETTINGS, "--flush-ms", str(flush_ms)) as server:
                 latencies.append(asyncio.run(latency(server, sessions, streams, flush_ms, play_s)))
             print(f"{sessions} sessions on {streams} streams: ping {latencies[-1].ping_ms} ms", flush=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import gc
 import logging
 import time
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from server.engine.types import Code
 from server.engine_port import EnginePort
 from server.errors import SettingError
 from server.hosting import Hosted
+from server.memory import settle_again
 from server.models import Models, Served
 from server.refusals import model_failed, model_reloading
 
@@ -142,6 +142,7 @@ class Keeper:
         kept = self._begin(source, hosted)
         self._kept.append(kept)
         self.models.put(kept.served)
+        settle_again()
         _log.info("%s is served now, from %r", kept.model_id, source)
         return kept
 
@@ -159,6 +160,8 @@ class Keeper:
         self.models.remove(kept.served)
         closed = await self._retire(kept, grace_s)
         self._forget(kept.hosted)
+        del kept
+        settle_again()
         _log.info("%s has been unloaded, %d sessions were closed", model_id, closed)
         return closed
 
@@ -186,6 +189,8 @@ class Keeper:
         self.models.put(kept.served)
         self._kept.append(old)
         closed = await self._retire(old, grace_s)
+        del old
+        settle_again()
         _log.info("%s has been loaded anew, %d sessions were closed", model_id, closed)
         return kept, closed
 
@@ -239,7 +244,6 @@ class Keeper:
         await self._until_empty(kept.engine, CLOSE_S)
         await self._end(kept.engine)
         self._kept.remove(kept)
-        gc.collect()  # engine, session and job point at each other, and their memory is asked for by others
         return closed
 
     @staticmethod

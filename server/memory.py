@@ -44,3 +44,12 @@ def settled_objects() -> Iterator[None]:
     finally:
         gc.set_threshold(*thresholds)
         gc.unfreeze()  # so that libraries that look for leaks at the end find none
+
+
+def settle_again() -> None:
+    """Free what has been unloaded; within `settled_objects`, leave what has been loaded since out of collection too."""
+    are_settled = gc.get_freeze_count() > 0
+    gc.unfreeze()  # else rings of objects that nobody holds any more would stay
+    gc.collect()
+    if are_settled:
+        gc.freeze()

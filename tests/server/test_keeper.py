@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import threading
+import weakref
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -19,6 +21,7 @@ from motiongen.v1 import admin_pb2, admin_pb2_grpc, service_pb2, service_pb2_grp
 from server.app import Application, Loaded
 from server.config import ServerConfig
 from server.errors import SettingError
+from server.memory import settled_objects
 from tests.contract.local import LengthEncoder, RealTime
 from tests.contract.talk import Talk
 from tests.server.engine.fakes import FACTS, FakeRunner
@@ -35,6 +38,7 @@ class Shop:
         self.asked: list[str] = []
         self.broken: dict[str, Exception] = {}
         self.named: dict[str, str] = {}
+        self.made: list[weakref.ref[FakeRunner]] = []
 
     def __call__(self, config: ServerConfig) -> Loaded:
         self.asked.append(config.model)
@@ -42,6 +46,7 @@ class Shop:
         if config.model in self.broken:
             raise self.broken[config.model]
         runner = FakeRunner(RealTime())
+        self.made.append(weakref.ref(runner))
         model_id = self.named.get(config.model, config.model)
         runner.facts = replace(FACTS, model_id=model_id, rig=replace(FACTS.rig, rig_id=f"rig-{model_id}"))
         return Loaded(runner, LengthEncoder(), "CC0-1.0", 1)
@@ -348,3 +353,15 @@ async def test_one_model_named_twice_is_a_wrong_setting() -> None:
         with pytest.raises(SettingError, match="two of these are one"):
             await application.start()
         await application.stop_ops()
+
+
+async def test_what_is_unloaded_is_freed_though_what_is_loaded_is_left_out_of_collection(stage: Stage) -> None:
+    talk = await stage.talk()
+    with settled_objects():
+        await talk.open(1)
+        await talk.open(2, model_id="two")
+        await stage.admin.UnloadModel(unload("two", 0))
+        await stage.admin.ReloadModel(reload("one", 0))
+        await talk.until(lambda: talk.sessions[1].closed and talk.sessions[2].closed)
+        assert [runner() is None for runner in stage.shop.made] == [True, True, False]
+        assert gc.get_freeze_count() > 0

@@ -129,10 +129,6 @@ def _session_spec(
             f"the request id has {len(message.request_id)} characters",
             f"at most {MAX_REQUEST_ID_CHARACTERS} characters",
         )
-    if message.model_id not in ("", facts.model_id):
-        raise refuse(
-            "UNKNOWN_MODEL", "open.model_id", f"no model {message.model_id[:80]!r}", facts.model_id, Code.NOT_FOUND
-        )
     if message.rig_id not in ("", facts.rig.rig_id):
         raise refuse("UNKNOWN_RIG", "open.rig_id", f"no rig {message.rig_id[:80]!r}", facts.rig.rig_id, Code.NOT_FOUND)
     if message.priority not in (0, *Priority):

@@ -126,3 +126,19 @@ def test_the_command_line_does_the_same(two_models: TwoModels, capsys: pytest.Ca
     assert "LAST_MODEL" in capsys.readouterr().err
     assert run([*server, "load", str(TINY)]) == 0
     assert f"{two_models.tiny} is served now." in capsys.readouterr().out
+
+
+async def test_a_client_that_is_connected_follows_the_models(two_models: TwoModels) -> None:
+    async with (
+        asyncio.timeout(LIMIT_S),
+        MotionClient(two_models.address) as client,
+        AdminClient(two_models.admin) as admin,
+    ):
+        await admin.unload_model(BUILT_IN_MODEL)
+        session = await client.open("a person walks")  # the default that the client knows is gone
+        assert session.rig.rig_id != client.catalog.models[0].rig_id
+        await played(session)
+        await admin.load_model(BUILT_IN_MODEL)
+        session = await client.open("a person walks", options=SessionOptions(model_id=BUILT_IN_MODEL))
+        assert session.rig.rig_id == client.catalog.models[0].rig_id
+        await played(session)

@@ -15,6 +15,7 @@ from server.engine.costs import CostTable
 from server.engine.device import Device, Seat
 from server.engine.ladder import EXPENDABLE
 from server.engine.mailbox import Mailbox, refuse_pending
+from server.engine.opening import open_session
 from server.engine.ports import Clock, Deliver, Inbox, Observe, Runner, SchedulingPolicy
 from server.engine.pressure import Pressure
 from server.engine.refusals import handle_in_use, not_open, prior_frames_failed
@@ -251,9 +252,7 @@ class Engine:
             self._report.opens.append(Code.INTERNAL)
             return
         now = self._clock.now()
-        state = SessionState.opened(
-            spec, event.received_at, next(self._ordinals), self._facts, self._config, now, features
-        )
+        state = open_session(spec, event.received_at, next(self._ordinals), self._facts, self._config, now, features)
         self._sessions[state.key] = self._touched[state.key] = state
         self._outbox.append(state.greeting())
         self._report.opens.append(Code.OK)

@@ -23,18 +23,16 @@ from dataclasses import dataclass
 from server.engine.conditions import Conditions, EditRefused
 from server.engine.config import EngineConfig
 from server.engine.delivery import Delivery
-from server.engine.drift import DriftGuard, Footing
+from server.engine.drift import Footing
 from server.engine.edits import EditEvent, EditQueue, PendingEdit, edited
 from server.engine.ladder import FULL, Rung
-from server.engine.playback import PlaybackClock, RoundTrip
-from server.engine.pose import PoseReader
+from server.engine.playback import PlaybackClock
 from server.engine.report import EventLatency, StepReport
-from server.engine.timeline import Timeline, first_timeline
+from server.engine.timeline import Timeline
 from server.engine.types import (
     Closed,
     CloseReason,
     Code,
-    Float32Array,
     ModelFacts,
     Opened,
     Outcome,
@@ -107,39 +105,6 @@ class SessionState:
         return steps_at(self.rung, self.spec, self.facts)
 
     # ---- opening and closing ----------------------------------------------------------------------------------------
-
-    @classmethod
-    def opened(
-        cls,
-        spec: SessionSpec,
-        received_at: float,
-        ordinal: int,
-        facts: ModelFacts,
-        config: EngineConfig,
-        now: float,
-        prior_features: Float32Array | None = None,
-    ) -> SessionState:
-        """A new session. ordinal: how many were opened before it; it spreads the start times of later windows.
-
-        prior_features: (H, D), those of spec.prior_rows, None where there are none.
-        """
-        spread = (ordinal * 0.618033988749895) % 1.0 * (config.stride_jitter // facts.patch + 1)
-        jitter = math.floor(spread % 1.0 * (config.continue_jitter + 1))
-        return cls(
-            spec=spec,
-            facts=facts,
-            config=config,
-            # A client that asks for a longer lookahead wants it filled.
-            continue_threshold=max(config.continue_threshold, spec.lookahead - facts.horizon) + jitter,
-            cut_frames=math.floor(spread) * facts.patch,
-            conditions=Conditions(spec.prompts, spec.constraints),
-            delivery=Delivery(spec.session, spec.lookahead, config, PlaybackClock(facts.fps), RoundTrip(config.rtt_s)),
-            timeline=first_timeline(facts, spec.prior_rows, prior_features),
-            edits=EditQueue(config.max_waiting_edits),
-            footing=Footing(DriftGuard(PoseReader.of(facts.rig), config)),
-            opened_at=received_at,
-            last_playhead_at=now,
-        )
 
     def greeting(self) -> Opened:
         return Opened(

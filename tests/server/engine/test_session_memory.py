@@ -7,8 +7,8 @@ import numpy as np
 
 from server.engine.config import EngineConfig
 from server.engine.ladder import FULL, Rung
+from server.engine.opening import open_session
 from server.engine.report import StepReport
-from server.engine.session import SessionState
 from server.engine.types import (
     Playhead,
     PoseTarget,
@@ -37,7 +37,7 @@ class Day:
         self.random = random.Random(seed)
         self.runner = FakeRunner(holds=True)
         self.now = 0.0
-        self.state = SessionState.opened(spec(KEY, priority=Priority.HERO), 0.0, 0, FACTS, EngineConfig(), 0.0)
+        self.state = open_session(spec(KEY, priority=Priority.HERO), 0.0, 0, FACTS, EngineConfig(), 0.0)
         self.seq = 1
         self.jobs = 0
 

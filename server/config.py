@@ -45,7 +45,7 @@ class ServerConfig:
     constraint_guidance: float = setting(2.5, "weight of constraints when a session does not say", 0, 10)
     history_frames: int = setting(16, "decided frames that a new window starts with; a multiple of 4", 4, 400)
     max_rows: int = setting(64, "most windows in one denoising step", 1, 4096)
-    max_step_ms: int = setting(40, "what a denoising step may be expected to take, where smaller ones pay", 1, 60_000)
+    max_step_ms: int = setting(35, "what a denoising step may be expected to take, where smaller ones pay", 1, 60_000)
     profile_s: float = setting(8.0, "longest time that measuring the model takes at the start", 0, 600)
     admit_load: float = setting(0.9, "share of the measured capacity up to which sessions are let in", 0.01, 1e6)
     degrade: bool = setting(True, "give sessions less, and tell them, where the machine cannot keep up")

@@ -40,7 +40,7 @@ class EngineConfig:
     max_sessions: int = 256
     max_clips: int = 64
     max_rows: int = 64
-    max_step_s: float = 0.04
+    max_step_s: float = 0.035
     max_pending_events: int = 64
     max_prompts: int = 16
     max_constraints: int = 256

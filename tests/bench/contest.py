@@ -98,11 +98,9 @@ class Contest:
             case "B3":
                 return self._made(name, "B2 with classes and deadlines", plain(), rows, self._scheduler)
             case "B4":
-                return self._made(name, "B3 with all speed-ups but the precision", self.runner, rows, self._scheduler)
+                return self._made(name, "B3 with all speed-ups: as served", self.runner, rows, self._scheduler)
             case "B5":
-                return self._made(
-                    name, "B4 in bfloat16: as served where it pays", self.bf16_runner, rows, self._scheduler
-                )
+                return self._made(name, "B4 in bfloat16: --precision auto", self.bf16_runner, rows, self._scheduler)
             case _:
                 return self._made(name, "B4's engine, no model", NullRunner(), rows, self._scheduler)
 

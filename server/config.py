@@ -37,7 +37,7 @@ class ServerConfig:
     text_device: str = setting("cpu", "device of llm2vec", choices=("cpu", "cuda"))
     text_precision: str = setting("bfloat16", "precision of llm2vec", choices=TEXT_PRECISIONS)
     device: str = setting("cpu", "device the model runs on", choices=("cpu", "cuda"))
-    precision: str = setting("float32", "of the model's products; auto = bfloat16 where that is fast", choices=PRECISIONS)
+    precision: str = setting("float32", "of the model's products; auto: bfloat16 where fast", choices=PRECISIONS)
     threads: int = setting(0, "CPU threads of the model; 0 = one for each core", 0, 1024)
     engine_process: bool = setting(False, "run the engine in a process of its own, started anew when it is lost")
     denoise_steps: int = setting(4, "denoising steps of a window when a session does not say", 2, 1000)

@@ -185,6 +185,22 @@ def test_every_clean_prediction(golden: GoldenModel, file: str, case: str) -> No
     vectors.check(f"{case}.mid.clean_prediction", torch.stack(predictions), where=generated)
 
 
+def test_each_pass_of_the_first_step(golden: GoldenModel) -> None:
+    """Text, constraints and neither, pass after pass, at the noisiest base step."""
+    vectors, model = golden.vectors("window_next"), golden.model
+    request = golden_request(vectors, "full")
+    schedule = cosine_schedule(model.config.num_base_steps)
+    with torch.no_grad():
+        state = start_window(model, request)
+        step = schedule.base_step[request.num_steps, request.num_steps - 1].expand(len(state.tokens))
+        told = (state.window.without_constraints(), state.window.without_text())
+        windows = (*told, told[0].without_text())
+        passes = torch.cat([model.denoiser(state.tokens, step, window) for window in windows])
+    assert torch.equal(step, vectors["full.mid.denoiser_timesteps"])
+    generated = state.window.generation_tokens.repeat(3, 1)[..., None].expand_as(passes)
+    vectors.check("full.mid.first_step_passes", passes, where=generated)
+
+
 @pytest.mark.parametrize("case", ["full", "short"])
 def test_history_is_encoded_and_recentred(golden: GoldenModel, case: str) -> None:
     vectors = golden.vectors("window_next")

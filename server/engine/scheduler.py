@@ -25,7 +25,9 @@ _MOST_OWED = 2.0
 # spare, and where what is held fills more than such a share of the time until it is due. Late jobs count as due soon.
 _MOST_WASTE = 2.0
 _LITTLE_WASTE = 1.15
+# Then, too, steps may be so many times longer than they should: to be on time matters more than to answer soon.
 _STRAINED_SHARE = 0.5
+_STRAINED_STRETCH = 2.0
 _SOON_S = 0.25
 
 
@@ -99,7 +101,8 @@ class Scheduler:
             for queue, count in zip(self._queues, taken, strict=True)
             for _, job_id in queue[:count]
         )
-        budget_s, most, least = inf, self._step_cap(), self._least_evaluations(now)
+        strained = self._strained(now)
+        budget_s, most, least = inf, self._step_cap(strained), self._least_evaluations(strained)
         room_s: float | None = None  # for the step, once jobs in the background are looked at
         for index, queue in enumerate(self._queues):
             for _, job_id in queue[taken[index] :]:
@@ -152,20 +155,21 @@ class Scheduler:
             self._jobs[job_id] for queue, count in zip(self._queues, taken, strict=True) for _, job_id in queue[:count]
         ]
 
-    def _step_cap(self) -> int:
+    def _step_cap(self, strained: bool) -> int:
         """Most evaluations of a step."""
         if self._max_step_s == inf:
             return self._max_evaluations
-        within = max(self.costs.step.largest_within(self._max_step_s), self.least_efficient())
+        allowed_s = self._max_step_s * (_STRAINED_STRETCH if strained else 1.0)
+        within = max(self.costs.step.largest_within(allowed_s), self.least_efficient())
         return min(self._max_evaluations, within)
 
     def least_efficient(self) -> int:
         """The fewest evaluations that do not waste the machine."""
         return self.costs.step.efficient_from(self._max_evaluations, _MOST_WASTE)
 
-    def _least_evaluations(self, now: float) -> int:
+    def _least_evaluations(self, strained: bool) -> int:
         """A step is not made smaller than this for a deadline."""
-        waste = _LITTLE_WASTE if self._strained(now) else _MOST_WASTE
+        waste = _LITTLE_WASTE if strained else _MOST_WASTE
         return self.costs.step.efficient_from(self._max_evaluations, waste)
 
     def _strained(self, now: float) -> bool:
@@ -209,7 +213,7 @@ class Scheduler:
         ahead = sum(self._evaluations[: priority - 1]) + passes
         if queue:
             ahead += in_class * bisect_left(queue, (deadline, 0)) // len(queue)
-        cap = self._step_cap()
+        cap = self._step_cap(strained=False)
         evaluations = min(sum(self._evaluations) - self._background + passes, cap)
         rows = min(len(self._jobs) + 1, self._max_rows)
         rounds = ceil(num_steps * max(1.0, ahead / cap))

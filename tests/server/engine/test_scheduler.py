@@ -140,6 +140,15 @@ def test_with_a_backlog_there_is_nothing_to_waste() -> None:
         assert (len(chosen) <= 20) is smaller
 
 
+def test_steps_are_held_to_a_length_that_a_backlog_stretches() -> None:
+    # 0.03 s are 20 rows, twice that 50; the greatest buckets within are 16 and 48
+    for due, rows in ((LATER, 16), (0.3, 48)):
+        scheduler = Scheduler(_costs(), 64, max_step_s=0.03)
+        for number in range(64):
+            scheduler.add(_job(number, CROWD, due), 1)
+        assert len(_ids(scheduler)) == rows
+
+
 # ---- shares ----------------------------------------------------------------------------------------------------------
 
 

@@ -12,8 +12,8 @@ from ardy.config import FRAMES_PER_TOKEN
 from ardy.denoiser.guidance import DEFAULT_WEIGHTS, GuidanceWeights
 from ardy.model import Model
 from ardy.representation import ROOT_WIDTH
-from ardy.rollout import WindowRequest, WindowState, denoise_step, lay_out, move_root
-from ardy.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens, root_to_tokens
+from ardy.rollout import WindowRequest, WindowState, denoise_step, lay_out, move_root, recentre_tokens
+from ardy.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens
 from ardy.window import WindowError
 
 
@@ -86,8 +86,7 @@ def start_clip(model: Model, request: ClipRequest) -> ClipState:
 
 def recentred(model: Model, state: ClipState) -> ClipState:
     """The same clip in the frame of its last frame's root."""
-    root, centre = model.representation.recentre(root_from_tokens(state.tokens), state.num_frames - 1)
-    tokens = torch.cat([root_to_tokens(root), state.tokens[..., ROOT_TOKEN_WIDTH:]], dim=-1)
+    tokens, centre = recentre_tokens(model.representation, state.tokens)
     return replace(state, tokens=tokens, translation=state.translation + centre)
 
 

@@ -74,6 +74,13 @@ def move_root(layout: Representation, tokens: Tensor, offset: Tensor) -> Tensor:
     return torch.cat([root_to_tokens(root), tokens[..., ROOT_TOKEN_WIDTH:]], dim=-1)
 
 
+def recentre_tokens(layout: Representation, tokens: Tensor) -> tuple[Tensor, Tensor]:
+    """Hybrid tokens (B, N, 20 + L) about the root of their last frame, and that centre (B, 3) in metres."""
+    root = root_from_tokens(tokens)
+    root, centre = layout.recentre(root, root.shape[1] - 1)
+    return torch.cat([root_to_tokens(root), tokens[..., ROOT_TOKEN_WIDTH:]], dim=-1), centre
+
+
 def local_goals(
     layout: Representation, observed: Tensor, mask: Tensor, translation: Tensor, history_len: Tensor
 ) -> tuple[Tensor, Tensor]:
@@ -97,8 +104,7 @@ def start_window(model: Model, request: WindowRequest) -> WindowState:
         if history_frames % FRAMES_PER_TOKEN:
             raise WindowError(f"history has {history_frames} frames; give a multiple of {FRAMES_PER_TOKEN}")
         history = model.codec.to_hybrid(request.history) if request.history_tokens is None else request.history_tokens
-        root, translation = layout.recentre(root_from_tokens(history), history_frames - 1)
-        history = torch.cat([root_to_tokens(root), history[..., ROOT_TOKEN_WIDTH:]], dim=-1)
+        history, translation = recentre_tokens(layout, history)
         heading = layout.heading_of_root(request.history[:, 0, :ROOT_WIDTH])
     else:
         history = torch.zeros(batch, 0, width, device=device)

@@ -81,18 +81,15 @@ class PackedBatch:
             begin, after = num_prefix + history, num_prefix + history + self.num_tokens
             prefix = torch.stack([row.prefix[:, index] for row, index in members], dim=1)
             horizon = horizon_of(history)[:, None].expand(-1, end - first, -1, -1)
-            if any(row.goals is not None and row.passes[index].with_constraints for row, index in members):
+            goals = [row.told(index) for row, index in members]
+            if any(one is not None for one in goals):
                 zeros = torch.zeros_like(horizon[:, 0])
-                told = [
-                    row.goals.horizon if row.goals is not None and row.passes[index].with_constraints else zeros
-                    for row, index in members
-                ]
-                horizon = horizon + torch.stack(told, dim=1)
+                horizon = horizon + torch.stack([zeros if one is None else one.horizon for one in goals], dim=1)
             added.append(horizon)
             for number, part in enumerate(parts):
                 part[:, :num_prefix] = prefix[number]
                 if future:
-                    part[:, after:] = torch.stack([row.goals.future[number] for row, _ in members if row.goals])
+                    part[:, after:] = torch.stack([one.future[number] for one in goals if one is not None])
             if history:
                 parts[0][:, num_prefix:begin] = torch.stack([row.history for row, _ in members])
                 if num_stages > 1 and history > 1:
@@ -115,11 +112,7 @@ class PackedBatch:
         self.horizon = torch.cat(added, dim=1)
 
     def _note_goals(self, rows: Sequence[RowConditions], sequences: Sequence[tuple[int, int]]) -> None:
-        told = [
-            (position, rows[row].goals)
-            for position, (row, index) in enumerate(sequences)
-            if rows[row].passes[index].with_constraints
-        ]
+        told = [(position, rows[row].told(index)) for position, (row, index) in enumerate(sequences)]
         known = [(position, goals) for position, goals in told if goals is not None]
         self.told: tuple[Tensor, Tensor, Tensor] | None = None
         if known:

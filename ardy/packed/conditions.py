@@ -61,7 +61,11 @@ class RowConditions:
     def history_tokens(self) -> int:
         return self.history.shape[0]
 
+    def told(self, index: int) -> RowGoals | None:
+        """The constraints that the pass with this index sees."""
+        return self.goals if self.passes[index].with_constraints else None
+
     def future_tokens(self, index: int) -> int:
         """How many future tokens the pass with this index sees."""
-        told = self.goals is not None and self.passes[index].with_constraints
-        return self.goals.future.shape[1] if told and self.goals is not None else 0
+        goals = self.told(index)
+        return 0 if goals is None else goals.future.shape[1]

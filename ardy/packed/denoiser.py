@@ -173,7 +173,7 @@ class PackedDenoiser:
             slot.step[number].copy_(step_vectors[number, slot.first : slot.end])
             slot.horizon[number].copy_(horizon[slot.first : slot.end])
         stage = self.stages[number]
-        return stage.output(batch.encoded_horizon(stage.encode(batch.inputs[number], batch.groups)))
+        return stage.output(batch.encoded_horizon(stage.stack(batch.inputs[number], batch.groups)))
 
     def _local(self, tokens: Tensor) -> Tensor:
         """Hybrid tokens (B, N, 20 + L) with their root made local: (B, N, 16 + L)."""

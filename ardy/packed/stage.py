@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import torch
 from torch import Tensor
 
 from ardy.denoiser.blocks import StageTransformer
 from ardy.packed.linear import PackedLinear
-from ardy.packed.stack import Group, PackedStack
+from ardy.packed.stack import PackedStack
 
 
 class PackedStage:
@@ -23,7 +21,7 @@ class PackedStage:
         self.stack = PackedStack(stage.seqTransEncoder, dtype)
         self.num_prefix = stage.text_tokens + 1 + int(stage.linear_first_heading_angle is not None)
         self.step_position = stage.text_tokens
-        self._output = PackedLinear.of(stage.output_linear, torch.float32)
+        self.output = PackedLinear.of(stage.output_linear, torch.float32)
         device = stage.output_linear.weight.device
         steps = torch.arange(num_base_steps, device=device)
         self.step_vectors = self._marked_prefix(stage.embed_timestep(steps), self.step_position)[:, 0]
@@ -56,11 +54,3 @@ class PackedStage:
         places = numbers - history_tokens if self._stage.relative else numbers + self.num_prefix
         placed: Tensor = vectors + self._stage.positions(places)
         return placed
-
-    def output(self, vectors: Tensor) -> Tensor:
-        """The stage's result, float32, for encoded horizon tokens (..., width)."""
-        return self._output(vectors)
-
-    def encode(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
-        """The transformer on packed sequences (P, width)."""
-        return self.stack(vectors, groups)

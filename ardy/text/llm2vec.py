@@ -20,6 +20,7 @@ import torch
 from torch import Tensor
 
 from ardy.hub import HubError, fetch_files
+from ardy.precision import PRECISIONS
 from ardy.text.encoder import UnknownTextEncoder, Vectors, is_blank
 
 if TYPE_CHECKING:
@@ -36,7 +37,6 @@ MAX_TOKENS = 512
 MAX_TEXT_TOKENS = 400
 SAMPLE_BYTES = 1 << 20
 SETTINGS = ("config.json", "adapter_config.json", "tokenizer.json")
-PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
 MODEL_FILES = ("*.json", "*.safetensors", "tokenizer.model")
 MISSING = "the text encoder llm2vec needs transformers and peft: pip install 'motiongen[llm2vec]'"
 

@@ -13,10 +13,8 @@ from collections import Counter
 from dataclasses import dataclass
 
 from server.engine.config import EngineConfig
+from server.engine.spread import spread
 from server.engine.types import Code, ModelFacts, Outcome, SessionKey, SessionSpec
-
-# Those who are sent away together should not come back together: the hints are spread over as much again.
-_GOLDEN_RATIO = 0.618033988749895
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +129,8 @@ class Admission:
 
     def _full(self, spec: SessionSpec, event_seq: int, reason: str, message: str, allowed: str) -> Outcome:
         self._refusals += 1
-        retry_after_s = self._config.retry_after_s * (1.0 + self._refusals * _GOLDEN_RATIO % 1.0)
+        # Those who are sent away together should not come back together: hints are spread over as much again.
+        retry_after_s = self._config.retry_after_s * (1.0 + spread(self._refusals))
         return Outcome(
             spec.session,
             event_seq,

@@ -12,11 +12,9 @@ from server.engine.edits import EditQueue
 from server.engine.playback import PlaybackClock, RoundTrip
 from server.engine.pose import PoseReader
 from server.engine.session import SessionState
+from server.engine.spread import spread
 from server.engine.timeline import first_timeline
 from server.engine.types import Float32Array, ModelFacts, SessionSpec
-
-# Multiples of it spread evenly over the unit interval, however many there are.
-_GOLDEN_RATIO = 0.618033988749895
 
 
 def open_session(
@@ -32,15 +30,15 @@ def open_session(
 
     prior_features: (H, D), those of spec.prior_rows, None where there are none.
     """
-    spread = (ordinal * _GOLDEN_RATIO) % 1.0 * (config.stride_jitter // facts.patch + 1)
-    jitter = math.floor(spread % 1.0 * (config.continue_jitter + 1))
+    stride = spread(ordinal) * (config.stride_jitter // facts.patch + 1)
+    jitter = math.floor(stride % 1.0 * (config.continue_jitter + 1))
     return SessionState(
         spec=spec,
         facts=facts,
         config=config,
         # A client that asks for a longer lookahead wants it filled.
         continue_threshold=max(config.continue_threshold, spec.lookahead - facts.horizon) + jitter,
-        cut_frames=math.floor(spread) * facts.patch,
+        cut_frames=math.floor(stride) * facts.patch,
         conditions=Conditions(spec.prompts, spec.constraints),
         delivery=Delivery(spec.session, spec.lookahead, config, PlaybackClock(facts.fps), RoundTrip(config.rtt_s)),
         timeline=first_timeline(facts, spec.prior_rows, prior_features),

@@ -60,11 +60,10 @@ def profile(runner: Runner, clock: Clock, max_rows: int, history_frames: int, bu
             return Profile(costs, max_rows)
         begun_at = clock.now()
         try:
+            least = _Least()
             for round_number in range(1 + _TIMES):
-                if round_number <= 1:
-                    least = _Least()
                 jobs = [_job(runner, next(job_ids), history) for _ in range(size)]
-                results = _windows(runner, jobs, clock, least)
+                results = _windows(runner, jobs, clock, least if round_number else _Least())
         except OutOfMemory as error:
             if not largest:
                 raise UnsoundModel(

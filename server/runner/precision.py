@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
+from ardy.precision import PRECISIONS
 
 
 def choose_precision(name: str, device: str) -> torch.dtype:

@@ -16,8 +16,8 @@ from ardy.model import Model
 from ardy.noise import window_noise
 from ardy.packed import PackedDenoiser, RowRequest
 from ardy.representation import ROOT_WIDTH
-from ardy.rollout import local_goals, visible_frames
-from ardy.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens, root_to_tokens
+from ardy.rollout import local_goals, recentre_tokens, visible_frames
+from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
 from server.engine.types import WindowJob
 from server.runner.row import Row
 from server.runner.targets import job_targets
@@ -88,10 +88,8 @@ class Preparation:
             tokens = self._stack(job.history_tokens for job in jobs if job.history_tokens is not None)
         else:
             tokens = self._model.codec.to_hybrid(self._stack(job.history for job in jobs))
-        root = root_from_tokens(tokens)
-        heading = layout.heading_of_root(root[:, 0, :ROOT_WIDTH])
-        root, translation = layout.recentre(root, shape.history_len - 1)
-        return torch.cat([root_to_tokens(root), tokens[..., ROOT_TOKEN_WIDTH:]], dim=-1), translation, heading
+        heading = layout.heading_of_root(tokens[:, 0, :ROOT_WIDTH])
+        return *recentre_tokens(layout, tokens), heading
 
     def _goals(
         self, shape: _Shape, members: list[tuple[WindowJob, Targets | None]], translation: Tensor

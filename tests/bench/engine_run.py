@@ -10,6 +10,7 @@ import torch
 
 from ardy.config import FRAMES_PER_TOKEN
 from ardy.model import Model
+from ardy.precision import PRECISIONS
 from server.memory import keep_freed_memory
 from server.runner import TorchRunner
 from tests.bench.clocks import BenchClock, ProcessorClock, WallClock
@@ -23,7 +24,6 @@ from tests.bench.products import product_flops_per_s, waits_for
 from tests.bench.trial import Effort
 
 FULL_SIZE_BATCHES = (1, 8, 32)
-DTYPES = {"float32": torch.float32, "bfloat16": torch.bfloat16}
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def run(settings: Settings, full_size: bool = False) -> Report:
 
 
 def serving_runner(model: Model, name: str, precision: str) -> TorchRunner:
-    return TorchRunner(model, name, precision=DTYPES[precision])
+    return TorchRunner(model, name, precision=PRECISIONS[precision])
 
 
 def ceiling(
@@ -146,7 +146,8 @@ def ceiling(
     config, history_tokens = chosen.model.config, HISTORY_FRAMES // FRAMES_PER_TOKEN
     one_step = rate.passes * step_flops(config, Pass(history_tokens))
     decoding = decode_flops(config, chosen.model.skeleton.feature_dim - 5, history_tokens)
-    peak = product_flops_per_s(settings.device, DTYPES[settings.precision], settings.effort.product_s, settings.clock)
+    precision = PRECISIONS[settings.precision]
+    peak = product_flops_per_s(settings.device, precision, settings.effort.product_s, settings.clock)
     window = settings.num_steps * one_step + decoding
     return Ceiling(chosen.name, settings.precision, rate, window, one_step, peak)
 
@@ -155,7 +156,7 @@ def full_size_ceilings(settings: Settings) -> list[Ceiling]:
     """The released size with random weights: a few steps of each batch, in both precisions."""
     chosen = bench_model("full", settings.device)
     found = []
-    for precision in DTYPES:
+    for precision in PRECISIONS:
         runner = serving_runner(chosen.model, chosen.name, precision)
         for batch in FULL_SIZE_BATCHES:
             say(f"{chosen.name}, {precision}, batches of {batch}")

@@ -35,7 +35,7 @@ from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
 from ardy.window import Window
 from server.engine.types import ModelFacts, RowStatus, WindowJob, WindowResult
 from server.runner.facts import model_facts
-from server.runner.frames import wire_rows
+from server.runner.frames import features_of_rows, wire_rows
 from server.runner.targets import job_targets
 
 
@@ -84,8 +84,10 @@ class RolloutRunner:
         return self._facts.guidance_passes
 
     def features(self, rows: np.ndarray) -> np.ndarray:
-        """Nobody whom it serves brings frames of their own."""
-        raise NotImplementedError
+        """Normalised features (H, D) of wire rows (H, row width)."""
+        return (
+            features_of_rows(self._model.representation, torch.from_numpy(rows).to(self._device)[None])[0].cpu().numpy()
+        )
 
     def _precision(self) -> AbstractContextManager[None]:
         return torch.autocast(self._device.type, torch.bfloat16, enabled=self._bf16)

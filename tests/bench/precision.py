@@ -21,6 +21,7 @@ from ardy.checkpoint import load_checkpoint
 from ardy.evaluate.measures import foot_sliding
 from ardy.model import Model
 from ardy.model_card import model_folder
+from ardy.precision import PRECISIONS
 from server.engine.types import Float32Array
 from server.runner import TorchRunner
 from tests.bench.machine import machine_facts
@@ -30,7 +31,6 @@ from tests.bench.windows import Walk, generate
 NUM_WINDOWS = 4
 WAYPOINT_FRAME = 110
 DISTANCE_M = 6.5
-PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
 
 
 def make_walks(embeddings: list[Float32Array], count: int, first_seed: int) -> list[Walk]:

@@ -6,6 +6,7 @@ SHELL := bash
 VENV ?= .venv
 PYTHON := $(VENV)/bin/python
 READY := $(VENV)/.ready
+PARTS := proto ardy server client/python client/tools
 OUT ?= out
 DATA ?= $(OUT)/data
 RUN ?= $(OUT)/mini
@@ -20,14 +21,15 @@ help: ## list the targets
 	@awk 'BEGIN {FS = ":.*## "} /^[a-z0-9-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 .PHONY: setup
-setup: $(READY) ## make .venv with the three distributions and the development tools
+setup: $(READY) ## make .venv with all parts and the development tools
 	@echo "ready: $(VENV)"
 
-$(READY): constraints.txt pyproject.toml proto/pyproject.toml client/python/pyproject.toml
+$(READY): constraints.txt requirements-dev.txt $(PARTS:%=%/pyproject.toml)
 	@bash .ci/make_venv.sh "$(VENV)"
 	$(PYTHON) -m pip install --quiet --constraint constraints.txt setuptools
 	$(PYTHON) -m pip install --progress-bar on --no-build-isolation --constraint constraints.txt \
-		--editable ./proto --editable ./client/python --editable '.[dev]'
+		--requirement requirements-dev.txt --editable ./proto --editable './ardy[gltf,hub,text,train]' --editable ./server \
+		--editable ./client/python --editable './client/tools[bench,pictures]'
 	@touch $@
 
 # ---- use

@@ -30,6 +30,8 @@ $(READY): constraints.txt requirements-dev.txt $(PARTS:%=%/pyproject.toml)
 	$(PYTHON) -m pip install --progress-bar on --no-build-isolation --constraint constraints.txt \
 		--requirement requirements-dev.txt --editable ./proto --editable './ardy[gltf,hub,text,train]' --editable ./server \
 		--editable ./client/python --editable './client/tools[bench,pictures]'
+	# it asks for the protobuf of its time, but needs none to run protoc
+	$(PYTHON) -m pip install --quiet --no-deps --constraint constraints.txt grpcio-tools
 	@touch $@
 
 # ---- use

@@ -7,6 +7,7 @@ VENV ?= .venv
 PYTHON := $(VENV)/bin/python
 READY := $(VENV)/.ready
 PARTS := proto ardy server client/python client/tools
+LOWEST ?= $(OUT)/venv-lowest
 OUT ?= out
 DATA ?= $(OUT)/data
 RUN ?= $(OUT)/mini
@@ -50,8 +51,19 @@ serve: $(READY) ## serve the built-in model; options in ARGS, listed by make ser
 check: lint types proto-current test ## everything that CI runs
 
 .PHONY: test
-test: $(READY) ## run all tests that need no GPU
-	$(PYTHON) -m pytest -m 'not gpu' $(ARGS)
+test: $(READY) ## run all tests that need no GPU and install nothing
+	$(PYTHON) -m pytest -m 'not gpu and not system' $(ARGS)
+
+.PHONY: test-system
+test-system: $(READY) test-lowest ## run the tests that build, install or take long, those with the oldest versions too
+	$(PYTHON) -m pytest -m system $(ARGS)
+
+.PHONY: test-lowest
+test-lowest: ## run the client's tests with the oldest grpcio, protobuf and numpy that it allows, in an environment of its own
+	@bash .ci/make_venv.sh "$(LOWEST)"
+	$(LOWEST)/bin/python -m pip install --quiet --constraint constraints-lowest.txt ./proto ./client/python \
+		hypothesis pytest pytest-asyncio pytest-timeout
+	$(LOWEST)/bin/python -m pytest -p no:cacheprovider tests/client $(ARGS)
 
 .PHONY: test-gpu
 test-gpu: $(READY) ## run the tests that need a CUDA device

@@ -1,7 +1,7 @@
 """Generate `python/motiongen/v1` from the protos: `python proto/generate.py [--out FOLDER]`.
 
-Needs grpcio-tools of exactly `PROTOC`, so that every machine writes the same bytes. It is old on purpose: generated code
-refuses a runtime older than its protoc, so this is the oldest grpcio and protobuf that the client can be used with.
+Needs grpcio-tools of exactly `PROTOC`, so that every machine writes the same bytes. It is old on purpose: generated
+code refuses a runtime older than its protoc, so this is the oldest grpcio and protobuf that clients can use.
 """
 
 from __future__ import annotations

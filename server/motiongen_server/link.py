@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import SessionKey
-from motiongen_server.models import Served
+from motiongen_server.models import LoadedModel
 from motiongen_server.rate import TokenBucket
 from motiongen_server.refusals import invalid_event_seq, sequence_gap
 
@@ -24,7 +24,7 @@ class Link:
     """
 
     key: SessionKey
-    model: Served
+    model: LoadedModel
     request_id: str
     bucket: TokenBucket
     last_seq: int = 1

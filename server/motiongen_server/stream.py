@@ -37,7 +37,7 @@ from motiongen_server.engine.types import (
 )
 from motiongen_server.errors import EventRefused
 from motiongen_server.link import Link
-from motiongen_server.models import Models, Served
+from motiongen_server.models import LoadedModel, Models
 from motiongen_server.outbox import Outbox, Run
 from motiongen_server.rate import TokenBucket
 from motiongen_server.refusals import (
@@ -170,7 +170,7 @@ class Stream:
         if link.encoding is None:
             link.encoding = asyncio.get_running_loop().create_task(self._encode_waiting(link))
 
-    def _known_embeddings(self, model: Served, event: session_pb2.SessionEvent) -> Embeddings | None:
+    def _known_embeddings(self, model: LoadedModel, event: session_pb2.SessionEvent) -> Embeddings | None:
         known = {}
         for text in prompt_texts(event, model.catalog):
             embedding = model.prompts.cached(text)
@@ -344,7 +344,7 @@ class Stream:
         self.outbox.drop_frames()
         self.close_all(CloseReason.SLOW_READER)
 
-    def close_all(self, reason: CloseReason, model: Served | None = None) -> int:
+    def close_all(self, reason: CloseReason, model: LoadedModel | None = None) -> int:
         """Ask for every session of the stream to be closed that is not closing already; returns how many those were.
 
         model: those that were opened with this one only.

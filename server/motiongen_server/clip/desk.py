@@ -32,7 +32,7 @@ from motiongen_server.engine.types import (
 )
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.methods import ClipContext
-from motiongen_server.models import Models, Served
+from motiongen_server.models import LoadedModel, Models
 from motiongen_server.refusals import draining
 from motiongen_server.tally import NoTally, Tally
 
@@ -42,7 +42,7 @@ _log = logging.getLogger(__name__)
 class Call:
     """One call: its samples, and what the engine has said of them."""
 
-    def __init__(self, specs: Sequence[SessionSpec], model: Served) -> None:
+    def __init__(self, specs: Sequence[SessionSpec], model: LoadedModel) -> None:
         self.specs = specs
         self.model = model
         self.said: asyncio.Queue[Output] = asyncio.Queue()
@@ -95,7 +95,7 @@ class ClipDesk:
         for call in self._calls.values():
             self._stop(call, CloseReason.DRAINED)
 
-    def close_model(self, model: Served) -> None:
+    def close_model(self, model: LoadedModel) -> None:
         """End every call that has its samples from a model that is unloaded."""
         for call in self._calls.values():
             if call.model is model:

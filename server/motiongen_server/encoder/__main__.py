@@ -7,8 +7,8 @@ import sys
 
 from motiongen_server.encoder.app import run
 from motiongen_server.encoder.config import ENCODER
-from motiongen_server.errors import SettingError
 from motiongen_server.logs import configure_logs
+from motiongen_server.settings import SettingError
 
 
 def main() -> int:

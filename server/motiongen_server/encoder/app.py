@@ -20,9 +20,9 @@ from motiongen_ardy.text import TextEncoder, load_text_encoder
 from motiongen_ardy.text.store import VectorStore
 from motiongen_server.encoder.config import EncoderConfig
 from motiongen_server.encoder.service import SERVICE_NAME, TextEncoderService
-from motiongen_server.errors import SettingError
 from motiongen_server.ops import OpsServer, ops_app
 from motiongen_server.prompts import PromptEncoder
+from motiongen_server.settings import SettingError
 
 _log = logging.getLogger("motiongen_server.encoder")
 

@@ -19,7 +19,7 @@ from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.ports import Deliver, Inbox, Observe
 from motiongen_server.engine.types import Output, RowStatus
-from motiongen_server.errors import SettingError
+from motiongen_server.settings import SettingError
 from motiongen_server.split import engine_main
 from motiongen_server.split.engine_main import Built, run
 from tests.server.engine.fakes import FakeRunner

@@ -14,7 +14,7 @@ import pytest
 
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.types import Chunk, Closed, CloseReason, Opened
-from motiongen_server.errors import SettingError
+from motiongen_server.settings import SettingError
 from motiongen_server.split.connection import EngineLost
 from motiongen_server.split.gateway import LOSSES, RemoteEngine
 from tests.server.split.audience import LIMIT_S, Audience, command, is_gone, opening, play, playhead, remote

@@ -13,7 +13,7 @@ import zmq
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.report import StepReport
 from motiongen_server.engine.types import Chunk, Playhead
-from motiongen_server.errors import SettingError
+from motiongen_server.settings import SettingError
 from motiongen_server.split.codec import CodecError
 from motiongen_server.split.inlet import Inlet
 from motiongen_server.split.messages import (

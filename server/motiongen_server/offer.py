@@ -40,11 +40,6 @@ class _Parts:
 class Engines(Protocol):
     """What computes: engine processes, or something in their place. Used from any thread. `str` is for the log."""
 
-    @property
-    def failure(self) -> BaseException | None:
-        """Why nothing can be computed any more."""
-        ...
-
     def load(self, source: str) -> ModelEngine:
         """Load a model and measure it. Raises SettingError."""
         ...

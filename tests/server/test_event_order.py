@@ -29,7 +29,7 @@ from motiongen_server.engine.types import (
     SetPrompts,
 )
 from motiongen_server.limits import Limits
-from motiongen_server.models import Models, Served
+from motiongen_server.models import LoadedModel, Models
 from motiongen_server.stream import Stream
 
 HANDLE = 7
@@ -90,7 +90,7 @@ class Line:
     prompts: Prompts = field(default_factory=Prompts)
 
     def __post_init__(self) -> None:
-        self.stream = Stream(1, Models(Served(self.engine, self.prompts, self.catalog)))  # type: ignore[arg-type]
+        self.stream = Stream(1, Models(LoadedModel("fake", self.engine, self.prompts, self.catalog)))  # type: ignore[arg-type]
         self.heard: list[session_pb2.SessionUpdate] = []
 
     def send(self, event_seq: int, **event: object) -> None:

@@ -7,7 +7,7 @@ import asyncio
 from motiongen_server.catalog import Catalog
 from motiongen_server.engine.types import Code, Guidance, Outcome, SessionKey
 from motiongen_server.limits import Limits
-from motiongen_server.models import Models, Served
+from motiongen_server.models import LoadedModel, Models
 from motiongen_server.prompts import PromptEncoder
 from motiongen_server.service import MotionService
 from tests.contract.local import LengthEncoder, LocalServer
@@ -33,7 +33,7 @@ def test_outputs_after_the_event_loop_s_end_are_dropped() -> None:
     async def make() -> MotionService:
         prompts = PromptEncoder(LengthEncoder(), 1)
         catalog = Catalog(FACTS, Limits(), Guidance(2.0, 2.0), "CC0-1.0", prompts.identity, history_frames=16)
-        return MotionService(Models(Served(NoEngine(), prompts, catalog)))
+        return MotionService(Models(LoadedModel("fake", NoEngine(), prompts, catalog)))
 
     asyncio.run(make()).deliver([STRAY])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -11,4 +12,5 @@ from motiongen_server.split.model_loading import prepare
 
 if __name__ == "__main__":
     keep_freed_memory()
-    sys.exit(run(Path(sys.argv[1]), prepare))
+    # Not by the interpreter's own end: that takes seconds with torch loaded, and a failed engine's thread may run on.
+    os._exit(run(Path(sys.argv[1]), prepare))

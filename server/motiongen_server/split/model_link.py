@@ -29,6 +29,7 @@ class ModelLink:
         self.source = source
         self.ready: Future[Ready] = Future()
         self.ended = threading.Event()
+        self.is_retired = False  # it is being unloaded
         self.silent_s = 0.0  # since the engine last said something
         self.observe: Observe | None = None
         self._deliver = deliver

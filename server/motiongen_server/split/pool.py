@@ -53,12 +53,6 @@ class EnginePool:
         for process in self.processes:
             process.start()
 
-    @property
-    def failure(self) -> BaseException | None:
-        """Why there is no engine process left."""
-        failures = [process.failure for process in self.processes]
-        return failures[0] if all(failures) else None
-
     def load(self, source: str) -> EngineGroup:
         """Load a model on every engine process, and wait until it is warm.
 

@@ -141,6 +141,7 @@ class EngineProcess:
     def unload_model(self, link: ModelLink) -> None:
         """Have a model forgotten; the link's `ended` tells when that is done."""
         with self._lock:
+            link.is_retired = True
             if link.is_up:
                 self._unsent.append(Unload(link.slot))
                 self._bell.ring()
@@ -301,16 +302,16 @@ class EngineProcess:
     # ---- loss -------------------------------------------------------------------------------------------------------
 
     def _lose(self, error: Exception) -> None:
-        """Kill what may be left of the process, end its sessions, and give up what it was to load for the first time."""
+        """Kill what may be left of the process, end its sessions, and let go of what it never held, or no more."""
         if not self._stopping.is_set():
             _log.error("lost engine process %s with %d sessions: %s", self.name, self.num_sessions, error)
         self._close()
         with self._lock:
             self._unsent.clear()
-            new = [link for link in self._links.values() if not link.ready.done()]
-            for link in new:
+            gone = [link for link in self._links.values() if link.is_retired or not link.ready.done()]
+            for link in gone:
                 del self._links[link.slot]
-        for link in new:
+        for link in gone:
             link.end(error)
         for link in tuple(self._links.values()):
             link.lose(CloseReason.ENGINE_FAULT, "the server's engine was lost; open a new session")

@@ -155,18 +155,22 @@ class EngineHost:
             while not self._is_over:
                 self._wire.flush()
                 # While the gateway does not read, only what goes ahead is taken: what waits on all ways stays bounded.
-                is_blocked = self._wire.is_blocked or any(slot.is_full for slot in tuple(self._slots.values()))
+                is_blocked = self._is_blocked
                 (self._ahead if is_blocked else self._news).poll(BLOCKED_MS if is_blocked else None)
                 self._bell.quiet()
                 while (message := self._receive(self._end.ahead)) is not None:
                     self._obey(message)
-                if not is_blocked and (message := self._receive(self._end.events)) is not None:
+                if not self._is_blocked and (message := self._receive(self._end.events)) is not None:
                     if not isinstance(message, Events):
                         raise CodecError(f"{type(message).__name__} came on the way for events")
                     self._pass_on(message)
         except Exception as error:
             _log.exception("what the gateway says cannot be read")
             self._jobs.put(error)
+
+    @property
+    def _is_blocked(self) -> bool:
+        return self._wire.is_blocked or any(slot.is_full for slot in tuple(self._slots.values()))
 
     def _obey(self, message: ToEngine) -> None:
         if isinstance(message, CloseAhead):

@@ -31,11 +31,8 @@ class Wire:
         self._socket = socket
         self._lock = threading.Lock()  # around the socket, which knows nothing of threads
         self._unsent: deque[bytes] = deque()
-
-    @property
-    def is_blocked(self) -> bool:
+        self.is_blocked = False
         """Whether the gateway has as much to read as may wait."""
-        return bool(self._unsent)
 
     def say(self, message: ToGateway) -> None:
         """Send a message, now or after those that wait. Raises CodecError for what cannot be encoded."""
@@ -58,8 +55,10 @@ class Wire:
             try:
                 self._socket.send(self._unsent[0], zmq.NOBLOCK)
             except zmq.Again:
+                self.is_blocked = True
                 return
             self._unsent.popleft()
+        self.is_blocked = False
 
     def finish(self) -> None:
         """Before the end: wait a moment for what could not be sent yet."""

@@ -21,6 +21,7 @@ from motiongen_server.split.messages import (
     Begin,
     Encoded,
     EncoderReady,
+    EncodeTexts,
     Ended,
     Load,
     NotLoaded,
@@ -220,9 +221,10 @@ class EngineProcess:
         self._connection = connection
         connection.begin(Begin(self._config, self.device.kind, self.device.threads))
         with self._lock:
+            texts = [message for message in self._unsent if isinstance(message, EncodeTexts)]
             self._unsent.clear()
             self._unsent += [Load(link.slot, link.source) for link in self._links.values()]
-            self._unsent += self._on_begin()
+            self._unsent += [*self._on_begin(), *texts]
             if self._stopping.is_set():
                 self._unsent.append(Stop())
 

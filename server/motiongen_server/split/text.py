@@ -39,6 +39,8 @@ class EngineTextEncoder:
 
     def encode(self, texts: Sequence[str]) -> Float32Array:
         """(len(texts), width). Raises EncoderLost where the engine process cannot answer now."""
+        if self._process.failure is not None:
+            raise EncoderLost("the text encoder has failed")
         number, answer = next(self._numbers), Future[Float32Array]()
         with self._lock:
             self._waiting[number] = answer

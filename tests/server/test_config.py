@@ -69,7 +69,7 @@ def test_a_value_beyond_its_range_is_refused_with_the_range(name: str) -> None:
         (["--flush-ms", "nan"], ["flush_ms", "nan", "1 to 1000"]),
         (["--idle-timeout-s", "soon"], ["idle_timeout_s", "'soon'", "a number"]),
         (["--reflection", "perhaps"], ["reflection", "'perhaps'", "true or false"]),
-        (["--device", "abacus"], ["device", "'abacus'", "cpu, cuda"]),
+        (["--devices", "abacus"], ["devices", "'abacus'", "cuda:all", "cpu:2x4"]),
         (["--history-frames", "18"], ["history_frames", "18", "multiple of 4"]),
         (["--lookahead-frames", "100"], ["max_lookahead_frames", "100"]),
         (["--colour", "red"], ["--colour", "--help"]),
@@ -146,8 +146,7 @@ def test_the_admin_service_may_listen_nowhere_else(address: str) -> None:
     [
         ({"model": "one,one"}, "give each model once"),
         ({"model": "one,,two"}, "give each model once"),
-        ({"model": "one,two", "engine_process": True}, "engine_process serves one model"),
-        ({"admin_listen": "localhost:0", "engine_process": True}, "engine_process serves one model"),
+        ({"devices": "cpu:0"}, "1 to 64 engines"),
     ],
 )
 def test_models_that_cannot_be_served_together_are_refused(settings: dict[str, object], named: str) -> None:

@@ -22,7 +22,6 @@ from tests.conftest import ROOT
 from tests.contract.local import LocalServer
 from tests.contract.talk import Talk
 
-
 ADDRESS = os.environ.get("MOTIONGEN_ADDRESS")
 LIMIT_S = 60.0
 

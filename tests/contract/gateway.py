@@ -1,4 +1,4 @@
-"""A server with two engine processes, the fake runner in each: `python -m tests.contract.gateway`. Prints its address."""
+"""A server with two engine processes and fake runners: `python -m tests.contract.gateway`. Prints its address."""
 
 from __future__ import annotations
 

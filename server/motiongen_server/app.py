@@ -18,22 +18,22 @@ import grpc.aio
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
-from motiongen_server.admin import AdminService, add_admin
-from motiongen_server.beside import start_beside
+from motiongen_server.background import start_in_background
 from motiongen_server.config import ServerConfig
-from motiongen_server.door import Door
 from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import Output
-from motiongen_server.keeper import Keeper
-from motiongen_server.memory import settled_objects
-from motiongen_server.methods import SERVICE_NAME, add_methods
-from motiongen_server.metrics import Metrics
-from motiongen_server.offer import Engines, Offer
-from motiongen_server.ops import OpsServer, ops_app
-from motiongen_server.service import MotionService
+from motiongen_server.engine_process.connection import EngineLost
+from motiongen_server.engine_process.pool import start_engine_processes
+from motiongen_server.models.admin import AdminService, add_admin
+from motiongen_server.models.factory import Engines, ModelFactory
+from motiongen_server.models.manager import ModelManager
+from motiongen_server.ops.http import OpsServer, ops_app
+from motiongen_server.ops.memory import settled_objects
+from motiongen_server.ops.metrics import Metrics
+from motiongen_server.rpc.handlers import SERVICE_NAME, add_methods
+from motiongen_server.rpc.service import MotionService
+from motiongen_server.rpc.starting import StartingService
 from motiongen_server.settings import SettingError
-from motiongen_server.split.connection import EngineLost
-from motiongen_server.split.pool import start_engine_processes
 
 _log = logging.getLogger("motiongen_server")
 
@@ -66,12 +66,12 @@ class Application:
         self._metrics = Metrics()
         self._make_engines = make_engines
         self._engines: Engines | None = None
-        self._offer = Offer(config, self._metrics)
-        self._keeper = Keeper(self._offer.load, self._offer.forget)
+        self._offer = ModelFactory(config, self._metrics)
+        self._manager = ModelManager(self._offer.load, self._offer.forget)
         self._admin: grpc.aio.Server | None = None
         self._health = health.aio.HealthServicer()
         self._stop = asyncio.Event()
-        self._door = Door()
+        self._door = StartingService()
         self._ready = False
         self.grpc_port = 0
         self.ops_port = 0
@@ -98,15 +98,15 @@ class Application:
     async def _open(self) -> None:
         config = self._config
         make = partial(self._make_engines, config, self._deliver, self._metrics)
-        self._engines = await self._unless_stopped(start_beside(make, "starting"))
+        self._engines = await self._unless_stopped(start_in_background(make, "starting"))
         self._offer.use(self._engines)
         for source in config.models:
             model = await self._unless_stopped(asyncio.ensure_future(self._offer.load(source)))
-            if model.model_id in self._keeper:
+            if model.model_id in self._manager:
                 raise SettingError(f"model is {config.model!r}, and two of these are {model.model_id}; give one")
-            self._keeper.adopt(model)
-        self._service = MotionService(self._keeper.models, config.flush_ms / 1000, self._metrics)
-        self._keeper.open(self._service)
+            self._manager.adopt(model)
+        self._service = MotionService(self._manager.models, config.flush_ms / 1000, self._metrics)
+        self._manager.open(self._service)
         self._door.open(self._service)
         self._metrics.heartbeat_age.set_function(self._heartbeat_age_s)
         self._metrics.streams.set_function(lambda: self._service.num_streams)
@@ -114,7 +114,7 @@ class Application:
         self._metrics.prompts_waiting.set_function(lambda: self._offer.num_waiting_prompts)
         await self._set_health(health_pb2.HealthCheckResponse.SERVING)
         self._ready = True
-        for model in self._keeper.kept:
+        for model in self._manager.kept:
             _log.info("serving %s (weights: %s) on port %d, ops on port %d, with %s",
                       model.model_id, model.licence, self.grpc_port, self.ops_port, self._engines)  # fmt: skip
         if config.print_ports:
@@ -136,7 +136,7 @@ class Application:
         """At once where they still load."""
         if self._engines is not None:
             self._engines.stop()
-            await start_beside(self._engines.join, "stopping")
+            await start_in_background(self._engines.join, "stopping")
 
     def _deliver(self, outputs: Sequence[Output]) -> None:
         self._service.deliver(outputs)
@@ -191,7 +191,7 @@ class Application:
         if not address:
             return
         self._admin = grpc.aio.server(options=[("grpc.so_reuseport", 0)])
-        add_admin(AdminService(self._keeper, self._metrics.load_of), self._admin)
+        add_admin(AdminService(self._manager, self._metrics.load_of), self._admin)
         try:
             self.admin_port = self._admin.add_insecure_port(address)
         except RuntimeError as error:
@@ -213,10 +213,10 @@ class Application:
         return self._ready and self._engine_is_well(HEARTBEAT_LIMIT_S)
 
     def _engine_is_well(self, limit_s: float) -> bool:
-        return self._keeper.failure is None and self._heartbeat_age_s() < limit_s
+        return self._manager.failure is None and self._heartbeat_age_s() < limit_s
 
     def _heartbeat_age_s(self) -> float:
-        return time.monotonic() - self._keeper.heartbeat_at
+        return time.monotonic() - self._manager.heartbeat_at
 
     # ---- serve, drain, stop -----------------------------------------------------------------------------------------
 
@@ -226,8 +226,8 @@ class Application:
 
     async def serve(self) -> None:
         """Return when asked to stop, or when nothing can be served any more."""
-        while not self._stop.is_set() and self._keeper.failure is None:
-            self._keeper.look_after()
+        while not self._stop.is_set() and self._manager.failure is None:
+            self._manager.look_after()
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._stop.wait(), timeout=1.0)
 
@@ -240,7 +240,7 @@ class Application:
         # Balancers see the changed health only some time later: until then, whoever they send is served.
         await asyncio.sleep(config.drain_wait_s)
         await self._stop_admin()
-        self._keeper.drain()
+        self._manager.drain()
         self._service.goodbye(config.drain_grace_s)
         finished = asyncio.create_task(self._service.finished())
         await asyncio.wait({finished}, timeout=config.drain_grace_s)
@@ -249,8 +249,8 @@ class Application:
         # A client that does not read keeps its stream from ending; nothing more can be told to it.
         await self._server.stop(LAST_CALLS_S if finished.done() else None)
         finished.cancel()
-        failed = self._keeper.failure is not None
-        await self._keeper.stop()
+        failed = self._manager.failure is not None
+        await self._manager.stop()
         await self._stop_engines()
         await self.stop_ops()
         self._offer.close()

@@ -7,12 +7,12 @@ import sys
 from pathlib import Path
 
 from motiongen_server.engine.ports import Deliver, Inbox, Observe
-from motiongen_server.memory import keep_freed_memory
-from motiongen_server.split.host import LoadText, TextEncoder
-from motiongen_server.split.main import run
-from motiongen_server.split.messages import Begin
-from motiongen_server.split.model_loading import build_engine
-from motiongen_server.split.slot import BuildEngine, Built
+from motiongen_server.engine_process.host import LoadText, TextEncoder
+from motiongen_server.engine_process.main import run
+from motiongen_server.engine_process.messages import Begin
+from motiongen_server.engine_process.model_loading import build_engine
+from motiongen_server.engine_process.slot import BuildEngine, Built
+from motiongen_server.ops.memory import keep_freed_memory
 from tests.bench.null_runner import STEP_S, NullEncoder, NullRunner
 
 

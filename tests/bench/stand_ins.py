@@ -34,12 +34,12 @@ from motiongen_server.engine.types import (
     Playhead,
     SessionKey,
 )
-from motiongen_server.memory import keep_freed_memory, settled_objects
-from motiongen_server.methods import SERVICE_NAME, add_methods
-from motiongen_server.models import LoadedModel, Models
-from motiongen_server.offer import make_catalog
-from motiongen_server.prompts import PromptEncoder
-from motiongen_server.service import MotionService
+from motiongen_server.models.factory import make_catalog
+from motiongen_server.models.registry import LoadedModel, ModelRegistry
+from motiongen_server.ops.memory import keep_freed_memory, settled_objects
+from motiongen_server.rpc.handlers import SERVICE_NAME, add_methods
+from motiongen_server.rpc.service import MotionService
+from motiongen_server.text.prompts import PromptEncoder
 from tests.bench.null_runner import FACTS, STEP_S, NullEncoder
 
 LOOKAHEAD = 40
@@ -97,7 +97,7 @@ async def serve_service(config: ServerConfig) -> None:
     prompts = PromptEncoder(NullEncoder(), config.prompt_cache)
     catalog = make_catalog(config, FACTS, "none", prompts.identity)
     model = LoadedModel("null", engine, prompts, catalog)  # type: ignore[arg-type]
-    service = MotionService(Models(model), config.flush_ms / 1000)
+    service = MotionService(ModelRegistry(model), config.flush_ms / 1000)
     engine.deliver = service.deliver
     engine.start()
     server = grpc.aio.server(options=[("grpc.max_send_message_length", 8 << 20)])

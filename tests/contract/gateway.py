@@ -10,11 +10,11 @@ from motiongen_server.app import Application, stop_on_signals
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import ModelFacts
-from motiongen_server.metrics import Metrics
-from motiongen_server.prompts import TextEncoder
-from motiongen_server.split.pool import EnginePool, start_engine_processes
+from motiongen_server.engine_process.pool import EnginePool, start_engine_processes
+from motiongen_server.ops.metrics import Metrics
+from motiongen_server.text.prompts import TextEncoder
 from tests.contract.local import LengthEncoder
-from tests.server.split.audience import command
+from tests.server.engine_process.audience import command
 
 
 def start_engines(config: ServerConfig, deliver: Deliver, metrics: Metrics) -> EnginePool:

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 from motiongen_server.app import MakeEngines
 from motiongen_server.config import ServerConfig
-from motiongen_server.engine.device import Device
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.ports import Deliver, Runner
+from motiongen_server.engine.scheduling.device import Device
 from motiongen_server.engine.types import Event, ModelFacts, Outcome
-from motiongen_server.metrics import Metrics
-from motiongen_server.prompts import TextEncoder
-from motiongen_server.split.model_loading import build_engine
+from motiongen_server.engine_process.model_loading import build_engine
+from motiongen_server.ops.metrics import Metrics
+from motiongen_server.text.prompts import TextEncoder
 
 ENGINE = "0"
 """The name of the one engine, in metrics."""
@@ -53,7 +53,7 @@ class InProcessModel:
 
 
 class InProcessEngines:
-    """Satisfies `motiongen_server.offer.Engines`."""
+    """Satisfies `motiongen_server.models.factory.Engines`."""
 
     def __init__(
         self,

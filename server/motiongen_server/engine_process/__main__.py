@@ -1,0 +1,16 @@
+"""`python -m motiongen_server.engine_process FOLDER`: the engine process; the gateway that listens in the folder starts it."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from motiongen_server.engine_process.main import run
+from motiongen_server.engine_process.model_loading import prepare
+from motiongen_server.ops.memory import keep_freed_memory
+
+if __name__ == "__main__":
+    keep_freed_memory()
+    # Not by the interpreter's own end: that takes seconds with torch loaded, and a failed engine's thread may run on.
+    os._exit(run(Path(sys.argv[1]), prepare))

@@ -1,0 +1,174 @@
+"""What crosses between gateway and engine process: every message, and the two codecs, one for each direction.
+
+A model that an engine process holds is known by the number of its slot. Times are seconds of the machine's monotonic
+clock, which both processes read; `clock_at` proves it at the start.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from motiongen_server.config import ServerConfig
+from motiongen_server.engine.scheduling.report import StepReport
+from motiongen_server.engine.types import Close, Event, Float32Array, ModelFacts, Output
+from motiongen_server.engine_process.codec import Codec
+
+
+@dataclass(frozen=True, slots=True)
+class Greeting:
+    """The engine process's first message. schema: of its codecs. Every version of this code can read it."""
+
+    schema: str
+    clock_at: float
+
+
+# ---- gateway -> engine ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Begin:
+    """The first message on each of the two ways in. kind: of the device, cpu or cuda; threads: on the processor."""
+
+    config: ServerConfig
+    kind: str
+    threads: int
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """Load a model into a new slot; answered with Ready or NotLoaded. It goes ahead."""
+
+    slot: int
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Unload:
+    """Finish the windows of a slot that run, close its sessions as DRAINED, and forget it; answered with Unloaded."""
+
+    slot: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Events:
+    """Events of a slot in order. They are numbered from its first one; this is the number of the first here."""
+
+    slot: int
+    first_number: int
+    events: tuple[Event, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class CloseAhead:
+    """End a session ahead of the events that still wait: its Open is number `opened`, its last event number `last`."""
+
+    slot: int
+    close: Close
+    opened: int
+    last: int
+
+
+@dataclass(frozen=True, slots=True)
+class LoadEncoder:
+    """Load the configured text encoder, for models that take vectors of this width; answered with EncoderReady."""
+
+    width: int
+
+
+@dataclass(frozen=True, slots=True)
+class EncodeTexts:
+    """Answered with Encoded of the same number."""
+
+    number: int
+    texts: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """Unload every slot, and end."""
+
+
+# ---- engine -> gateway ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Joined:
+    """All ways are connected."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """The model of a slot is loaded, warm, and takes events."""
+
+    slot: int
+    facts: ModelFacts
+    licence: str
+
+
+@dataclass(frozen=True, slots=True)
+class NotLoaded:
+    """The slot stays empty. error: why. is_setting: whether the settings are at fault."""
+
+    slot: int
+    error: str
+    is_setting: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Unloaded:
+    """The last message of a slot."""
+
+    slot: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outputs:
+    """What the engine of a slot delivered at once, in order."""
+
+    slot: int
+    outputs: tuple[Output, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Pulse:
+    """The loop of a slot's engine goes round: when it last did, and what the steps since the last Pulse did."""
+
+    slot: int
+    heartbeat_at: float
+    reports: tuple[StepReport, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderReady:
+    """The text encoder is loaded, or not: then error says why."""
+
+    identity: str
+    width: int
+    error: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Encoded:
+    """vectors: (texts, width), one of no rows where encoding failed, and then error says why."""
+
+    number: int
+    vectors: Float32Array
+    error: str
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """The last message. error: why, empty after Stop."""
+
+    error: str
+
+
+ToEngine = Begin | Load | Unload | Events | CloseAhead | LoadEncoder | EncodeTexts | Stop
+ToGateway = Joined | Ready | NotLoaded | Unloaded | Outputs | Pulse | EncoderReady | Encoded | Ended
+
+TO_ENGINE: Codec[ToEngine] = Codec(Begin, Load, Unload, Events, CloseAhead, LoadEncoder, EncodeTexts, Stop)
+TO_GATEWAY: Codec[ToGateway] = Codec(
+    Joined, Ready, NotLoaded, Unloaded, Outputs, Pulse, EncoderReady, Encoded, Ended, writable=False
+)
+GREETING: Codec[Greeting] = Codec(Greeting)
+SCHEMA = f"{TO_ENGINE.schema}-{TO_GATEWAY.schema}"

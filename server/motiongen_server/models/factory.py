@@ -1,0 +1,146 @@
+"""Offer: makes of a model's name all that serving it takes: engine, text encoder, catalogue and metrics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from motiongen_server.background import start_in_background
+from motiongen_server.config import ServerConfig
+from motiongen_server.engine.engine_port import EnginePort
+from motiongen_server.engine.types import Guidance, ModelFacts
+from motiongen_server.models.loader import load_presets, open_store
+from motiongen_server.models.registry import LoadedModel
+from motiongen_server.ops.metrics import Metrics
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.limits import Limits
+from motiongen_server.text.presets import Preset
+from motiongen_server.text.prompts import PromptEncoder, TextEncoder
+
+
+class ModelEngine(EnginePort, Protocol):
+    """A model that is loaded and takes events, and what it says of itself."""
+
+    @property
+    def facts(self) -> ModelFacts: ...
+
+    @property
+    def licence(self) -> str: ...
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """What is loaded on a thread of its own."""
+
+    engine: ModelEngine
+    encoder: TextEncoder
+    presets: tuple[Preset, ...]
+
+
+class Engines(Protocol):
+    """What computes: engine processes, or something in their place. Used from any thread. `str` is for the log."""
+
+    def load(self, source: str) -> ModelEngine:
+        """Load a model and measure it. Raises SettingError."""
+        ...
+
+    def load_text(self, facts: ModelFacts) -> TextEncoder:
+        """Load the text encoder for a model. Raises SettingError."""
+        ...
+
+    def stop(self) -> None:
+        """End everything, at once what is being loaded."""
+        ...
+
+    def join(self) -> bool:
+        """Wait for the end, for a while. True if it has come."""
+        ...
+
+
+class ModelFactory:
+    """Models of one server share an encoder where they take the same. Its coroutine runs on the event loop only."""
+
+    def __init__(self, config: ServerConfig, metrics: Metrics) -> None:
+        self._config = config
+        self._metrics = metrics
+        self._engines: Engines | None = None
+        self._encoders: dict[int, TextEncoder] = {}
+        self._prompts: dict[tuple[str, int], PromptEncoder] = {}
+
+    def use(self, engines: Engines) -> None:
+        """Compute there; before anything is loaded."""
+        self._engines = engines
+
+    async def load(self, source: str) -> LoadedModel:
+        """Load a model. Raises SettingError, or whatever else goes wrong with its engine."""
+        parts = await start_in_background(lambda: self._load(source), "loading")
+        facts = parts.engine.facts
+        prompts = self._prompts_for(parts.encoder, facts)
+        for preset in parts.presets:
+            prompts.remember(preset.text, preset.embedding)
+        self._metrics.build.labels(facts.model_id, facts.rig.rig_id).set(1)
+        catalog = make_catalog(self._config, facts, parts.engine.licence, parts.encoder.identity, parts.presets)
+        return LoadedModel(source, parts.engine, prompts, catalog, parts.engine.licence)
+
+    def _load(self, source: str) -> _Parts:
+        engines = self._engines
+        if engines is None:
+            raise RuntimeError("there are no engines yet")
+        engine = engines.load(source)
+        try:
+            width = engine.facts.embedding_dim
+            if width not in self._encoders:
+                self._encoders[width] = engines.load_text(engine.facts)
+            encoder = self._encoders[width]
+            return _Parts(engine, encoder, load_presets(self._config, encoder.identity, engine.facts))
+        except Exception:
+            engine.stop()
+            raise
+
+    def forget(self, model: LoadedModel) -> None:
+        """Measure nothing more of a model that has been unloaded."""
+        facts = model.catalog.facts
+        self._metrics.build.remove(facts.model_id, facts.rig.rig_id)
+        self._metrics.forget_model(facts.model_id)
+
+    def _prompts_for(self, encoder: TextEncoder, facts: ModelFacts) -> PromptEncoder:
+        key = (encoder.identity, facts.embedding_dim)
+        if key not in self._prompts:
+            config, metrics = self._config, self._metrics
+            self._prompts[key] = PromptEncoder(
+                encoder,
+                config.prompt_cache,
+                metrics.prompt_seconds.observe,
+                store=open_store(config, encoder.identity, facts),
+                timeout_s=config.prompt_timeout_s,
+                max_waiting=config.max_waiting_prompts,
+                count=metrics.count_prompt,
+            )
+        return self._prompts[key]
+
+    @property
+    def num_waiting_prompts(self) -> int:
+        """Prompts that wait for an encoder."""
+        return sum(prompts.num_waiting for prompts in tuple(self._prompts.values()))
+
+    def close(self) -> None:
+        """End the encoders."""
+        for prompts in self._prompts.values():
+            prompts.close()
+
+
+def make_catalog(
+    config: ServerConfig, facts: ModelFacts, licence: str, text_encoder: str, presets: tuple[Preset, ...] = ()
+) -> Catalog:
+    """What sessions with a model may ask for."""
+    limits = Limits(
+        max_sessions_per_stream=config.max_sessions_per_stream,
+        max_prompt_characters=config.max_prompt_characters,
+        max_request_bytes=config.max_request_bytes,
+        default_lookahead_frames=config.lookahead_for(facts.horizon),
+        max_lookahead_frames=config.max_lookahead_frames,
+        events_per_second=config.events_per_second,
+        stream_events_per_second=config.stream_events_per_second,
+    )
+    guidance = Guidance(config.text_guidance, config.constraint_guidance)
+    return Catalog(facts, limits, guidance, licence, text_encoder, config.history_frames, presets)

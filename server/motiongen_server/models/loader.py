@@ -1,0 +1,97 @@
+"""What serving a model takes besides its engine: the text encoder that fits it, presets, and the store of prompts."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from motiongen_server.config import ServerConfig
+from motiongen_server.engine.types import ModelFacts
+from motiongen_server.settings import SettingError
+from motiongen_server.text.presets import Preset
+from motiongen_server.text.prompts import Store, TextEncoder
+
+if TYPE_CHECKING:
+    from motiongen_server.text.encoder.client import RemoteEncoder
+
+_log = logging.getLogger(__name__)
+
+REMOTE_ENCODER = "grpc:"
+WITH_TORCH = ("llm2vec",)
+"""Encoders that need torch, which the gateway never loads: an engine process has them."""
+
+LoadText = Callable[[ModelFacts], TextEncoder]
+"""Loads the text encoder for a model. Raises SettingError where there is none or it does not fit."""
+
+
+def load_encoder(
+    config: ServerConfig, facts: ModelFacts, with_torch: Callable[[int, float], TextEncoder] | None = None
+) -> TextEncoder:
+    """The configured text encoder. Raises SettingError where there is none or it does not fit the model.
+
+    with_torch: makes one that needs torch, for vectors of so many numbers and calls of so many seconds.
+    """
+    from motiongen_ardy.text import check_width, load_text_encoder
+
+    name, width = config.text_encoder, facts.embedding_dim
+    timeout_s = 2 * config.prompt_timeout_s  # longer than anybody waits, so that it is there for the next who asks
+    try:
+        if name.startswith(REMOTE_ENCODER):
+            remote = _remote_encoder(config, timeout_s)
+            check_width(name, remote.width, width)
+            return remote
+        if name in WITH_TORCH and with_torch is not None:
+            return with_torch(width, timeout_s)
+        return load_text_encoder(name, width, config.text_device, config.text_precision, timeout_s)
+    except SettingError:
+        raise
+    except (ValueError, RuntimeError, ConnectionError) as error:
+        raise SettingError(f"cannot serve {facts.model_id} with text encoder {name!r}: {error}") from error
+
+
+def _remote_encoder(config: ServerConfig, timeout_s: float) -> RemoteEncoder:
+    """The encoder at an address; if it is away and the prompt store knows what it was, that, and it may come later."""
+    from motiongen_ardy.text import TextEncoderUnavailable
+    from motiongen_ardy.text.store import known_encoder
+    from motiongen_server.text.encoder.client import RemoteEncoder
+
+    address = config.text_encoder.removeprefix(REMOTE_ENCODER)
+    try:
+        return RemoteEncoder(address, timeout_s)
+    except TextEncoderUnavailable as error:
+        known = known_encoder(Path(config.prompt_store), config.text_encoder) if config.prompt_store else None
+        if known is None:
+            raise
+        _log.warning("%s; until it does, only prompts are served that %s has kept", error, config.prompt_store)
+        return RemoteEncoder(address, timeout_s, known)
+
+
+def load_presets(config: ServerConfig, text_encoder: str, facts: ModelFacts) -> tuple[Preset, ...]:
+    """The configured presets. Raises SettingError where they are from another encoder than the server's."""
+    if not config.presets:
+        return ()
+    from motiongen_ardy.text.prompt_file import PromptFileError, read_prompt_file
+
+    try:
+        prompts = read_prompt_file(Path(config.presets))
+    except PromptFileError as error:
+        raise SettingError(f"cannot use presets: {error}") from error
+    if prompts.text_encoder != text_encoder or prompts.vectors.shape[1] != facts.embedding_dim:
+        raise SettingError(
+            f"the presets of {config.presets} are {prompts.vectors.shape[1]} numbers each, from the text encoder "
+            f"{prompts.text_encoder!r}; {facts.model_id} takes {facts.embedding_dim}, here from {text_encoder!r}"
+        )
+    return tuple(map(Preset, prompts.ids, prompts.texts, prompts.vectors))
+
+
+def open_store(config: ServerConfig, text_encoder: str, facts: ModelFacts) -> Store | None:
+    """Where embeddings outlive the process, None where that is not asked for."""
+    if not config.prompt_store:
+        return None
+    from motiongen_ardy.text.store import VectorStore
+
+    store = VectorStore(Path(config.prompt_store), text_encoder, facts.embedding_dim, config.prompt_store_size)
+    store.note_encoder(config.text_encoder)
+    return store

@@ -17,14 +17,14 @@ from rich.console import Console
 from rich.table import Table
 from torch import Tensor
 
-from motiongen_ardy.checkpoint import load_checkpoint
-from motiongen_ardy.constraint import Targets
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.checkpoint.model_card import model_folder
+from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.data.dataset import MotionDataset
-from motiongen_ardy.denoiser.guidance import GuidanceWeights
 from motiongen_ardy.evaluate.generate import generate_batch
 from motiongen_ardy.evaluate.measures import foot_sliding, hand_raised, joint_error, travel
-from motiongen_ardy.model import Model
-from motiongen_ardy.model_card import model_folder
+from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
+from motiongen_ardy.model.model import Model
 from motiongen_ardy.text import TextEncoder, load_text_encoder
 from motiongen_ardy.train.feature_bank import FeatureBank, build_feature_bank, natural_layout
 
@@ -107,7 +107,7 @@ class Gate:
             targets = []
             for row in range(len(chunk)):
                 targets.append(Targets(layout.skeleton))
-                targets[-1].add_root([HISTORY + WAYPOINT_FRAMES - 1], goal[row : row + 1])
+                targets[-1].add_waypoints([HISTORY + WAYPOINT_FRAMES - 1], goal[row : row + 1])
             captions = [self.bank.clips[clip].captions[0] for clip in chunk]
             text = torch.from_numpy(self.encoder.encode(captions))
             history = layout.normalize(frames[:, :HISTORY])

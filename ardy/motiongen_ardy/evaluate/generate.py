@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from motiongen_ardy.config import FRAMES_PER_TOKEN
-from motiongen_ardy.constraint import Targets
-from motiongen_ardy.denoiser.guidance import GuidanceWeights
-from motiongen_ardy.model import Model
-from motiongen_ardy.noise import window_noise
-from motiongen_ardy.rollout import DEFAULT_HISTORY_FRAMES, WindowRequest, generate_window, visible_frames
-from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.noise import window_noise
+from motiongen_ardy.model.rollout import DEFAULT_HISTORY_FRAMES, WindowRequest, generate_window, visible_frames
+from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 
 
 def generate_batch(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from motiongen_ardy.representation import Representation
+from motiongen_ardy.core.representation import Representation
 
 
 def joint_error(layout: Representation, features: Tensor, reference: Tensor) -> Tensor:

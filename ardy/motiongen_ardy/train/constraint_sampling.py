@@ -2,7 +2,7 @@
 
 2D root waypoints and trajectories, sparse full-body keyframes and blocks of them, sparse end-effector keyframes, and
 foot keyframes where the foot is planted; inside the horizon and beyond it. The columns a constraint covers are those
-that `motiongen_ardy.constraint` fills for the same constraint at run time.
+that `motiongen_ardy.core.constraint` fills for the same constraint at run time.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motiongen_ardy.representation import Representation
+from motiongen_ardy.core.representation import Representation
 
 BoolArray = np.ndarray
 

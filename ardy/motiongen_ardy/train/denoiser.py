@@ -14,21 +14,21 @@ import yaml
 from torch import Tensor, nn
 from torch.nn import functional
 
-from motiongen_ardy.checkpoint import load_tokenizer, save_checkpoint
-from motiongen_ardy.config import DenoiserConfig, ModelConfig, TransformerConfig
+from motiongen_ardy.checkpoint.checkpoint import load_tokenizer, save_checkpoint
+from motiongen_ardy.core.representation import ROOT_WIDTH
 from motiongen_ardy.data.dataset import MotionDataset
-from motiongen_ardy.denoiser import build_denoiser
-from motiongen_ardy.diffusion import cosine_schedule
-from motiongen_ardy.model import Model
-from motiongen_ardy.representation import ROOT_WIDTH
+from motiongen_ardy.model.config import DenoiserConfig, ModelConfig, TransformerConfig
+from motiongen_ardy.model.denoiser import build_denoiser
+from motiongen_ardy.model.diffusion import cosine_schedule
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.tokenizer import ExplicitBody
+from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH, Tokenizer, root_from_tokens
+from motiongen_ardy.model.window import Window
 from motiongen_ardy.text import load_text_encoder
-from motiongen_ardy.tokenizer import ExplicitBody
-from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH, Tokenizer, root_from_tokens
 from motiongen_ardy.train.feature_bank import build_feature_bank, natural_layout
 from motiongen_ardy.train.loop import LoopSettings, Trainer, add_loop_arguments, distributed, loop_settings
 from motiongen_ardy.train.losses import consistency, masked_mean, smooth_l1
 from motiongen_ardy.train.windows import TrainingWindows, WindowSampler
-from motiongen_ardy.window import Window
 
 TEXT_DIM = 256
 MINI_DENOISER = DenoiserConfig(

@@ -6,8 +6,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from motiongen_ardy.representation import Representation
-from motiongen_ardy.skeleton import positions_from_global
+from motiongen_ardy.core.representation import Representation
+from motiongen_ardy.core.skeleton import positions_from_global
 
 
 def masked_mean(values: Tensor, valid: Tensor) -> Tensor:

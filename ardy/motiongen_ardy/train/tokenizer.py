@@ -15,12 +15,12 @@ import torch
 import yaml
 from torch import Tensor, nn
 
-from motiongen_ardy.checkpoint import save_tokenizer
-from motiongen_ardy.config import TokenizerConfig, TransformerConfig
+from motiongen_ardy.checkpoint.checkpoint import save_tokenizer
+from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
+from motiongen_ardy.core.stats import Stats
 from motiongen_ardy.data.dataset import MotionDataset
-from motiongen_ardy.representation import ROOT_WIDTH, Representation
-from motiongen_ardy.stats import Stats
-from motiongen_ardy.tokenizer import Tokenizer, build_tokenizer
+from motiongen_ardy.model.config import TokenizerConfig, TransformerConfig
+from motiongen_ardy.model.tokenizer import Tokenizer, build_tokenizer
 from motiongen_ardy.train.feature_bank import FeatureBank, build_feature_bank, measure_stats, natural_layout
 from motiongen_ardy.train.loop import LoopSettings, Trainer, add_loop_arguments, distributed, loop_settings
 from motiongen_ardy.train.losses import consistency, skate, smooth_l1

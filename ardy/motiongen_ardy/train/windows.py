@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motiongen_ardy.representation import Representation
+from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.train.constraint_sampling import ConstraintSampler
 from motiongen_ardy.train.feature_bank import MIN_CLIP_FRAMES, FeatureBank
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import torch
 
-from motiongen_ardy.constraint import Targets
-from motiongen_ardy.skeleton import Skeleton
-from motiongen_server.engine.types import JointTargets, PoseTarget, RootPath, RootTarget, WindowJob
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.core.skeleton import Skeleton
+from motiongen_server.engine.types import JointTargets, Keyframe, RootTrajectory, Waypoint, WindowJob
 
 
 def job_targets(skeleton: Skeleton, job: WindowJob) -> Targets | None:
@@ -15,13 +15,13 @@ def job_targets(skeleton: Skeleton, job: WindowJob) -> Targets | None:
         return None
     targets = Targets(skeleton)
     for constraint in job.constraints:
-        if isinstance(constraint, RootTarget):
+        if isinstance(constraint, Waypoint):
             heading = None if constraint.heading is None else torch.tensor([constraint.heading])
-            targets.add_root([constraint.frame], torch.tensor([[constraint.x, constraint.z]]), heading)
-        elif isinstance(constraint, RootPath):
+            targets.add_waypoints([constraint.frame], torch.tensor([[constraint.x, constraint.z]]), heading)
+        elif isinstance(constraint, RootTrajectory):
             frames = range(constraint.first_frame, constraint.last_frame + 1)
             headings = None if constraint.heading is None else torch.from_numpy(constraint.heading)
-            targets.add_root(frames, torch.from_numpy(constraint.xz), headings)
+            targets.add_waypoints(frames, torch.from_numpy(constraint.xz), headings)
         elif isinstance(constraint, JointTargets):
             positions, turns = torch.from_numpy(constraint.positions), constraint.turns
             targets.add_joints(constraint.frame, constraint.joints, positions)
@@ -29,6 +29,6 @@ def job_targets(skeleton: Skeleton, job: WindowJob) -> Targets | None:
                 turned = [constraint.joints[index] for index in turns]
                 rotations = torch.from_numpy(constraint.rotations)[turns]
                 targets.add_joints(constraint.frame, turned, positions[turns], rotations)
-        elif isinstance(constraint, PoseTarget):
-            targets.add_full_body([constraint.frame], torch.from_numpy(constraint.positions)[None])
+        elif isinstance(constraint, Keyframe):
+            targets.add_keyframes([constraint.frame], torch.from_numpy(constraint.positions)[None])
     return targets

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from motiongen_ardy.constraint import Targets
-from motiongen_ardy.representation import Representation
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.train.constraint_sampling import ConstraintChances, ConstraintSampler
 from motiongen_ardy.train.feature_bank import FeatureBank, build_feature_bank, measure_stats, natural_layout
 from motiongen_ardy.train.windows import TrainingWindows, WindowSampler
@@ -84,7 +84,7 @@ def only(kind: str) -> ConstraintChances:
 
 
 def columns_at_run_time(kind: str, layout: Representation) -> list[torch.Tensor]:
-    """The masks (D) that `motiongen_ardy.constraint` fills for one frame of a kind of constraint."""
+    """The masks (D) that `motiongen_ardy.core.constraint` fills for one frame of a kind of constraint."""
     skeleton = layout.skeleton
     positions = torch.randn(1, skeleton.num_joints, 3)
     rotations = torch.eye(3).expand(1, skeleton.num_joints, 3, 3)
@@ -96,11 +96,11 @@ def columns_at_run_time(kind: str, layout: Representation) -> list[torch.Tensor]
 
     if kind in ("waypoints", "trajectory"):
         return [
-            mask(lambda targets: targets.add_root([0], torch.ones(1, 2))),
-            mask(lambda targets: targets.add_root([0], torch.ones(1, 2), torch.zeros(1))),
+            mask(lambda targets: targets.add_waypoints([0], torch.ones(1, 2))),
+            mask(lambda targets: targets.add_waypoints([0], torch.ones(1, 2), torch.zeros(1))),
         ]
     if kind in ("keyframes", "keyframe_block"):
-        return [mask(lambda targets: targets.add_full_body([0], positions))]
+        return [mask(lambda targets: targets.add_keyframes([0], positions))]
     limbs = ("LeftFoot", "RightFoot") if kind == "planted_feet" else ("LeftHand", "RightHand", "LeftFoot", "RightFoot")
     chosen = [[limb for index, limb in enumerate(limbs) if bits >> index & 1] for bits in range(1, 1 << len(limbs))]
     return [

@@ -295,7 +295,7 @@ async def test_an_event_too_big_for_a_message_is_refused_here(client: MotionClie
     assert (await session.set_prompt("still in order")).event_seq == 2
 
 
-async def test_a_full_outbox_is_split_over_messages(client: MotionClient, server: FakeServer) -> None:
+async def test_a_full_send_queue_is_split_over_messages(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     edits = [session.set_prompt("x" * 90) for _ in range(200)]
     assert [(await edit).event_seq for edit in edits] == list(range(2, 202))

@@ -81,7 +81,7 @@ async def test_open_sends_what_was_asked_and_tells_what_the_server_chose(
         (60, "a person runs"),
     ]
     assert event.open.constraints[0].frame == 50
-    assert event.open.initial_root.heading == 0.5
+    assert event.open.start_pose.heading == 0.5
     assert event.open.guidance.text == 1.5
     assert not event.open.guidance.HasField("constraint")
     assert (session.opened.seed, session.opened.session_id) == (11, "s1")

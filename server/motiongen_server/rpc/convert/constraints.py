@@ -47,7 +47,9 @@ def _constraint(message: motion_pb2.Constraint, field: str, catalog: Catalog) ->
         joints = len(catalog.facts.rig.joint_names)
         positions = points(message.keyframe.positions, joints, 3, f"{field}.keyframe.positions")
         return Keyframe(identifier, frame, positions)
-    raise refuse("NO_TARGET", f"{field}.target", "no target is set", "waypoint, joint_targets, keyframe or root_trajectory")
+    raise refuse(
+        "NO_TARGET", f"{field}.target", "no target is set", "waypoint, joint_targets, keyframe or root_trajectory"
+    )
 
 
 def _trajectory(

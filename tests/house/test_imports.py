@@ -59,7 +59,10 @@ ROOMS = (
     room(f"{SERVER}/engine", "numpy ~.engine", never="asyncio"),
     room(f"{SERVER}/runner", f"{NUMBERS} motiongen_ardy ~.runner ~.engine.types ~.engine.ports", never="asyncio"),
     room(f"{SERVER}/engine_process", "msgpack numpy zmq ~", never="asyncio"),
-    room(f"{SERVER}/rpc/convert", "numpy motiongen ~.engine.types ~.rpc.catalog ~.rpc.convert ~.rpc.limits ~.errors"),
+    room(
+        f"{SERVER}/rpc/convert",
+        "google.protobuf numpy motiongen ~.engine.types ~.rpc.catalog ~.rpc.convert ~.rpc.limits ~.errors",
+    ),
     room(f"{SERVER}/rpc/catalog.py", "motiongen ~.engine.types ~.rpc.limits ~.text.presets"),
     room(f"{SERVER}/rpc/send_queue.py {SERVER}/rpc/token_bucket.py {SERVER}/rpc/limits.py", "~.engine.types"),
     room(

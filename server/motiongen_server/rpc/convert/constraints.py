@@ -21,6 +21,7 @@ from motiongen_server.rpc.convert.checks import (
     points,
     refuse,
 )
+from motiongen_server.rpc.convert.unserved import check_served
 
 UNIT_TOLERANCE = 1e-3
 
@@ -31,6 +32,7 @@ def constraints_of(messages: Sequence[motion_pb2.Constraint], field: str, catalo
 
 
 def _constraint(message: motion_pb2.Constraint, field: str, catalog: Catalog) -> Constraint:
+    check_served(message, field)
     identifier = identifier_of(message.constraint_id, f"{field}.constraint_id")
     frame = frame_number(message.frame, f"{field}.frame")
     target = message.WhichOneof("target")

@@ -66,8 +66,8 @@ class Application:
         self._metrics = Metrics()
         self._make_engines = make_engines
         self._engines: Engines | None = None
-        self._offer = ModelFactory(config, self._metrics)
-        self._manager = ModelManager(self._offer.load, self._offer.forget)
+        self._factory = ModelFactory(config, self._metrics)
+        self._manager = ModelManager(self._factory.load, self._factory.forget)
         self._admin: grpc.aio.Server | None = None
         self._health = health.aio.HealthServicer()
         self._stop = asyncio.Event()
@@ -99,9 +99,9 @@ class Application:
         config = self._config
         make = partial(self._make_engines, config, self._deliver, self._metrics)
         self._engines = await self._unless_stopped(start_in_background(make, "starting"))
-        self._offer.use(self._engines)
+        self._factory.use(self._engines)
         for source in config.models:
-            model = await self._unless_stopped(asyncio.ensure_future(self._offer.load(source)))
+            model = await self._unless_stopped(asyncio.ensure_future(self._factory.load(source)))
             if model.model_id in self._manager:
                 raise SettingError(f"model is {config.model!r}, and two of these are {model.model_id}; give one")
             self._manager.adopt(model)
@@ -111,7 +111,7 @@ class Application:
         self._metrics.heartbeat_age.set_function(self._heartbeat_age_s)
         self._metrics.streams.set_function(lambda: self._service.num_streams)
         self._metrics.queue_bytes.set_function(lambda: self._service.num_waiting_bytes)
-        self._metrics.prompts_waiting.set_function(lambda: self._offer.num_waiting_prompts)
+        self._metrics.prompts_waiting.set_function(lambda: self._factory.num_waiting_prompts)
         await self._set_health(health_pb2.HealthCheckResponse.SERVING)
         self._ready = True
         for model in self._manager.kept:
@@ -253,7 +253,7 @@ class Application:
         await self._manager.stop()
         await self._stop_engines()
         await self.stop_ops()
-        self._offer.close()
+        self._factory.close()
         _log.info("stopped%s", " after the engine failed" if failed else "")
         return 1 if failed else 0
 

@@ -26,52 +26,64 @@ from google.protobuf import duration_pb2 as google_dot_protobuf_dot_duration__pb
 from motiongen.v1 import motion_pb2 as motiongen_dot_v1_dot_motion__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1amotiongen/v1/session.proto\x12\x0cmotiongen.v1\x1a\x1egoogle/protobuf/duration.proto\x1a\x19motiongen/v1/motion.proto\"\x96\x03\n\x0cSessionEvent\x12\x0f\n\x07session\x18\x01 \x01(\r\x12\x11\n\tevent_seq\x18\x02 \x01(\x04\x12)\n\x04open\x18\n \x01(\x0b\x32\x19.motiongen.v1.OpenSessionH\x00\x12\x31\n\x0c\x65\x64it_prompts\x18\x0c \x01(\x0b\x32\x19.motiongen.v1.EditPromptsH\x00\x12\x39\n\x10\x65\x64it_constraints\x18\r \x01(\x0b\x32\x1d.motiongen.v1.EditConstraintsH\x00\x12\x31\n\x0cset_velocity\x18\x0e \x01(\x0b\x32\x19.motiongen.v1.SetVelocityH\x00\x12*\n\x08playhead\x18\x0f \x01(\x0b\x32\x16.motiongen.v1.PlayheadH\x00\x12\x34\n\x0eset_play_state\x18\x10 \x01(\x0b\x32\x1a.motiongen.v1.SetPlayStateH\x00\x12+\n\x05\x63lose\x18\x12 \x01(\x0b\x32\x1a.motiongen.v1.CloseSessionH\x00\x42\x07\n\x05\x65vent\"\x97\x04\n\x0bOpenSession\x12\x12\n\nrequest_id\x18\x01 \x01(\t\x12\x0e\n\x06rig_id\x18\x02 \x01(\t\x12\x10\n\x08model_id\x18\x03 \x01(\t\x12\x11\n\x04seed\x18\x04 \x01(\x06H\x00\x88\x01\x01\x12-\n\x08priority\x18\x05 \x01(\x0e\x32\x1b.motiongen.v1.PriorityClass\x12\x18\n\x10lookahead_frames\x18\x06 \x01(\r\x12.\n\x0cprior_frames\x18\x07 \x01(\x0b\x32\x18.motiongen.v1.FrameChunk\x12-\n\x0bscalar_type\x18\t \x01(\x0e\x32\x18.motiongen.v1.ScalarType\x12)\n\x07prompts\x18\n \x03(\x0b\x32\x18.motiongen.v1.PromptSpan\x12-\n\x0b\x63onstraints\x18\x0b \x03(\x0b\x32\x18.motiongen.v1.Constraint\x12,\n\x0cinitial_root\x18\x0c \x01(\x0b\x32\x16.motiongen.v1.Waypoint\x12\x1a\n\rdenoise_steps\x18\r \x01(\rH\x01\x88\x01\x01\x12(\n\x08guidance\x18\x0e \x01(\x0b\x32\x16.motiongen.v1.Guidance\x12\x1b\n\x0ehistory_frames\x18\x0f \x01(\rH\x02\x88\x01\x01\x42\x07\n\x05_seedB\x10\n\x0e_denoise_stepsB\x11\n\x0f_history_frames\"N\n\x08Guidance\x12\x11\n\x04text\x18\x01 \x01(\x02H\x00\x88\x01\x01\x12\x17\n\nconstraint\x18\x02 \x01(\x02H\x01\x88\x01\x01\x42\x07\n\x05_textB\r\n\x0b_constraint\"G\n\x0b\x45\x64itPrompts\x12(\n\x06upsert\x18\x01 \x03(\x0b\x32\x18.motiongen.v1.PromptSpan\x12\x0e\n\x06remove\x18\x02 \x03(\r\"Z\n\x0f\x45\x64itConstraints\x12(\n\x06upsert\x18\x01 \x03(\x0b\x32\x18.motiongen.v1.Constraint\x12\x0e\n\x06remove\x18\x02 \x03(\r\x12\r\n\x05\x63lear\x18\x03 \x01(\x08\"Z\n\x0bSetVelocity\x12\t\n\x01x\x18\x01 \x01(\x02\x12\t\n\x01z\x18\x02 \x01(\x02\x12\x14\n\x07heading\x18\x03 \x01(\x02H\x00\x88\x01\x01\x12\x13\n\x0bhold_frames\x18\x04 \x01(\rB\n\n\x08_heading\"A\n\x08Playhead\x12\r\n\x05\x66rame\x18\x01 \x01(\x04\x12\x13\n\x0b\x62uffered_to\x18\x02 \x01(\x04\x12\x11\n\tunderruns\x18\x03 \x01(\r\"6\n\x0cSetPlayState\x12&\n\x05state\x18\x01 \x01(\x0e\x32\x17.motiongen.v1.PlayState\"\x0e\n\x0c\x43loseSession\"\xd5\x02\n\rSessionUpdate\x12\x0f\n\x07session\x18\x01 \x01(\r\x12\x13\n\x0b\x61pplied_seq\x18\x02 \x01(\x04\x12-\n\x06opened\x18\n \x01(\x0b\x32\x1b.motiongen.v1.SessionOpenedH\x00\x12)\n\x05\x63hunk\x18\x0b \x01(\x0b\x32\x18.motiongen.v1.FrameChunkH\x00\x12(\n\x04plan\x18\x0c \x01(\x0b\x32\x18.motiongen.v1.PlanNoticeH\x00\x12,\n\x07outcome\x18\r \x01(\x0b\x32\x19.motiongen.v1.EditOutcomeH\x00\x12\x33\n\rservice_level\x18\x0e \x01(\x0b\x32\x1a.motiongen.v1.ServiceLevelH\x00\x12-\n\x06\x63losed\x18\x0f \x01(\x0b\x32\x1b.motiongen.v1.SessionClosedH\x00\x42\x08\n\x06update\"\xfe\x01\n\rSessionOpened\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12\x0c\n\x04seed\x18\x03 \x01(\x06\x12\x13\n\x0bstart_frame\x18\x04 \x01(\x04\x12\x0e\n\x06rig_id\x18\x06 \x01(\t\x12\x10\n\x08model_id\x18\x07 \x01(\t\x12\x12\n\nframe_rate\x18\x08 \x01(\r\x12\x18\n\x10lookahead_frames\x18\t \x01(\r\x12 \n\x18\x63ommitted_horizon_frames\x18\n \x01(\r\x12\x15\n\rdenoise_steps\x18\x0b \x01(\r\x12-\n\x0bscalar_type\x18\x0c \x01(\x0e\x32\x18.motiongen.v1.ScalarType\"j\n\nPlanNotice\x12\x0c\n\x04plan\x18\x01 \x01(\r\x12\x12\n\nvalid_from\x18\x02 \x01(\x04\x12&\n\x05\x63\x61use\x18\x03 \x01(\x0e\x32\x17.motiongen.v1.PlanCause\x12\x12\n\nevent_seqs\x18\x04 \x03(\x04\"\xd1\x01\n\x0b\x45\x64itOutcome\x12\x11\n\tevent_seq\x18\x01 \x01(\x04\x12\x0c\n\x04\x63ode\x18\x02 \x01(\x05\x12\x0e\n\x06reason\x18\x03 \x01(\t\x12\x0f\n\x07message\x18\x04 \x01(\t\x12\x1c\n\x0f\x65\x66\x66\x65\x63tive_frame\x18\x05 \x01(\x04H\x00\x88\x01\x01\x12\r\n\x05\x66ield\x18\x06 \x01(\t\x12\x0f\n\x07\x61llowed\x18\x07 \x01(\t\x12.\n\x0bretry_after\x18\x08 \x01(\x0b\x32\x19.google.protobuf.DurationB\x12\n\x10_effective_frame\"N\n\x0cServiceLevel\x12\'\n\x04tier\x18\x01 \x01(\x0e\x32\x19.motiongen.v1.ServiceTier\x12\x15\n\rdenoise_steps\x18\x02 \x01(\r\"~\n\rSessionClosed\x12)\n\x06reason\x18\x01 \x01(\x0e\x32\x19.motiongen.v1.CloseReason\x12\x0c\n\x04\x63ode\x18\x02 \x01(\x05\x12\x0f\n\x07message\x18\x03 \x01(\t\x12\x0e\n\x06\x66rames\x18\x04 \x01(\x04\x12\x13\n\x0blate_frames\x18\x05 \x01(\x04*\x95\x01\n\rPriorityClass\x12\x1e\n\x1aPRIORITY_CLASS_UNSPECIFIED\x10\x00\x12\x17\n\x13PRIORITY_CLASS_HERO\x10\x01\x12\x17\n\x13PRIORITY_CLASS_NEAR\x10\x02\x12\x18\n\x14PRIORITY_CLASS_CROWD\x10\x03\x12\x18\n\x14PRIORITY_CLASS_BATCH\x10\x04*V\n\tPlayState\x12\x1a\n\x16PLAY_STATE_UNSPECIFIED\x10\x00\x12\x16\n\x12PLAY_STATE_PLAYING\x10\x01\x12\x15\n\x11PLAY_STATE_PAUSED\x10\x02*n\n\tPlanCause\x12\x1a\n\x16PLAN_CAUSE_UNSPECIFIED\x10\x00\x12\x17\n\x13PLAN_CAUSE_CONTINUE\x10\x01\x12\x13\n\x0fPLAN_CAUSE_EDIT\x10\x02\x12\x17\n\x13PLAN_CAUSE_FALLBACK\x10\x05*\xb3\x01\n\x0bServiceTier\x12\x1c\n\x18SERVICE_TIER_UNSPECIFIED\x10\x00\x12\x15\n\x11SERVICE_TIER_FULL\x10\x01\x12\x1c\n\x18SERVICE_TIER_FEWER_STEPS\x10\x02\x12\x1c\n\x18SERVICE_TIER_NO_GUIDANCE\x10\x03\x12\x1c\n\x18SERVICE_TIER_SMALL_MODEL\x10\x04\x12\x15\n\x11SERVICE_TIER_HOLD\x10\x05*\xee\x01\n\x0b\x43loseReason\x12\x1c\n\x18\x43LOSE_REASON_UNSPECIFIED\x10\x00\x12\x17\n\x13\x43LOSE_REASON_CLIENT\x10\x01\x12\x15\n\x11\x43LOSE_REASON_IDLE\x10\x02\x12\x1c\n\x18\x43LOSE_REASON_SLOW_READER\x10\x03\x12\x18\n\x14\x43LOSE_REASON_DRAINED\x10\x05\x12\x1d\n\x19\x43LOSE_REASON_ENGINE_FAULT\x10\x06\x12\x19\n\x15\x43LOSE_REASON_OVERLOAD\x10\x08\x12\x1f\n\x1b\x43LOSE_REASON_MODEL_UNLOADED\x10\tB\x03\xf8\x01\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1amotiongen/v1/session.proto\x12\x0cmotiongen.v1\x1a\x1egoogle/protobuf/duration.proto\x1a\x19motiongen/v1/motion.proto\"\xa0\x04\n\x0cSessionEvent\x12\x0f\n\x07session\x18\x01 \x01(\r\x12\x11\n\tevent_seq\x18\x02 \x01(\x04\x12)\n\x04open\x18\n \x01(\x0b\x32\x19.motiongen.v1.OpenSessionH\x00\x12\x31\n\x0c\x65\x64it_prompts\x18\x0c \x01(\x0b\x32\x19.motiongen.v1.EditPromptsH\x00\x12\x39\n\x10\x65\x64it_constraints\x18\r \x01(\x0b\x32\x1d.motiongen.v1.EditConstraintsH\x00\x12\x31\n\x0cset_velocity\x18\x0e \x01(\x0b\x32\x19.motiongen.v1.SetVelocityH\x00\x12*\n\x08playhead\x18\x0f \x01(\x0b\x32\x16.motiongen.v1.PlayheadH\x00\x12\x34\n\x0eset_play_state\x18\x10 \x01(\x0b\x32\x1a.motiongen.v1.SetPlayStateH\x00\x12+\n\x05\x63lose\x18\x12 \x01(\x0b\x32\x1a.motiongen.v1.CloseSessionH\x00\x12\"\n\x04seek\x18\x13 \x01(\x0b\x32\x12.motiongen.v1.SeekH\x00\x12/\n\x0bset_options\x18\x14 \x01(\x0b\x32\x18.motiongen.v1.SetOptionsH\x00\x12\x33\n\rtake_snapshot\x18\x15 \x01(\x0b\x32\x1a.motiongen.v1.TakeSnapshotH\x00\x42\x07\n\x05\x65vent\"\xcf\x04\n\x0bOpenSession\x12\x12\n\nrequest_id\x18\x01 \x01(\t\x12\x0e\n\x06rig_id\x18\x02 \x01(\t\x12\x10\n\x08model_id\x18\x03 \x01(\t\x12\x11\n\x04seed\x18\x04 \x01(\x06H\x00\x88\x01\x01\x12-\n\x08priority\x18\x05 \x01(\x0e\x32\x1b.motiongen.v1.PriorityClass\x12\x18\n\x10lookahead_frames\x18\x06 \x01(\r\x12.\n\x0cprior_frames\x18\x07 \x01(\x0b\x32\x18.motiongen.v1.FrameChunk\x12-\n\x0bscalar_type\x18\t \x01(\x0e\x32\x18.motiongen.v1.ScalarType\x12)\n\x07prompts\x18\n \x03(\x0b\x32\x18.motiongen.v1.PromptSpan\x12-\n\x0b\x63onstraints\x18\x0b \x03(\x0b\x32\x18.motiongen.v1.Constraint\x12+\n\nstart_pose\x18\x0c \x01(\x0b\x32\x17.motiongen.v1.StartPose\x12\x1a\n\rdenoise_steps\x18\r \x01(\rH\x01\x88\x01\x01\x12(\n\x08guidance\x18\x0e \x01(\x0b\x32\x16.motiongen.v1.Guidance\x12\x1b\n\x0ehistory_frames\x18\x0f \x01(\rH\x02\x88\x01\x01\x12\x14\n\x0cresume_token\x18\x10 \x01(\t\x12\x10\n\x08snapshot\x18\x11 \x01(\x0c\x12\x0f\n\x07outputs\x18\x12 \x03(\tB\x07\n\x05_seedB\x10\n\x0e_denoise_stepsB\x11\n\x0f_history_frames\"C\n\tStartPose\x12\t\n\x01x\x18\x01 \x01(\x02\x12\t\n\x01z\x18\x02 \x01(\x02\x12\x14\n\x07heading\x18\x03 \x01(\x02H\x00\x88\x01\x01\x42\n\n\x08_heading\"N\n\x08Guidance\x12\x11\n\x04text\x18\x01 \x01(\x02H\x00\x88\x01\x01\x12\x17\n\nconstraint\x18\x02 \x01(\x02H\x01\x88\x01\x01\x42\x07\n\x05_textB\r\n\x0b_constraint\"G\n\x0b\x45\x64itPrompts\x12(\n\x06upsert\x18\x01 \x03(\x0b\x32\x18.motiongen.v1.PromptSpan\x12\x0e\n\x06remove\x18\x02 \x03(\r\"Z\n\x0f\x45\x64itConstraints\x12(\n\x06upsert\x18\x01 \x03(\x0b\x32\x18.motiongen.v1.Constraint\x12\x0e\n\x06remove\x18\x02 \x03(\r\x12\r\n\x05\x63lear\x18\x03 \x01(\x08\"Z\n\x0bSetVelocity\x12\t\n\x01x\x18\x01 \x01(\x02\x12\t\n\x01z\x18\x02 \x01(\x02\x12\x14\n\x07heading\x18\x03 \x01(\x02H\x00\x88\x01\x01\x12\x13\n\x0bhold_frames\x18\x04 \x01(\rB\n\n\x08_heading\"A\n\x08Playhead\x12\r\n\x05\x66rame\x18\x01 \x01(\x04\x12\x13\n\x0b\x62uffered_to\x18\x02 \x01(\x04\x12\x11\n\tunderruns\x18\x03 \x01(\r\"6\n\x0cSetPlayState\x12&\n\x05state\x18\x01 \x01(\x0e\x32\x17.motiongen.v1.PlayState\"\x15\n\x04Seek\x12\r\n\x05\x66rame\x18\x01 \x01(\x04\"\xd9\x01\n\nSetOptions\x12\x32\n\x08priority\x18\x01 \x01(\x0e\x32\x1b.motiongen.v1.PriorityClassH\x00\x88\x01\x01\x12\x1d\n\x10lookahead_frames\x18\x02 \x01(\rH\x01\x88\x01\x01\x12\x1a\n\rdenoise_steps\x18\x03 \x01(\rH\x02\x88\x01\x01\x12(\n\x08guidance\x18\x04 \x01(\x0b\x32\x16.motiongen.v1.GuidanceB\x0b\n\t_priorityB\x13\n\x11_lookahead_framesB\x10\n\x0e_denoise_steps\"\x0e\n\x0cTakeSnapshot\"\x0e\n\x0c\x43loseSession\"\xdc\x03\n\rSessionUpdate\x12\x0f\n\x07session\x18\x01 \x01(\r\x12\x13\n\x0b\x61pplied_seq\x18\x02 \x01(\x04\x12\x13\n\x0b\x64urable_seq\x18\x03 \x01(\x04\x12-\n\x06opened\x18\n \x01(\x0b\x32\x1b.motiongen.v1.SessionOpenedH\x00\x12)\n\x05\x63hunk\x18\x0b \x01(\x0b\x32\x18.motiongen.v1.FrameChunkH\x00\x12(\n\x04plan\x18\x0c \x01(\x0b\x32\x18.motiongen.v1.PlanNoticeH\x00\x12,\n\x07outcome\x18\r \x01(\x0b\x32\x19.motiongen.v1.EditOutcomeH\x00\x12\x33\n\rservice_level\x18\x0e \x01(\x0b\x32\x1a.motiongen.v1.ServiceLevelH\x00\x12-\n\x06\x63losed\x18\x0f \x01(\x0b\x32\x1b.motiongen.v1.SessionClosedH\x00\x12=\n\x12\x63onstraint_reached\x18\x10 \x01(\x0b\x32\x1f.motiongen.v1.ConstraintReachedH\x00\x12\x31\n\x08snapshot\x18\x11 \x01(\x0b\x32\x1d.motiongen.v1.SessionSnapshotH\x00\x42\x08\n\x06update\"\x95\x02\n\rSessionOpened\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12\x0c\n\x04seed\x18\x03 \x01(\x06\x12\x13\n\x0bstart_frame\x18\x04 \x01(\x04\x12\x0e\n\x06rig_id\x18\x06 \x01(\t\x12\x10\n\x08model_id\x18\x07 \x01(\t\x12\x12\n\nframe_rate\x18\x08 \x01(\r\x12\x18\n\x10lookahead_frames\x18\t \x01(\r\x12 \n\x18\x63ommitted_horizon_frames\x18\n \x01(\r\x12\x15\n\rdenoise_steps\x18\x0b \x01(\r\x12-\n\x0bscalar_type\x18\x0c \x01(\x0e\x32\x18.motiongen.v1.ScalarType\x12\x15\n\rsession_token\x18\x0e \x01(\t\"j\n\nPlanNotice\x12\x0c\n\x04plan\x18\x01 \x01(\r\x12\x12\n\nvalid_from\x18\x02 \x01(\x04\x12&\n\x05\x63\x61use\x18\x03 \x01(\x0e\x32\x17.motiongen.v1.PlanCause\x12\x12\n\nevent_seqs\x18\x04 \x03(\x04\"\x81\x02\n\x0b\x45\x64itOutcome\x12\x11\n\tevent_seq\x18\x01 \x01(\x04\x12\x0c\n\x04\x63ode\x18\x02 \x01(\x05\x12\x0e\n\x06reason\x18\x03 \x01(\t\x12\x0f\n\x07message\x18\x04 \x01(\t\x12\x1c\n\x0f\x65\x66\x66\x65\x63tive_frame\x18\x05 \x01(\x04H\x00\x88\x01\x01\x12\r\n\x05\x66ield\x18\x06 \x01(\t\x12\x0f\n\x07\x61llowed\x18\x07 \x01(\t\x12.\n\x0bretry_after\x18\x08 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x1b\n\x0espare_sessions\x18\n \x01(\rH\x01\x88\x01\x01\x42\x12\n\x10_effective_frameB\x11\n\x0f_spare_sessions\"\xb2\x01\n\x11\x43onstraintReached\x12\x15\n\rconstraint_id\x18\x01 \x01(\r\x12\x0b\n\x03met\x18\x02 \x01(\x08\x12\r\n\x05\x66rame\x18\x03 \x01(\x04\x12\x1d\n\x10position_error_m\x18\x04 \x01(\x02H\x00\x88\x01\x01\x12\x1f\n\x12rotation_error_rad\x18\x05 \x01(\x02H\x01\x88\x01\x01\x42\x13\n\x11_position_error_mB\x15\n\x13_rotation_error_rad\"8\n\x0fSessionSnapshot\x12\x10\n\x08snapshot\x18\x01 \x01(\x0c\x12\x13\n\x0bstart_frame\x18\x02 \x01(\x04\"N\n\x0cServiceLevel\x12\'\n\x04tier\x18\x01 \x01(\x0e\x32\x19.motiongen.v1.ServiceTier\x12\x15\n\rdenoise_steps\x18\x02 \x01(\r\"~\n\rSessionClosed\x12)\n\x06reason\x18\x01 \x01(\x0e\x32\x19.motiongen.v1.CloseReason\x12\x0c\n\x04\x63ode\x18\x02 \x01(\x05\x12\x0f\n\x07message\x18\x03 \x01(\t\x12\x0e\n\x06\x66rames\x18\x04 \x01(\x04\x12\x13\n\x0blate_frames\x18\x05 \x01(\x04*\x95\x01\n\rPriorityClass\x12\x1e\n\x1aPRIORITY_CLASS_UNSPECIFIED\x10\x00\x12\x17\n\x13PRIORITY_CLASS_HERO\x10\x01\x12\x17\n\x13PRIORITY_CLASS_NEAR\x10\x02\x12\x18\n\x14PRIORITY_CLASS_CROWD\x10\x03\x12\x18\n\x14PRIORITY_CLASS_BATCH\x10\x04*V\n\tPlayState\x12\x1a\n\x16PLAY_STATE_UNSPECIFIED\x10\x00\x12\x16\n\x12PLAY_STATE_PLAYING\x10\x01\x12\x15\n\x11PLAY_STATE_PAUSED\x10\x02*n\n\tPlanCause\x12\x1a\n\x16PLAN_CAUSE_UNSPECIFIED\x10\x00\x12\x17\n\x13PLAN_CAUSE_CONTINUE\x10\x01\x12\x13\n\x0fPLAN_CAUSE_EDIT\x10\x02\x12\x17\n\x13PLAN_CAUSE_FALLBACK\x10\x05*\xb3\x01\n\x0bServiceTier\x12\x1c\n\x18SERVICE_TIER_UNSPECIFIED\x10\x00\x12\x15\n\x11SERVICE_TIER_FULL\x10\x01\x12\x1c\n\x18SERVICE_TIER_FEWER_STEPS\x10\x02\x12\x1c\n\x18SERVICE_TIER_NO_GUIDANCE\x10\x03\x12\x1c\n\x18SERVICE_TIER_SMALL_MODEL\x10\x04\x12\x15\n\x11SERVICE_TIER_HOLD\x10\x05*\xee\x01\n\x0b\x43loseReason\x12\x1c\n\x18\x43LOSE_REASON_UNSPECIFIED\x10\x00\x12\x17\n\x13\x43LOSE_REASON_CLIENT\x10\x01\x12\x15\n\x11\x43LOSE_REASON_IDLE\x10\x02\x12\x1c\n\x18\x43LOSE_REASON_SLOW_READER\x10\x03\x12\x18\n\x14\x43LOSE_REASON_DRAINED\x10\x05\x12\x1d\n\x19\x43LOSE_REASON_ENGINE_FAULT\x10\x06\x12\x19\n\x15\x43LOSE_REASON_OVERLOAD\x10\x08\x12\x1f\n\x1b\x43LOSE_REASON_MODEL_UNLOADED\x10\tB<\n\x0cmotiongen.v1P\x01Z\x18motiongen/v1;motiongenv1\xf8\x01\x01\xaa\x02\x0cMotiongen.V1b\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'motiongen.v1.session_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   _globals['DESCRIPTOR']._loaded_options = None
-  _globals['DESCRIPTOR']._serialized_options = b'\370\001\001'
-  _globals['_PRIORITYCLASS']._serialized_start=2656
-  _globals['_PRIORITYCLASS']._serialized_end=2805
-  _globals['_PLAYSTATE']._serialized_start=2807
-  _globals['_PLAYSTATE']._serialized_end=2893
-  _globals['_PLANCAUSE']._serialized_start=2895
-  _globals['_PLANCAUSE']._serialized_end=3005
-  _globals['_SERVICETIER']._serialized_start=3008
-  _globals['_SERVICETIER']._serialized_end=3187
-  _globals['_CLOSEREASON']._serialized_start=3190
-  _globals['_CLOSEREASON']._serialized_end=3428
+  _globals['DESCRIPTOR']._serialized_options = b'\n\014motiongen.v1P\001Z\030motiongen/v1;motiongenv1\370\001\001\252\002\014Motiongen.V1'
+  _globals['_PRIORITYCLASS']._serialized_start=3623
+  _globals['_PRIORITYCLASS']._serialized_end=3772
+  _globals['_PLAYSTATE']._serialized_start=3774
+  _globals['_PLAYSTATE']._serialized_end=3860
+  _globals['_PLANCAUSE']._serialized_start=3862
+  _globals['_PLANCAUSE']._serialized_end=3972
+  _globals['_SERVICETIER']._serialized_start=3975
+  _globals['_SERVICETIER']._serialized_end=4154
+  _globals['_CLOSEREASON']._serialized_start=4157
+  _globals['_CLOSEREASON']._serialized_end=4395
   _globals['_SESSIONEVENT']._serialized_start=104
-  _globals['_SESSIONEVENT']._serialized_end=510
-  _globals['_OPENSESSION']._serialized_start=513
-  _globals['_OPENSESSION']._serialized_end=1048
-  _globals['_GUIDANCE']._serialized_start=1050
-  _globals['_GUIDANCE']._serialized_end=1128
-  _globals['_EDITPROMPTS']._serialized_start=1130
-  _globals['_EDITPROMPTS']._serialized_end=1201
-  _globals['_EDITCONSTRAINTS']._serialized_start=1203
-  _globals['_EDITCONSTRAINTS']._serialized_end=1293
-  _globals['_SETVELOCITY']._serialized_start=1295
-  _globals['_SETVELOCITY']._serialized_end=1385
-  _globals['_PLAYHEAD']._serialized_start=1387
-  _globals['_PLAYHEAD']._serialized_end=1452
-  _globals['_SETPLAYSTATE']._serialized_start=1454
-  _globals['_SETPLAYSTATE']._serialized_end=1508
-  _globals['_CLOSESESSION']._serialized_start=1510
-  _globals['_CLOSESESSION']._serialized_end=1524
-  _globals['_SESSIONUPDATE']._serialized_start=1527
-  _globals['_SESSIONUPDATE']._serialized_end=1868
-  _globals['_SESSIONOPENED']._serialized_start=1871
-  _globals['_SESSIONOPENED']._serialized_end=2125
-  _globals['_PLANNOTICE']._serialized_start=2127
-  _globals['_PLANNOTICE']._serialized_end=2233
-  _globals['_EDITOUTCOME']._serialized_start=2236
-  _globals['_EDITOUTCOME']._serialized_end=2445
-  _globals['_SERVICELEVEL']._serialized_start=2447
-  _globals['_SERVICELEVEL']._serialized_end=2525
-  _globals['_SESSIONCLOSED']._serialized_start=2527
-  _globals['_SESSIONCLOSED']._serialized_end=2653
+  _globals['_SESSIONEVENT']._serialized_end=648
+  _globals['_OPENSESSION']._serialized_start=651
+  _globals['_OPENSESSION']._serialized_end=1242
+  _globals['_STARTPOSE']._serialized_start=1244
+  _globals['_STARTPOSE']._serialized_end=1311
+  _globals['_GUIDANCE']._serialized_start=1313
+  _globals['_GUIDANCE']._serialized_end=1391
+  _globals['_EDITPROMPTS']._serialized_start=1393
+  _globals['_EDITPROMPTS']._serialized_end=1464
+  _globals['_EDITCONSTRAINTS']._serialized_start=1466
+  _globals['_EDITCONSTRAINTS']._serialized_end=1556
+  _globals['_SETVELOCITY']._serialized_start=1558
+  _globals['_SETVELOCITY']._serialized_end=1648
+  _globals['_PLAYHEAD']._serialized_start=1650
+  _globals['_PLAYHEAD']._serialized_end=1715
+  _globals['_SETPLAYSTATE']._serialized_start=1717
+  _globals['_SETPLAYSTATE']._serialized_end=1771
+  _globals['_SEEK']._serialized_start=1773
+  _globals['_SEEK']._serialized_end=1794
+  _globals['_SETOPTIONS']._serialized_start=1797
+  _globals['_SETOPTIONS']._serialized_end=2014
+  _globals['_TAKESNAPSHOT']._serialized_start=2016
+  _globals['_TAKESNAPSHOT']._serialized_end=2030
+  _globals['_CLOSESESSION']._serialized_start=2032
+  _globals['_CLOSESESSION']._serialized_end=2046
+  _globals['_SESSIONUPDATE']._serialized_start=2049
+  _globals['_SESSIONUPDATE']._serialized_end=2525
+  _globals['_SESSIONOPENED']._serialized_start=2528
+  _globals['_SESSIONOPENED']._serialized_end=2805
+  _globals['_PLANNOTICE']._serialized_start=2807
+  _globals['_PLANNOTICE']._serialized_end=2913
+  _globals['_EDITOUTCOME']._serialized_start=2916
+  _globals['_EDITOUTCOME']._serialized_end=3173
+  _globals['_CONSTRAINTREACHED']._serialized_start=3176
+  _globals['_CONSTRAINTREACHED']._serialized_end=3354
+  _globals['_SESSIONSNAPSHOT']._serialized_start=3356
+  _globals['_SESSIONSNAPSHOT']._serialized_end=3412
+  _globals['_SERVICELEVEL']._serialized_start=3414
+  _globals['_SERVICELEVEL']._serialized_end=3492
+  _globals['_SESSIONCLOSED']._serialized_start=3494
+  _globals['_SESSIONCLOSED']._serialized_end=3620
 # @@protoc_insertion_point(module_scope)

@@ -6,6 +6,10 @@ from dataclasses import dataclass
 
 from motiongen_server.engine.types.arrays import Float32Array
 
+# the names of blocks that the server itself reads
+ROOT_BLOCK = "root_translation_m"
+ROTATION_BLOCK = "joint_rotation_quat_wxyz"
+
 
 @dataclass(frozen=True, slots=True)
 class ChannelBlock:

@@ -36,6 +36,7 @@ from motiongen_server.rpc.convert.checks import (
 from motiongen_server.rpc.convert.constraints import constraints_of
 from motiongen_server.rpc.convert.history import history_frames_of, prior_rows_of
 from motiongen_server.rpc.convert.prompts import Embeddings, prompts_of
+from motiongen_server.rpc.convert.unserved import UNSERVED_SCALARS, check_served, not_served
 from motiongen_server.rpc.limits import MAX_FRAME, MAX_GUIDANCE, MAX_REQUEST_ID_CHARACTERS, MAX_SPEED_MPS
 
 MAX_ROUND_TRIP_S = 1.0
@@ -50,6 +51,7 @@ def engine_event(
 
     Raises EventRefused.
     """
+    check_served(event, "")
     name = event.WhichOneof("event")
     sequence = event.event_seq
     if name == "open":
@@ -121,6 +123,7 @@ def _velocity(
 def _session_spec(
     message: session_pb2.OpenSession, key: SessionKey, embeddings: Embeddings, catalog: Catalog
 ) -> SessionSpec:
+    check_served(message, "open")
     facts, limits = catalog.facts, catalog.limits
     if len(message.request_id) > MAX_REQUEST_ID_CHARACTERS:
         raise refuse(
@@ -135,6 +138,8 @@ def _session_spec(
         raise refuse(
             "INVALID_PRIORITY", "open.priority", f"priority {message.priority} is not one", "HERO, NEAR, CROWD or BATCH"
         )
+    if message.scalar_type in UNSERVED_SCALARS:
+        raise not_served("open.scalar_type", "F32_LE")
     if message.scalar_type not in (motion_pb2.SCALAR_TYPE_UNSPECIFIED, motion_pb2.SCALAR_TYPE_F32_LE):
         raise refuse(
             "INVALID_SCALAR_TYPE", "open.scalar_type", f"scalar type {message.scalar_type} is not offered", "F32_LE"
@@ -153,7 +158,7 @@ def _session_spec(
         lookahead=lookahead,
         denoise_steps=steps,
         guidance=_guidance(message.guidance, catalog.guidance),
-        start_pose=_start_pose(message.initial_root),
+        start_pose=_start_pose(message.start_pose),
         prompts=prompts_of(message.prompts, "open.prompts", embeddings, catalog),
         constraints=constraints_of(message.constraints, "open.constraints", catalog),
         history_frames=history_frames_of(message, catalog.facts),
@@ -172,8 +177,8 @@ def _guidance(message: session_pb2.Guidance, default: Guidance) -> Guidance:
     return Guidance(**weights)
 
 
-def _start_pose(message: motion_pb2.Waypoint) -> StartPose:
-    check_coordinates((message.x,), "open.initial_root.x")
-    check_coordinates((message.z,), "open.initial_root.z")
-    heading = heading_of(message, "open.initial_root")
+def _start_pose(message: session_pb2.StartPose) -> StartPose:
+    check_coordinates((message.x,), "open.start_pose.x")
+    check_coordinates((message.z,), "open.start_pose.z")
+    heading = heading_of(message, "open.start_pose")
     return StartPose(message.x, message.z, 0.0 if heading is None else heading)

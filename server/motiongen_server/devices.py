@@ -36,7 +36,7 @@ class EngineDevice:
     def environment(self) -> dict[str, str]:
         """What its process must find in its environment before a library is loaded."""
         if self.kind != "cuda":
-            return {"OMP_NUM_THREADS": str(self.threads), "CUDA_VISIBLE_DEVICES": ""}
+            return {"OMP_NUM_THREADS": str(self.threads)}
         visible = [name for name in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if name]
         # One device to a process: it can then neither fill the memory of another nor fail with it.
         chosen = visible[self.index] if self.index < len(visible) else str(self.index)

@@ -163,11 +163,11 @@ def test_models_are_told_apart_and_one_that_is_gone_is_told_no_more() -> None:
     for _ in range(2):
         metrics.of_engine("large", "0").observe(full_report())
     value = metrics.registry.get_sample_value
-    assert value("motiongen_frames_sent_total", {"model": "tiny"}) == 40
-    assert value("motiongen_frames_sent_total", {"model": "large"}) == 80
+    assert value("motiongen_frames_sent_total", {"model": "tiny", "engine": "0"}) == 40
+    assert value("motiongen_frames_sent_total", {"model": "large", "engine": "0"}) == 80
     metrics.forget_model("tiny")
-    assert value("motiongen_frames_sent_total", {"model": "tiny"}) is None
-    assert value("motiongen_frames_sent_total", {"model": "large"}) == 80
+    assert value("motiongen_frames_sent_total", {"model": "tiny", "engine": "0"}) is None
+    assert value("motiongen_frames_sent_total", {"model": "large", "engine": "0"}) == 80
     assert (metrics.load_of("large"), metrics.load_of("tiny")) == (0.7, 0.0)
 
 
@@ -178,4 +178,4 @@ def test_what_is_served_is_what_prometheus_can_read() -> None:
     text = generate_latest(metrics.registry).decode()
     names = [family.name for family in text_string_to_metric_families(text)]
     assert len(names) == len(set(names))
-    assert 'motiongen_step_seconds_count{bucket="4",model="large"} 1.0' in text
+    assert 'motiongen_step_seconds_count{bucket="4",engine="0",model="large"} 1.0' in text

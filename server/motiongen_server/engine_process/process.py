@@ -221,12 +221,17 @@ class EngineProcess:
         self._connection = connection
         connection.begin(Begin(self._config, self.device.kind, self.device.threads))
         with self._lock:
+            retired = [link for link in self._links.values() if link.is_retired]
+            for link in retired:  # while there was no process
+                del self._links[link.slot]
             texts = [message for message in self._unsent if isinstance(message, EncodeTexts)]
             self._unsent.clear()
             self._unsent += [Load(link.slot, link.source) for link in self._links.values()]
             self._unsent += [*self._on_begin(), *texts]
             if self._stopping.is_set():
                 self._unsent.append(Stop())
+        for link in retired:
+            link.end()
 
     def _serve(self) -> None:
         """Carry events there and outputs back. Returns after Stop; raises EngineLost when the process is lost."""

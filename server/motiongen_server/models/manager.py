@@ -10,7 +10,6 @@ from typing import Protocol
 
 from motiongen_server.background import start_in_background
 from motiongen_server.engine.engine_port import EnginePort
-from motiongen_server.engine.ports import DeviceLost
 from motiongen_server.engine.types import Code
 from motiongen_server.models.registry import LoadedModel, ModelRegistry, ModelState
 from motiongen_server.ops.memory import settle_again
@@ -225,10 +224,9 @@ class ModelManager:
 
     @property
     def failure(self) -> BaseException | None:
-        """Why nothing can be served any more: the device is lost, or the last engine has failed."""
+        """Why nothing can be served any more: the engines of all models have failed."""
         failures = [kept.engine.failure for kept in self._kept if kept.state is not ModelState.UNLOADING]
-        lost = next((failure for failure in failures if isinstance(failure, DeviceLost)), None)
-        return lost or (failures[0] if failures and all(failures) else None)
+        return failures[0] if failures and all(failures) else None
 
     @property
     def heartbeat_at(self) -> float:

@@ -20,23 +20,23 @@ OTHER = SessionKey(1, 2)
 def test_events_come_in_their_order() -> None:
     events = (opening(), play(2), opening(OTHER), play(3))
     arrivals = Arrivals()
-    assert arrivals.in_order(Events(1, events[:2])) == list(events[:2])
-    assert arrivals.in_order(Events(3, events[2:])) == list(events[2:])
+    assert arrivals.in_order(Events(1, 1, events[:2])) == list(events[:2])
+    assert arrivals.in_order(Events(1, 3, events[2:])) == list(events[2:])
 
 
 def test_what_a_close_overtakes_is_left_out_and_nothing_else() -> None:
     first, edit, later, again, last = opening(), play(2), play(2, OTHER), opening(), close(3)
     arrivals = Arrivals()
-    assert arrivals.in_order(Events(1, (first,))) == [first]
-    assert arrivals.ahead(CloseAhead(last, opened=1, last=2)) == [last]
-    assert arrivals.in_order(Events(2, (edit, later, again))) == [later, again]
+    assert arrivals.in_order(Events(1, 1, (first,))) == [first]
+    assert arrivals.ahead(CloseAhead(1, last, opened=1, last=2)) == [last]
+    assert arrivals.in_order(Events(1, 2, (edit, later, again))) == [later, again]
 
 
 def test_a_close_that_comes_before_its_open_follows_it_at_once() -> None:
     first, edit, last = opening(), play(2), close(3)
     arrivals = Arrivals()
-    assert arrivals.ahead(CloseAhead(last, opened=1, last=2)) == []
-    assert arrivals.in_order(Events(1, (first, edit))) == [first, last]
+    assert arrivals.ahead(CloseAhead(1, last, opened=1, last=2)) == []
+    assert arrivals.in_order(Events(1, 1, (first, edit))) == [first, last]
 
 
 @settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow])
@@ -67,8 +67,8 @@ def test_in_whatever_order_the_two_ways_deliver_a_session_begins_and_ends_once(
         ledger.note(event)
         if waits:
             first, sent = ledger.number([event])
-            events.append(Events(first, tuple(sent)))
-        closes += [CloseAhead(*each) for each in ledger.take_closes()]
+            events.append(Events(1, first, tuple(sent)))
+        closes += [CloseAhead(1, *each) for each in ledger.take_closes()]
         arrive(everything=False)
         is_open, num_edits = wish != "close", num_edits + 1 if wish == "edit" else 0
         if not is_open:  # the key is used again only when the engine has said that the session has ended

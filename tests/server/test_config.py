@@ -30,7 +30,9 @@ def test_the_encoder_service_has_settings_of_its_own_in_the_same_environment() -
     assert parse_config([], environment).port == 1111
     encoder = ENCODER.parse(["--max-texts", "7"], environment)
     assert (encoder.port, encoder.text_encoder, encoder.max_texts) == (2222, "static", 7)
-    with pytest.raises(SettingError, match=r"MOTIONGEN_ENCODER_COLOUR.*python -m motiongen_server\.text\.encoder --help"):
+    with pytest.raises(
+        SettingError, match=r"MOTIONGEN_ENCODER_COLOUR.*python -m motiongen_server\.text\.encoder --help"
+    ):
         ENCODER.parse([], {"MOTIONGEN_ENCODER_COLOUR": "red"})
     with pytest.raises(SettingError, match=r"port is 70000"):
         ENCODER.parse(["--port", "70000"], {})

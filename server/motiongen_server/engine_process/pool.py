@@ -13,7 +13,8 @@ from motiongen_server.devices import EngineDevice, devices_of
 from motiongen_server.engine.ports import Deliver, Observe
 from motiongen_server.engine.types import ModelFacts
 from motiongen_server.engine_process.group import EngineGroup
-from motiongen_server.engine_process.process import HUNG_S, REST_S, EngineProcess
+from motiongen_server.engine_process.process import HUNG_S, EngineProcess
+from motiongen_server.engine_process.restarts import REST_S
 from motiongen_server.engine_process.text import EngineTextEncoder
 from motiongen_server.models.loader import load_encoder
 from motiongen_server.ops.metrics import Metrics

@@ -34,19 +34,13 @@ from motiongen_server.engine_process.messages import (
     Unloaded,
 )
 from motiongen_server.engine_process.model_link import ModelLink
+from motiongen_server.engine_process.restarts import REST_S, Restarts
 from motiongen_server.settings import SettingError
 
 _log = logging.getLogger(__name__)
 
 HUNG_S = 30.0
 """An engine that says nothing for so long will not come back; a single step must not take it."""
-LOSSES = 3
-LOSSES_WITHIN_S = 60.0
-"""So many losses within so many seconds are no accident: then the engine counts as failed, and rests."""
-REST_S = 30.0
-"""Before a failed engine process is tried once more, if others have kept the server alive."""
-BACK_OFF_S = 0.5
-"""Before an engine process is started that was lost twice in a short time."""
 TICK_S = 0.5
 PAGE_BYTES = 4096
 
@@ -72,12 +66,10 @@ class EngineProcess:
         """name: in logs and metrics. command: starts an engine process, given a folder of sockets."""
         self.name = name
         self.device = device
-        self.num_restarts = 0
         self._config = config
         self._deliver = deliver
         self._command = command
         self._hung_s = hung_s
-        self._rest_s = rest_s
         self._bell = Bell()
         self._lock = threading.Lock()
         self._links: dict[int, ModelLink] = {}
@@ -87,7 +79,7 @@ class EngineProcess:
         self._on_loss: Callable[[], None] = lambda: None
         self._stopping = threading.Event()
         self._is_draining = False
-        self._losses: deque[float] = deque(maxlen=LOSSES)
+        self._restarts = Restarts(rest_s)
         self._failure: BaseException | None = None
         self._connection: Connection | None = None
         self._thread = threading.Thread(target=self._run, name=f"engine-link-{name}", daemon=True)
@@ -104,6 +96,11 @@ class EngineProcess:
         """The engine process's number, None while there is none."""
         connection = self._connection
         return None if connection is None else connection.pid
+
+    @property
+    def num_restarts(self) -> int:
+        """How often an engine process was lost."""
+        return self._restarts.count
 
     @property
     def rss_bytes(self) -> int:
@@ -330,16 +327,11 @@ class EngineProcess:
             self._failure = EngineLost("the engine process was lost while the server was draining")
             return False
         now = time.monotonic()
-        self._losses.append(now)
-        self.num_restarts += 1
-        recent = sum(now - at < LOSSES_WITHIN_S for at in self._losses)
-        if recent >= LOSSES:
-            what = f"engine process {self.name} was lost {recent} times in {LOSSES_WITHIN_S:.0f} s"
-            self._failure = EngineLost(f"{what}, lastly as {error}")
-            _log.error("%s; it rests for %g s", self._failure, self._rest_s)
-            self._stopping.wait(self._rest_s)
-        elif recent > 1:
-            self._stopping.wait(BACK_OFF_S)
+        wait_s = self._restarts.lose(now)
+        if self._restarts.has_failed(now):
+            self._failure = EngineLost(f"engine process {self.name} was lost again and again, lastly as {error}")
+            _log.error("%s; it rests for %g s", self._failure, wait_s)
+        self._stopping.wait(wait_s)
         return not self._is_draining
 
     def _forget_all(self) -> list[ModelLink]:

@@ -18,7 +18,7 @@ from motiongen_server.engine.types import Chunk, Closed, CloseReason, Opened, Se
 from motiongen_server.engine_process.connection import EngineLost
 from motiongen_server.engine_process.group import EngineGroup
 from motiongen_server.engine_process.pool import EnginePool
-from motiongen_server.engine_process.process import LOSSES
+from motiongen_server.engine_process.restarts import LOSSES
 from motiongen_server.settings import SettingError
 from tests.server.engine_process.audience import (
     KEY,

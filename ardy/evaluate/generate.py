@@ -50,7 +50,7 @@ def generate_batch(
             num_steps=num_steps,
             text=text[:, None],
             noise=torch.stack([window_noise(seed, index, num_tokens, width) for seed in seeds]),
-            weights=weights or GuidanceWeights(),
+            weights=weights,
             history=features[:, first:] if crop else None,
             observed=observed,
             mask=mask,

@@ -12,7 +12,17 @@ from ardy.config import FRAMES_PER_TOKEN
 from ardy.denoiser.guidance import GuidanceWeights
 from ardy.model import Model
 from ardy.representation import ROOT_WIDTH
-from ardy.rollout import WindowRequest, WindowState, denoise_step, lay_out, move_root, recentre_tokens
+from ardy.rollout import (
+    WindowRequest,
+    WindowState,
+    commit_window,
+    denoise_step,
+    denoise_window,
+    finish_window,
+    lay_out,
+    move_root,
+    recentre_tokens,
+)
 from ardy.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens
 from ardy.window import WindowError
 
@@ -90,16 +100,18 @@ def recentred(model: Model, state: ClipState) -> ClipState:
     return replace(state, tokens=tokens, translation=state.translation + centre)
 
 
+def ahead(constraints: Tensor | None, start: int, total: int) -> Tensor | None:
+    """Constraints (B, T, D) from frame `start` on, filled up with none to `total` frames."""
+    if constraints is None:
+        return None
+    return functional.pad(constraints, (0, 0, 0, total - constraints.shape[1]))[:, start:]
+
+
 def clip_window(model: Model, request: ClipRequest, state: ClipState, index: int) -> WindowState:
     """The finished window `index` in the frame of `state`. It sees every constraint that is still ahead."""
     horizon = model.config.horizon
     total = request.num_history_frames + request.noise.shape[0] * horizon
     start = 0 if request.crop_frames is None else max(0, state.num_frames - request.crop_frames)
-
-    def ahead(constraints: Tensor | None) -> Tensor | None:
-        if constraints is None:
-            return None
-        return functional.pad(constraints, (0, 0, 0, total - constraints.shape[1]))[:, start:]
 
     window_request = WindowRequest(
         num_frames=total - start,
@@ -107,8 +119,8 @@ def clip_window(model: Model, request: ClipRequest, state: ClipState, index: int
         text=request.text,
         noise=request.noise[index],
         weights=request.weights,
-        observed=ahead(request.observed),
-        mask=ahead(request.mask),
+        observed=ahead(request.observed, start, total),
+        mask=ahead(request.mask, start, total),
     )
     history = state.tokens[:, start // FRAMES_PER_TOKEN :]
     window = lay_out(model, window_request, history, state.translation, state.heading)
@@ -143,10 +155,37 @@ def generate_clip(model: Model, request: ClipRequest) -> Tensor:
             f"noise is for {request.noise.shape[0]} windows; {request.num_frames} frames, of which"
             f" {request.num_history_frames} are history, take {needed}"
         )
+    if model.sampling.corrects:
+        return _generate_corrected(model, request)[:, : request.num_frames]
     state = start_clip(model, request)
     for index in range(needed):
         state = append_window(model, request, state, clip_window(model, request, state, index))
     return decode_clip(model, request, state)[:, : request.num_frames]
+
+
+def _generate_corrected(model: Model, request: ClipRequest) -> Tensor:
+    """Features (B, T, D) of all windows, each encoding those before it anew: tokens know nothing of corrections."""
+    features = torch.zeros(request.text.shape[0], 0, model.representation.feature_dim, device=request.text.device)
+    if request.history is not None:
+        features = request.history
+    total = request.num_history_frames + request.noise.shape[0] * model.config.horizon
+    for noise in request.noise:
+        start = 0 if request.crop_frames is None else max(0, features.shape[1] - request.crop_frames)
+        window = WindowRequest(
+            num_frames=total - start,
+            num_steps=request.num_steps,
+            text=request.text,
+            noise=noise,
+            weights=request.weights,
+            history=features[:, start:],
+            heading=request.heading,
+            observed=ahead(request.observed, start, total),
+            mask=ahead(request.mask, start, total),
+        )
+        finished = finish_window(model, denoise_window(model, window))
+        committed = commit_window(model, window, finished)
+        features = torch.cat([features, committed], dim=1)
+    return features
 
 
 def decode_clip(model: Model, request: ClipRequest, state: ClipState) -> Tensor:

@@ -47,7 +47,8 @@ def clean_feet(poses: Poses, options: FeetOptions, pinned: Tensor, height_held: 
     ankle = heel + offsets + rise[..., :1] * up
 
     lowered = _lowering(limbs, positions, ankle, states[..., 0], options)
-    lowered = lowered * (1 - spread(height_held[..., None, None].to(lowered.dtype), height_held[..., None], 8)[..., 0, 0])
+    held = height_held[..., None]
+    lowered = lowered * (1 - spread(held[..., None].to(lowered.dtype), held, options.fade_frames)[..., 0, 0])
     poses.root -= lowered[..., None] * up
     positions = positions - lowered[..., None, None] * up
     raised = _heel_rise(limbs, positions, ankle, ankle + aimed, states[..., 1])
@@ -68,7 +69,9 @@ def _heights(feet: Tensor, states: Tensor, pinned: Tensor, options: FeetOptions)
     return rise - smooth_step(1 - frames / options.fade_frames) * rise[:, :1]
 
 
-def _lowering(limbs: tuple[Limb, Limb], positions: Tensor, ankle: Tensor, heels: Tensor, options: FeetOptions) -> Tensor:
+def _lowering(
+    limbs: tuple[Limb, Limb], positions: Tensor, ankle: Tensor, heels: Tensor, options: FeetOptions
+) -> Tensor:
     """How far (B, T) metres the pelvis gives way, so that legs reach ankles (B, T, 2, 3) whose heels stand."""
     hips = positions[:, :, [limb.upper for limb in limbs]]
     before = (positions[:, :, [limb.end for limb in limbs]] - hips).norm(dim=-1)

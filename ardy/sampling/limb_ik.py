@@ -32,8 +32,9 @@ def soft_reach(distance: Tensor, length: Tensor | float) -> Tensor:
 
 
 def swing(before: Tensor, after: Tensor) -> Tensor:
-    """The least rotation (..., 3, 3) that turns unit vectors `before` into `after` (..., 3). Opposite ones: identity
-    turned about any axis is as good as another, so they keep a finite, orthonormal answer.
+    """The least rotation (..., 3, 3) that turns unit vectors `before` into `after` (..., 3).
+
+    None for opposite ones, for which every axis would do.
     """
     axis = torch.linalg.cross(before, after)
     cosine = (before * after).sum(-1)[..., None, None]
@@ -67,7 +68,8 @@ def bend(
     line = _unit(end - upper)
     aim = target - upper
     wanted = aim.norm(dim=-1)
-    distance = soft_reach(wanted, length_1 + length_2)
+    straight = torch.minimum(wanted, (end - upper).norm(dim=-1))  # a limb that is straighter already may stay so
+    distance = torch.maximum(soft_reach(wanted, length_1 + length_2), straight)
     distance = torch.maximum(distance, LEAST_BEND * (length_1 - length_2).abs() + 1e-4)
     direction = _unit(torch.where(wanted[..., None] > 1e-6, aim, line))
     outward = _unit(_across(first, line) + POLE_WEIGHT_M * _across(pole, line))

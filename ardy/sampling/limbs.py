@@ -71,3 +71,13 @@ def arms(skeleton: Skeleton) -> tuple[Limb, Limb]:
     legs(skeleton)
     left, right = (_limb(skeleton, chain, (0.0, 0.0, -1.0)) for chain in (skeleton.left_hand, skeleton.right_hand))
     return left, right
+
+
+def head_chain(skeleton: Skeleton) -> tuple[int, ...]:
+    """The joints from the one above the root up to the head; none for a skeleton without a joint called Head."""
+    if "Head" not in skeleton.joint_names:
+        return ()
+    chain = [skeleton.index("Head")]
+    while skeleton.parents[chain[0]] > 0:
+        chain.insert(0, skeleton.parents[chain[0]])
+    return tuple(chain)

@@ -29,7 +29,7 @@ def breaks(standing: Tensor, slipped: Tensor, options: FeetOptions) -> Tensor:
 def ground_offsets(
     standing: Tensor, slipped: Tensor, pinned: Tensor, options: FeetOptions
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Offsets (B, T, 2, 3) of the feet over the ground, how high each is lifted besides (B, T, 2), and where they stand.
+    """Offsets (B, T, 2, 3) of the feet over the ground, how high each is lifted besides (B, T, 2), when they stand.
 
     A stance is held where it was on average, one that frame 0 belongs to where it was then, one with a pinned frame
     (B, T, 2) where it was in that. Between two stances, and from frame 0 on, the offsets go over into each other.

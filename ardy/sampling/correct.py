@@ -7,6 +7,7 @@ from torch import Tensor
 
 from ardy.representation import Representation
 from ardy.sampling.cleanup import clean_feet
+from ardy.sampling.joins import join_tokens
 from ardy.sampling.joint_goals import joint_goals
 from ardy.sampling.options import SamplingOptions
 from ardy.sampling.pose import Poses
@@ -24,8 +25,8 @@ def correct_window(
 
     history: (B, H, D), of which the last frame counts, H 0 where a motion begins; new: (B, G, D); both normalised, in
     the world frame. goals: observed features (B, G, D), normalised, in the world frame, and their mask, as
-    `Targets.observe` makes them; None for none. Without clean_feet and reach_joints the new frames come back as they
-    are. Raises ConfigError for a skeleton whose legs have more than two bones.
+    `Targets.observe` makes them; None for none. Without clean_feet, reach_joints and join_tokens the new frames come
+    back as they are. Raises ConfigError for a skeleton whose legs have more than two bones.
     """
     if not options.corrects or not new.shape[1]:
         return new
@@ -33,11 +34,14 @@ def correct_window(
     natural = layout.denormalize(torch.cat([before, new], dim=1))
     poses = Poses(layout, natural)
     pinned = torch.zeros(*natural.shape[:2], 2, dtype=torch.bool, device=new.device)
-    height_held = pinned[..., 0]
-    if options.reach_joints and goals is not None:
+    root_held = height_held = pinned[..., 0]
+    if goals is not None:
         asked = joint_goals(layout, *goals)
-        if asked.any:
-            pinned, height_held = reach_joints(poses, asked, options.reach), asked.has_height
+        root_held, height_held = asked.has_ground | asked.has_height, asked.has_height
+    if options.join_tokens:
+        join_tokens(poses, options.joins, root_held)
+    if options.reach_joints and goals is not None and asked.any:
+        pinned = reach_joints(poses, asked, options.reach)
     if options.clean_feet:
         clean_feet(poses, options.feet, pinned, height_held)
     return layout.normalize(poses.features(natural))[:, 1:]

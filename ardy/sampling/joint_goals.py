@@ -16,9 +16,11 @@ from ardy.rotation import matrix_from_6d
 class JointGoals:
     """Goals of B rows at T frames, each with where it counts.
 
-    height: (B, T) metres of the root; positions: (B, T, J, 3) world; rotations: (B, T, J, 3, 3) global.
+    has_ground: (B, T), where the root's place on the ground is asked for. height: (B, T) metres of the root;
+    positions: (B, T, J, 3) world; rotations: (B, T, J, 3, 3) global.
     """
 
+    has_ground: Tensor
     height: Tensor
     has_height: Tensor
     positions: Tensor
@@ -49,6 +51,7 @@ def joint_goals(layout: Representation, observed: Tensor, mask: Tensor) -> Joint
     sixd = natural[..., layout.rotation_block].unflatten(-1, (joints, 6))
     plain = torch.where(has_rotation[..., None], sixd, identity[:, :2].T.flatten())
     return JointGoals(
+        has_ground=on_ground,
         height=root[..., 1],
         has_height=asked[..., 1],
         positions=torch.cat([root[..., None, :], others], dim=-2),

@@ -103,10 +103,17 @@ class FeetOptions(CheckedOptions):
     high_m: float = option(0.16, 0.0, 1.0)
     heel_m: float = option(0.07, 0.0, 1.0)
     toe_m: float = option(0.012, 0.0, 1.0)
-    stride_m: float = option(0.35, 0.05, 2.0)
+    stride_m: float = option(0.6, 0.05, 2.0)
     lift_m: float = option(0.06, 0.0, 0.5)
     fade_frames: int = option(10, 1, 100)
     lower_m: float = option(0.05, 0.0, 0.5)
+
+
+@dataclass(frozen=True)
+class JoinOptions(CheckedOptions):
+    """How tokens are joined. seam_frames: over so many frames a jump at the start of a window fades."""
+
+    seam_frames: int = option(8, 1, 100)
 
 
 @dataclass(frozen=True)
@@ -128,7 +135,7 @@ class SamplingOptions(CheckedOptions):
 
     project_root: each step's root is brought onto its goals before the body follows it. plan_root: sparse root goals
     get a path laid under them. clean_feet: feet in contact are held in place. reach_joints: joints are brought onto
-    their goals.
+    their goals. join_tokens: jumps between one token's frames and the next's are smoothed.
     """
 
     guidance: GuidanceOptions = GuidanceOptions()
@@ -136,15 +143,17 @@ class SamplingOptions(CheckedOptions):
     plan_root: bool = False
     clean_feet: bool = False
     reach_joints: bool = False
+    join_tokens: bool = False
     projection: ProjectionOptions = ProjectionOptions()
     plan: PlanOptions = PlanOptions()
     feet: FeetOptions = FeetOptions()
     reach: ReachOptions = ReachOptions()
+    joins: JoinOptions = JoinOptions()
 
     @property
     def corrects(self) -> bool:
         """Whether frames of a finished window are changed before they are committed."""
-        return self.clean_feet or self.reach_joints
+        return self.clean_feet or self.reach_joints or self.join_tokens
 
 
 def released_options(mode: GuidanceMode) -> SamplingOptions:

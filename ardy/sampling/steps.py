@@ -9,8 +9,8 @@ from ardy.sampling.options import FeetOptions
 from ardy.sampling.spread import held, spread, within
 from ardy.sampling.stance import run_sums, segments
 
-STEP_FRAMES = 2  # on either side of the middle of a step that is put in
-LEFT_RIGHT_PHASE = (0.0, 0.5)  # so that both feet of a body that glides do not step at once
+STEP_FRAMES = 3  # on either side of the middle of a step that is put in
+LEFT_RIGHT_PHASE = (0.25, 0.75)  # so that both feet of a body that glides do not step at once
 
 
 def breaks(standing: Tensor, slipped: Tensor, options: FeetOptions) -> Tensor:

@@ -23,6 +23,7 @@ from ardy.rollout import (
     move_root,
     recentre_tokens,
 )
+from ardy.sampling.plan import plan_observed
 from ardy.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens
 from ardy.window import WindowError
 
@@ -100,11 +101,20 @@ def recentred(model: Model, state: ClipState) -> ClipState:
     return replace(state, tokens=tokens, translation=state.translation + centre)
 
 
-def ahead(constraints: Tensor | None, start: int, total: int) -> Tensor | None:
-    """Constraints (B, T, D) from frame `start` on, filled up with none to `total` frames."""
-    if constraints is None:
-        return None
-    return functional.pad(constraints, (0, 0, 0, total - constraints.shape[1]))[:, start:]
+def _goals_ahead(
+    model: Model, request: ClipRequest, start: int, root: Tensor, translation: Tensor, heading: Tensor
+) -> tuple[Tensor | None, Tensor | None, Tensor | None]:
+    """Observed features, mask and planned frames of the window that begins at frame `start`; None without constraints.
+
+    root: (B, H, 5), normalised, the window's history in the world frame; translation, heading: as of `ClipState`.
+    """
+    if request.observed is None or request.mask is None:
+        return None, None, None
+    total = request.num_history_frames + request.noise.shape[0] * model.config.horizon
+    observed, mask = (
+        functional.pad(part, (0, 0, 0, total - part.shape[1]))[:, start:] for part in (request.observed, request.mask)
+    )
+    return plan_observed(model, observed, mask, root, translation, heading)
 
 
 def clip_window(model: Model, request: ClipRequest, state: ClipState, index: int) -> WindowState:
@@ -113,14 +123,18 @@ def clip_window(model: Model, request: ClipRequest, state: ClipState, index: int
     total = request.num_history_frames + request.noise.shape[0] * horizon
     start = 0 if request.crop_frames is None else max(0, state.num_frames - request.crop_frames)
 
+    seen = move_root(model.representation, state.tokens[:, start // FRAMES_PER_TOKEN :], state.translation)
+    where = root_from_tokens(seen), state.translation, state.heading
+    observed, mask, planned = _goals_ahead(model, request, start, *where)
     window_request = WindowRequest(
         num_frames=total - start,
         num_steps=request.num_steps,
         text=request.text,
         noise=request.noise[index],
         weights=request.weights,
-        observed=ahead(request.observed, start, total),
-        mask=ahead(request.mask, start, total),
+        observed=observed,
+        mask=mask,
+        planned=planned,
     )
     history = state.tokens[:, start // FRAMES_PER_TOKEN :]
     window = lay_out(model, window_request, history, state.translation, state.heading)
@@ -165,26 +179,30 @@ def generate_clip(model: Model, request: ClipRequest) -> Tensor:
 
 def _generate_corrected(model: Model, request: ClipRequest) -> Tensor:
     """Features (B, T, D) of all windows, each encoding those before it anew: tokens know nothing of corrections."""
-    features = torch.zeros(request.text.shape[0], 0, model.representation.feature_dim, device=request.text.device)
+    batch, device = request.text.shape[0], request.text.device
+    features = torch.zeros(batch, 0, model.representation.feature_dim, device=device)
     if request.history is not None:
         features = request.history
-    total = request.num_history_frames + request.noise.shape[0] * model.config.horizon
+    translation = torch.zeros(batch, 3, device=device)
+    heading = torch.zeros(batch, device=device) if request.heading is None else request.heading
     for noise in request.noise:
         start = 0 if request.crop_frames is None else max(0, features.shape[1] - request.crop_frames)
+        seen = features[:, start:]
+        observed, mask, planned = _goals_ahead(model, request, start, seen[..., :ROOT_WIDTH], translation, heading)
         window = WindowRequest(
-            num_frames=total - start,
+            num_frames=request.num_history_frames + request.noise.shape[0] * model.config.horizon - start,
             num_steps=request.num_steps,
             text=request.text,
             noise=noise,
             weights=request.weights,
-            history=features[:, start:],
-            heading=request.heading,
-            observed=ahead(request.observed, start, total),
-            mask=ahead(request.mask, start, total),
+            history=seen,
+            heading=heading,
+            observed=observed,
+            mask=mask,
+            planned=planned,
         )
         finished = finish_window(model, denoise_window(model, window))
-        committed = commit_window(model, window, finished)
-        features = torch.cat([features, committed], dim=1)
+        features = torch.cat([features, commit_window(model, window, finished)], dim=1)
     return features
 
 

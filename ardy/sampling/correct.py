@@ -37,7 +37,7 @@ def correct_window(
     root_held = height_held = pinned[..., 0]
     if goals is not None:
         asked = joint_goals(layout, *goals)
-        root_held, height_held = asked.has_ground | asked.has_height, asked.has_height
+        root_held, height_held = asked.root_met(poses.root), asked.has_height
     if options.join_tokens:
         join_tokens(poses, options.joins, root_held)
     if options.reach_joints and goals is not None and asked.any:

@@ -11,6 +11,8 @@ from torch.nn import functional
 from ardy.representation import Representation
 from ardy.rotation import matrix_from_6d
 
+MET_M = 2e-3
+
 
 @dataclass(frozen=True)
 class JointGoals:
@@ -27,6 +29,11 @@ class JointGoals:
     has_position: Tensor
     rotations: Tensor
     has_rotation: Tensor
+
+    def root_met(self, root: Tensor) -> Tensor:
+        """Whether (B, T) a root (B, T, 3) is exactly at a place that is asked for; planned places are only neared."""
+        distance = (root - self.positions[:, :, 0])[..., [0, 2]].norm(dim=-1)
+        return self.has_ground & (distance < MET_M)
 
     @property
     def any(self) -> bool:

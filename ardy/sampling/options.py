@@ -65,8 +65,9 @@ class GuidanceOptions(CheckedOptions):
 class ProjectionOptions(CheckedOptions):
     """How the predicted root is brought onto its goals.
 
-    last_steps: at how many of the last denoising steps; all, unless said. slack_m, slack_rad: how far the root may sway about a path that
-    was only planned under its goals. acceleration_m_s2: the most that a correction adds where no path was planned.
+    last_steps: at how many of the last denoising steps; all, unless said. slack_m, slack_rad: how far the root may sway
+    about a path that was only planned under its goals. acceleration_m_s2: the most that a correction adds where no path
+    was planned.
     """
 
     last_steps: int = option(1000, 1, 1000)

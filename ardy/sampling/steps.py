@@ -38,7 +38,7 @@ def ground_offsets(
     one with a pinned frame (B, T, 2) where it was in that. Between two stances, and from frame 0 on, the offsets go
     over into each other.
     """
-    broken = breaks(standing, slipped, options)
+    broken = breaks(standing, slipped, options) & ~within(pinned, TORN_FRAMES)
     standing = standing & ~within(broken, STEP_FRAMES)
     # A foot that the history holds elsewhere than a pinned frame has to let go for it.
     torn = pinned & standing & (segments(standing) == 0) & (slipped.norm(dim=-1) > TORN_M)

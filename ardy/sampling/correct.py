@@ -7,6 +7,7 @@ from torch import Tensor
 
 from ardy.representation import Representation
 from ardy.sampling.cleanup import clean_feet
+from ardy.sampling.facing import face_root
 from ardy.sampling.joins import HISTORY_FRAMES, join_tokens
 from ardy.sampling.joint_goals import joint_goals
 from ardy.sampling.options import SamplingOptions
@@ -25,8 +26,8 @@ def correct_window(
 
     history: (B, H, D), of which the last two frames count, H 0 where a motion begins; new: (B, G, D); both normalised,
     in the world frame. goals: observed features (B, G, D), normalised, in the world frame, and their mask, as
-    `Targets.observe` makes them; None for none. Without clean_feet, reach_joints and join_tokens the new frames come
-    back as they are. Raises ConfigError for a skeleton whose legs have more than two bones.
+    `Targets.observe` makes them; None for none. Where nothing is to be corrected the new frames come back as they are.
+    Raises ConfigError for a skeleton whose legs have more than two bones.
     """
     if not options.corrects or not new.shape[1]:
         return new
@@ -41,6 +42,8 @@ def correct_window(
     poses = Poses(layout, natural)
     pinned = torch.zeros(*natural.shape[:2], 2, dtype=torch.bool, device=new.device)
     height_held = pinned[..., 0]
+    if options.face_root:
+        face_root(poses, natural[..., layout.heading_block])
     if asked is not None:
         asked = asked.after_history()
         height_held = asked.has_height

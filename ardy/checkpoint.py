@@ -24,6 +24,7 @@ from ardy.model import Model, build_model
 from ardy.precision import PRECISIONS, matrix_names, set_precision
 from ardy.problems import Problems
 from ardy.representation import LOCAL_ROOT_WIDTH, Representation
+from ardy.sampling.limbs import arms
 from ardy.sampling.options import SamplingOptions, released_options
 from ardy.sampling.options_file import SAMPLING_FILE, read_options, write_options
 from ardy.skeleton import load_skeleton
@@ -144,7 +145,10 @@ def _read_sampling(folder: Path, config: ModelConfig) -> SamplingOptions:
     if not path.exists():
         return released_options(config.guidance)
     try:
-        return read_options(read_yaml(path), config.guidance)
+        options = read_options(read_yaml(path), config.guidance)
+        if options.clean_feet or options.reach_joints:
+            arms(load_skeleton(config.skeleton))
+        return options
     except ConfigError as error:
         raise CheckpointError([f"{path}: {problem}" for problem in error.problems]) from error
 

@@ -86,6 +86,13 @@ def test_a_checkpoint_with_a_bad_file_is_refused(tmp_path: Path) -> None:
         load_checkpoint(tmp_path)
 
 
+def test_a_robot_whose_feet_were_to_be_cleaned_is_refused(tmp_path: Path) -> None:
+    save_checkpoint(load_checkpoint(TINY.parents[1] / "tiny-g134" / "checkpoint"), tmp_path)
+    (tmp_path / "sampling.yaml").write_text("clean_feet: true\n")
+    with pytest.raises(CheckpointError, match=r"g134 has no legs of two bones"):
+        load_checkpoint(tmp_path)
+
+
 def test_joint_guidance_is_one_pass_at_one_and_one() -> None:
     assert needed_passes("joint", GuidanceWeights(1.0, 1.0), True, True) == (Pass(True, True, 1.0),)
     # Without constraints it is what separated guidance is: u + 3 (text - u).

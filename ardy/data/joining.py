@@ -108,11 +108,8 @@ def start(skeleton: Skeleton, standing: Poses, moving: Poses, at: Pass, ramp: in
         count = len(times)
     walk = moving.at(times[:count])
     overlap = min(max(swing, 6), count - 1, standing.num_frames - 1)
-    walk.contacts[:swing, at.stance] |= ~moving.contacts[int(at.frame), at.stance].any()
     begin = standing.num_frames - overlap
     joined = join(skeleton, standing, walk, overlap, (at.stance,))
-    joined.contacts[begin : begin + overlap, at.stance] = standing.contacts[begin, at.stance]
-    joined.contacts[:begin] = True
     joined.contacts[begin : begin + swing, 1 - at.stance] = False
     joined.contacts[begin : begin + 1 + SWING_MARGIN, 1 - at.stance] = True
     joined.contacts[begin : begin + overlap, at.stance] = True
@@ -133,11 +130,10 @@ def stop(skeleton: Skeleton, moving: Poses, standing: Poses, at: Pass, ramp: int
     begin = walk.num_frames - overlap
     joined = join(skeleton, walk, standing, overlap, (at.stance,))
     end = begin + overlap
-    joined.contacts[end:] = True
     joined.contacts[begin:end, at.stance] = True
     joined.contacts[end - swing : end, 1 - at.stance] = False
     joined.contacts[end - 1 - SWING_MARGIN : end, 1 - at.stance] = True
-    return joined, walk.num_frames - int(ramp * 1.0) if walk.num_frames > ramp else begin
+    return joined, max(walk.num_frames - ramp, 0)
 
 
 def nearest(skeleton: Skeleton, first: Poses, second: Poses, margin: int, fps: float) -> tuple[int, int, float]:

@@ -13,7 +13,7 @@ import torch
 from ardy.data.captions import mirror_content, paraphrases
 from ardy.data.dataset import Clip, Segment
 from ardy.data.joining import join, nearest, passes, start, stop
-from ardy.data.poses import Poses, poses_of, smooth, smoothstep
+from ardy.data.poses import Poses, global_pose, poses_of, smooth, smoothstep
 from ardy.data.quality import Quality, quality
 from ardy.data.replant import Replanted, replant
 from ardy.data.warp import warp, way_of
@@ -21,6 +21,11 @@ from ardy.skeleton import Skeleton
 
 # What people manage: turning while walking, and on the spot, radians a second.
 MAX_TURN_RATE = 2.2
+# Feet that are taken to stand may have shifted by this in the capture, metres.
+MAX_SHIFT_M = 0.06
+# A step to the side goes no further than this, and feet do not cross by more than that, metres.
+MAX_ACROSS_M = 0.45
+MAX_CROSSING_M = 0.08
 GESTURES = ("wave-", "raise-up-", "bow", "bye", "byebye")
 
 
@@ -59,7 +64,7 @@ class Shelf:
         self.gestures = [
             clip for clip in good if clip.content.startswith(GESTURES) and 40 <= clip.num_frames <= 150
         ]
-        self.stands = [clip for clip in good if clip.content in ("stand", "idle") and clip.num_frames >= 30]
+        self.stands = [clip for clip in good if clip.content in ("stand", "idle") and clip.num_frames >= 44]
 
     def poses(self, clip: Clip) -> Poses:
         if clip.id not in self.cache:
@@ -81,8 +86,12 @@ class Shelf:
         wanted = style if style in styles and style != "normal" else "normal" if self.rng.random() < 0.6 else "none"
         clip = self.pick(self.stands, wanted if wanted in styles else "")
         poses = self.poses(clip)
-        length = min(poses.num_frames, int(self.rng.integers(22, 80)))
+        length = min(poses.num_frames, int(self.rng.integers(40, 92)))
         first = int(self.rng.integers(poses.num_frames - length + 1))
+        toes = global_pose(self.skeleton, poses.quaternions[first : first + length], poses.root[first : first + length])[1]
+        toes = toes[:, [self.skeleton.left_foot[1], self.skeleton.right_foot[1]]]
+        if np.linalg.norm(np.ptp(toes, axis=0), axis=-1).max() > MAX_SHIFT_M:
+            raise Unfit("standing feet that shift")
         return clip, planted(cut(poses, first, first + length))
 
 
@@ -313,6 +322,7 @@ def strafe(shelf: Shelf) -> Made:
         raise Unfit("kept for the test")
     away = math.radians(angle) * sign
     stride = min(1.0, float(rng.uniform(0.3, 1.2 if angle < 70 else 0.9)) / usual)
+    stride = min(stride, MAX_ACROSS_M / max(usual * 0.5 * abs(math.sin(away)), 1e-6))
     across = stride * usual * 0.5 * abs(math.sin(away))
     widen = np.full(frames, float(np.clip((across - 0.18) / 2 + 0.02, 0, 0.15)))
     drift = np.zeros(frames)
@@ -369,7 +379,7 @@ RECIPES: dict[str, tuple[Callable[[Shelf], Made], float]] = {
 }
 
 
-def fault(made: Made, figures: Quality) -> str:
+def fault(made: Made, figures: Quality, skeleton: Skeleton) -> str:
     """Why a clip is not like a capture, "" if it is. Bounds: the captures' 95th to 99th percentiles."""
     running = any(moving_content(source) == "run" for source in made.sources)
     bounds = {
@@ -381,7 +391,21 @@ def fault(made: Made, figures: Quality) -> str:
         "drop_m": (float(made.motion.drop_m.max()), 0.11),
         "short_m": (float(made.motion.short_m.max()), 0.02),
     }
+    if made.kind == "strafe":
+        bounds["crossing_m"] = (crossing(made, skeleton), MAX_CROSSING_M)
     return next((name for name, (value, bound) in bounds.items() if not value <= bound), "")
+
+
+def crossing(made: Made, skeleton: Skeleton) -> float:
+    """How far the left ankle gets to the right of the right one, metres, across the hips."""
+    poses = made.motion.poses
+    _, positions = global_pose(skeleton, poses.quaternions, poses.root)
+    right, left = skeleton.hip_joints
+    across = positions[:, left] - positions[:, right]
+    across[:, 1] = 0
+    across /= np.linalg.norm(across, axis=-1, keepdims=True)
+    apart = positions[:, skeleton.left_foot[0]] - positions[:, skeleton.right_foot[0]]
+    return float(-(apart * across).sum(-1).min())
 
 
 @lru_cache
@@ -452,7 +476,7 @@ def make(
                 dropped[reason] = dropped.get(reason, 0) + 1
                 continue
             figures = quality(skeleton, poses.quaternions, poses.root, fps)
-            if reason := fault(made, figures):
+            if reason := fault(made, figures, skeleton):
                 dropped[f"{name}: {reason}"] = dropped.get(f"{name}: {reason}", 0) + 1
                 continue
             made_clips.append(clip_of(made, figures, tries))

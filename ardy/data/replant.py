@@ -18,6 +18,9 @@ from ardy.skeleton import Skeleton
 
 MIN_STANCE_FRAMES = 2
 CLEARANCE_M = 0.045
+# A stance of so many frames is standing; the steps out of it and into it are lifted by at least this.
+STANDING_FRAMES = 26
+FIRST_LIFT_M = 0.06
 # Correction speeds at the ends of a swing are carried over, but no faster than this, metres a frame.
 MAX_SLOPE_M = 0.04
 
@@ -116,7 +119,7 @@ def _correction(steps: np.ndarray, stances: list[tuple[int, int]], max_slope: fl
 def _clear(ankle: np.ndarray, toe: np.ndarray, stances: list[tuple[int, int]]) -> None:
     """Lift swings that would drag, and keep toes and ankles out of the ground (in place)."""
     low_toe, low_ankle = 0.008, 0.055
-    for (_, end), (start, _) in zip(stances, stances[1:], strict=False):
+    for (before, end), (start, after) in zip(stances, stances[1:], strict=False):
         if start - end < 2:
             continue
         part = np.arange(1, start - end + 1) / (start - end + 1)
@@ -125,6 +128,11 @@ def _clear(ankle: np.ndarray, toe: np.ndarray, stances: list[tuple[int, int]]) -
         missing = min(CLEARANCE_M, 0.02 + 0.2 * travel) - raised
         if missing > 0:
             ankle[end:start, 1] += missing * np.sin(np.pi * part)
+        if max(end - before, after - start) >= STANDING_FRAMES and travel > 0.05:
+            # A foot that leaves or joins standing goes up at once, before the body has moved on.
+            floor = ankle[end - 1, 1] + part * (ankle[start, 1] - ankle[end - 1, 1])
+            floor += FIRST_LIFT_M * np.sin(np.pi * part) ** 0.8
+            ankle[end:start, 1] = np.maximum(ankle[end:start, 1], floor)
     ankle[:, 1] = np.maximum(ankle[:, 1], np.maximum(low_ankle, low_toe - toe[:, 1]))
 
 

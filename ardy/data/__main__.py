@@ -14,6 +14,7 @@ from rich.table import Table
 from ardy.data.build import BuildSettings, build, more_labels
 from ardy.data.dataset import DatasetError, MotionDataset, skipped_clips
 from ardy.data.figures import figures_table, measure
+from ardy.data.kinds import kinds_table
 from ardy.data.labels import LabelsError, read_labels
 from ardy.data.retarget_file import RetargetError, built_in_retargets, read_retarget
 from ardy.skeleton import UnknownSkeleton, load_skeleton
@@ -148,6 +149,7 @@ def _check(options: argparse.Namespace, console: Console) -> int:
     dataset = MotionDataset.load(options.set)
     figures = measure(dataset)
     console.print(figures_table(figures))
+    console.print(kinds_table(dataset))
     for id_, reason in skipped_clips(options.set):
         console.print(f"left out {id_}: {reason}", markup=False, highlight=False)
     for line in figures.verdicts:

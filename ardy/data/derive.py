@@ -81,8 +81,8 @@ def derived_spans(skeleton: Skeleton, content: str, positions: Tensor, fps: floa
 def turning_spans(skeleton: Skeleton, content: str, positions: Tensor, fps: float) -> list[Span]:
     """A walk with one turn as walking, turning and walking on. positions: (T, J, 3) metres.
 
-    The turn is where the smoothed heading goes from a tenth to nine tenths of its net change, and a fifth of a second to
-    either side. Empty for other contents, and for a clip whose turn cannot be told apart.
+    The turn is where the smoothed heading goes from a tenth to nine tenths of its net change, and 0.2 s to either
+    side. Empty for other contents, and for a clip whose turn cannot be told apart.
     """
     if not content.startswith("walk-turn-"):
         return []

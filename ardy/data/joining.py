@@ -45,7 +45,9 @@ def passes(skeleton: Skeleton, poses: Poses) -> list[Pass]:
         for start, end in runs(~standing[:, 1 - stance]):
             if start == 0 or end == len(ahead):
                 continue
-            crossing = [f for f in range(start, end) if ahead[f - 1] < 0 <= ahead[f] and standing[f - 1 : f + 1, stance].all()]
+            crossing = [
+                f for f in range(start, end) if ahead[f - 1] < 0 <= ahead[f] and standing[f - 1 : f + 1, stance].all()
+            ]
             if crossing:
                 frame = crossing[0]
                 part = ahead[frame - 1] / (ahead[frame - 1] - ahead[frame])
@@ -74,7 +76,9 @@ def join(skeleton: Skeleton, first: Poses, second: Poses, overlap: int, anchors:
     mixed = (1 - share) * tail + share * quaternions[:overlap]
     mixed /= np.linalg.norm(mixed, axis=-1, keepdims=True)
 
-    velocity = (1 - weight[1:, None]) * np.diff(first.root[begin:], axis=0) + weight[1:, None] * np.diff(root[:overlap], axis=0)
+    velocity = (1 - weight[1:, None]) * np.diff(first.root[begin:], axis=0) + weight[1:, None] * np.diff(
+        root[:overlap], axis=0
+    )
     blended = first.root[begin] + np.concatenate([np.zeros((1, 3)), np.cumsum(velocity, axis=0)])
     blended[:, 1] = (1 - weight) * first.root[begin:, 1] + weight * root[:overlap, 1]
     if anchors:

@@ -1,4 +1,4 @@
-"""Figures by which a derived clip is kept or dropped, the same for captures, so that one can be held beside the other."""
+"""Figures by which a derived clip is kept or dropped; captures are measured by the same ones."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ CONTACT_M = 0.1
 
 @dataclass(frozen=True)
 class Quality:
-    """skate_m_s: mean horizontal speed of foot joints that are near the ground and slow or slowing, root moving or not.
+    """skate_m_s: mean horizontal speed of foot joints in contact by the rule of the features.
 
-    slowest_ratio: median over moving frames of the slowest foot joint's horizontal speed over the root's, 0 without
-    any. acceleration: 99th percentile over joints and frames, m/s2. lowest_m: the lowest foot joint. lifted_m: the 95th
-    percentile of the lower foot's lowest joint, which says how far the body floats.
+    slowest_ratio, slowest_p90: median and 90th percentile over moving frames of the slowest foot joint's horizontal
+    speed over the root's, 0 without any. knee_deg: the largest turn of a knee from frame to frame. acceleration:
+    99th percentile over joints and frames, m/s2. lowest_m: the lowest foot joint. lifted_m: the 95th percentile of
+    the lower foot's lowest joint, which says how far the body floats.
     """
 
     skate_m_s: float
@@ -42,7 +43,6 @@ def quality(skeleton: Skeleton, quaternions: np.ndarray, root: np.ndarray, fps: 
     feet = positions[:, list(skeleton.contact_joints)]
     speed = np.linalg.norm(np.diff(feet, axis=0)[..., [0, 2]], axis=-1) * fps
     low = feet[:-1, :, 1] < CONTACT_M
-    lowest_joint = feet[:-1, :, 1] < feet[:-1, :, 1].min(1, keepdims=True) + 0.015
     grounded = low & (np.linalg.norm(np.diff(feet, axis=0), axis=-1) * fps < CONTACT_M_S)
     pace = np.linalg.norm(np.diff(root, axis=0)[:, [0, 2]], axis=-1) * fps
     moving = pace > MOVING_M_S
@@ -54,7 +54,6 @@ def quality(skeleton: Skeleton, quaternions: np.ndarray, root: np.ndarray, fps: 
         relative = np.swapaxes(rotations[:, hip], -1, -2) @ rotations[:, knee]
         trace = np.einsum("tii->t", np.swapaxes(relative[:-1], -1, -2) @ relative[1:])
         knees.append(np.degrees(np.arccos(np.clip((trace - 1) / 2, -1, 1))).max())
-    del lowest_joint
     return Quality(
         skate_m_s=float(speed[grounded].mean()) if grounded.any() else 0.0,
         slowest_ratio=float(np.median(ratio)),

@@ -8,6 +8,7 @@ goes down where a leg would be too short.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,14 +28,19 @@ MAX_SLOPE_M = 0.04
 
 @dataclass(frozen=True)
 class Replanted:
-    """The motion with planted feet. drop_m: how far the pelvis went down (T,); short_m: how far ankles stay off goals."""
+    """The motion with planted feet. Both (T,) metres:
+
+    drop_m: how far the pelvis went down; short_m: how far an ankle stays off its goal.
+    """
 
     poses: Poses
     drop_m: np.ndarray
     short_m: np.ndarray
 
 
-def replant(skeleton: Skeleton, raw: Poses, flatten: np.ndarray | None = None, widen: np.ndarray | None = None) -> Replanted:
+def replant(
+    skeleton: Skeleton, raw: Poses, flatten: np.ndarray | None = None, widen: np.ndarray | None = None
+) -> Replanted:
     """Plant the feet of a raw motion by its contacts.
 
     flatten: (T,) 0..1, how far feet are turned flat and low (small steps have no push-off). widen: (T,) metres by which
@@ -102,7 +108,7 @@ def _correction(steps: np.ndarray, stances: list[tuple[int, int]], max_slope: fl
         change[start:end] = total - total[(end - start) // 2]
     change[: stances[0][0]] = change[stances[0][0]]
     change[stances[-1][1] :] = change[stances[-1][1] - 1]
-    for (_, end), (start, _) in zip(stances, stances[1:], strict=False):
+    for (_, end), (start, _) in itertools.pairwise(stances):
         length = start - end + 1
         part = (np.arange(1, length) / length)[:, None]
         leave = np.clip(-steps[max(end - 2, 0)], -max_slope, max_slope) * length
@@ -119,7 +125,7 @@ def _correction(steps: np.ndarray, stances: list[tuple[int, int]], max_slope: fl
 def _clear(ankle: np.ndarray, toe: np.ndarray, stances: list[tuple[int, int]]) -> None:
     """Lift swings that would drag, and keep toes and ankles out of the ground (in place)."""
     low_toe, low_ankle = 0.008, 0.055
-    for (before, end), (start, after) in zip(stances, stances[1:], strict=False):
+    for (before, end), (start, after) in itertools.pairwise(stances):
         if start - end < 2:
             continue
         part = np.arange(1, start - end + 1) / (start - end + 1)

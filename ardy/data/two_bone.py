@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# A knee is never straightened further than this share of the leg's length: beyond it small moves of the hip make the knee jump.
+# No leg is stretched beyond this share of its length: there, small moves of the hip make the knee jump.
 MAX_REACH = 0.995
 MIN_REACH = 0.25
 # What the hinge's own forward counts beside the knee's offset, metres: it decides for a leg that is nearly straight.
@@ -41,7 +41,12 @@ def between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 
 def solve_leg(
-    hip: np.ndarray, goal: np.ndarray, thigh: np.ndarray, shin: np.ndarray, knee_bone: np.ndarray, ankle_bone: np.ndarray
+    hip: np.ndarray,
+    goal: np.ndarray,
+    thigh: np.ndarray,
+    shin: np.ndarray,
+    knee_bone: np.ndarray,
+    ankle_bone: np.ndarray,
 ) -> SolvedLeg:
     """Turn a leg as little as can be so that its ankle comes to `goal`.
 

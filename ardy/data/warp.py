@@ -29,8 +29,8 @@ def warp(
 ) -> Replanted:
     """Turn body and way of a motion (T frames) and plant its feet again.
 
-    heading: (T,) radians by which the body is turned about +Y. travel: (T,) radians by which the direction of its way is
-    turned. stride: (T,) how long its way is beside the captured one; 0 keeps it on the spot. flatten, widen: as for
+    heading: (T,) radians by which the body is turned about +Y. travel: (T,) radians by which its way is turned.
+    stride: (T,) how long its way is beside the captured one; 0 keeps it on the spot. flatten, widen: as for
     `replant`.
     """
     way = way_of(poses, fps)

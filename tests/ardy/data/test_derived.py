@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 import torch
 
-from ardy.data.build import cut, more_labels
-from ardy.data.captions import mirror_content, paraphrases
-from ardy.data.dataset import Clip, MotionDataset
-from ardy.data.derive import turning_spans
-from ardy.data.derived_phrases import PLAIN, SIDED
-from ardy.data.kinds import by_kind
-from ardy.data.poses import global_pose
-from ardy.data.quality import quality
-from ardy.data.recipes import RECIPES, fault, make
-from ardy.data.replant import Replanted
-from ardy.data.shelf import Made, Shelf, Unfit
-from ardy.data.warp import warp
+from motiongen_ardy.data.build import cut, more_labels
+from motiongen_ardy.data.captions import mirror_content, paraphrases
+from motiongen_ardy.data.dataset import Clip, MotionDataset
+from motiongen_ardy.data.derive import turning_spans
+from motiongen_ardy.data.derived_phrases import PLAIN, SIDED
+from motiongen_ardy.data.kinds import by_kind
+from motiongen_ardy.data.poses import global_pose
+from motiongen_ardy.data.quality import quality
+from motiongen_ardy.data.recipes import RECIPES, fault, make
+from motiongen_ardy.data.replant import Replanted
+from motiongen_ardy.data.shelf import Made, Shelf, Unfit
+from motiongen_ardy.data.warp import warp
 from tests.ardy.data.walker import CORE, FPS, clip, standing, walking
 
 

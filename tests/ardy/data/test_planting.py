@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from ardy.data.joining import join, nearest, passes, start, stop
-from ardy.data.poses import Poses, global_pose, runs, smooth, yaw_matrix, yaw_of
-from ardy.data.quality import quality
-from ardy.data.replant import replant
-from ardy.data.two_bone import MAX_REACH, solve_leg
-from ardy.data.warp import warp
+from motiongen_ardy.data.joining import join, nearest, passes, start, stop
+from motiongen_ardy.data.poses import Poses, global_pose, runs, smooth, yaw_matrix, yaw_of
+from motiongen_ardy.data.quality import quality
+from motiongen_ardy.data.replant import replant
+from motiongen_ardy.data.two_bone import MAX_REACH, solve_leg
+from motiongen_ardy.data.warp import warp
 from tests.ardy.data.walker import CORE, FPS, sliding, standing, walking
 
 THIGH, SHIN = np.array([0.0, -0.41, 0.0]), np.array([0.0, -0.46, 0.0])

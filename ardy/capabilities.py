@@ -57,7 +57,7 @@ class Capabilities:
 
 
 def read_capabilities(folder: Path) -> Capabilities:
-    """What a checkpoint folder says of its training; without files, nothing. Raises CheckpointError with all mistakes."""
+    """What a checkpoint folder says of its training; without files, nothing. Raises CheckpointError."""
     path, domain_path = path_inside(folder, CAPABILITIES_FILE), path_inside(folder, DOMAIN_FILE)
     try:
         domain = read_domain(domain_path) if domain_path.exists() else None
@@ -65,7 +65,7 @@ def read_capabilities(folder: Path) -> Capabilities:
         raise CheckpointError(str(error)) from error
     if not path.exists():
         if domain is not None:
-            raise CheckpointError(f"{domain_path} is there without {CAPABILITIES_FILE}, which says what the model knows")
+            raise CheckpointError(f"{domain_path} is there without {CAPABILITIES_FILE}, which says what it is of")
         return Capabilities()
     return parse_capabilities(read_yaml(path), str(path), domain)
 

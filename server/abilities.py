@@ -74,3 +74,6 @@ class Abilities:
     gaits: Sequence[GaitText] = ()
     known_motions: Sequence[str] = ()
     domain: PromptDomain | None = None
+
+
+NOTHING_CLAIMED = Abilities()

@@ -9,8 +9,8 @@ from typing import TypeAlias
 
 from server.engine.conditions import Conditions, EditRefused, edit_constraints, edit_prompts
 from server.engine.config import EngineConfig
-from server.engine.types import Code, Gait, SetConstraints, SetPrompts, SetVelocity
 from server.engine.locomotion import gait_of
+from server.engine.types import Code, Gait, SetConstraints, SetPrompts, SetVelocity
 from server.engine.velocity import changed_velocity
 
 EditEvent: TypeAlias = SetPrompts | SetConstraints | SetVelocity

@@ -6,6 +6,8 @@ import logging
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from server.abilities import Abilities, FormSupport, GaitText, PresetText, PromptDomain
 from server.engine.types import Direction, Gait
 from server.presets import Preset
@@ -59,11 +61,9 @@ def encoded(abilities: Abilities, encoder: TextEncoder, model_id: str) -> Repert
         return _bare(abilities)
     texts = [preset.text for preset in abilities.presets] + [gait.text for gait in abilities.gaits]
     try:
-        vectors = encoder.encode(texts) if texts else []
+        vectors = encoder.encode(texts) if texts else np.zeros((0, 0), np.float32)
     except ConnectionError as error:
-        _log.warning(
-            "the presets of %s are not offered, and velocities keep the sessions' prompts: %s", model_id, error
-        )
+        _log.warning("no presets of %s are offered, and velocities keep the sessions' prompts: %s", model_id, error)
         return replace(_bare(abilities), abilities=abilities)
     num_presets = len(abilities.presets)
     presets = tuple(

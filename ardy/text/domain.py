@@ -101,12 +101,12 @@ def read_domain(path: Path) -> PromptDomain:
                 raise DomainError(f"{path} is no prompt domain; make one with python -m ardy.train.prompt_domain")
             mean, levels = file.get_tensor("mean"), file.get_tensor("directions")
         threshold = float(metadata.get("threshold", ""))
+    except DomainError:
+        raise
     except OSError as error:
         raise DomainError(f"{path} cannot be read: {error.strerror or error}") from error
     except (SafetensorError, ValueError) as error:
-        raise (
-            error if isinstance(error, DomainError) else DomainError(f"{path} is no prompt domain: {error}")
-        ) from error
+        raise DomainError(f"{path} is no prompt domain: {error}") from error
     fits = levels.ndim == 2 and len(levels) and mean.shape == levels.shape[1:] and levels.dtype == np.int8
     if not fits or mean.dtype != np.float32 or not np.isfinite(mean).all() or not math.isfinite(threshold):
         raise DomainError(f"{path} holds numbers of the wrong type or shape, or that are not finite")

@@ -56,9 +56,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--text-encoder", default="static", help="the model's (default: %(default)s)")
     parser.add_argument("--inside", type=Path, default=CONFIGS / "prompts-inside.txt", help="prompts it shall know")
     parser.add_argument("--outside", type=Path, default=CONFIGS / "prompts-outside.txt", help="and shall not")
-    parser.add_argument(
-        "--min-clips", type=int, default=MIN_CLIPS, help="of a label that counts (default: %(default)s)"
-    )
+    parser.add_argument("--min-clips", type=int, default=MIN_CLIPS, help="that show a label that counts")
     parser.add_argument("--most", type=int, default=MOST_KEPT, help="captions to keep (default: %(default)s)")
     options = parser.parse_args(arguments)
     try:
@@ -73,9 +71,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     print(f"{len(domain.directions)} of {len(captions)} captions kept; threshold {threshold:.3f}")
-    print(
-        f"{alarms} of {len(inside)} prompts inside are taken as outside, {misses} of {len(outside)} outside as inside"
-    )
+    print(f"taken for outside: {alarms} of {len(inside)} inside; for inside: {misses} of {len(outside)} outside")
     return 0
 
 

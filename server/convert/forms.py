@@ -52,7 +52,7 @@ def untrained_forms(items: Iterable[Constraint | SetVelocity], catalog: Catalog)
 
 
 def _joint_forms(item: JointTargets, rig: RigLayout) -> tuple[str, ...]:
-    """Hands and feet have their own rotation among what they are trained for; the head and others have a form for it."""
+    """Hands and feet have their end's rotation in their own form; the head and other joints have one for it."""
     chains = {limb.name: limb.joints for limb in rig.limbs if limb.name in _LIMB_FORMS}
     limb_of = {joint: _LIMB_FORMS[name] for name, joints in chains.items() for joint in joints}
     forms = [limb_of.get(joint, "joints") for joint in item.joints if joint != 0] or ["root_height"]

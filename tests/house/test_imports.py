@@ -48,7 +48,8 @@ ROOMS = (
     room("server/runner", f"{NUMBERS} ardy server.runner server.engine.types server.engine.ports", never="asyncio"),
     room(
         "server/convert server/convert.py",
-        "numpy motiongen server.abilities server.engine.types server.catalog server.convert server.errors server.limits",
+        "numpy motiongen server.abilities server.catalog server.convert server.engine.types server.errors "
+        "server.limits",
     ),
     room("server/catalog.py", "motiongen server.abilities server.engine.types server.limits server.presets"),
     room("server/abilities.py", "numpy server.engine.types"),

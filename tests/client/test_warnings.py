@@ -7,8 +7,9 @@ import logging
 import pytest
 
 from motiongen.v1 import service_pb2, session_pb2
-from motiongen_client import LocomotionPreset, ModelWarning, convert
+from motiongen_client import LocomotionPreset, ModelWarning, MotionClient, convert
 from motiongen_client.cli import _warnings_shown
+from tests.client.fake_server import FakeServer
 
 SAID = session_pb2.EventWarning(reason="PROMPT_OUTSIDE_DOMAIN", message="'jump' is outside", field="open.prompts[0].text")
 HEARD = ModelWarning("PROMPT_OUTSIDE_DOMAIN", "'jump' is outside", "open.prompts[0].text")
@@ -50,5 +51,13 @@ def test_the_command_line_shows_what_the_library_warns_of_once(capsys: pytest.Ca
     assert logging.getLogger("motiongen_client").handlers == before
 
 
-def test_a_velocity_that_keeps_the_prompt_says_so() -> None:
-    assert session_pb2.SetVelocity.FromString(session_pb2.SetVelocity(keep_prompt=True).SerializeToString()).keep_prompt
+async def test_an_edit_s_warnings_are_told_and_logged(server: FakeServer, caplog: pytest.LogCaptureFixture) -> None:
+    async with MotionClient(server.address) as client, await client.open("a person walks") as session:
+        server.stream.warnings = [SAID]
+        with caplog.at_level(logging.WARNING, "motiongen_client"):
+            outcome = await session.set_prompt("jump")
+        assert outcome.warnings == (HEARD,)
+        assert "'jump' is outside" in caplog.text
+        server.stream.warnings = []
+        assert (await session.set_velocity(0, 1, keep_prompt=True)).warnings == ()
+        assert server.stream.received[-1].set_velocity.keep_prompt

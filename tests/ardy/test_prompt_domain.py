@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ardy.data.captions import paraphrases
-from ardy.data.phrases import MANNERS
-from ardy.text import load_text_encoder
-from ardy.text.domain import (
+from motiongen_ardy.data.captions import paraphrases
+from motiongen_ardy.data.phrases import MANNERS
+from motiongen_ardy.text import load_text_encoder
+from motiongen_ardy.text.domain import (
     DOMAIN_FILE,
     DomainError,
     PromptDomain,
@@ -21,9 +21,9 @@ from ardy.text.domain import (
     read_domain,
     write_domain,
 )
-from ardy.text.encoder import TextEncoder
-from ardy.text.static import built_in_text_folder
-from ardy.train.prompt_domain import CONFIGS, MOST_KEPT, known_captions, main, read_prompts
+from motiongen_ardy.text.encoder import TextEncoder
+from motiongen_ardy.text.static import built_in_text_folder
+from motiongen_ardy.train.prompt_domain import CONFIGS, MOST_KEPT, known_captions, main, read_prompts
 
 PROMPTS = Path(__file__).resolve().parents[1] / "data" / "prompts"
 SIDED = ("walk-{}", "walk-turn-{}", "wave-{}-hand", "raise-up-{}-hand", "lower-{}-hand", "hold-up-{}-hand")

@@ -238,9 +238,7 @@ class FakeStream:
         character.sent_to = valid_from
         self.announce(event.session, valid_from, session_pb2.PLAN_CAUSE_EDIT, (event.event_seq,))
         self.send_chunk(event.session, valid_from + 8)
-        outcome = session_pb2.EditOutcome(
-            event_seq=event.event_seq, effective_frame=valid_from, warnings=self.warnings
-        )
+        outcome = session_pb2.EditOutcome(event_seq=event.event_seq, effective_frame=valid_from, warnings=self.warnings)
         self.push(event.session, outcome=outcome)
         self.send_frames(event.session)
 

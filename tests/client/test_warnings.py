@@ -8,10 +8,12 @@ import pytest
 
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_client import LocomotionPreset, ModelWarning, MotionClient, convert
-from motiongen_client.cli import _warnings_shown
+from motiongen_tools.cli import _warnings_shown
 from tests.client.fake_server import FakeServer
 
-SAID = session_pb2.EventWarning(reason="PROMPT_OUTSIDE_DOMAIN", message="'jump' is outside", field="open.prompts[0].text")
+SAID = session_pb2.EventWarning(
+    reason="PROMPT_OUTSIDE_DOMAIN", message="'jump' is outside", field="open.prompts[0].text"
+)
 HEARD = ModelWarning("PROMPT_OUTSIDE_DOMAIN", "'jump' is outside", "open.prompts[0].text")
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
-from server.abilities import Abilities, FormSupport, PromptDomain
-from server.catalog import Catalog
-from server.convert import engine_event, prompt_texts, warnings_of
-from server.convert.forms import forms_of
-from server.engine.types import (
+from motiongen_server.abilities import Abilities, FormSupport, PromptDomain
+from motiongen_server.catalog import Catalog
+from motiongen_server.convert import engine_event, prompt_texts, warnings_of
+from motiongen_server.convert.forms import forms_of
+from motiongen_server.engine.types import (
     Constraint,
     Guidance,
     JointTargets,
@@ -25,9 +25,9 @@ from server.engine.types import (
     SetVelocity,
     Warned,
 )
-from server.errors import EventRefused
-from server.limits import Limits
-from server.presets import Preset
+from motiongen_server.errors import EventRefused
+from motiongen_server.limits import Limits
+from motiongen_server.presets import Preset
 from tests.contract.talk import edit_constraints, edit_prompts, span, waypoint
 from tests.server.engine.fakes import FACTS
 

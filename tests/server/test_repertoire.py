@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ardy.capabilities import Capabilities, LocomotionPreset, PresetPrompt
-from ardy.text.domain import PromptDomain
-from server.abilities import NOTHING_CLAIMED, FormSupport
-from server.engine.types import Direction
-from server.repertoire import as_abilities, encoded
-from server.split.messages import TO_GATEWAY, Ready
+from motiongen_ardy.capabilities import Capabilities, LocomotionPreset, PresetPrompt
+from motiongen_ardy.text.domain import PromptDomain
+from motiongen_server.abilities import NOTHING_CLAIMED, FormSupport
+from motiongen_server.engine.types import Direction
+from motiongen_server.repertoire import as_abilities, encoded
+from motiongen_server.split.messages import TO_GATEWAY, Ready
 from tests.contract.local import LengthEncoder
 from tests.server.engine.fakes import FACTS
 

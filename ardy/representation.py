@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from ardy.constants import constant, index
 from ardy.motion import Motion
-from ardy.rotation import matrix_from_6d, matrix_to_6d, rotation_y
+from ardy.rotation import matrix_from_6d, matrix_to_6d
 from ardy.skeleton import Skeleton, forward_kinematics, global_to_local
 from ardy.stats import Stats
 
@@ -167,13 +167,14 @@ class Representation(nn.Module):
 
         Rotations come out orthonormal; `orthonormal` says that they already are, which is much cheaper.
         """
-        turn = rotation_y(angle)  # (B, 3, 3)
+        cosine, sine = torch.cos(angle)[:, None], torch.sin(angle)[:, None]
 
         def turned(vectors: Tensor) -> Tensor:  # (B, T, 3k) -> (B, T, 3k)
-            return (vectors.unflatten(-1, (-1, 3)) @ turn.transpose(-1, -2)[:, None]).flatten(-2)
+            x, y, z = vectors[..., 0::3], vectors[..., 1::3], vectors[..., 2::3]
+            across, along = cosine[..., None], sine[..., None]
+            return torch.stack([across * x + along * z, y, across * z - along * x], dim=-1).flatten(-2)
 
         heading = features[..., self.heading_block]
-        cosine, sine = torch.cos(angle)[:, None], torch.sin(angle)[:, None]
         rotations = features[..., self.rotation_block]
         if not orthonormal:
             rotations = matrix_to_6d(self.global_rotations(features)).flatten(-2)

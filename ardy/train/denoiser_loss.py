@@ -18,7 +18,7 @@ from ardy.model import Model
 from ardy.representation import ROOT_WIDTH
 from ardy.tokenizer import ExplicitBody
 from ardy.tokenizer.model import ROOT_TOKEN_WIDTH, Tokenizer, root_from_tokens
-from ardy.train.losses import consistency, kinematic_errors, kinematics, masked_mean, smooth_l1
+from ardy.train.losses import captured_kinematics, consistency, kinematic_errors, kinematics, masked_mean, smooth_l1
 from ardy.train.windows import TrainingWindows
 from ardy.window import Window
 
@@ -118,7 +118,7 @@ class DenoiserLoss(nn.Module):
         tokens = torch.where(window.generation_tokens[..., None], predicted, clean)[:, :num_tokens]
         features = self._decoded(tokens, valid)
         natural, true = layout.denormalize(features), layout.denormalize(target)
-        pose, true_pose = kinematics(layout, natural), kinematics(layout, true)
+        pose, true_pose = kinematics(layout, natural), captured_kinematics(layout, true)
         errors = kinematic_errors(layout, pose, true_pose, true[..., layout.contact_block], horizon)
         parts = {
             "hybrid": smooth_l1(predicted, clean, window.generation_tokens),

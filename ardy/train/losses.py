@@ -12,9 +12,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ardy.constants import index
+from ardy.constants import constant, index
 from ardy.representation import Representation
-from ardy.skeleton import positions_from_global
 
 
 def masked_mean(values: Tensor, valid: Tensor) -> Tensor:
@@ -48,38 +47,89 @@ def skate(representation: Representation, features: Tensor, valid: Tensor) -> Te
 class Kinematics(NamedTuple):
     """What the rotations and the root of features say, in world units.
 
-    rotations: (B, T, J, 3, 3) global; positions: (B, T, J, 3) metres.
+    columns: (2, 3, B, T, J), the first two columns of the global rotation matrices; positions: (3, B, T, J) metres.
+    Components stand in front, so that arithmetic runs over long rows: behind, they would cost several times as much.
     """
 
-    rotations: Tensor
+    columns: Tensor
     positions: Tensor
 
 
+def dot(first: Tensor, second: Tensor) -> Tensor:
+    """Scalar product (...) of vectors (3, ...)."""
+    return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
+
+
+def cross(first: Tensor, second: Tensor) -> Tensor:
+    """Vector product of vectors (3, ...)."""
+    return torch.stack(
+        [
+            first[1] * second[2] - first[2] * second[1],
+            first[2] * second[0] - first[0] * second[2],
+            first[0] * second[1] - first[1] * second[0],
+        ]
+    )
+
+
+def distance(vectors: Tensor) -> Tensor:
+    """Length (...) of vectors (3, ...), with a gradient at zero."""
+    return (dot(vectors, vectors) + 1e-12).sqrt()
+
+
+def unit(vectors: Tensor) -> Tensor:
+    """Vectors (3, ...) of length 1."""
+    return vectors / distance(vectors)
+
+
 def kinematics(representation: Representation, features: Tensor) -> Kinematics:
-    """Joint rotations and positions of features (B, T, D) in natural units, by their rotations and their root."""
-    rotations = representation.global_rotations(features)
-    root = features[..., representation.root_position_block]
-    return Kinematics(rotations, positions_from_global(representation.skeleton, rotations, root))
+    """Rotations and positions of features (B, T, D) in natural units, by their rotations and their root.
+
+    The rotations' 6-D form is made orthonormal as in `ardy.rotation.matrix_from_6d`; positions add up the bones.
+    """
+    skeleton = representation.skeleton
+    given = _components(features[..., representation.rotation_block], 6)
+    x = unit(given[:3])
+    z = unit(cross(x, given[3:]))
+    y = cross(z, x)
+    parents = index(tuple(max(parent, 0) for parent in skeleton.parents), features.device)
+    offsets = constant(skeleton.offset_rows, features.dtype, features.device)
+    bones = sum(column.index_select(-1, parents) * offsets[:, axis] for axis, column in enumerate((x, y, z)))
+    chains = constant(skeleton.chain_rows, features.dtype, features.device)
+    root = features[..., representation.root_position_block].movedim(-1, 0)[..., None]
+    return Kinematics(torch.stack([x, y]), bones @ chains.T + root)
+
+
+def captured_kinematics(representation: Representation, features: Tensor) -> Kinematics:
+    """The same of captured features, whose rotations are orthonormal and whose positions are those of kinematics."""
+    columns = _components(features[..., representation.rotation_block], 6).unflatten(0, (2, 3))
+    return Kinematics(columns, _block_positions(representation, features))
+
+
+def _components(block: Tensor, width: int) -> Tensor:
+    """(B, T, J * width) -> (width, B, T, J)."""
+    return block.unflatten(-1, (-1, width)).movedim(-1, 0).contiguous()
+
+
+def _block_positions(representation: Representation, features: Tensor) -> Tensor:
+    """World positions (3, B, T, J) that the position block of features (B, T, D) in natural units says."""
+    root = features[..., representation.root_position_block].movedim(-1, 0)[..., None]
+    ground = torch.cat([root[:1], torch.zeros_like(root[:1]), root[2:]])
+    others = _components(features[..., representation.position_block], 3) + ground
+    return torch.cat([root, others], dim=-1)
 
 
 def consistency(representation: Representation, features: Tensor, pose: Kinematics, valid: Tensor) -> Tensor:
-    """Mean distance (m) between predicted joint positions and kinematics of the predicted rotations.
-
-    features: (B, T, D) in natural units; both sides are taken relative to the root's ground position.
-    """
-    root = features[..., None, representation.root_position_block]
-    ground = torch.cat([root[..., :1], torch.zeros_like(root[..., :1]), root[..., 2:]], dim=-1)
-    by_rotation = (pose.positions - ground)[..., 1:, :]
-    by_position = features[..., representation.position_block].unflatten(-1, (-1, 3))
-    return masked_mean(length(by_rotation - by_position), valid)
+    """Mean distance (m) between joint positions as predicted and by kinematics; features (B, T, D) natural."""
+    apart = distance(pose.positions - _block_positions(representation, features))
+    return masked_mean(apart[..., 1:], valid)
 
 
 class KinematicErrors(NamedTuple):
     """How far a motion is from another by kinematics.
 
     joints: mean distance of joints (m); ends: of hands and feet (m); speed: of all joints' velocities (m/s);
-    planted: speed (m/s) of the foot joints where the true ones are in contact; turn: distance of rotation matrices
-    (their columns, unitless), which also sees a limb turned about itself.
+    planted: speed (m/s) of the foot joints where the true ones are in contact; turn: distance of the rotation
+    matrices' columns (unitless), which also sees a limb turned about itself.
     """
 
     joints: Tensor
@@ -94,20 +144,18 @@ def kinematic_errors(
 ) -> KinematicErrors:
     """Errors of a pose by kinematics. contacts: (B, T, 4) of the true motion; valid: (B, T) bool."""
     skeleton = representation.skeleton
-    distance = length(pose.positions - true.positions)
-    ends = index(
-        (*skeleton.left_hand, *skeleton.right_hand, *skeleton.left_foot, *skeleton.right_foot), distance.device
-    )
+    apart = pose.positions - true.positions
+    error = distance(apart)
+    ends = index((*skeleton.left_hand, *skeleton.right_hand, *skeleton.left_foot, *skeleton.right_foot), error.device)
     both = valid[:, 1:] & valid[:, :-1]
-    velocity = (pose.positions[:, 1:] - pose.positions[:, :-1]) * representation.fps
-    true_velocity = (true.positions[:, 1:] - true.positions[:, :-1]) * representation.fps
-    feet = index(tuple(skeleton.contact_joints), distance.device)
-    slip = length(velocity.index_select(-2, feet) - true_velocity.index_select(-2, feet))
+    drift = distance(apart[:, :, 1:] - apart[:, :, :-1]) * representation.fps
+    feet = index(tuple(skeleton.contact_joints), error.device)
     planted = (contacts[:, 1:] > 0.5) & (contacts[:, :-1] > 0.5) & both[..., None]
+    turn = pose.columns - true.columns
     return KinematicErrors(
-        joints=masked_mean(distance, valid),
-        ends=masked_mean(distance.index_select(-1, ends), valid),
-        speed=masked_mean(length(velocity - true_velocity), both),
-        planted=(slip * planted).sum() / planted.sum().clamp(min=1),
-        turn=masked_mean(length((pose.rotations - true.rotations).flatten(-2)), valid),
+        joints=masked_mean(error, valid),
+        ends=masked_mean(error.index_select(-1, ends), valid),
+        speed=masked_mean(drift, both),
+        planted=(drift.index_select(-1, feet) * planted).sum() / planted.sum().clamp(min=1),
+        turn=masked_mean((turn.square().sum((0, 1)) + 1e-12).sqrt(), valid),
     )

@@ -15,15 +15,15 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from ardy.checkpoint import save_tokenizer
+from ardy.checkpoint import load_tokenizer, save_tokenizer
 from ardy.config import FRAMES_PER_TOKEN, TokenizerConfig
 from ardy.data.dataset import MotionDataset
 from ardy.representation import ROOT_WIDTH, Representation
 from ardy.stats import Stats
 from ardy.tokenizer import Tokenizer, build_tokenizer
 from ardy.train.feature_bank import FeatureBank, build_feature_bank, measure_stats, natural_layout
-from ardy.train.loop import LoopSettings, Trainer, add_loop_arguments, distributed, loop_settings
-from ardy.train.losses import consistency, kinematic_errors, kinematics, skate, smooth_l1
+from ardy.train.loop import STATE_FILE, LoopSettings, Trainer, add_loop_arguments, distributed, loop_settings
+from ardy.train.losses import captured_kinematics, consistency, kinematic_errors, kinematics, skate, smooth_l1
 from ardy.train.recipe import read_recipe
 
 WEIGHTS = {
@@ -78,7 +78,9 @@ class TokenizerLoss(nn.Module):
         root = features[..., :ROOT_WIDTH]
         natural, true = layout.denormalize(torch.cat([root, decoded], dim=-1)), layout.denormalize(features)
         pose = kinematics(layout, natural)
-        errors = kinematic_errors(layout, pose, kinematics(layout, true), true[..., layout.contact_block], valid)
+        errors = kinematic_errors(
+            layout, pose, captured_kinematics(layout, true), true[..., layout.contact_block], valid
+        )
         return {
             "reconstruction": smooth_l1(decoded, features[..., ROOT_WIDTH:], valid),
             "consistency": consistency(layout, natural, pose, valid),
@@ -161,7 +163,10 @@ def train_tokenizer(
         torch.manual_seed(settings.seed)
         layout = natural_layout(dataset.skeleton, int(dataset.fps))
         bank = build_feature_bank(dataset, layout, device=device)
-        representation = Representation(dataset.skeleton, int(dataset.fps), measure_stats(bank, layout)).to(device)
+        # A run that goes on keeps the statistics it began with: its weights know no others.
+        going_on = (settings.out / STATE_FILE).exists()
+        stats = load_tokenizer(settings.out).representation.stats if going_on else measure_stats(bank, layout)
+        representation = Representation(dataset.skeleton, int(dataset.fps), stats).to(device)
         task = TokenizerTask(config, bank, representation, batch)
         task.module.to(device)
         trainer = Trainer(task, settings, rank, num_processes)

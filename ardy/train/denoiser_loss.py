@@ -22,7 +22,6 @@ from ardy.train.losses import captured_kinematics, consistency, kinematic_errors
 from ardy.train.windows import TrainingWindows
 from ardy.window import Window
 
-
 OWN_HISTORY_STEPS = 4  # as most windows are served
 
 
@@ -79,7 +78,7 @@ class DenoiserLoss(nn.Module):
         """Hybrid tokens (B, N, 20 + L) of history and horizon, zero in the future."""
         known = batch.history_len + batch.generation_len
         valid = torch.arange(batch.num_known, device=known.device) < known[:, None]
-        with torch.no_grad(), torch.autocast(known.device.type, enabled=False):
+        with torch.no_grad():
             tokens = self.codec.to_hybrid(batch.features[:, : batch.num_known], valid).float()
             tokens = tokens * valid[:, ::FRAMES_PER_TOKEN, None]
             ahead = (batch.features.shape[1] - batch.num_known) // FRAMES_PER_TOKEN

@@ -32,6 +32,7 @@ from ardy.train.optimizer import AdamAtan2, warmup_cosine
 
 STATE_FILE = "state.pt"
 WARM_UP_UPDATES = 3
+AVERAGE_EVERY = 5
 Batch = Any
 
 
@@ -108,14 +109,14 @@ class MovingAverage:
         self.count = torch.zeros((), device=next(module.parameters()).device)
 
     @torch.no_grad()
-    def update(self, module: nn.Module) -> None:
-        """Move towards the module's present weights."""
-        share = 1 - torch.clamp((1 + self.count) / (10 + self.count), max=self.decay)
+    def update(self, module: nn.Module, steps: int = 1) -> None:
+        """Move towards the module's present weights, as far as in so many single updates."""
+        share = 1 - torch.clamp((1 + self.count) / (10 + self.count), max=self.decay) ** steps
         averaged = list(self.module.parameters())
         moves = torch._foreach_sub([parameter.detach() for parameter in module.parameters()], averaged)
         torch._foreach_mul_(moves, share)
         torch._foreach_add_(averaged, moves)
-        self.count.add_(1)
+        self.count.add_(steps)
 
     def state_dict(self) -> dict[str, Any]:
         return {"module": self.module.state_dict(), "count": self.count}
@@ -240,7 +241,10 @@ class Trainer:
             total.backward()
         norm = nn.utils.clip_grad_norm_(self.task.module.parameters(), self.settings.clip_norm)
         self.optimizer.step()
-        self.averaged.update(self.task.module)
+        if self.captures:
+            self.averaged.update(self.task.module)
+        elif self.step % AVERAGE_EVERY == 0:  # a pass over all weights, which on a CPU costs as much as a small batch
+            self.averaged.update(self.task.module, AVERAGE_EVERY)
         return {"total": total.detach(), "gradient": norm.detach()} | parts
 
     def _replay(self, kind: Hashable) -> dict[str, Tensor]:

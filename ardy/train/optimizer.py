@@ -58,15 +58,18 @@ class AdamAtan2(Optimizer):
         torch._foreach_addcmul_(squares, gradients, gradients, 1 - beta_square)
         if decay:
             torch._foreach_mul_(parameters, 1 - learning_rate * decay)
-        # 1 - beta^step by expm1, which keeps its digits where the power rounds to almost 1.
-        mean_scale = -torch.expm1(step * math.log(beta_mean))
-        square_scale = -torch.expm1(step * math.log(beta_square))
-        unbiased = torch._foreach_div(means, mean_scale)
-        spread = torch._foreach_div(squares, square_scale)
-        torch._foreach_sqrt_(spread)
-        moves = [torch.atan2(*pair) for pair in zip(unbiased, spread, strict=True)]
-        torch._foreach_mul_(moves, -learning_rate * INNER_SCALE)
-        torch._foreach_add_(parameters, moves)
+        # The corrections of both averages' bias, 1 - beta^step, as one factor: atan2 sees only the ratio.
+        # By expm1, which keeps its digits where the power rounds to almost 1.
+        unbiased = torch.expm1(step * math.log(beta_square)).neg().sqrt() / -torch.expm1(step * math.log(beta_mean))
+        moves = torch._foreach_mul(means, unbiased)
+        spread = torch._foreach_sqrt(squares)
+        for move, width in zip(moves, spread, strict=True):
+            torch.atan2(move, width, out=move)
+        if isinstance(learning_rate, Tensor):
+            torch._foreach_mul_(moves, -learning_rate * INNER_SCALE)
+            torch._foreach_add_(parameters, moves)
+        else:
+            torch._foreach_add_(parameters, moves, alpha=-learning_rate * INNER_SCALE)
 
 
 def warmup_cosine(warmup_steps: int, total_steps: int, floor: float = 0.02) -> Callable[[int], float]:

@@ -19,6 +19,7 @@ from ardy.train.constraint_sampling import ConstraintSampler, WindowSpans
 from ardy.train.feature_bank import MIN_CLIP_FRAMES, FeatureBank
 
 TEXT_DROP = 0.15
+USUAL_FRAMES = 64  # the batch size is told in windows of this length
 OWN_HISTORY_FRAMES = 16  # what servers give a window
 SHORT_HISTORY_CHANCE = 0.5
 NO_HISTORY_CHANCE = 0.1
@@ -128,11 +129,16 @@ class WindowSampler:
         longest = 10 * representation.fps // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN
         self.shapes = tuple(shape for shape in SHAPES if shape.history + horizon + shape.future <= longest)
 
+    def count(self, shape: WindowShape | OwnHistory) -> int:
+        """Windows of a batch of one shape, so that batches of all shapes cost about the same."""
+        history = shape.history if isinstance(shape, WindowShape) else OWN_HISTORY_FRAMES
+        return max(1, round(self.batch * USUAL_FRAMES / (history + self.horizon + shape.future)))
+
     def sample(self, shape: WindowShape | OwnHistory, generator: torch.Generator | None = None) -> TrainingWindows:
         """A batch of one shape; everything random comes from `generator` (the device's own if None)."""
         if isinstance(shape, OwnHistory):
             return self._with_earlier(shape, generator)
-        rows = self._rows(generator, lambda boundary: self._history(shape, boundary, generator))
+        rows = self._rows(self.count(shape), generator, lambda boundary: self._history(shape, boundary, generator))
         num_frames = shape.history + self.horizon + shape.future
         frames = self._turned(rows.clips, rows.boundary - rows.history, num_frames, generator)
         return self._windows(frames, rows, shape.future, generator)
@@ -140,7 +146,7 @@ class WindowSampler:
     def _with_earlier(self, shape: OwnHistory, generator: torch.Generator | None) -> TrainingWindows:
         """Windows with 16 frames of history, and the windows before them, whose horizon ends with those frames."""
         given = OWN_HISTORY_FRAMES
-        rows = self._rows(generator, lambda boundary: (boundary // 4 * 4).clamp(max=given))
+        rows = self._rows(self.count(shape), generator, lambda boundary: (boundary // 4 * 4).clamp(max=given))
         used = rows.boundary >= self.horizon
         before = (rows.boundary - self.horizon).clamp(min=0)
         earlier_history = torch.where(used, (before // 4 * 4).clamp(max=given), rows.history)
@@ -155,11 +161,11 @@ class WindowSampler:
         batch = self._windows(own, rows, shape.future, generator)
         return replace(batch, earlier=EarlierWindows(windows, offset // FRAMES_PER_TOKEN, used))
 
-    def _rows(self, generator: torch.Generator | None, history: Callable[[Tensor], Tensor]) -> _Rows:
-        clips = self.bank.draw_clips(self.batch, generator)
+    def _rows(self, count: int, generator: torch.Generator | None, history: Callable[[Tensor], Tensor]) -> _Rows:
+        clips = self.bank.draw_clips(count, generator)
         clip_length = self.bank.length[clips]
         room = (clip_length - self.horizon).clamp(min=0)
-        boundary = (self._uniform(generator) * (room + 1)).long()
+        boundary = (self._uniform(generator, count) * (room + 1)).long()
         return _Rows(clips, boundary, clip_length - boundary, history(boundary))
 
     def _windows(
@@ -175,7 +181,8 @@ class WindowSampler:
         beyond = (rows.left - generation).clamp(min=0) // 4 * 4
         future = beyond if most_future else torch.zeros_like(beyond)
         length = (history + generation + future).clamp(max=frames.shape[1])
-        index = torch.arange(self.batch, device=device)
+        count = len(history)
+        index = torch.arange(count, device=device)
         origin = frames[index, (history - 1).clamp(min=0)][:, 0:3:2]
         frames = self.representation.translate_ground(frames, -origin)
         if guided:
@@ -185,9 +192,9 @@ class WindowSampler:
             mask = self.constraints.sample(WindowSpans(history, history + generation, length, planted), generator)
         mask = mask.float()
         features = self.representation.normalize(frames)
-        told = self._uniform(generator) >= TEXT_DROP
-        exact = self._uniform(generator) >= PERTURBED_CHANCE
-        wrong = torch.randn(self.batch, 1, 2, generator=generator, device=device) * PERTURBED_GROUND_M
+        told = self._uniform(generator, count) >= TEXT_DROP
+        exact = self._uniform(generator, count) >= PERTURBED_CHANCE
+        wrong = torch.randn(count, 1, 2, generator=generator, device=device) * PERTURBED_GROUND_M
         seen = self.representation.normalize(_moved(frames, wrong * ~exact[:, None, None]))
         return TrainingWindows(
             features=features,
@@ -210,21 +217,22 @@ class WindowSampler:
         root = ((columns < 5) & (columns != 1))[None, None]
         return on[..., None] & root
 
-    def _uniform(self, generator: torch.Generator | None) -> Tensor:
-        return torch.rand(self.batch, generator=generator, device=self.bank.device)
+    def _uniform(self, generator: torch.Generator | None, count: int) -> Tensor:
+        return torch.rand(count, generator=generator, device=self.bank.device)
 
     def _history(self, shape: WindowShape, boundary: Tensor, generator: torch.Generator | None) -> Tensor:
         """History lengths (B), multiples of 4, as far as the clips reach back."""
-        wanted = (self._uniform(generator) * (shape.history // 4 + 1)).long() * 4
+        count = len(boundary)
+        wanted = (self._uniform(generator, count) * (shape.history // 4 + 1)).long() * 4
         # A long history is useful only if most rows have it, so half of the rows take the longest they can.
-        wanted = torch.where(self._uniform(generator) < SHORT_HISTORY_CHANCE, wanted, shape.history)
-        wanted = torch.where(self._uniform(generator) < NO_HISTORY_CHANCE, 0, wanted)
+        wanted = torch.where(self._uniform(generator, count) < SHORT_HISTORY_CHANCE, wanted, shape.history)
+        wanted = torch.where(self._uniform(generator, count) < NO_HISTORY_CHANCE, 0, wanted)
         return torch.minimum(wanted, boundary // 4 * 4)
 
     def _turned(self, clips: Tensor, starts: Tensor, num_frames: int, generator: torch.Generator | None) -> Tensor:
         """Frames (B, T, D) of clips in natural units, turned at random."""
         frames = self.bank.gather(clips, starts, num_frames)
-        angle = (self._uniform(generator) * 2 - 1) * torch.pi
+        angle = (self._uniform(generator, len(clips)) * 2 - 1) * torch.pi
         return self.representation.rotate(frames, angle, orthonormal=True)
 
 

@@ -1,0 +1,128 @@
+"""Train the denoiser on a trained tokenizer: `python -m motiongen_ardy.train.denoiser DATA OUT --tokenizer RUN`.
+
+The tokenizer stays as it is. From `OWN_HISTORY_FROM` of the training on, a share of the batches starts from windows
+that the model made itself, which is what it will start from when it serves.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Hashable, Sequence
+from pathlib import Path
+
+import torch
+from torch import nn
+
+from motiongen_ardy.checkpoint import load_checkpoint, load_tokenizer, save_checkpoint
+from motiongen_ardy.config import DenoiserConfig, ModelConfig
+from motiongen_ardy.data.dataset import MotionDataset
+from motiongen_ardy.denoiser import build_denoiser
+from motiongen_ardy.model import Model
+from motiongen_ardy.text import load_text_encoder
+from motiongen_ardy.tokenizer.model import Tokenizer
+from motiongen_ardy.train.denoiser_loss import DenoiserLoss, LossWeights
+from motiongen_ardy.train.feature_bank import build_feature_bank, natural_layout
+from motiongen_ardy.train.loop import LoopSettings, Trainer, add_loop_arguments, distributed, loop_settings
+from motiongen_ardy.train.recipe import Recipe, read_recipe
+from motiongen_ardy.train.windows import OwnHistory, TrainingWindows, WindowSampler, WindowShape
+
+OWN_HISTORY_FROM = 0.3
+OWN_HISTORY_CHANCE = 0.3
+
+
+class DenoiserTask:
+    """Draws windows and exports whole checkpoints."""
+
+    def __init__(self, model: Model, sampler: WindowSampler, weights: LossWeights | None = None) -> None:
+        self.model = model
+        self.sampler = sampler
+        self.module = DenoiserLoss(model, weights)
+
+    def kinds(self, progress: float) -> Sequence[tuple[Hashable, float]]:
+        """The windows' shapes, and later in the training windows that start from the model's own motion."""
+        shapes = [(shape, shape.chance) for shape in self.sampler.shapes]
+        if progress < OWN_HISTORY_FROM:
+            return shapes
+        own = OWN_HISTORY_CHANCE * sum(chance for _, chance in shapes)
+        return [*shapes, (OwnHistory(), own)]
+
+    def sample(self, kind: Hashable, generator: torch.Generator | None) -> TrainingWindows:
+        """A batch of windows on the training device."""
+        if not isinstance(kind, WindowShape | OwnHistory):
+            raise TypeError(f"batches are drawn by window shape, not by {kind!r}")
+        return self.sampler.sample(kind, generator)
+
+    def export(self, averaged: nn.Module, folder: Path) -> None:
+        """Write a checkpoint folder that holds the averaged denoiser and, if there is one, the tokenizer."""
+        if not isinstance(averaged, DenoiserLoss):
+            raise TypeError(f"a denoiser's training exports a DenoiserLoss, not a {type(averaged).__name__}")
+        model = self.model
+        save_checkpoint(Model(model.config, model.representation, averaged.denoiser, model.tokenizer), folder)
+
+
+def train_denoiser(
+    model: Model,
+    dataset: MotionDataset,
+    text_encoder: str,
+    settings: LoopSettings,
+    batch: int,
+    weights: LossWeights | None = None,
+) -> Trainer:
+    """Train a model's denoiser where it lies and return the finished trainer; its folder holds the checkpoint."""
+    with distributed() as (rank, num_processes):
+        torch.manual_seed(settings.seed + rank)
+        config = model.config
+        device = model.representation.stats.mean.device
+        bank = build_feature_bank(dataset, natural_layout(dataset.skeleton, config.fps), device=device)
+        embeddings = load_text_encoder(text_encoder, config.denoiser.text_dim).encode(bank.captions.texts)
+        sampler = WindowSampler(bank, embeddings, model.representation, config.horizon, batch)
+        trainer = Trainer(DenoiserTask(model, sampler, weights), settings, rank, num_processes)
+        trainer.run()
+        return trainer
+
+
+def denoiser_of(tokenizer: Tokenizer, config: DenoiserConfig, horizon: int, num_base_steps: int = 10) -> Model:
+    """A model with a fresh denoiser on a trained tokenizer, on the tokenizer's device."""
+    layout = tokenizer.representation
+    model_config = ModelConfig(
+        skeleton=layout.skeleton.name,
+        fps=layout.fps,
+        horizon=horizon,
+        denoiser=config,
+        tokenizer=tokenizer.config,
+        num_base_steps=num_base_steps,
+    )
+    denoiser = build_denoiser(config, layout).to(layout.stats.mean.device)
+    return Model(model_config, layout, denoiser, tokenizer)
+
+
+def starting_model(tokenizer: Tokenizer, recipe: Recipe, init: Path | None) -> Model:
+    """A fresh model, or one that starts from the denoiser of a checkpoint. Raises CheckpointError or ValueError."""
+    model = denoiser_of(tokenizer, recipe.denoiser, recipe.horizon, recipe.num_base_steps)
+    if init is not None:
+        given = load_checkpoint(init).denoiser
+        if given.config != model.denoiser.config:
+            raise ValueError(f"{init} has a denoiser of other sizes: {given.config}; the recipe's is {recipe.denoiser}")
+        model.denoiser.load_state_dict(given.state_dict())
+    return model
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m motiongen_ardy.train.denoiser", description=__doc__)
+    add_loop_arguments(parser, steps=60_000, learning_rate=5e-4, batch=64)
+    parser.add_argument("--tokenizer", type=Path, required=True, help="folder of a trained tokenizer")
+    parser.add_argument("--text-encoder", default="static", help="static, hashed or a folder (default %(default)s)")
+    parser.add_argument("--config", type=Path, help="YAML with sections tokenizer, denoiser, model, loss")
+    parser.add_argument("--init", type=Path, help="checkpoint folder whose denoiser the training starts from")
+    arguments = parser.parse_args()
+    recipe = read_recipe(arguments.config)
+    tokenizer = load_tokenizer(arguments.tokenizer, arguments.device)
+    torch.manual_seed(arguments.seed)
+    model = starting_model(tokenizer, recipe, arguments.init)
+    dataset = MotionDataset.load(arguments.data, "train")
+    train_denoiser(model, dataset, arguments.text_encoder, loop_settings(arguments), arguments.batch, recipe.loss)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,317 @@
+"""The training loop both parts share: mixed precision, EMA, resuming, progress, TensorBoard, one or many processes.
+
+On a CUDA device each shape of batch is captured once, drawing of the batch and update of the weights included, and
+replayed from then on: these networks are so small that launching their kernels one by one would take most of the time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import atexit
+import contextlib
+import copy
+import os
+import signal
+import time
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+import torch.distributed
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from torch import Tensor, nn
+from torch.nn.attention import SDPBackend, sdpa_kernel
+from torch.nn.parallel import DistributedDataParallel
+from torch.optim.lr_scheduler import LambdaLR
+from torch.utils.tensorboard import SummaryWriter
+
+from motiongen_ardy.train.optimizer import AdamAtan2, warmup_cosine
+
+STATE_FILE = "state.pt"
+WARM_UP_UPDATES = 3
+AVERAGE_EVERY = 5
+Batch = Any
+
+
+class Task(Protocol):
+    """What is trained. `module(batch)` gives the total loss and its named parts."""
+
+    module: nn.Module
+
+    def kinds(self, progress: float) -> Sequence[tuple[Hashable, float]]:
+        """The kinds of batches, each of one shape, and how often each is drawn, at a share 0..1 of the training."""
+
+    def sample(self, kind: Hashable, generator: torch.Generator | None) -> Batch:
+        """A random batch of a kind, on the module's device; with None, everything random is the device's own."""
+
+    def export(self, averaged: nn.Module, folder: Path) -> None:
+        """Write what training has reached, from the averaged weights, into `folder`."""
+
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """How long, how fast and where to. minutes: stop after so much time in this call, 0 = never."""
+
+    out: Path
+    steps: int
+    learning_rate: float
+    warmup_steps: int = 500
+    minutes: float = 0.0
+    save_minutes: float = 5.0
+    ema_decay: float = 0.999
+    clip_norm: float = 1.0
+    bfloat16: bool = True
+    seed: int = 0
+    log_every: int = 100
+
+
+def add_loop_arguments(parser: argparse.ArgumentParser, steps: int, learning_rate: float, batch: int) -> None:
+    """Add the flags that every training command has."""
+    parser.add_argument("data", type=Path, help="training set made by `python -m motiongen_ardy.data build`")
+    parser.add_argument("out", type=Path, help="run folder: state to resume from, logs, exported weights")
+    parser.add_argument("--steps", type=int, default=steps, help="length of the schedule (default %(default)s)")
+    parser.add_argument("--batch", type=int, default=batch, help="windows a step and process (default %(default)s)")
+    parser.add_argument("--lr", type=float, default=learning_rate, help="peak learning rate (default %(default)s)")
+    parser.add_argument("--warmup", type=int, default=500, help="steps of rising rate (default %(default)s)")
+    parser.add_argument("--minutes", type=float, default=0.0, help="stop, saved, after so many minutes; 0 = never")
+    parser.add_argument("--save-minutes", type=float, default=5.0, help="minutes between saves (default %(default)s)")
+    parser.add_argument("--float32", action="store_true", help="no bfloat16 mixed precision")
+    parser.add_argument("--seed", type=int, default=0, help="seed of weights, windows and noise")
+    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+
+
+def loop_settings(arguments: argparse.Namespace) -> LoopSettings:
+    """The settings that parsed flags of `add_loop_arguments` ask for."""
+    return LoopSettings(
+        out=arguments.out,
+        steps=arguments.steps,
+        learning_rate=arguments.lr,
+        warmup_steps=arguments.warmup,
+        minutes=arguments.minutes,
+        save_minutes=arguments.save_minutes,
+        bfloat16=not arguments.float32,
+        seed=arguments.seed,
+    )
+
+
+class MovingAverage:
+    """Exponential moving average of a module's weights, whose memory grows from nothing to 1 / (1 - decay) updates.
+
+    With a constant decay, the untrained weights would still weigh in after thousands of steps.
+    """
+
+    def __init__(self, module: nn.Module, decay: float) -> None:
+        self.module = copy.deepcopy(module).requires_grad_(False)
+        self.decay = decay
+        self.count = torch.zeros((), device=next(module.parameters()).device)
+
+    @torch.no_grad()
+    def update(self, module: nn.Module, steps: int = 1) -> None:
+        """Move towards the module's present weights, as far as in so many single updates."""
+        share = 1 - torch.clamp((1 + self.count) / (10 + self.count), max=self.decay) ** steps
+        averaged = list(self.module.parameters())
+        moves = torch._foreach_sub([parameter.detach() for parameter in module.parameters()], averaged)
+        torch._foreach_mul_(moves, share)
+        torch._foreach_add_(averaged, moves)
+        self.count.add_(steps)
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"module": self.module.state_dict(), "count": self.count}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self.module.load_state_dict(state["module"])
+        self.count.copy_(state["count"])
+
+
+@contextlib.contextmanager
+def distributed() -> Iterator[tuple[int, int]]:
+    """(rank, number of processes); joins the process group when started by torchrun.
+
+    One group serves all trainings of a process, and is left at its end: a second one would find the first one's
+    addresses in torchrun's store, and wait for them for ever.
+    """
+    if "RANK" not in os.environ:
+        yield 0, 1
+        return
+    if not torch.distributed.is_initialized():
+        torch.distributed.init_process_group("nccl" if torch.cuda.is_available() else "gloo")
+        atexit.register(torch.distributed.destroy_process_group)
+        if torch.cuda.is_available():
+            torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
+    yield torch.distributed.get_rank(), torch.distributed.get_world_size()
+
+
+class Trainer:
+    """Runs a task to its last step, to its time limit or to a SIGTERM, and can go on from any of these."""
+
+    def __init__(self, task: Task, settings: LoopSettings, rank: int = 0, num_processes: int = 1) -> None:
+        self.task = task
+        self.settings = settings
+        self.rank = rank
+        self.device = next(task.module.parameters()).device
+        trained = [parameter for parameter in task.module.parameters() if parameter.requires_grad]
+        self.captures = self.device.type == "cuda" and num_processes == 1
+        rate = torch.tensor(settings.learning_rate, device=self.device) if self.captures else settings.learning_rate
+        self.optimizer = AdamAtan2(trained, rate)
+        self.schedule = LambdaLR(self.optimizer, warmup_cosine(settings.warmup_steps, settings.steps))
+        self.schedule.base_lrs = [settings.learning_rate]
+        self.averaged = MovingAverage(task.module, settings.ema_decay)
+        self.forward: nn.Module = task.module
+        if num_processes > 1:
+            # A tokenizer carries tensors that take no part (`target_cond_blocks`), which must not be waited for.
+            self.forward = DistributedDataParallel(task.module, find_unused_parameters=True)
+        self.seed = settings.seed * num_processes + rank
+        self.generator = torch.Generator(self.device)
+        self.choices = np.random.default_rng(self.seed)
+        self.graphs: dict[Hashable, tuple[torch.cuda.CUDAGraph, dict[str, Tensor]]] = {}
+        self.step = 0
+        self.stopping = False
+        self._seed()
+        self._resume()
+
+    def _seed(self) -> None:
+        """Start the random numbers of the present step; a resumed run does not repeat those it began with."""
+        seed = self.seed + 7919 * self.step
+        torch.manual_seed(seed)
+        self.generator.manual_seed(seed)
+        self.choices = np.random.default_rng(seed)
+
+    def _resume(self) -> None:
+        path = self.settings.out / STATE_FILE
+        if not path.exists():
+            return
+        state = torch.load(path, map_location="cpu", weights_only=True)
+        self.task.module.load_state_dict(state["module"])
+        self.averaged.load_state_dict(state["averaged"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.step = state["step"]
+        # The schedule is a function of the step alone, so a longer --steps or another --lr holds from here on.
+        rate = self.settings.learning_rate
+        for group in self.optimizer.param_groups:
+            group["initial_lr"] = rate
+            group["lr"] = torch.tensor(rate, device=self.device) if self.captures else rate
+            group["step"] = group["step"].to(self.device)
+        self.schedule.last_epoch = self.step
+        self._seed()
+
+    def save(self) -> None:
+        """Write the state to resume from (atomically) and export the averaged weights."""
+        if self.rank:
+            return
+        self.settings.out.mkdir(parents=True, exist_ok=True)
+        state = {
+            "module": self.task.module.state_dict(),
+            "averaged": self.averaged.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "step": self.step,
+        }
+        partial = self.settings.out / (STATE_FILE + ".partial")
+        torch.save(state, partial)
+        partial.replace(self.settings.out / STATE_FILE)
+        self.task.export(copy.deepcopy(self.averaged.module).eval(), self.settings.out)
+
+    def train_step(self) -> dict[str, Tensor]:
+        """One batch, one update. Returns the named losses, which the next step may overwrite."""
+        self.task.module.train()
+        kinds = self.task.kinds(self.step / max(1, self.settings.steps))
+        chances = np.array([chance for _, chance in kinds])
+        kind = kinds[int(self.choices.choice(len(kinds), p=chances / chances.sum()))][0]
+        losses = self._replay(kind) if self.captures else self._update(kind, self.generator)
+        self.schedule.step()
+        self.step += 1
+        return losses
+
+    def _update(self, kind: Hashable, generator: torch.Generator | None) -> dict[str, Tensor]:
+        """Draw a batch, and move the weights and their average."""
+        batch = self.task.sample(kind, generator)
+        self.optimizer.zero_grad(set_to_none=True)
+        with contextlib.ExitStack() as stack:
+            if self.device.type == "cpu":
+                # The fused kernel's backward pass on a CPU takes three times as long as plain matrix products.
+                stack.enter_context(sdpa_kernel(SDPBackend.MATH))
+            # A captured step must cast the weights anew at every replay, so casts are not kept there.
+            mixed = torch.autocast(
+                self.device.type, torch.bfloat16, enabled=self.settings.bfloat16, cache_enabled=not self.captures
+            )
+            with mixed:
+                total, parts = self.forward(batch)
+            total.backward()
+        norm = nn.utils.clip_grad_norm_(self.task.module.parameters(), self.settings.clip_norm)
+        self.optimizer.step()
+        if self.captures:
+            self.averaged.update(self.task.module)
+        elif self.step % AVERAGE_EVERY == 0:  # a pass over all weights, which on a CPU costs as much as a small batch
+            self.averaged.update(self.task.module, AVERAGE_EVERY)
+        return {"total": total.detach(), "gradient": norm.detach()} | parts
+
+    def _replay(self, kind: Hashable) -> dict[str, Tensor]:
+        """The same, captured at the first batch of a kind. The first updates of a kind are made to warm up."""
+        if kind in self.graphs:
+            graph, losses = self.graphs[kind]
+            graph.replay()
+            return losses
+        side = torch.cuda.Stream()
+        side.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(side):
+            for _ in range(WARM_UP_UPDATES):
+                losses = self._update(kind, None)
+        torch.cuda.current_stream().wait_stream(side)
+        graph = torch.cuda.CUDAGraph()
+        self.optimizer.zero_grad(set_to_none=True)
+        with torch.cuda.graph(graph):
+            captured = self._update(kind, None)
+        self.graphs[kind] = graph, captured
+        return losses
+
+    def check_finite(self, losses: dict[str, Tensor]) -> None:
+        """Raise FloatingPointError where a loss or the gradient is not finite."""
+        wrong = {name: float(value) for name, value in losses.items() if not bool(torch.isfinite(value))}
+        if wrong:
+            raise FloatingPointError(f"step {self.step}: these are not finite: {wrong}")
+
+    def run(self) -> None:
+        """Train until done; saves every few minutes and at the end, also after SIGTERM and Ctrl-C."""
+        settings = self.settings
+        started = saved = time.monotonic()
+        previous = signal.signal(signal.SIGTERM, self._ask_to_stop)
+        writer = SummaryWriter(str(settings.out / "log")) if self.rank == 0 else None
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        try:
+            with Progress(*columns, TimeRemainingColumn(), disable=self.rank != 0) as progress:
+                bar = progress.add_task("training", total=settings.steps, completed=self.step)
+                running: dict[str, Tensor] = {}
+                while self.step < settings.steps and not self.stopping:
+                    losses = self.train_step()
+                    for name, value in losses.items():
+                        running[name] = value.clone() if name not in running else running[name].lerp(value, 0.02)
+                    now = time.monotonic()
+                    if self.step % settings.log_every == 0:
+                        self.check_finite(losses)
+                    if self.step % settings.log_every == 0 and writer is not None:
+                        self._log(writer, running)
+                        text = " ".join(f"{name} {float(value):.4f}" for name, value in running.items())
+                        progress.update(bar, completed=self.step, description=text)
+                    if now - saved > 60 * settings.save_minutes:
+                        self.save()
+                        saved = now
+                    self.stopping |= 0 < 60 * settings.minutes < now - started
+        except KeyboardInterrupt:
+            self.stopping = True
+        finally:
+            signal.signal(signal.SIGTERM, previous)
+            if writer is not None:
+                writer.close()
+        self.save()
+        if torch.distributed.is_initialized():
+            torch.distributed.barrier()  # whoever returns may rely on what the first process has written
+
+    def _log(self, writer: SummaryWriter, running: dict[str, Tensor]) -> None:
+        for name, value in running.items():
+            writer.add_scalar(f"loss/{name}", float(value), self.step)
+        writer.add_scalar("learning_rate", self.schedule.get_last_lr()[0], self.step)
+
+    def _ask_to_stop(self, _signal: int, _frame: object) -> None:
+        self.stopping = True

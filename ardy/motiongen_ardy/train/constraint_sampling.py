@@ -2,9 +2,9 @@
 
 A constraint is a set of frames times a set of feature groups (ground position, height, heading, one joint's position,
 one joint's rotation). Whole batches are drawn at once, with tensors of fixed shapes, on the device of the windows. The
-columns that a form covers are those that `motiongen_ardy.constraint` fills for it at run time; the forms are the paper's
-(section 3.4) and the further ones of the service: single joints, rotations alone, headings alone, root height alone,
-and roots at every second to tenth frame, which is how planned paths and velocities are told.
+columns that a form covers are those that `motiongen_ardy.constraint` fills for it at run time; the forms are the
+paper's (section 3.4) and the further ones of the service: single joints, rotations alone, headings alone, root height
+alone, and roots at every second to tenth frame, which is how planned paths and velocities are told.
 """
 
 from __future__ import annotations

@@ -84,7 +84,7 @@ def unit(vectors: Tensor) -> Tensor:
 def kinematics(representation: Representation, features: Tensor) -> Kinematics:
     """Rotations and positions of features (B, T, D) in natural units, by their rotations and their root.
 
-    The rotations' 6-D form is made orthonormal as in `motiongen_ardy.rotation.matrix_from_6d`; positions add up the bones.
+    The rotations' 6-D form is made orthonormal as `motiongen_ardy.rotation` makes it; positions add up bones.
     """
     skeleton = representation.skeleton
     given = _components(features[..., representation.rotation_block], 6)

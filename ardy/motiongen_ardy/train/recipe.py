@@ -7,7 +7,7 @@ first two the network's sizes; `loss` the weights of the denoiser's loss.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -38,7 +38,7 @@ class Recipe:
 
     tokenizer: TokenizerConfig = MINI_TOKENIZER
     denoiser: DenoiserConfig = MINI_DENOISER
-    loss: LossWeights = LossWeights()
+    loss: LossWeights = field(default_factory=LossWeights)
     horizon: int = 40
     num_base_steps: int = 10
 
@@ -86,7 +86,7 @@ def _changed(base: Configuration, changes: Mapping[str, Any], where: str) -> Con
 
 
 def _names(kind: type) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(kind))
+    return tuple(entry.name for entry in fields(kind))
 
 
 def _whole(where: str, value: object) -> int:

@@ -7,6 +7,7 @@ that the model made itself, which is what it will start from when it serves.
 from __future__ import annotations
 
 import argparse
+import shutil
 from collections.abc import Hashable, Sequence
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from motiongen_ardy.denoiser import build_denoiser
 from motiongen_ardy.model import Model
 from motiongen_ardy.text import load_text_encoder
 from motiongen_ardy.tokenizer.model import Tokenizer
-from motiongen_ardy.train.denoiser_loss import DenoiserLoss, LossWeights
+from motiongen_ardy.train.denoiser_loss import DenoiserLoss
 from motiongen_ardy.train.feature_bank import build_feature_bank, natural_layout
 from motiongen_ardy.train.loop import LoopSettings, Trainer, add_loop_arguments, distributed, loop_settings
 from motiongen_ardy.train.recipe import Recipe, read_recipe
@@ -33,10 +34,11 @@ OWN_HISTORY_CHANCE = 0.3
 class DenoiserTask:
     """Draws windows and exports whole checkpoints."""
 
-    def __init__(self, model: Model, sampler: WindowSampler, weights: LossWeights | None = None) -> None:
+    def __init__(self, model: Model, sampler: WindowSampler, recipe: Recipe) -> None:
         self.model = model
         self.sampler = sampler
-        self.module = DenoiserLoss(model, weights)
+        self.files = recipe.files
+        self.module = DenoiserLoss(model, recipe.loss)
 
     def kinds(self, progress: float) -> Sequence[tuple[Hashable, float]]:
         """The windows' shapes, and later in the training windows that start from the model's own motion."""
@@ -53,11 +55,13 @@ class DenoiserTask:
         return self.sampler.sample(kind, generator)
 
     def export(self, averaged: nn.Module, folder: Path) -> None:
-        """Write a checkpoint folder that holds the averaged denoiser and, if there is one, the tokenizer."""
+        """Write a checkpoint folder: the averaged denoiser, the tokenizer if there is one, the recipe's files."""
         if not isinstance(averaged, DenoiserLoss):
             raise TypeError(f"a denoiser's training exports a DenoiserLoss, not a {type(averaged).__name__}")
         model = self.model
         save_checkpoint(Model(model.config, model.representation, averaged.denoiser, model.tokenizer), folder)
+        for name, source in self.files:
+            shutil.copyfile(source, folder / name)
 
 
 def train_denoiser(
@@ -66,7 +70,7 @@ def train_denoiser(
     text_encoder: str,
     settings: LoopSettings,
     batch: int,
-    weights: LossWeights | None = None,
+    recipe: Recipe | None = None,
 ) -> Trainer:
     """Train a model's denoiser where it lies and return the finished trainer; its folder holds the checkpoint."""
     with distributed() as (rank, num_processes):
@@ -76,7 +80,7 @@ def train_denoiser(
         bank = build_feature_bank(dataset, natural_layout(dataset.skeleton, config.fps), device=device)
         embeddings = load_text_encoder(text_encoder, config.denoiser.text_dim).encode(bank.captions.texts)
         sampler = WindowSampler(bank, embeddings, model.representation, config.horizon, batch)
-        trainer = Trainer(DenoiserTask(model, sampler, weights), settings, rank, num_processes)
+        trainer = Trainer(DenoiserTask(model, sampler, recipe or Recipe()), settings, rank, num_processes)
         trainer.run()
         return trainer
 
@@ -121,7 +125,7 @@ def main() -> None:
     torch.manual_seed(arguments.seed)
     model = starting_model(tokenizer, recipe, arguments.init)
     dataset = MotionDataset.load(arguments.data, "train")
-    train_denoiser(model, dataset, arguments.text_encoder, loop_settings(arguments), arguments.batch, recipe.loss)
+    train_denoiser(model, dataset, arguments.text_encoder, loop_settings(arguments), arguments.batch, recipe)
 
 
 if __name__ == "__main__":

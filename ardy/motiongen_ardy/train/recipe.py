@@ -1,7 +1,7 @@
 """What is trained: the sections of a training configuration, read from YAML and checked.
 
 `tokenizer`, `denoiser` and `model` change fields of the configurations they are named after, `transformer` inside the
-first two the network's sizes; `loss` the weights of the denoiser's loss.
+first two the network's sizes; `loss` the weights of the denoiser's loss; `files` names what is copied into the checkpoint.
 """
 
 from __future__ import annotations
@@ -34,13 +34,18 @@ MINI_DENOISER = DenoiserConfig(
 
 @dataclass(frozen=True)
 class Recipe:
-    """Everything about a model that training decides. horizon: frames that one window generates."""
+    """Everything about a model that training decides.
+
+    horizon: frames that one window generates. files: (name in the checkpoint, file to copy there) of what stands beside
+    the weights, such as how the model wants to be sampled.
+    """
 
     tokenizer: TokenizerConfig = MINI_TOKENIZER
     denoiser: DenoiserConfig = MINI_DENOISER
     loss: LossWeights = field(default_factory=LossWeights)
     horizon: int = 40
     num_base_steps: int = 10
+    files: tuple[tuple[str, Path], ...] = ()
 
 
 def read_recipe(path: Path | None) -> Recipe:
@@ -54,7 +59,7 @@ def read_recipe(path: Path | None) -> Recipe:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ConfigError(f"{path} cannot be read: {error}") from error
-    sections = _mapping(content, str(path), ("tokenizer", "denoiser", "model", "loss"))
+    sections = _mapping(content, str(path), ("tokenizer", "denoiser", "model", "loss", "files"))
     tokenizer = dict(_mapping(sections.get("tokenizer", {}), "tokenizer", _names(TokenizerConfig)))
     if isinstance(tokenizer.get("levels"), int) and "latent_dim" in tokenizer:
         tokenizer["levels"] = (tokenizer["levels"],) * tokenizer["latent_dim"]
@@ -65,6 +70,7 @@ def read_recipe(path: Path | None) -> Recipe:
         tokenizer=changed_tokenizer,
         denoiser=_changed(MINI_DENOISER, denoiser, "denoiser"),
         loss=_changed(LossWeights(), _mapping(sections.get("loss", {}), "loss", None), "loss"),
+        files=_files(_mapping(sections.get("files", {}), "files", None), path.parent),
         **{key: _whole(f"model.{key}", value) for key, value in model.items()},
     )
 
@@ -83,6 +89,14 @@ def _changed(base: Configuration, changes: Mapping[str, Any], where: str) -> Con
             raise ConfigError(f"{where}.{key} is {value!r}; it must be like {old!r}")
         values[key] = value
     return replace(base, **values)  # type: ignore[type-var]
+
+
+def _files(given: Mapping[str, Any], folder: Path) -> tuple[tuple[str, Path], ...]:
+    """(name in the checkpoint, file) of each entry; files are looked for beside the recipe."""
+    for name, source in given.items():
+        if Path(name).name != name or not isinstance(source, str) or not (folder / source).is_file():
+            raise ConfigError(f"files.{name} is {source!r}; give a plain name, and a file that lies in {folder}")
+    return tuple((name, folder / source) for name, source in given.items())
 
 
 def _names(kind: type) -> tuple[str, ...]:

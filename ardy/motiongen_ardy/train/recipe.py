@@ -1,7 +1,7 @@
 """What is trained: the sections of a training configuration, read from YAML and checked.
 
 `tokenizer`, `denoiser` and `model` change fields of the configurations they are named after, `transformer` inside the
-first two the network's sizes; `loss` the weights of the denoiser's loss; `files` names what is copied into the checkpoint.
+first two the network's sizes; `loss` the weights of the loss; `files` names what is copied into the checkpoint.
 """
 
 from __future__ import annotations

@@ -113,4 +113,14 @@ def make_catalog(config: ServerConfig, hosted: Hosted) -> Catalog:
     )
     guidance = Guidance(config.text_guidance, config.constraint_guidance)
     encoder = hosted.encoder.identity
-    return Catalog(hosted.facts, limits, guidance, hosted.licence, encoder, config.history_frames, hosted.presets)
+    return Catalog(
+        hosted.facts,
+        limits,
+        guidance,
+        hosted.licence,
+        encoder,
+        config.history_frames,
+        hosted.presets,
+        hosted.gaits,
+        hosted.abilities,
+    )

@@ -38,6 +38,10 @@ from motiongen_server.engine.types.jobs import (
     WindowJob,
     WindowResult,
 )
+from motiongen_server.engine.types.locomotion import (
+    Direction,
+    Gait,
+)
 from motiongen_server.engine.types.names import (
     CloseReason,
     Code,
@@ -55,6 +59,7 @@ from motiongen_server.engine.types.outputs import (
     Output,
     PlanNotice,
     ServiceLevel,
+    Warned,
 )
 from motiongen_server.engine.types.spec import (
     Guidance,
@@ -71,8 +76,10 @@ __all__ = [
     "Closed",
     "Code",
     "Constraint",
+    "Direction",
     "Event",
     "Float32Array",
+    "Gait",
     "Guidance",
     "JointTargets",
     "Limb",
@@ -101,6 +108,7 @@ __all__ = [
     "SetPrompts",
     "SetVelocity",
     "StartPose",
+    "Warned",
     "WindowJob",
     "WindowResult",
 ]

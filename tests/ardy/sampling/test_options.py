@@ -54,7 +54,7 @@ def test_what_a_file_does_not_name_is_as_released() -> None:
 
 
 def test_the_built_in_models_file_can_be_read() -> None:
-    content = yaml.safe_load((ROOT / "ardy" / "train" / "configs" / "mini-sampling.yaml").read_text())
+    content = yaml.safe_load((ROOT / "ardy" / "motiongen_ardy" / "train" / "configs" / "mini-sampling.yaml").read_text())
     options = read_options(content, "separated")
     assert (options.guidance.mode, options.guidance.text, options.guidance.constraint) == ("joint", 1.0, 1.0)
 

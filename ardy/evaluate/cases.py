@@ -1,0 +1,92 @@
+"""The captured clips that takes go on from, moving and standing ones apart, and the figures of the captures."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ardy.data.dataset import Clip, MotionDataset
+from ardy.evaluate.measures.feet import slowest_foot
+from ardy.evaluate.measures.root import is_moving
+from ardy.evaluate.measures.smooth import accelerations, differences
+from ardy.evaluate.sampler import result_of
+from ardy.evaluate.take import Result, Take
+from ardy.representation import Representation
+from ardy.rotation import quaternion_to_matrix
+
+HISTORY = 16
+MOVING, STANDING = "moving", "standing"
+
+
+@dataclass(frozen=True)
+class Case:
+    """A clip with its last history frame's root over the origin.
+
+    features: (T, D) natural units; the first HISTORY frames are what a take starts with.
+    """
+
+    id: str
+    content: str
+    caption: str
+    group: str
+    derived: bool
+    motion: Result
+
+    @property
+    def features(self) -> Tensor:
+        return self.motion.features
+
+    @property
+    def num_frames(self) -> int:
+        return len(self.features)
+
+    @property
+    def history(self) -> Tensor:
+        return self.features[:HISTORY]
+
+
+@dataclass(frozen=True)
+class Captured:
+    """What moving captures do. feet: slowest foot over root speed; acceleration: p99 over joints and frames, m/s2.
+
+    jumps: (3) p99 of the largest jump of any joint of position, velocity and acceleration between frames.
+    """
+
+    feet: float
+    acceleration: float
+    jumps: Tensor
+
+
+def load_cases(dataset: MotionDataset, layout: Representation) -> list[Case]:
+    """A case of every clip longer than its history, in an order that neither content nor name decides."""
+    cases = [_case(clip, layout) for clip in dataset.clips if clip.num_frames > HISTORY + 4]
+    return sorted(cases, key=lambda case: hashlib.sha1(case.id.encode()).hexdigest())
+
+
+def _case(clip: Clip, layout: Representation) -> Case:
+    local = quaternion_to_matrix(clip.local_rotations)
+    features = layout.features(local[None], clip.root_positions[None])
+    features = layout.translate_ground(features, -features[:, HISTORY - 1, [0, 2]])[0]
+    group = MOVING if is_moving(features[:, [0, 2]], layout.fps) else STANDING
+    take = Take(clip.id, 0, len(features), ((0, clip.captions[0]),), group)
+    motion = result_of(layout, take, features)
+    return Case(clip.id, clip.content, clip.captions[0], group, bool(clip.derived_from), motion)
+
+
+def captured_figures(cases: list[Case], layout: Representation) -> Captured:
+    """The figures of the moving captured clips; of standing ones where none moves."""
+    chosen = [case for case in cases if case.group == MOVING and not case.derived] or cases
+    skeleton, fps = layout.skeleton, layout.fps
+    feet = [slowest_foot(skeleton, case.motion.positions, fps) for case in chosen]
+    steps = torch.cat([accelerations(case.motion.positions, fps).flatten() for case in chosen]).numpy()
+    jumps = torch.cat([differences(case.motion.positions, fps) for case in chosen]).numpy()
+    return Captured(
+        float(np.nanmean(feet)) if not all(map(math.isnan, feet)) else math.nan,
+        float(np.quantile(steps, 0.99)),
+        torch.from_numpy(np.quantile(jumps, 0.99, axis=0)),
+    )

@@ -1,0 +1,167 @@
+"""Many takes at once: every window that is due, batched with those of equal shape, as the server makes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import torch
+from torch import Tensor
+
+from ardy.config import FRAMES_PER_TOKEN
+from ardy.constraint import Targets
+from ardy.denoiser.guidance import GuidanceWeights, batch_passes, needed_passes
+from ardy.evaluate.steering import add_steering
+from ardy.evaluate.take import Result, Take, copied
+from ardy.model import Model
+from ardy.noise import window_noise
+from ardy.representation import Representation
+from ardy.rollout import (
+    DEFAULT_HISTORY_FRAMES,
+    WindowRequest,
+    denoise_step,
+    finish_window,
+    start_window,
+    visible_frames,
+)
+from ardy.skeleton import positions_from_global
+from ardy.text import TextEncoder
+from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How windows are made: steps, guidance, and how many rows go through the model at once."""
+
+    num_steps: int
+    weights: GuidanceWeights
+    batch: int = 32
+
+
+@dataclass
+class _Growing:
+    """A take under way. features: (T, D) normalised."""
+
+    take: Take
+    features: Tensor
+    starts: list[int] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Due:
+    """The next window of a take. crop: frames of history; span: frames that it sees."""
+
+    growing: _Growing
+    crop: int
+    span: int
+    targets: Targets | None
+
+    @property
+    def shape(self) -> tuple[int, int, bool, bool]:
+        return self.crop, self.span, self.targets is not None, bool(self.growing.take.prompt_at(self.first))
+
+    @property
+    def first(self) -> int:
+        return len(self.growing.features)
+
+
+class Sampler:
+    """Runs takes on one model. `num_windows` counts what it has made."""
+
+    def __init__(self, model: Model, encoder: TextEncoder, sampling: Sampling) -> None:
+        self.model = model
+        self.sampling = sampling
+        self.num_windows = 0
+        self._encoder = encoder
+        self._texts: dict[str, Tensor] = {}
+
+    def text(self, prompt: str) -> Tensor:
+        """The prompt's embedding (1, W); zeros for none."""
+        if prompt not in self._texts:
+            self._texts[prompt] = torch.from_numpy(self._encoder.encode([prompt]))
+        return self._texts[prompt]
+
+    @torch.inference_mode()
+    def run(self, takes: Sequence[Take]) -> list[Result]:
+        """All takes, in their order."""
+        layout = self.model.representation
+        none = torch.zeros(0, layout.feature_dim)
+        growing = [
+            _Growing(take, none if take.history is None else layout.normalize(take.history).float()) for take in takes
+        ]
+        while due := [self._due(one) for one in growing if len(one.features) < one.take.num_frames]:
+            groups: dict[tuple[int, int, bool, bool], list[_Due]] = {}
+            for one in due:
+                groups.setdefault(one.shape, []).append(one)
+            for group in groups.values():
+                for first in range(0, len(group), self.sampling.batch):
+                    self._windows(group[first : first + self.sampling.batch])
+        return [self._result(one) for one in growing]
+
+    def _due(self, growing: _Growing) -> _Due:
+        take, layout = growing.take, self.model.representation
+        first = len(growing.features)
+        crop = min(DEFAULT_HISTORY_FRAMES, first // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN)
+        targets = take.targets
+        steer = take.steer_at(first)
+        if steer is not None:
+            targets = copied(targets, layout.skeleton)
+            last = layout.denormalize(growing.features[-2:])
+            root = last[:, [0, 2]] if first else torch.tensor([take.start[:2]])
+            heading = float(torch.atan2(last[-1, 4], last[-1, 3])) if first else take.start[2]
+            add_steering(targets, steer, first, self.model.config.horizon, root, heading, layout.fps)
+        end = first - crop + self.model.config.max_window_frames
+        if targets is not None and not any(first <= frame < end for frame in targets.frames):
+            targets = None
+        span = visible_frames(self.model, crop, targets, first - crop)
+        return _Due(growing, crop, span, targets)
+
+    def _windows(self, group: list[_Due]) -> None:
+        """One window of each, appended to its take."""
+        model, layout = self.model, self.model.representation
+        crop, span, has_targets, has_text = group[0].shape
+        num_tokens = model.config.horizon // FRAMES_PER_TOKEN
+        width = ROOT_TOKEN_WIDTH + model.config.denoiser.latent_dim
+        observed = mask = None
+        if has_targets:
+            pairs = [due.targets.observe(layout, due.first - crop, span) for due in group if due.targets is not None]
+            observed, mask = (torch.stack(part) for part in zip(*pairs, strict=True))
+        takes = [due.growing.take for due in group]
+        request = WindowRequest(
+            num_frames=span,
+            num_steps=self.sampling.num_steps,
+            text=torch.stack([self.text(due.growing.take.prompt_at(due.first)) for due in group]),
+            noise=torch.stack(
+                [window_noise(take.seed, len(due.growing.starts), num_tokens, width) for take, due in zip(takes, group)]
+            ),
+            weights=self.sampling.weights,
+            history=torch.stack([due.growing.features[due.first - crop :] for due in group]) if crop else None,
+            translation=torch.tensor([[take.start[0], 0.0, take.start[1]] for take in takes]),
+            heading=torch.tensor([take.start[2] for take in takes]),
+            observed=observed,
+            mask=mask,
+        )
+        state = start_window(model, request)
+        # The same weighted sum in as few evaluations as give it, as the server does.
+        passes = needed_passes(model.config.guidance, self.sampling.weights, has_text, has_targets)
+        state = replace(state, passes=batch_passes([passes] * len(group)))
+        for index in reversed(range(self.sampling.num_steps)):
+            state = denoise_step(model, state, index, self.sampling.num_steps)
+        new = finish_window(model, state)[:, crop:]
+        self.num_windows += len(group)
+        for due, frames in zip(group, new, strict=True):
+            take, first = due.growing.take, due.first
+            end = min(first + len(frames), take.next_change(first), take.num_frames)
+            due.growing.starts.append(first)
+            due.growing.features = torch.cat([due.growing.features, frames[: end - first]])
+
+    def _result(self, growing: _Growing) -> Result:
+        layout = self.model.representation
+        return result_of(layout, growing.take, layout.denormalize(growing.features), tuple(growing.starts))
+
+
+def result_of(layout: Representation, take: Take, features: Tensor, starts: tuple[int, ...] = ()) -> Result:
+    """The result of features (T, D) in natural units, its positions by kinematics of their rotations."""
+    rotations = layout.global_rotations(features)
+    positions = positions_from_global(layout.skeleton, rotations, features[:, layout.root_position_block])
+    return Result(take, features, positions, rotations, starts)

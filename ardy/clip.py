@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from ardy.config import FRAMES_PER_TOKEN
-from ardy.denoiser.guidance import DEFAULT_WEIGHTS, GuidanceWeights
+from ardy.denoiser.guidance import GuidanceWeights
 from ardy.model import Model
 from ardy.representation import ROOT_WIDTH
 from ardy.rollout import WindowRequest, WindowState, denoise_step, lay_out, move_root, recentre_tokens
@@ -33,7 +33,7 @@ class ClipRequest:
     noise: Tensor
     heading: Tensor | None = None
     history: Tensor | None = None
-    weights: GuidanceWeights = DEFAULT_WEIGHTS
+    weights: GuidanceWeights | None = None
     observed: Tensor | None = None
     mask: Tensor | None = None
     crop_frames: int | None = None

@@ -16,7 +16,6 @@ from ardy.config import FRAMES_PER_TOKEN
 from ardy.constraint import Targets
 from ardy.denoiser.blocks import MAX_TOKENS
 from ardy.denoiser.guidance import (
-    DEFAULT_WEIGHTS,
     GuidanceWeights,
     PassBatch,
     batch_passes,
@@ -42,14 +41,15 @@ class WindowRequest:
     text: (B, n, W), zeros for no text. history: (B, H, D) normalised features in the world frame, or None.
     history_tokens: (B, H / 4, 20 + L) in the world frame, the tokens of `history` where they are known.
     translation: (B, 3) with y = 0, metres, and heading: (B) radians, where a first window starts (with history they
-    follow from it). observed, mask: (B, num_frames, D), normalised, in the world frame, from the first of history on.
+    follow from it). weights: the model's own where None.
+    observed, mask: (B, num_frames, D), normalised, in the world frame, from the first of history on.
     """
 
     num_frames: int
     num_steps: int
     text: Tensor
     noise: Tensor
-    weights: GuidanceWeights = DEFAULT_WEIGHTS
+    weights: GuidanceWeights | None = None
     history: Tensor | None = None
     history_tokens: Tensor | None = None
     translation: Tensor | None = None
@@ -113,6 +113,12 @@ def start_window(model: Model, request: WindowRequest) -> WindowState:
     return lay_out(model, request, history, translation, heading)
 
 
+def weights_of(model: Model, asked: GuidanceWeights | None) -> GuidanceWeights:
+    """The weights that are asked for, or the model's own."""
+    own = model.sampling.guidance
+    return GuidanceWeights(own.text, own.constraint) if asked is None else asked
+
+
 def check_request(model: Model, request: WindowRequest) -> None:
     """Raise WindowError for what the model cannot do."""
     config = model.config
@@ -153,7 +159,9 @@ def lay_out(model: Model, request: WindowRequest, history: Tensor, translation: 
         observed=observed,
         mask=mask,
     )
-    passes = batch_passes([full_passes(model.config.guidance, request.weights)] * batch, history.device)
+    passes = batch_passes(
+        [full_passes(model.sampling.guidance.mode, weights_of(model, request.weights))] * batch, history.device
+    )
     return WindowState(tokens, window, translation, passes)
 
 
@@ -231,7 +239,7 @@ class RolloutRequest:
     text: Tensor
     seed: int = 0
     num_steps: int = 10
-    weights: GuidanceWeights = DEFAULT_WEIGHTS
+    weights: GuidanceWeights | None = None
     history_frames: int = DEFAULT_HISTORY_FRAMES
     reuse_tokens: bool = False
     targets: Targets | None = None

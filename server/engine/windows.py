@@ -132,6 +132,8 @@ def guidance_at(rung: Rung, asked: Guidance, has_constraints: bool, facts: Model
     """
     if not rung.drop_guidance:
         return asked
+    if facts.guidance_joint:
+        return Guidance(1.0, 1.0)
     apart = facts.guidance_passes > 2
     return Guidance(0.5, 0.5) if apart and has_constraints else Guidance(1.0, 0.0)
 

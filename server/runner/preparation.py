@@ -43,7 +43,7 @@ class Preparation:
     def passes(self, job: WindowJob) -> tuple[Pass, ...]:
         """The evaluations that one step of this job needs."""
         return needed_passes(
-            self._model.config.guidance,
+            self._model.sampling.guidance.mode,
             GuidanceWeights(job.guidance.text, job.guidance.constraint),
             has_text=job.embedding is not None and bool(np.any(job.embedding)),
             has_constraints=bool(job.constraints),

@@ -38,7 +38,10 @@ def add(context: Context) -> None:
             if name == "keyframe, body":
                 targets.add_full_body([frame], pose)
             elif name in limbs:
-                targets.add_end_effectors([frame], limbs[name], pose, turns)
+                asked = [0, *(joint for limb in limbs[name] for joint in chains[limb])]
+                first = [chains[limb][0] for limb in limbs[name]]
+                targets.add_joints(frame, asked, pose[0, asked])
+                targets.add_joints(frame, first, pose[0, first], turns[0, first])
             else:
                 _ask(context, targets, name, frame, pose[0], turns[0], 1 if number % 2 else -1)
             for seed in context.seeds:
@@ -75,7 +78,7 @@ def _ask(
     head = context.skeleton.index("Head")
     if name == "head rotation":
         aside = rotation_y(torch.tensor(math.radians(side * HEAD_TURN_DEG))) @ turns[head]
-        targets.add_joints(frame, [0], pose[:1])
+        targets.add_joints(frame, [0, head], pose[[0, head]])
         targets.add_joints(frame, [head], pose[[head]], aside[None])
     else:
         targets.add_joints(frame, [0], pose[:1] - torch.tensor([0.0, LOWER_M, 0.0]))

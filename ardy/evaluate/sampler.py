@@ -23,6 +23,7 @@ from ardy.rollout import (
     finish_window,
     start_window,
     visible_frames,
+    weights_of,
 )
 from ardy.skeleton import positions_from_global
 from ardy.text import TextEncoder
@@ -31,10 +32,10 @@ from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
 
 @dataclass(frozen=True)
 class Sampling:
-    """How windows are made: steps, guidance, and how many rows go through the model at once."""
+    """How windows are made: steps, guidance (the model's own if None), and how many rows go through at once."""
 
     num_steps: int
-    weights: GuidanceWeights
+    weights: GuidanceWeights | None = None
     batch: int = 32
 
 
@@ -143,7 +144,8 @@ class Sampler:
         )
         state = start_window(model, request)
         # The same weighted sum in as few evaluations as give it, as the server does.
-        passes = needed_passes(model.config.guidance, self.sampling.weights, has_text, has_targets)
+        weights = weights_of(model, self.sampling.weights)
+        passes = needed_passes(model.sampling.guidance.mode, weights, has_text, has_targets)
         state = replace(state, passes=batch_passes([passes] * len(group)))
         for index in reversed(range(self.sampling.num_steps)):
             state = denoise_step(model, state, index, self.sampling.num_steps)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -98,3 +98,14 @@ def direction(angle: Tensor | float) -> Tensor:
     """The unit ground vector (..., 2), x and z, of an angle about +Y in radians."""
     angle = torch.as_tensor(angle, dtype=torch.float32)
     return torch.stack([angle.sin(), angle.cos()], dim=-1)
+
+
+def result_frames(result: Result, first: int) -> Result:
+    """The frames of a result from `first` on, counted from the end where it is negative."""
+    return replace(
+        result,
+        features=result.features[first:],
+        positions=result.positions[first:],
+        rotations=result.rotations[first:],
+        window_starts=(),
+    )

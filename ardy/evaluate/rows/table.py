@@ -1,0 +1,19 @@
+"""The parts of the evaluation by name, in the order of the table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ardy.evaluate.context import Context
+from ardy.evaluate.rows import feet, paths, poses, seams, sessions, turning, velocity, waypoints
+
+FAMILIES: dict[str, Callable[[Context], None]] = {
+    "waypoint": waypoints.add,
+    "path": paths.add,
+    "pose": poses.add,
+    "velocity": velocity.add,
+    "feet": feet.add,
+    "seam": seams.add,
+    "text": turning.add,
+    "session": sessions.add,
+}

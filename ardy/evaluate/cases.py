@@ -32,6 +32,7 @@ class Case:
 
     id: str
     content: str
+    style: str
     caption: str
     group: str
     derived: bool
@@ -44,6 +45,11 @@ class Case:
     @property
     def num_frames(self) -> int:
         return len(self.features)
+
+    @property
+    def label(self) -> str:
+        """Equal where captions say the same."""
+        return f"{self.content}/{self.style}"
 
     @property
     def history(self) -> Tensor:
@@ -75,7 +81,7 @@ def _case(clip: Clip, layout: Representation) -> Case:
     group = MOVING if is_moving(features[:, [0, 2]], layout.fps) else STANDING
     take = Take(clip.id, 0, len(features), ((0, clip.captions[0]),), group)
     motion = result_of(layout, take, features)
-    return Case(clip.id, clip.content, clip.captions[0], group, bool(clip.derived_from), motion)
+    return Case(clip.id, clip.content, clip.style, clip.captions[0], group, bool(clip.derived_from), motion)
 
 
 def captured_figures(cases: list[Case], layout: Representation) -> Captured:

@@ -28,11 +28,12 @@ class Size:
     moving: int = 16
     standing: int = 6
     sessions: int = 16
+    matched: int = 96
     long_s: int = 600
     long_sessions: int = 3
 
 
-QUICK = Size(seeds=1, moving=6, standing=3, sessions=6, long_s=60, long_sessions=2)
+QUICK = Size(seeds=1, moving=6, standing=3, sessions=6, matched=48, long_s=60, long_sessions=2)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ardy.evaluate.context import Context
-from ardy.evaluate.rows import feet, paths, poses, seams, sessions, turning, velocity, waypoints
+from ardy.evaluate.rows import feet, matching, paths, poses, seams, sessions, turning, velocity, waypoints
 
 FAMILIES: dict[str, Callable[[Context], None]] = {
     "waypoint": waypoints.add,
@@ -15,5 +15,6 @@ FAMILIES: dict[str, Callable[[Context], None]] = {
     "feet": feet.add,
     "seam": seams.add,
     "text": turning.add,
+    "matching": matching.add,
     "session": sessions.add,
 }

@@ -13,6 +13,7 @@ from ardy.denoiser.guidance import GuidanceWeights
 from ardy.model import Model
 from ardy.representation import ROOT_WIDTH
 from ardy.rollout import WindowRequest, WindowState, denoise_step, lay_out, move_root, recentre_tokens
+from ardy.sampling.plan import plan_observed
 from ardy.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens
 from ardy.window import WindowError
 
@@ -101,14 +102,21 @@ def clip_window(model: Model, request: ClipRequest, state: ClipState, index: int
             return None
         return functional.pad(constraints, (0, 0, 0, total - constraints.shape[1]))[:, start:]
 
+    observed, mask, planned = ahead(request.observed), ahead(request.mask), None
+    if observed is not None and mask is not None:
+        seen = move_root(model.representation, state.tokens[:, start // FRAMES_PER_TOKEN :], state.translation)
+        observed, mask, planned = plan_observed(
+            model, observed, mask, root_from_tokens(seen), state.translation, state.heading
+        )
     window_request = WindowRequest(
         num_frames=total - start,
         num_steps=request.num_steps,
         text=request.text,
         noise=request.noise[index],
         weights=request.weights,
-        observed=ahead(request.observed),
-        mask=ahead(request.mask),
+        observed=observed,
+        mask=mask,
+        planned=planned,
     )
     history = state.tokens[:, start // FRAMES_PER_TOKEN :]
     window = lay_out(model, window_request, history, state.translation, state.heading)

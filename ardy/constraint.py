@@ -43,6 +43,7 @@ class Targets:
 
     Frames are absolute; `fill` is told which of them it is to lay out, and leaves the others alone. The groups are
     independent: a waypoint overrides the ground position of an earlier keyframe at its frame but not its pose.
+    planned: frames whose root nobody asked for, but which lead to what was asked: the root may sway about them.
     """
 
     def __init__(self, skeleton: Skeleton) -> None:
@@ -52,6 +53,7 @@ class Targets:
         self.heading: dict[int, Tensor] = {}
         self.positions: dict[tuple[int, int], Tensor] = {}
         self.rotations: dict[tuple[int, int], Tensor] = {}
+        self.planned: set[int] = set()
 
     @property
     def frames(self) -> set[int]:
@@ -65,8 +67,21 @@ class Targets:
         if heading is not None:
             require_numbers("headings", heading, (len(frames),))
         self.ground.update(zip(frames, ground.unbind(), strict=True))
+        self.planned.difference_update(frames)
         if heading is not None:
-            self.heading.update(zip(frames, torch.stack([heading.cos(), heading.sin()], dim=-1).unbind(), strict=True))
+            self.add_heading(frames, heading)
+
+    def add_heading(self, frames: Sequence[int], heading: Tensor) -> None:
+        """The root's facing alone. heading: (K) radians."""
+        require_numbers("headings", heading, (len(frames),))
+        self.heading.update(zip(frames, torch.stack([heading.cos(), heading.sin()], dim=-1).unbind(), strict=True))
+
+    def copy(self) -> Targets:
+        """The same targets, to be changed apart from these."""
+        other = Targets(self.skeleton)
+        for name in ("ground", "height", "heading", "positions", "rotations", "planned"):
+            setattr(other, name, getattr(self, name).copy())
+        return other
 
     def _add_pose_root(self, frames: Sequence[int], positions: Tensor, ground: Tensor | None) -> None:
         angle = heading_angle(self.skeleton, positions)
@@ -171,6 +186,12 @@ class Targets:
                 f" give the position of {self.skeleton.joint_names[0]} at that frame too"
             )
         return self.positions[frame, joint] - root * root.new_tensor([1.0, 0.0, 1.0])
+
+    def planned_frames(self, first_frame: int, num_frames: int) -> Tensor:
+        """(num_frames) bool of frames from first_frame on: those whose root was only planned."""
+        frames = torch.zeros(num_frames, dtype=torch.bool)
+        frames[[frame - first_frame for frame in self.planned if 0 <= frame - first_frame < num_frames]] = True
+        return frames
 
     def observe(self, layout: Representation, first_frame: int, num_frames: int) -> tuple[Tensor, Tensor]:
         """As `fill`, on the layout's device, the observed features normalised and zero where the mask is zero."""

@@ -27,6 +27,8 @@ from ardy.kept_tokens import KeptTokens
 from ardy.model import Model
 from ardy.noise import window_noise
 from ardy.representation import ROOT_WIDTH, Representation
+from ardy.sampling.plan import plan_targets
+from ardy.sampling.projection import make_projection
 from ardy.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens, root_to_tokens
 from ardy.window import Window, WindowError
 
@@ -42,7 +44,8 @@ class WindowRequest:
     history_tokens: (B, H / 4, 20 + L) in the world frame, the tokens of `history` where they are known.
     translation: (B, 3) with y = 0, metres, and heading: (B) radians, where a first window starts (with history they
     follow from it). weights: the model's own where None.
-    observed, mask: (B, num_frames, D), normalised, in the world frame, from the first of history on.
+    observed, mask: (B, num_frames, D), normalised, in the world frame, from the first of history on. planned: (B,
+    num_frames) bool, frames whose observed root nobody asked for; None for none.
     """
 
     num_frames: int
@@ -56,6 +59,7 @@ class WindowRequest:
     heading: Tensor | None = None
     observed: Tensor | None = None
     mask: Tensor | None = None
+    planned: Tensor | None = None
 
 
 @dataclass(frozen=True)
@@ -147,9 +151,14 @@ def lay_out(model: Model, request: WindowRequest, history: Tensor, translation: 
     tokens = history.new_zeros(batch, num_tokens, history.shape[-1])
     tokens[:, :history_tokens] = history
     tokens[:, history_tokens : history_tokens + request.noise.shape[1]] = request.noise
-    observed, mask = request.observed, request.mask
+    observed, mask, projection = request.observed, request.mask, None
     if observed is not None and mask is not None:
         observed, mask = local_goals(model.representation, observed, mask, translation, history_len)
+        if model.sampling.project_root:
+            first, count = history_tokens * FRAMES_PER_TOKEN, request.noise.shape[1] * FRAMES_PER_TOKEN
+            projection = make_projection(
+                model.representation, observed, mask, request.planned, first, count, model.sampling
+            )
     window = Window(
         history_len=history_len,
         generation_len=torch.full_like(history_len, request.noise.shape[1] * FRAMES_PER_TOKEN),
@@ -158,10 +167,10 @@ def lay_out(model: Model, request: WindowRequest, history: Tensor, translation: 
         heading=heading,
         observed=observed,
         mask=mask,
+        projection=projection,
     )
-    passes = batch_passes(
-        [full_passes(model.sampling.guidance.mode, weights_of(model, request.weights))] * batch, history.device
-    )
+    group = full_passes(model.sampling.guidance.mode, weights_of(model, request.weights))
+    passes = batch_passes([group] * batch, history.device)
     return WindowState(tokens, window, translation, passes)
 
 
@@ -171,7 +180,10 @@ def denoise_step(model: Model, state: WindowState, index: int, num_steps: int) -
     rows = torch.full_like(state.window.history_len, index)
     counts = torch.full_like(rows, num_steps)
     base_step = schedule.base_step[counts, rows]
-    clean = guided_prediction(model.denoiser, state.tokens, base_step, state.window, state.passes)
+    window = state.window
+    if index >= model.sampling.projection.last_steps:
+        window = replace(window, projection=None)
+    clean = guided_prediction(model.denoiser, state.tokens, base_step, window, state.passes)
     moved = schedule.reverse_step(state.tokens, clean, rows, counts)
     horizon = state.window.generation_tokens[..., None]
     return replace(state, tokens=torch.where(horizon, moved, state.tokens))
@@ -281,10 +293,12 @@ def rollout(model: Model, request: RolloutRequest) -> Tensor:
         history_len = min(request.history_frames, done // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN)
         first_frame = done - history_len
         text, text_end = request.prompt_at(done)
-        span = visible_frames(model, history_len, request.targets, first_frame)
-        observed, mask = (None, None)
-        if request.targets is not None:
-            observed, mask = (part[None] for part in request.targets.observe(layout, first_frame, span))
+        targets = plan_targets(model, request.targets, features[first_frame:], done, request.start)
+        span = visible_frames(model, history_len, targets, first_frame)
+        observed, mask, planned = (None, None, None)
+        if targets is not None:
+            observed, mask = (part[None] for part in targets.observe(layout, first_frame, span))
+            planned = targets.planned_frames(first_frame, span)[None].to(device)
         known = kept.before(done, history_len) if request.reuse_tokens else None
         window = WindowRequest(
             num_frames=span,
@@ -298,6 +312,7 @@ def rollout(model: Model, request: RolloutRequest) -> Tensor:
             heading=torch.tensor([heading], device=device),
             observed=observed,
             mask=mask,
+            planned=planned,
         )
         state = denoise_window(model, window)
         new = finish_window(model, state)[0, history_len:]

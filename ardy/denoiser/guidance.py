@@ -114,6 +114,7 @@ def expand_window(window: Window, batch: PassBatch) -> Window:
         observed=observed,
         mask=mask,
         text_mask=None if window.text_mask is None else window.text_mask[rows],
+        projection=None if window.projection is None else window.projection.rows(rows),
     )
 
 

@@ -65,12 +65,14 @@ class GuidanceOptions(CheckedOptions):
 class ProjectionOptions(CheckedOptions):
     """How the predicted root is brought onto its goals.
 
-    last_steps: at how many of the last denoising steps. seam_frames: the frames over which the correction of a goal
-    that is alone fades in from the seam and out behind it, where no other goal is nearer.
+    last_steps: at how many of the last denoising steps. slack_m, slack_rad: how far the root may sway about a path that
+    was only planned under its goals. acceleration_m_s2: the most that a correction adds where no path was planned.
     """
 
     last_steps: int = option(1, 1, 1000)
-    seam_frames: int = option(20, 1, 400)
+    slack_m: float = option(0.03, 0.0, 1.0)
+    slack_rad: float = option(0.2, 0.0, 3.2)
+    acceleration_m_s2: float = option(4.0, 0.1, 50.0)
 
 
 @dataclass(frozen=True)
@@ -82,8 +84,8 @@ class PlanOptions(CheckedOptions):
     """
 
     stride_frames: int = option(5, 1, 40)
-    speed_m_s: float = option(1.5, 0.1, 10.0)
-    acceleration_m_s2: float = option(2.5, 0.1, 50.0)
+    speed_m_s: float = option(1.8, 0.1, 10.0)
+    acceleration_m_s2: float = option(2.8, 0.1, 50.0)
     turn_rate_rad_s: float = option(3.2, 0.1, 30.0)
 
 

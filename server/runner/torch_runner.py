@@ -79,7 +79,9 @@ class TorchRunner:
         tokens = torch.stack([row.tokens for row in rows.values()])
         num_steps = torch.tensor([row.job.num_steps for row in rows.values()], device=self._device)
         index = num_steps - 1 - torch.tensor([row.steps_done for row in rows.values()], device=self._device)
-        clean = self._denoiser.predict(batch, tokens, self._schedule.base_step[num_steps, index])
+        last_steps = self._model.sampling.projection.last_steps
+        project = [row.job.num_steps - row.steps_done <= last_steps for row in rows.values()]
+        clean = self._denoiser.predict(batch, tokens, self._schedule.base_step[num_steps, index], project)
         moved = self._schedule.reverse_step(tokens, clean, index, num_steps)
         return moved, moved.isfinite().flatten(1).all(dim=1).tolist()
 

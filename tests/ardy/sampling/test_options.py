@@ -45,7 +45,7 @@ def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:
 
 
 def test_options_survive_the_file() -> None:
-    options = SamplingOptions(project_root=True, projection=ProjectionOptions(seam_frames=7))
+    options = SamplingOptions(project_root=True, projection=ProjectionOptions(slack_m=0.07))
     assert read_options(yaml.safe_load(yaml.safe_dump(write_options(options))), "separated") == options
 
 

@@ -1,4 +1,4 @@
-"""Judge a model by the motion it makes: `python -m ardy.evaluate MODEL DATA`. The exit code is 1 where a bound is missed.
+"""Judge a model by its motion: `python -m ardy.evaluate MODEL DATA`. The exit code is 1 where a bound is missed.
 
 Windows are made as the server makes them: 16 frames of history, the model's own guidance and corrections.
 """
@@ -12,9 +12,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import torch
+import yaml
 from rich.console import Console
 
 from ardy.checkpoint import load_checkpoint
+from ardy.config import ConfigError
 from ardy.data.dataset import DatasetError, MotionDataset
 from ardy.denoiser.guidance import GuidanceWeights
 from ardy.evaluate.cases import captured_figures, load_cases
@@ -24,6 +26,7 @@ from ardy.evaluate.rows.table import FAMILIES
 from ardy.evaluate.sampler import Sampler, Sampling
 from ardy.model import Model
 from ardy.model_card import UnknownModel, model_folder
+from ardy.sampling.options_file import read_options
 from ardy.text import load_text_encoder
 from ardy.train.feature_bank import natural_layout
 
@@ -35,8 +38,11 @@ def main() -> None:
     torch.set_num_threads(arguments.threads)
     try:
         model = load_checkpoint(model_folder(arguments.model))
+        if arguments.sampling is not None:
+            content = yaml.safe_load(arguments.sampling.read_text(encoding="utf-8"))
+            model.sampling = read_options(content, model.config.guidance)
         dataset = MotionDataset.load(arguments.data, arguments.split)
-    except (UnknownModel, DatasetError) as error:
+    except (UnknownModel, DatasetError, ConfigError, yaml.YAMLError, OSError) as error:
         sys.exit(f"python -m ardy.evaluate: {error}")
     reports = [_judge(model, dataset, steps, arguments, console) for steps in arguments.steps]
     for report in reports:
@@ -55,7 +61,10 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--rows", type=_families, default=tuple(FAMILIES), help=f"of {','.join(FAMILIES)}; default all")
     parser.add_argument("--seeds", type=int, default=Size.seeds, help="takes of each clip (default %(default)s)")
     parser.add_argument("--quick", action="store_true", help="few clips, one seed, one-minute sessions")
-    parser.add_argument("--raw", action="store_true", help="without projection of the root and clean-up; its own bounds")
+    parser.add_argument(
+        "--raw", action="store_true", help="without projection of the root and clean-up; its own bounds"
+    )
+    parser.add_argument("--sampling", type=Path, help="a sampling.yaml in place of the model's own")
     parser.add_argument("--text-guidance", type=float, help="the model's own if absent")
     parser.add_argument("--constraint-guidance", type=float, help="the model's own if absent")
     parser.add_argument("--text-encoder", default="static")
@@ -92,9 +101,7 @@ def uncorrected(model: Model) -> None:
     model.sampling = replace(model.sampling, project_root=False, clean_feet=False, reach_joints=False)
 
 
-def _judge(
-    model: Model, dataset: MotionDataset, steps: int, arguments: argparse.Namespace, console: Console
-) -> Report:
+def _judge(model: Model, dataset: MotionDataset, steps: int, arguments: argparse.Namespace, console: Console) -> Report:
     if arguments.raw:
         uncorrected(model)
     weights = _weights(model, arguments)

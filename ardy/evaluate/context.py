@@ -81,9 +81,7 @@ class Context:
         """The bound of that name; standing clips have none."""
         return bounds(self.raw)[name] if group == MOVING else None
 
-    def chosen(
-        self, group: str, num_frames: int, count: int | None = None, contents: Sequence[str] = ()
-    ) -> list[Case]:
+    def chosen(self, group: str, num_frames: int, count: int | None = None, contents: Sequence[str] = ()) -> list[Case]:
         """Captured cases of a group with so many frames, spread over contents; contents: only those starting so."""
         count = (self.size.moving if group == MOVING else self.size.standing) if count is None else count
         fit = [

@@ -1,7 +1,8 @@
 """TextJudge: how well a motion and a text belong together, by two small encoders trained to agree.
 
 A motion becomes a sequence of frames at 10 a second about its own start; a GRU reads it. A text is its static embedding
-through two layers. Both end on the unit sphere of `DIM` dimensions, as in TMR (Petrovich et al. 2023) without its decoder.
+through two layers. Both end on the unit sphere of `DIM` dimensions, as in TMR (Petrovich et al. 2023), whose decoder is
+left out.
 """
 
 from __future__ import annotations
@@ -31,6 +32,9 @@ class JudgeMissing(ValueError):
 
 class TextJudge(nn.Module):
     """The two encoders. frame_dim: width of `judge_frames`; text_dim: of the text embeddings."""
+
+    mean: Tensor
+    std: Tensor
 
     def __init__(self, frame_dim: int, text_dim: int) -> None:
         super().__init__()

@@ -12,7 +12,7 @@ from ardy.config import FRAMES_PER_TOKEN
 from ardy.constraint import Targets
 from ardy.denoiser.guidance import GuidanceWeights, batch_passes, needed_passes
 from ardy.evaluate.steering import add_steering
-from ardy.evaluate.take import Result, Take, copied
+from ardy.evaluate.take import Result, Take
 from ardy.model import Model
 from ardy.noise import window_noise
 from ardy.representation import Representation
@@ -25,6 +25,7 @@ from ardy.rollout import (
     visible_frames,
     weights_of,
 )
+from ardy.sampling.plan import plan_targets
 from ardy.skeleton import positions_from_global
 from ardy.text import TextEncoder
 from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
@@ -106,7 +107,7 @@ class Sampler:
         targets = take.targets
         steer = take.steer_at(first)
         if steer is not None:
-            targets = copied(targets, layout.skeleton)
+            targets = Targets(layout.skeleton) if targets is None else targets.copy()
             last = layout.denormalize(growing.features[-2:])
             root = last[:, [0, 2]] if first else torch.tensor([take.start[:2]])
             heading = float(torch.atan2(last[-1, 4], last[-1, 3])) if first else take.start[2]
@@ -114,6 +115,7 @@ class Sampler:
         end = first - crop + self.model.config.max_window_frames
         if targets is not None and not any(first <= frame < end for frame in targets.frames):
             targets = None
+        targets = plan_targets(self.model, targets, growing.features[first - crop :], first, take.start)
         span = visible_frames(self.model, crop, targets, first - crop)
         return _Due(growing, crop, span, targets)
 
@@ -123,17 +125,19 @@ class Sampler:
         crop, span, has_targets, has_text = group[0].shape
         num_tokens = model.config.horizon // FRAMES_PER_TOKEN
         width = ROOT_TOKEN_WIDTH + model.config.denoiser.latent_dim
-        observed = mask = None
+        observed = mask = planned = None
         if has_targets:
-            pairs = [due.targets.observe(layout, due.first - crop, span) for due in group if due.targets is not None]
+            told = [(due.targets, due.first - crop) for due in group if due.targets is not None]
+            pairs = [targets.observe(layout, first, span) for targets, first in told]
             observed, mask = (torch.stack(part) for part in zip(*pairs, strict=True))
+            planned = torch.stack([targets.planned_frames(first, span) for targets, first in told])
         takes = [due.growing.take for due in group]
         request = WindowRequest(
             num_frames=span,
             num_steps=self.sampling.num_steps,
             text=torch.stack([self.text(due.growing.take.prompt_at(due.first)) for due in group]),
             noise=torch.stack(
-                [window_noise(take.seed, len(due.growing.starts), num_tokens, width) for take, due in zip(takes, group)]
+                [window_noise(due.growing.take.seed, len(due.growing.starts), num_tokens, width) for due in group]
             ),
             weights=self.sampling.weights,
             history=torch.stack([due.growing.features[due.first - crop :] for due in group]) if crop else None,
@@ -141,6 +145,7 @@ class Sampler:
             heading=torch.tensor([take.start[2] for take in takes]),
             observed=observed,
             mask=mask,
+            planned=planned,
         )
         state = start_window(model, request)
         # The same weighted sum in as few evaluations as give it, as the server does.

@@ -85,15 +85,6 @@ class Result:
         return heading_angle(skeleton, self.positions)
 
 
-def copied(targets: Targets | None, skeleton: Skeleton) -> Targets:
-    """A set of targets that can be added to without changing the given one."""
-    copy = Targets(skeleton)
-    if targets is not None:
-        for name in ("ground", "height", "heading", "positions", "rotations"):
-            getattr(copy, name).update(getattr(targets, name))
-    return copy
-
-
 def direction(angle: Tensor | float) -> Tensor:
     """The unit ground vector (..., 2), x and z, of an angle about +Y in radians."""
     angle = torch.as_tensor(angle, dtype=torch.float32)

@@ -14,8 +14,8 @@ POOL = 32
 def ranks(motions: Tensor, texts: Tensor, labels: Sequence[str], seed: int = 0) -> np.ndarray:
     """The place (N), 0 the first, of each motion's own text among POOL texts of different labels.
 
-    motions, texts: (N, K) unit vectors; labels: texts with the same one say the same and are never in one pool. The pool
-    is smaller where there are fewer labels.
+    motions, texts: (N, K) unit vectors; labels: texts with the same one say the same and are never in one pool. The
+    pool is smaller where there are fewer labels.
     """
     random = np.random.default_rng(seed)
     scores = (motions @ texts.T).numpy()

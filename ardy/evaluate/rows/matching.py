@@ -36,7 +36,9 @@ def add(context: Context) -> None:
     reference = judge.embed(context.layout, [case.features for case in others])
     distances = [Sample("FID", frechet_distance(vectors, reference)) for vectors in made]
     data = frechet_distance(captured, reference)
-    context.add(summarize((FAMILY, "FID to other captures, moving and standing together", MOVING), "", distances, data=data))
+    context.add(
+        summarize((FAMILY, "FID to other captures, moving and standing together", MOVING), "", distances, data=data)
+    )
 
 
 def _take(case: Case, seed: int) -> Take:

@@ -140,7 +140,15 @@ def _turns(context: Context) -> None:
             side = 1 if number % 2 else -1
             targets.add_root([frame], torch.zeros(1, 2), torch.tensor([facing + side * math.radians(off)]))
             group += [
-                Take(f"{case.id} turn {off}", seed, frame + 1, ((0, "a person stands still"),), MOVING, case.history, targets)
+                Take(
+                    f"{case.id} turn {off}",
+                    seed,
+                    frame + 1,
+                    ((0, "a person stands still"),),
+                    MOVING,
+                    case.history,
+                    targets,
+                )
                 for seed in context.seeds
             ]
     results = iter(context.run([take for group in takes.values() for take in group]))

@@ -71,9 +71,7 @@ def _take(case: Case, name: str, seed: int, frame: int, targets: Targets) -> Tak
     return Take(f"{case.id} {name}", seed, end, ((0, case.caption),), case.group, case.history, targets)
 
 
-def _ask(
-    context: Context, targets: Targets, name: str, frame: int, pose: Tensor, turns: Tensor, side: int
-) -> None:
+def _ask(context: Context, targets: Targets, name: str, frame: int, pose: Tensor, turns: Tensor, side: int) -> None:
     """The clip's root with its head turned aside, or lowered."""
     head = context.skeleton.index("Head")
     if name == "head rotation":

@@ -1,4 +1,4 @@
-"""Prompts obeyed: turning the labelled way, stopping to turn, walking, waving with the right hand, and reconstruction."""
+"""Prompts obeyed: turning the labelled way, stopping to turn, walking, waving with one hand; and reconstruction."""
 
 from __future__ import annotations
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import torch
 from torch import Tensor
 
 from ardy.constraint import Targets
@@ -33,7 +32,7 @@ def contradiction(case: Case) -> str:
 
 
 def way(case: Case, context: Context) -> tuple[float, float]:
-    """The direction (radians) and speed (m/s) in which a case goes at its last history frame; its facing if it stands."""
+    """Direction (radians) and speed (m/s) of a case at its last history frame; of one that stands, where it faces."""
     root = case.motion.root[:HISTORY]
     speed = float((root[-1] - root[-9]).norm()) / 8 * context.fps
     if case.group == MOVING and speed > 0.2:
@@ -41,9 +40,7 @@ def way(case: Case, context: Context) -> tuple[float, float]:
     return float(case.motion.facing(context.skeleton)[HISTORY - 1]), 0.7 * MAX_SPEED_M_S
 
 
-def waypoint_take(
-    context: Context, case: Case, name: str, seed: int, goal: Tensor, frame: int, prompt: str
-) -> Take:
+def waypoint_take(context: Context, case: Case, name: str, seed: int, goal: Tensor, frame: int, prompt: str) -> Take:
     """A case that goes on to a ground position (2) at a frame."""
     targets = Targets(context.skeleton)
     targets.add_root([frame], goal[None].float())
@@ -82,7 +79,14 @@ def _in_horizon(context: Context) -> None:
         if "the way" in row:
             context.add_goal(FAMILY, row, "m", group, miss, "waypoint on")
     off = {row: group for row, group in results.items() if "the way" not in row}
-    context.add_goal(FAMILY, f"{AHEAD_S:g} s, off the way, all", "m", sum(off.values(), []), miss, "waypoint off")
+    context.add_goal(
+        FAMILY,
+        f"{AHEAD_S:g} s, off the way, all",
+        "m",
+        [one for group in off.values() for one in group],
+        miss,
+        "waypoint off",
+    )
     for row, group in off.items():
         context.add_goal(FAMILY, row, "m", group, miss, "waypoint off")
     _show(context, results)

@@ -24,7 +24,14 @@ def test_derived_clips_follow_what_they_were_made_of() -> None:
     free = next(one for one in IDS if not is_validation([one]))
     derived_from = {"a": held, "b": "a", "c": free, "d": f"{free}+b", held: "", free: ""}
     cut = with_validation(dict.fromkeys([held, free, "a", "b", "c", "d"], "train"), derived_from)
-    assert cut == {held: "validation", free: "train", "a": "validation", "b": "validation", "c": "train", "d": "validation"}
+    assert cut == {
+        held: "validation",
+        free: "train",
+        "a": "validation",
+        "b": "validation",
+        "c": "train",
+        "d": "validation",
+    }
 
 
 def test_a_ring_of_derivations_ends() -> None:

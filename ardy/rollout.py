@@ -27,6 +27,7 @@ from ardy.kept_tokens import KeptTokens
 from ardy.model import Model
 from ardy.noise import window_noise
 from ardy.representation import ROOT_WIDTH, Representation
+from ardy.sampling.correct import correct_window
 from ardy.sampling.plan import plan_targets
 from ardy.sampling.projection import make_projection
 from ardy.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens, root_to_tokens
@@ -217,10 +218,27 @@ def denoise_window(model: Model, request: WindowRequest) -> WindowState:
     return state
 
 
+def commit_window(model: Model, request: WindowRequest, finished: Tensor) -> Tensor:
+    """The horizon of a finished window as it is to be played: normalised features (B, G, D) in the world frame, with
+    what the model's sampling options correct. finished: (B, H + G, D), as `finish_window`.
+    """
+    end = finished.shape[1]
+    start = end - request.noise.shape[1] * FRAMES_PER_TOKEN
+    history = finished[:, :0] if request.history is None else request.history
+    goals = None
+    if request.observed is not None and request.mask is not None:
+        goals = request.observed[:, start:end], request.mask[:, start:end]
+    return correct_window(model.representation, history, finished[:, start:], goals, model.sampling)
+
+
 @torch.no_grad()
 def generate_window(model: Model, request: WindowRequest) -> Tensor:
-    """One whole window: normalised features (B, H + G, D) in the world frame."""
-    return finish_window(model, denoise_window(model, request))
+    """One whole window: normalised features (B, H + G, D) in the world frame; of the history a re-synthesis, of the
+    horizon what `commit_window` makes of it.
+    """
+    finished = finish_window(model, denoise_window(model, request))
+    committed = commit_window(model, request, finished)
+    return torch.cat([finished[:, : -committed.shape[1]], committed], dim=1)
 
 
 def visible_frames(model: Model, history_frames: int, targets: Targets | None, first_frame: int) -> int:
@@ -244,7 +262,8 @@ class RolloutRequest:
     time; a window that would run across a prompt's first frame is kept only up to it.
     seed: the k-th window starts from `window_noise(seed, k)`. history_frames: the most decided frames that a window
     starts with, a multiple of 4; reuse_tokens: a history that whole tokens of earlier windows cover is not encoded
-    again. targets: constraints by absolute frame. start: x and z in metres, heading in radians.
+    again, unless windows are corrected, which their tokens do not know. targets: constraints by absolute frame. start:
+    x and z in metres, heading in radians.
     """
 
     num_frames: int
@@ -315,6 +334,7 @@ def rollout(model: Model, request: RolloutRequest) -> Tensor:
             planned=planned,
         )
         state = denoise_window(model, window)
-        new = finish_window(model, state)[0, history_len:]
-        kept.replace_from(done, world_tokens(model, state)[0, history_len // FRAMES_PER_TOKEN :])
+        new = commit_window(model, window, finish_window(model, state))[0]
+        if not model.sampling.corrects:  # tokens know nothing of what is corrected after them
+            kept.replace_from(done, world_tokens(model, state)[0, history_len // FRAMES_PER_TOKEN :])
         features = torch.cat([features, new[: text_end - done]])

@@ -91,12 +91,44 @@ class PlanOptions(CheckedOptions):
 
 @dataclass(frozen=True)
 class FeetOptions(CheckedOptions):
-    """How feet in contact are held in place."""
+    """How feet in contact are held in place.
+
+    slow_m_s, low_m: a foot joint below both is in contact; fast_m_s, high_m: one above either is not. heel_m, toe_m:
+    how high above the ground these joints are when they stand on it. stride_m: a foot that would slip farther than
+    this in one stance takes a step instead, in which it is lifted by lift_m at most. fade_frames: over so many frames
+    a correction goes where a foot is in the air. lower_m: how far the pelvis gives way to a leg that is too short.
+    """
+
+    slow_m_s: float = option(0.15, 0.0, 2.0)
+    fast_m_s: float = option(1.2, 0.1, 10.0)
+    low_m: float = option(0.1, 0.0, 1.0)
+    high_m: float = option(0.16, 0.0, 1.0)
+    heel_m: float = option(0.07, 0.0, 1.0)
+    toe_m: float = option(0.012, 0.0, 1.0)
+    stride_m: float = option(0.6, 0.05, 2.0)
+    lift_m: float = option(0.06, 0.0, 0.5)
+    fade_frames: int = option(10, 1, 100)
+    lower_m: float = option(0.05, 0.0, 0.5)
+
+
+@dataclass(frozen=True)
+class JoinOptions(CheckedOptions):
+    """How tokens are joined. seam_frames: over so many frames a jump at the start of a window fades."""
+
+    seam_frames: int = option(8, 1, 100)
 
 
 @dataclass(frozen=True)
 class ReachOptions(CheckedOptions):
-    """How joints are brought onto their goals."""
+    """How joints are brought onto their goals.
+
+    fade_frames: a correction comes and goes over so many frames on either side of its goal. acceleration_m_s2: where
+    there is less room, at the start of a window, it is made smaller until it accelerates no joint by more than this,
+    and the goal is missed by the rest.
+    """
+
+    fade_frames: int = option(8, 1, 100)
+    acceleration_m_s2: float = option(40.0, 0.1, 1000.0)
 
 
 @dataclass(frozen=True)
@@ -105,7 +137,7 @@ class SamplingOptions(CheckedOptions):
 
     project_root: each step's root is brought onto its goals before the body follows it. plan_root: sparse root goals
     get a path laid under them. clean_feet: feet in contact are held in place. reach_joints: joints are brought onto
-    their goals.
+    their goals. join_tokens: jumps between one token's frames and the next's are smoothed.
     """
 
     guidance: GuidanceOptions = GuidanceOptions()
@@ -113,15 +145,17 @@ class SamplingOptions(CheckedOptions):
     plan_root: bool = False
     clean_feet: bool = False
     reach_joints: bool = False
+    join_tokens: bool = False
     projection: ProjectionOptions = ProjectionOptions()
     plan: PlanOptions = PlanOptions()
     feet: FeetOptions = FeetOptions()
     reach: ReachOptions = ReachOptions()
+    joins: JoinOptions = JoinOptions()
 
     @property
     def corrects(self) -> bool:
         """Whether frames of a finished window are changed before they are committed."""
-        return self.clean_feet or self.reach_joints
+        return self.clean_feet or self.reach_joints or self.join_tokens
 
 
 def released_options(mode: GuidanceMode) -> SamplingOptions:

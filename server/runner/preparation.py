@@ -73,16 +73,25 @@ class Preparation:
     def _group(self, shape: _Shape, members: list[tuple[WindowJob, Targets | None]]) -> list[Row]:
         jobs = [job for job, _ in members]
         history, translation, heading = self._history(shape, jobs)
-        observed, mask, projection = None, None, None
+        observed, mask, projection, goals = None, None, None, None
         if shape.has_targets:
             observed, mask = self._goals(shape, members, translation)
             projection = self._projection(shape, members, observed, mask)
+            horizon = slice(shape.history_len, shape.history_len + self._model.config.horizon)
+            goals = observed[:, horizon], mask[:, horizon]
         passes = [self.passes(job) for job in jobs]
         request = RowRequest(history, self._texts(jobs), heading, observed, mask, passes, projection)
         conditions = self._denoiser.conditions(request)
         noise = torch.stack([self._noise(job) for job in jobs]).to(self._device)
         return [
-            Row(job, noise[index], history[index], translation[index], conditions[index])
+            Row(
+                job,
+                noise[index],
+                history[index],
+                translation[index],
+                conditions[index],
+                None if goals is None else (goals[0][index], goals[1][index]),
+            )
             for index, job in enumerate(jobs)
         ]
 

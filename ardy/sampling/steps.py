@@ -1,0 +1,49 @@
+"""Where feet are to be held: the offset over the ground that keeps a standing foot in place, window by window."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ardy.sampling.options import FeetOptions
+from ardy.sampling.spread import held, spread, within
+from ardy.sampling.stance import run_sums, segments
+
+STEP_FRAMES = 3  # on either side of the middle of a step that is put in
+LEFT_RIGHT_PHASE = (0.25, 0.75)  # so that both feet of a body that glides do not step at once
+
+
+def breaks(standing: Tensor, slipped: Tensor, options: FeetOptions) -> Tensor:
+    """Frames (B, T, 2) at which a foot that slips too far in one stance is to take a step.
+
+    standing: (B, T, 2) bool; slipped: (B, T, 2, 3) metres, as `stance.slip`.
+    """
+    number = segments(standing)
+    first = torch.cat([torch.ones_like(standing[:, :1]), number[:, 1:] != number[:, :-1]], dim=1)
+    far = (slipped - held(slipped, first)).norm(dim=-1) / options.stride_m
+    piece = (far + far.new_tensor(LEFT_RIGHT_PHASE)).floor()
+    passed = torch.cat([torch.zeros_like(standing[:, :1]), piece[:, 1:] > piece[:, :-1]], dim=1)
+    return passed & standing & ~first
+
+
+def ground_offsets(
+    standing: Tensor, slipped: Tensor, pinned: Tensor, options: FeetOptions
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Offsets (B, T, 2, 3) of the feet over the ground, how high each is lifted besides (B, T, 2), when they stand.
+
+    A stance is held where it was on average, one that frame 0 belongs to where it was then, one with a pinned frame
+    (B, T, 2) where it was in that. Between two stances, and from frame 0 on, the offsets go over into each other.
+    """
+    broken = breaks(standing, slipped, options)
+    standing = standing & ~within(broken, STEP_FRAMES)
+    number = segments(standing)
+    frames = torch.arange(standing.shape[1], device=standing.device)[None, :, None]
+    pins = pinned & standing
+    has_pins = run_sums(pins[..., None].to(slipped.dtype), number)[..., 0] > 0
+    counted = torch.where(number == 0, frames == 0, torch.where(has_pins, pins, standing))
+    weight = (counted & standing)[..., None].to(slipped.dtype)
+    place = run_sums(weight * slipped, number) / run_sums(weight, number).clamp(min=1)
+    known = standing | pinned | (frames == 0)
+    offsets = torch.where(standing[..., None], place - slipped, 0.0) * slipped.new_tensor([1.0, 0.0, 1.0])
+    lift = options.lift_m * spread(broken[..., None].to(slipped.dtype), broken, STEP_FRAMES + 1)[..., 0]
+    return spread(offsets, known, options.fade_frames), lift, standing

@@ -19,6 +19,7 @@ from ardy.representation import Representation
 from ardy.rollout import (
     DEFAULT_HISTORY_FRAMES,
     WindowRequest,
+    commit_window,
     denoise_step,
     finish_window,
     start_window,
@@ -154,7 +155,7 @@ class Sampler:
         state = replace(state, passes=batch_passes([passes] * len(group)))
         for index in reversed(range(self.sampling.num_steps)):
             state = denoise_step(model, state, index, self.sampling.num_steps)
-        new = finish_window(model, state)[:, crop:]
+        new = commit_window(model, request, finish_window(model, state))
         self.num_windows += len(group)
         for due, frames in zip(group, new, strict=True):
             take, first = due.growing.take, due.first

@@ -73,7 +73,7 @@ def _side(axes: plt.Axes, exhibit: Exhibit, layout: Representation) -> None:
     axes.set(xlim=(lowest - 0.7, highest + 0.7), ylim=(-0.4, 2.1), aspect="equal")
     begin = "" if not result.take.history_len else f" (history to {result.take.history_len / layout.fps:.1f} s)"
     axes.set_title(exhibit.title + begin, fontsize=9, loc="left")
-    axes.tick_params(labelsize=6)
+    axes.tick_params(labelsize=6, labelbottom=apart == 0.0)  # places along a strip that is pulled apart are no metres
 
 
 def _main_direction(ground: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from ardy.evaluate.sampler import Sampler, Sampling
 from ardy.evaluate.take import Steer, Take
 from ardy.model import Model
 from ardy.rollout import RolloutRequest, rollout
+from ardy.sampling.options import GuidanceOptions, SamplingOptions
 
 TINY = Path(__file__).parents[2] / "data" / "golden" / "tiny-core27" / "checkpoint"
 TOLERANCE = 2e-4
@@ -35,9 +36,13 @@ class Words:
         return np.stack(rows).astype(np.float32)
 
 
-@pytest.fixture(scope="module")
-def model() -> Model:
-    return load_checkpoint(TINY)
+@pytest.fixture(scope="module", params=["released", "corrected"])
+def model(request: pytest.FixtureRequest) -> Model:
+    model = load_checkpoint(TINY)
+    if request.param == "corrected":
+        joint = GuidanceOptions(mode="joint", text=1.0, constraint=1.0)
+        model.sampling = SamplingOptions(joint, project_root=True, plan_root=True, clean_feet=True, reach_joints=True)
+    return model
 
 
 @pytest.fixture

@@ -6,13 +6,14 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from server.abilities import NOTHING_CLAIMED, Abilities
 from server.config import ServerConfig
 from server.engine.device import Device
 from server.engine.ports import Deliver, Observe
-from server.engine.types import ModelFacts
+from server.engine.types import Gait, ModelFacts
 from server.engine_port import EnginePort
 from server.errors import SettingError
-from server.loading import Loaded, build_engine, load_encoder, load_presets
+from server.loading import Loaded, build_engine, load_encoder, load_repertoire
 from server.presets import Preset
 from server.prompts import TextEncoder
 
@@ -30,6 +31,8 @@ class Hosted:
     licence: str
     threads: int
     presets: tuple[Preset, ...]
+    gaits: tuple[Gait, ...] = ()
+    abilities: Abilities = NOTHING_CLAIMED
 
 
 def host_engine(
@@ -50,7 +53,16 @@ def host_engine(
         return _in_its_own_process(config, deliver, observe, engine_command)
     loaded = load(config)
     engine = build_engine(config, loaded.runner, deliver, observe, device=device)
-    return Hosted(engine, loaded.runner.facts, loaded.encoder, loaded.licence, loaded.threads, loaded.presets)
+    return Hosted(
+        engine,
+        loaded.runner.facts,
+        loaded.encoder,
+        loaded.licence,
+        loaded.threads,
+        loaded.presets,
+        loaded.gaits,
+        loaded.abilities,
+    )
 
 
 def _in_its_own_process(
@@ -62,8 +74,10 @@ def _in_its_own_process(
     ready = engine.load()
     try:
         encoder = load_encoder(config, ready.facts)
-        presets = load_presets(config, encoder.identity, ready.facts)
+        known = load_repertoire(config, encoder, ready.facts, ready.abilities)
     except SettingError:
         engine.stop()
         raise
-    return Hosted(engine, ready.facts, encoder, ready.licence, ready.threads, presets)
+    return Hosted(
+        engine, ready.facts, encoder, ready.licence, ready.threads, known.presets, known.gaits, known.abilities
+    )

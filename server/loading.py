@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 import os
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from server.abilities import NOTHING_CLAIMED, Abilities
 from server.config import ServerConfig
 from server.engine.config import EngineConfig
 from server.engine.device import Device, InTurns
@@ -16,10 +17,11 @@ from server.engine.engine import Engine
 from server.engine.ports import Deliver, Inbox, Observe, Runner
 from server.engine.profile import profile
 from server.engine.scheduler import Scheduler
-from server.engine.types import ModelFacts
+from server.engine.types import Gait, ModelFacts
 from server.errors import SettingError
 from server.presets import Preset
 from server.prompts import Store, TextEncoder
+from server.repertoire import Repertoire, as_abilities, encoded
 
 if TYPE_CHECKING:
     from server.encoder.client import RemoteEncoder
@@ -38,11 +40,12 @@ class MonotonicClock:
 
 @dataclass(frozen=True)
 class LoadedModel:
-    """The runner, the weights' licence, and the CPU threads that the model uses."""
+    """The runner, the weights' licence, the CPU threads that the model uses, and what it was trained for."""
 
     runner: Runner
     licence: str
     threads: int
+    abilities: Abilities = NOTHING_CLAIMED
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,8 @@ class Loaded:
     licence: str
     threads: int
     presets: tuple[Preset, ...] = ()
+    gaits: tuple[Gait, ...] = ()
+    abilities: Abilities = NOTHING_CLAIMED
 
 
 class Loader:
@@ -70,8 +75,16 @@ class Loader:
         if key not in self._encoders:
             self._encoders[key] = load_encoder(config, facts)
         encoder = self._encoders[key]
-        presets = load_presets(config, encoder.identity, facts)
-        return Loaded(model.runner, encoder, model.licence, model.threads, presets)
+        repertoire = load_repertoire(config, encoder, facts, model.abilities)
+        return Loaded(
+            model.runner,
+            encoder,
+            model.licence,
+            model.threads,
+            repertoire.presets,
+            repertoire.gaits,
+            repertoire.abilities,
+        )
 
 
 def load_model(config: ServerConfig) -> LoadedModel:
@@ -85,6 +98,7 @@ def load_model(config: ServerConfig) -> LoadedModel:
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     import torch
 
+    from ardy.capabilities import read_capabilities
     from ardy.model_card import model_folder, read_model_card
     from server.runner import load_runner
 
@@ -94,10 +108,12 @@ def load_model(config: ServerConfig) -> LoadedModel:
         torch.set_num_threads(config.threads)
     try:
         runner = load_runner(config.model, config.device, config.denoise_steps, config.precision)
-        card = read_model_card(model_folder(config.model))
+        folder = model_folder(config.model)
+        card = read_model_card(folder)
+        abilities = as_abilities(read_capabilities(folder))
     except (ValueError, RuntimeError) as error:
         raise SettingError(f"cannot serve model {config.model!r}: {error}") from error
-    return LoadedModel(runner, card.licence, torch.get_num_threads())
+    return LoadedModel(runner, card.licence, torch.get_num_threads(), abilities)
 
 
 def load_encoder(config: ServerConfig, facts: ModelFacts) -> TextEncoder:
@@ -150,6 +166,17 @@ def load_presets(config: ServerConfig, text_encoder: str, facts: ModelFacts) -> 
             f"{prompts.text_encoder!r}; {facts.model_id} takes {facts.embedding_dim}, here from {text_encoder!r}"
         )
     return tuple(map(Preset, prompts.ids, prompts.texts, prompts.vectors))
+
+
+def load_repertoire(config: ServerConfig, encoder: TextEncoder, facts: ModelFacts, abilities: Abilities) -> Repertoire:
+    """The prompts of the checkpoint and the configured presets, which take the place of those of the same name.
+
+    Raises SettingError as `load_presets` does.
+    """
+    own = load_presets(config, encoder.identity, facts)
+    repertoire = encoded(abilities, encoder, facts.model_id)
+    named = {preset.preset_id: preset for preset in (*repertoire.presets, *own)}
+    return replace(repertoire, presets=tuple(named.values()))
 
 
 def open_store(config: ServerConfig, text_encoder: str, facts: ModelFacts) -> Store | None:

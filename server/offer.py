@@ -117,4 +117,14 @@ def make_catalog(config: ServerConfig, hosted: Hosted) -> Catalog:
         own.constraint if config.constraint_guidance is None else config.constraint_guidance,
     )
     encoder = hosted.encoder.identity
-    return Catalog(hosted.facts, limits, guidance, hosted.licence, encoder, config.history_frames, hosted.presets)
+    return Catalog(
+        hosted.facts,
+        limits,
+        guidance,
+        hosted.licence,
+        encoder,
+        config.history_frames,
+        hosted.presets,
+        hosted.gaits,
+        hosted.abilities,
+    )

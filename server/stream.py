@@ -21,6 +21,7 @@ from server.convert import (
     engine_event,
     playhead_of,
     prompt_texts,
+    warnings_of,
     write_update,
 )
 from server.engine.types import Chunk, Close, Closed, CloseReason, Code, Opened, Outcome, Output, PlanNotice, SessionKey
@@ -204,6 +205,9 @@ class Stream:
         if link.closing:
             raise closed_before()
         event = engine_event(message, link.key, now, embeddings, link.model.catalog)
+        warnings = warnings_of(message, event, link.model.catalog)
+        if warnings:
+            link.warnings[message.event_seq] = warnings
         link.closing = isinstance(event, Close)
         link.known_to_engine = True
         refusal = link.model.engine.submit(event)
@@ -224,8 +228,9 @@ class Stream:
 
     def take_all(self, outputs: Iterable[Output]) -> None:
         """Take outputs for this stream's client, in order, and keep the books of their sessions."""
-        for output in outputs:
-            link = self._links.get(output.session.handle)
+        for said in outputs:
+            link = self._links.get(said.session.handle)
+            output = said if link is None else link.with_warnings(said)
             if link is not None and link.muted and isinstance(output, Chunk | PlanNotice):
                 continue
             if isinstance(output, Chunk):

@@ -3,6 +3,7 @@
 from server.convert.events import engine_event, playhead_of, round_trip_s
 from server.convert.outputs import write_update
 from server.convert.prompts import prompt_texts
+from server.convert.warned import warnings_of
 from server.convert.wire import Parts, append_frames, append_plan, append_update
 
 __all__ = [
@@ -14,5 +15,6 @@ __all__ = [
     "playhead_of",
     "prompt_texts",
     "round_trip_s",
+    "warnings_of",
     "write_update",
 ]

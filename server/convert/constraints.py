@@ -20,6 +20,7 @@ from server.convert.checks import (
     points,
     refuse,
 )
+from server.convert.forms import check_forms
 from server.engine.types import Constraint, Float32Array, JointTargets, PoseTarget, RootPath, RootTarget
 
 UNIT_TOLERANCE = 1e-3
@@ -27,7 +28,11 @@ UNIT_TOLERANCE = 1e-3
 
 def constraints_of(messages: Sequence[motion_pb2.Constraint], field: str, catalog: Catalog) -> tuple[Constraint, ...]:
     check_count(messages, catalog.limits.max_constraints, "TOO_MANY_CONSTRAINTS", field)
-    return tuple(_constraint(message, f"{field}[{index}]", catalog) for index, message in enumerate(messages))
+    constraints = []
+    for index, message in enumerate(messages):
+        constraints.append(_constraint(message, f"{field}[{index}]", catalog))
+        check_forms(constraints[-1], f"{field}[{index}]", catalog)
+    return tuple(constraints)
 
 
 def _constraint(message: motion_pb2.Constraint, field: str, catalog: Catalog) -> Constraint:

@@ -16,6 +16,7 @@ from server.convert.checks import (
     refuse,
 )
 from server.convert.constraints import constraints_of
+from server.convert.forms import check_forms
 from server.convert.history import history_frames_of, prior_rows_of
 from server.convert.prompts import Embeddings, prompts_of
 from server.engine.types import (
@@ -115,7 +116,10 @@ def _velocity(
         raise refuse("SPEED_OUT_OF_RANGE", "set_velocity", f"the speed is {speed:g} m/s", allowed)
     check_range(message.hold_frames, 1, catalog.limits.max_hold_frames, "HOLD_OUT_OF_RANGE", "set_velocity.hold_frames")
     heading = heading_of(message, "set_velocity")
-    return SetVelocity(key, sequence, received_at, message.x, message.z, heading, message.hold_frames)
+    x, z, hold, keep = message.x, message.z, message.hold_frames, message.keep_prompt
+    velocity = SetVelocity(key, sequence, received_at, x, z, heading, hold, keep)
+    check_forms(velocity, "set_velocity", catalog)
+    return velocity
 
 
 def _session_spec(
@@ -158,6 +162,7 @@ def _session_spec(
         constraints=constraints_of(message.constraints, "open.constraints", catalog),
         history_frames=history_frames_of(message, catalog.facts),
         prior_rows=prior_rows_of(message, catalog),
+        gaits=catalog.gaits,
     )
 
 

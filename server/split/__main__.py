@@ -16,7 +16,7 @@ def build(config: ServerConfig, deliver: Deliver, observe: Observe, inbox: Inbox
     """Load the configured model and make the engine around it."""
     model = load_model(config)
     engine = build_engine(config, model.runner, deliver, observe, inbox)
-    return Built(engine, model.runner.facts, model.licence, model.threads)
+    return Built(engine, model.runner.facts, model.licence, model.threads, model.abilities)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import zmq
 
+from server.abilities import NOTHING_CLAIMED, Abilities
 from server.config import ServerConfig
 from server.engine.engine import Engine
 from server.engine.ports import Deliver, Inbox, Observe
@@ -41,6 +42,7 @@ class Built:
     facts: ModelFacts
     licence: str
     threads: int
+    abilities: Abilities = NOTHING_CLAIMED
 
 
 Build = Callable[[ServerConfig, Deliver, Observe, Inbox], Built]
@@ -87,7 +89,7 @@ def _serve(config: ServerConfig, build: Build, end: EngineEnd, outlet: Outlet) -
         outlet.say(Ended(str(error), is_setting=True))
         return 2
     with settled_objects():
-        outlet.say(Ready(built.facts, built.licence, built.threads))
+        outlet.say(Ready(built.facts, built.licence, built.threads, built.abilities))
         built.engine.run()
     failure = built.engine.failure
     outlet.say(Ended("" if failure is None else f"{type(failure).__name__}: {failure}"))

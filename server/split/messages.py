@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from server.abilities import Abilities
 from server.config import ServerConfig
 from server.engine.report import StepReport
 from server.engine.types import Close, Event, ModelFacts, Output
@@ -63,11 +64,12 @@ class Joined:
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """The model is loaded and warm. threads: of the model, on the processor."""
+    """The model is loaded and warm. threads: of the model, on the processor. abilities: what it was trained for."""
 
     facts: ModelFacts
     licence: str
     threads: int
+    abilities: Abilities
 
 
 @dataclass(frozen=True, slots=True, eq=False)

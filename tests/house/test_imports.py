@@ -48,9 +48,11 @@ ROOMS = (
     room("server/runner", f"{NUMBERS} ardy server.runner server.engine.types server.engine.ports", never="asyncio"),
     room(
         "server/convert server/convert.py",
-        "numpy motiongen server.engine.types server.catalog server.convert server.errors server.limits",
+        "numpy motiongen server.abilities server.catalog server.convert server.engine.types server.errors "
+        "server.limits",
     ),
-    room("server/catalog.py", "motiongen server.engine.types server.limits server.presets"),
+    room("server/catalog.py", "motiongen server.abilities server.engine.types server.limits server.presets"),
+    room("server/abilities.py", "numpy server.engine.types"),
     room("server/presets.py", "server.engine.types"),
     room("server/outbox.py server/rate.py server/limits.py", "server.engine.types"),
     room("server/ops.py", "starlette uvicorn prometheus_client"),
@@ -59,7 +61,7 @@ ROOMS = (
     room("server/errors.py", "grpc grpc_status google server.engine.types"),
     room("server/prompts.py", "numpy server.engine.types server.errors"),
     room("server/app.py server/__main__.py", f"{GRPC} google motiongen server"),
-    room("server/loading.py", f"{NUMBERS} ardy server"),
+    room("server/loading.py server/repertoire.py", f"{NUMBERS} ardy server"),
     room("server/encoder", f"{GRPC} ardy.text google motiongen numpy prometheus_client server torch"),
     room("server/split", "msgpack numpy zmq server", never="asyncio"),
     room("server", "grpc google motiongen numpy server"),

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
+import logging
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -31,7 +33,8 @@ def run(arguments: Sequence[str]) -> int:
     except SystemExit as end:  # argparse has printed why, or the help
         return int(end.code or 0)
     try:
-        result: int = asyncio.run(options.command(options))
+        with _warnings_shown():
+            result: int = asyncio.run(options.command(options))
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
@@ -39,6 +42,19 @@ def run(arguments: Sequence[str]) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     return result
+
+
+@contextlib.contextmanager
+def _warnings_shown() -> Iterator[None]:
+    """What the library warns of, on standard error: prompts and constraints that a model does not know, refusals."""
+    shown = logging.StreamHandler(sys.stderr)
+    shown.setFormatter(logging.Formatter("warning: %(message)s"))
+    log = logging.getLogger("motiongen_client")
+    log.addHandler(shown)
+    try:
+        yield
+    finally:
+        log.removeHandler(shown)
 
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:

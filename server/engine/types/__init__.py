@@ -37,6 +37,10 @@ from server.engine.types.jobs import (
     WindowJob,
     WindowResult,
 )
+from server.engine.types.locomotion import (
+    Direction,
+    Gait,
+)
 from server.engine.types.names import (
     CloseReason,
     Code,
@@ -54,6 +58,7 @@ from server.engine.types.outputs import (
     Output,
     PlanNotice,
     ServiceLevel,
+    Warned,
 )
 from server.engine.types.spec import (
     Guidance,
@@ -69,8 +74,10 @@ __all__ = [
     "Closed",
     "Code",
     "Constraint",
+    "Direction",
     "Event",
     "Float32Array",
+    "Gait",
     "Guidance",
     "JointTargets",
     "Limb",
@@ -99,6 +106,7 @@ __all__ = [
     "SetPrompts",
     "SetVelocity",
     "StartPose",
+    "Warned",
     "WindowJob",
     "WindowResult",
 ]

@@ -159,16 +159,18 @@ class EditConstraints(_message.Message):
     def __init__(self, upsert: _Optional[_Iterable[_Union[_motion_pb2.Constraint, _Mapping]]] = ..., remove: _Optional[_Iterable[int]] = ..., clear: _Optional[bool] = ...) -> None: ...
 
 class SetVelocity(_message.Message):
-    __slots__ = ("x", "z", "heading", "hold_frames")
+    __slots__ = ("x", "z", "heading", "hold_frames", "keep_prompt")
     X_FIELD_NUMBER: _ClassVar[int]
     Z_FIELD_NUMBER: _ClassVar[int]
     HEADING_FIELD_NUMBER: _ClassVar[int]
     HOLD_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    KEEP_PROMPT_FIELD_NUMBER: _ClassVar[int]
     x: float
     z: float
     heading: float
     hold_frames: int
-    def __init__(self, x: _Optional[float] = ..., z: _Optional[float] = ..., heading: _Optional[float] = ..., hold_frames: _Optional[int] = ...) -> None: ...
+    keep_prompt: bool
+    def __init__(self, x: _Optional[float] = ..., z: _Optional[float] = ..., heading: _Optional[float] = ..., hold_frames: _Optional[int] = ..., keep_prompt: _Optional[bool] = ...) -> None: ...
 
 class Playhead(_message.Message):
     __slots__ = ("frame", "buffered_to", "underruns")
@@ -211,7 +213,7 @@ class SessionUpdate(_message.Message):
     def __init__(self, session: _Optional[int] = ..., applied_seq: _Optional[int] = ..., opened: _Optional[_Union[SessionOpened, _Mapping]] = ..., chunk: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., plan: _Optional[_Union[PlanNotice, _Mapping]] = ..., outcome: _Optional[_Union[EditOutcome, _Mapping]] = ..., service_level: _Optional[_Union[ServiceLevel, _Mapping]] = ..., closed: _Optional[_Union[SessionClosed, _Mapping]] = ...) -> None: ...
 
 class SessionOpened(_message.Message):
-    __slots__ = ("session_id", "seed", "start_frame", "rig_id", "model_id", "frame_rate", "lookahead_frames", "committed_horizon_frames", "denoise_steps", "scalar_type")
+    __slots__ = ("session_id", "seed", "start_frame", "rig_id", "model_id", "frame_rate", "lookahead_frames", "committed_horizon_frames", "denoise_steps", "scalar_type", "warnings")
     SESSION_ID_FIELD_NUMBER: _ClassVar[int]
     SEED_FIELD_NUMBER: _ClassVar[int]
     START_FRAME_FIELD_NUMBER: _ClassVar[int]
@@ -222,6 +224,7 @@ class SessionOpened(_message.Message):
     COMMITTED_HORIZON_FRAMES_FIELD_NUMBER: _ClassVar[int]
     DENOISE_STEPS_FIELD_NUMBER: _ClassVar[int]
     SCALAR_TYPE_FIELD_NUMBER: _ClassVar[int]
+    WARNINGS_FIELD_NUMBER: _ClassVar[int]
     session_id: str
     seed: int
     start_frame: int
@@ -232,7 +235,8 @@ class SessionOpened(_message.Message):
     committed_horizon_frames: int
     denoise_steps: int
     scalar_type: _motion_pb2.ScalarType
-    def __init__(self, session_id: _Optional[str] = ..., seed: _Optional[int] = ..., start_frame: _Optional[int] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., frame_rate: _Optional[int] = ..., lookahead_frames: _Optional[int] = ..., committed_horizon_frames: _Optional[int] = ..., denoise_steps: _Optional[int] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ...) -> None: ...
+    warnings: _containers.RepeatedCompositeFieldContainer[EventWarning]
+    def __init__(self, session_id: _Optional[str] = ..., seed: _Optional[int] = ..., start_frame: _Optional[int] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., frame_rate: _Optional[int] = ..., lookahead_frames: _Optional[int] = ..., committed_horizon_frames: _Optional[int] = ..., denoise_steps: _Optional[int] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., warnings: _Optional[_Iterable[_Union[EventWarning, _Mapping]]] = ...) -> None: ...
 
 class PlanNotice(_message.Message):
     __slots__ = ("plan", "valid_from", "cause", "event_seqs")
@@ -247,7 +251,7 @@ class PlanNotice(_message.Message):
     def __init__(self, plan: _Optional[int] = ..., valid_from: _Optional[int] = ..., cause: _Optional[_Union[PlanCause, str]] = ..., event_seqs: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class EditOutcome(_message.Message):
-    __slots__ = ("event_seq", "code", "reason", "message", "effective_frame", "field", "allowed", "retry_after")
+    __slots__ = ("event_seq", "code", "reason", "message", "effective_frame", "field", "allowed", "retry_after", "warnings")
     EVENT_SEQ_FIELD_NUMBER: _ClassVar[int]
     CODE_FIELD_NUMBER: _ClassVar[int]
     REASON_FIELD_NUMBER: _ClassVar[int]
@@ -256,6 +260,7 @@ class EditOutcome(_message.Message):
     FIELD_FIELD_NUMBER: _ClassVar[int]
     ALLOWED_FIELD_NUMBER: _ClassVar[int]
     RETRY_AFTER_FIELD_NUMBER: _ClassVar[int]
+    WARNINGS_FIELD_NUMBER: _ClassVar[int]
     event_seq: int
     code: int
     reason: str
@@ -264,7 +269,18 @@ class EditOutcome(_message.Message):
     field: str
     allowed: str
     retry_after: _duration_pb2.Duration
-    def __init__(self, event_seq: _Optional[int] = ..., code: _Optional[int] = ..., reason: _Optional[str] = ..., message: _Optional[str] = ..., effective_frame: _Optional[int] = ..., field: _Optional[str] = ..., allowed: _Optional[str] = ..., retry_after: _Optional[_Union[datetime.timedelta, _duration_pb2.Duration, _Mapping]] = ...) -> None: ...
+    warnings: _containers.RepeatedCompositeFieldContainer[EventWarning]
+    def __init__(self, event_seq: _Optional[int] = ..., code: _Optional[int] = ..., reason: _Optional[str] = ..., message: _Optional[str] = ..., effective_frame: _Optional[int] = ..., field: _Optional[str] = ..., allowed: _Optional[str] = ..., retry_after: _Optional[_Union[datetime.timedelta, _duration_pb2.Duration, _Mapping]] = ..., warnings: _Optional[_Iterable[_Union[EventWarning, _Mapping]]] = ...) -> None: ...
+
+class EventWarning(_message.Message):
+    __slots__ = ("reason", "message", "field")
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    MESSAGE_FIELD_NUMBER: _ClassVar[int]
+    FIELD_FIELD_NUMBER: _ClassVar[int]
+    reason: str
+    message: str
+    field: str
+    def __init__(self, reason: _Optional[str] = ..., message: _Optional[str] = ..., field: _Optional[str] = ...) -> None: ...
 
 class ServiceLevel(_message.Message):
     __slots__ = ("tier", "denoise_steps")

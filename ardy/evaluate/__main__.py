@@ -8,14 +8,16 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import torch
-import yaml
 from rich.console import Console
 
+from ardy.capabilities import LocomotionPreset, parse_capabilities, read_capabilities
 from ardy.checkpoint import load_checkpoint
+from ardy.checkpoint_files import CheckpointError, read_yaml
 from ardy.config import ConfigError
 from ardy.data.dataset import DatasetError, MotionDataset
 from ardy.denoiser.guidance import GuidanceWeights
@@ -37,14 +39,16 @@ def main() -> None:
     console = Console(stderr=True)
     torch.set_num_threads(arguments.threads)
     try:
-        model = load_checkpoint(model_folder(arguments.model))
+        folder = model_folder(arguments.model)
+        model, abilities = load_checkpoint(folder), read_capabilities(folder)
+        if arguments.capabilities is not None:
+            abilities = parse_capabilities(read_yaml(arguments.capabilities), str(arguments.capabilities))
         if arguments.sampling is not None:
-            content = yaml.safe_load(arguments.sampling.read_text(encoding="utf-8"))
-            model.sampling = read_options(content, model.config.guidance)
+            model.sampling = read_options(read_yaml(arguments.sampling), model.config.guidance)
         dataset = MotionDataset.load(arguments.data, arguments.split)
-    except (UnknownModel, DatasetError, ConfigError, yaml.YAMLError, OSError) as error:
+    except (UnknownModel, DatasetError, ConfigError, CheckpointError) as error:
         sys.exit(f"python -m ardy.evaluate: {error}")
-    reports = [_judge(model, dataset, steps, arguments, console) for steps in arguments.steps]
+    reports = [_judge(model, abilities.locomotion, dataset, steps, arguments, console) for steps in arguments.steps]
     for report in reports:
         Console(width=190).print(report.table())
         if arguments.json is not None:
@@ -65,6 +69,7 @@ def _arguments() -> argparse.Namespace:
         "--raw", action="store_true", help="without projection of the root and clean-up; its own bounds"
     )
     parser.add_argument("--sampling", type=Path, help="a sampling.yaml in place of the model's own")
+    parser.add_argument("--capabilities", type=Path, help="a capabilities.yaml in place of the model's own")
     parser.add_argument("--text-guidance", type=float, help="the model's own if absent")
     parser.add_argument("--constraint-guidance", type=float, help="the model's own if absent")
     parser.add_argument("--text-encoder", default="static")
@@ -101,12 +106,19 @@ def uncorrected(model: Model) -> None:
     model.sampling = replace(model.sampling, project_root=False, clean_feet=False, reach_joints=False)
 
 
-def _judge(model: Model, dataset: MotionDataset, steps: int, arguments: argparse.Namespace, console: Console) -> Report:
+def _judge(
+    model: Model,
+    gaits: Sequence[LocomotionPreset],
+    dataset: MotionDataset,
+    steps: int,
+    arguments: argparse.Namespace,
+    console: Console,
+) -> Report:
     if arguments.raw:
         uncorrected(model)
     weights = _weights(model, arguments)
     encoder = load_text_encoder(arguments.text_encoder, model.config.denoiser.text_dim)
-    sampler = Sampler(model, encoder, Sampling(steps, weights))
+    sampler = Sampler(model, encoder, Sampling(steps, weights), gaits)
     layout = natural_layout(dataset.skeleton, model.config.fps)
     cases = load_cases(dataset, layout)
     size = QUICK if arguments.quick else replace(Size(), seeds=arguments.seeds)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -28,6 +29,7 @@ class Case:
     """A clip with its last history frame's root over the origin.
 
     features: (T, D) natural units; the first HISTORY frames are what a take starts with.
+    changes: (frame, content before, content after) where what is done changes.
     """
 
     id: str
@@ -37,6 +39,7 @@ class Case:
     group: str
     derived: bool
     motion: Result
+    changes: tuple[tuple[int, str, str], ...] = ()
 
     @property
     def features(self) -> Tensor:
@@ -81,7 +84,12 @@ def _case(clip: Clip, layout: Representation) -> Case:
     group = MOVING if is_moving(features[:, [0, 2]], layout.fps) else STANDING
     take = Take(clip.id, 0, len(features), ((0, clip.captions[0]),), group)
     motion = result_of(layout, take, features)
-    return Case(clip.id, clip.content, clip.style, clip.captions[0], group, bool(clip.derived_from), motion)
+    changes = tuple(
+        (after.start, before.content, after.content)
+        for before, after in pairwise(clip.segments)
+        if before.start + before.length == after.start
+    )
+    return Case(clip.id, clip.content, clip.style, clip.captions[0], group, bool(clip.derived_from), motion, changes)
 
 
 def captured_figures(cases: list[Case], layout: Representation) -> Captured:

@@ -8,9 +8,11 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
+from ardy.capabilities import LocomotionPreset
 from ardy.config import FRAMES_PER_TOKEN
 from ardy.constraint import Targets
 from ardy.denoiser.guidance import GuidanceWeights, batch_passes, needed_passes
+from ardy.evaluate.gait import gait_of
 from ardy.evaluate.steering import add_steering
 from ardy.evaluate.take import Result, Take
 from ardy.model import Model
@@ -43,25 +45,27 @@ class Sampling:
 
 @dataclass
 class _Growing:
-    """A take under way. features: (T, D) normalised."""
+    """A take under way. features: (T, D) normalised; gait: of the velocity in force."""
 
     take: Take
     features: Tensor
+    gait: LocomotionPreset | None = None
     starts: list[int] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class _Due:
-    """The next window of a take. crop: frames of history; span: frames that it sees."""
+    """The next window of a take. crop: frames of history; span: frames that it sees; prompt: "" for none."""
 
     growing: _Growing
     crop: int
     span: int
     targets: Targets | None
+    prompt: str
 
     @property
     def shape(self) -> tuple[int, int, bool, bool]:
-        return self.crop, self.span, self.targets is not None, bool(self.growing.take.prompt_at(self.first))
+        return self.crop, self.span, self.targets is not None, bool(self.prompt)
 
     @property
     def first(self) -> int:
@@ -71,8 +75,12 @@ class _Due:
 class Sampler:
     """Runs takes on one model. `num_windows` counts what it has made."""
 
-    def __init__(self, model: Model, encoder: TextEncoder, sampling: Sampling) -> None:
+    def __init__(
+        self, model: Model, encoder: TextEncoder, sampling: Sampling, gaits: Sequence[LocomotionPreset] = ()
+    ) -> None:
+        """gaits: the model's prompts by speed, which hold while a velocity does."""
         self.model = model
+        self.gaits = gaits
         self.sampling = sampling
         self.num_windows = 0
         self._encoder = encoder
@@ -107,6 +115,8 @@ class Sampler:
         crop = min(DEFAULT_HISTORY_FRAMES, first // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN)
         targets = take.targets
         steer = take.steer_at(first)
+        growing.gait = None if steer is None else gait_of(self.gaits, steer, growing.gait)
+        prompt = take.prompt_at(first) if growing.gait is None else growing.gait.text
         if steer is not None:
             targets = Targets(layout.skeleton) if targets is None else targets.copy()
             last = layout.denormalize(growing.features[-2:])
@@ -118,7 +128,7 @@ class Sampler:
             targets = None
         targets = plan_targets(self.model, targets, growing.features[first - crop :], first, take.start)
         span = visible_frames(self.model, crop, targets, first - crop)
-        return _Due(growing, crop, span, targets)
+        return _Due(growing, crop, span, targets, prompt)
 
     def _windows(self, group: list[_Due]) -> None:
         """One window of each, appended to its take."""
@@ -136,7 +146,7 @@ class Sampler:
         request = WindowRequest(
             num_frames=span,
             num_steps=self.sampling.num_steps,
-            text=torch.stack([self.text(due.growing.take.prompt_at(due.first)) for due in group]),
+            text=torch.stack([self.text(due.prompt) for due in group]),
             noise=torch.stack(
                 [window_noise(due.growing.take.seed, len(due.growing.starts), num_tokens, width) for due in group]
             ),

@@ -14,13 +14,17 @@ from ardy.skeleton import Skeleton
 
 @dataclass(frozen=True)
 class Steer:
-    """A velocity in force from `frame` on: metres a second in the world; heading in radians, None for any."""
+    """A velocity in force from `frame` on: metres a second in the world; heading in radians, None for any.
+
+    keep_prompt: the take's own prompt holds, not that of the model's gait for this speed.
+    """
 
     frame: int
     x: float
     z: float
     heading: float | None = None
     hold_frames: int = 1_000_000
+    keep_prompt: bool = False
 
 
 @dataclass(frozen=True)

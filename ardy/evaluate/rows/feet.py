@@ -14,7 +14,7 @@ from ardy.evaluate.rows.velocity import STAND, WALK
 from ardy.evaluate.take import Result, Take
 
 FAMILY = "feet"
-Measure = Callable[[Result, int], float]
+GOING = ("walk", "run", "start")
 
 
 def add(context: Context) -> None:
@@ -67,37 +67,79 @@ def _steady(context: Context, walks: list[Result]) -> None:
 def _start(context: Context, begun: list[Result], lead: int) -> None:
     skeleton, fps = context.skeleton, context.fps
 
-    def slowest(result: Result) -> float:
-        return feet.slowest_foot(skeleton, result.positions[lead : lead + 2 * fps], fps)
+    def slowest(positions: Tensor, frame: int) -> float:
+        return feet.slowest_foot(skeleton, positions[frame : frame + 2 * fps], fps)
 
-    def time(result: Result) -> float:
-        return feet.first_lift(skeleton, result.positions, lead, fps)[0]
+    def time(positions: Tensor, frame: int) -> float:
+        return feet.first_lift(skeleton, positions, frame, fps)[0]
 
-    def glided(result: Result) -> float:
-        return feet.first_lift(skeleton, result.positions, lead, fps)[1]
+    def glided(positions: Tensor, frame: int) -> float:
+        return feet.first_lift(skeleton, positions, frame, fps)[1]
 
+    derived = _changes(context, starts=True)
     row = "stand to walk: slowest foot / root speed, first 2 s"
-    context.add_goal(FAMILY, row, "", begun, slowest, "feet start", from_standing=True, first=lead)
-    context.add_goal(FAMILY, "stand to walk: to the first lifted foot", "s", begun, time, first=lead)
+    _add(context, row, "", begun, lead, slowest, derived, "feet start")
+    _add(context, "stand to walk: to the first lifted foot", "s", begun, lead, time, derived)
     row = "stand to walk: glided before the first lifted foot"
-    context.add_goal(FAMILY, row, "m", begun, glided, "glided", from_standing=True, first=lead)
-    exhibits = [Exhibit(f"stand to walk at 3 s: glides {glided(one):.2f} m", one) for one in begun[:2]]
-    context.show(FAMILY, exhibits)
+    _add(context, row, "m", begun, lead, glided, derived, "glided")
+    title = "stand to walk at 3 s: glides {:.2f} m"
+    context.show(FAMILY, [Exhibit(title.format(glided(one.positions, lead)), one) for one in begun[:2]])
 
 
 def _stop(context: Context, ended: list[Result], lead: int) -> None:
     skeleton, fps = context.skeleton, context.fps
 
-    def time(result: Result) -> float:
-        return feet.stop(skeleton, result.positions, lead, fps)[0]
+    def time(positions: Tensor, frame: int) -> float:
+        return feet.stop(skeleton, positions, frame, fps)[0]
 
-    def steps(result: Result) -> float:
-        return float(feet.stop(skeleton, result.positions, lead, fps)[1])
+    def steps(positions: Tensor, frame: int) -> float:
+        return float(feet.stop(skeleton, positions, frame, fps)[1])
 
-    def slowest(result: Result) -> float:
-        return feet.slowest_foot(skeleton, result.positions[lead : lead + 2 * fps], fps)
+    def slowest(positions: Tensor, frame: int) -> float:
+        return feet.slowest_foot(skeleton, positions[frame : frame + 2 * fps], fps)
 
-    context.add_goal(FAMILY, "walk to stand: to a stop", "s", ended, time, first=lead)
-    context.add_goal(FAMILY, "walk to stand: steps", "steps", ended, steps, first=lead)
-    context.add_goal(FAMILY, "walk to stand: slowest foot / root speed, first 2 s", "", ended, slowest, first=lead)
-    context.show(FAMILY, [Exhibit(f"walk to stand at 3 s: {time(one):.1f} s", one) for one in ended[:2]])
+    derived = _changes(context, starts=False)
+    _add(context, "walk to stand: to a stop", "s", ended, lead, time, derived)
+    _add(context, "walk to stand: steps", "steps", ended, lead, steps, derived)
+    _add(context, "walk to stand: slowest foot / root speed, first 2 s", "", ended, lead, slowest, derived)
+    context.show(
+        FAMILY, [Exhibit(f"walk to stand at 3 s: {time(one.positions, lead):.1f} s", one) for one in ended[:2]]
+    )
+
+
+def _changes(context: Context, starts: bool) -> list[tuple[Tensor, int]]:
+    """Positions and frame of each change in the data from standing to going, or back; these are derived clips."""
+    return [
+        (case.motion.positions, frame)
+        for case in context.cases
+        for frame, before, after in case.changes
+        if "stand" in (before, after)
+        and (before == "stand") == starts
+        and (after if starts else before).startswith(GOING)
+        and context.fps // 2 <= frame < case.num_frames - context.fps
+    ]
+
+
+def _add(
+    context: Context,
+    row: str,
+    unit: str,
+    results: list[Result],
+    lead: int,
+    measure: Callable[[Tensor, int], float],
+    derived: list[tuple[Tensor, int]],
+    bound: str | None = None,
+) -> None:
+    """A row of sessions whose prompt changes at `lead`, beside the same change in the data."""
+    known = [value for positions, frame in derived if not math.isnan(value := measure(positions, frame))]
+    context.add_goal(
+        FAMILY,
+        row,
+        unit,
+        results,
+        lambda result: measure(result.positions, lead),
+        bound,
+        from_standing=row.startswith("stand"),
+        first=lead,
+        data=(lambda _: sum(known) / len(known)) if known else None,
+    )

@@ -130,6 +130,7 @@ def _judge(
         console.print(f"{name}: {time.monotonic() - start:.0f} s, {sampler.num_windows} windows so far")
         if arguments.png is not None:
             _draw(context, name, arguments.png, steps)
+    captured = context.captured
     about = {
         "model": arguments.model,
         "data": arguments.data.name,
@@ -137,6 +138,8 @@ def _judge(
         "steps": steps,
         "guidance": f"{model.sampling.guidance.mode} {weights.text:g} / {weights.constraint:g}",
         "corrections": "none" if arguments.raw else "as served",
+        "captures": f"walks {captured.walking.feet:.2f}, {captured.walking.acceleration:.0f} m/s2;"
+        f" runs {captured.running.feet:.2f}, {captured.running.acceleration:.0f} m/s2",
         "windows": sampler.num_windows,
         "seconds": round(time.monotonic() - began),
     }

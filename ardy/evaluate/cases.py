@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ardy.data.dataset import Clip, MotionDataset
 from ardy.evaluate.measures.feet import slowest_foot
-from ardy.evaluate.measures.root import is_moving
+from ardy.evaluate.measures.root import is_moving, is_running
 from ardy.evaluate.measures.smooth import accelerations, differences
 from ardy.evaluate.sampler import result_of
 from ardy.evaluate.take import Result, Take
@@ -60,14 +60,23 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Captured:
-    """What moving captures do. feet: slowest foot over root speed; acceleration: p99 over joints and frames, m/s2.
-
-    jumps: (3) p99 of the largest jump of any joint of position, velocity and acceleration between frames.
-    """
+class Pace:
+    """What captures do. feet: slowest foot over root speed; acceleration: p99 over joints and frames, m/s2."""
 
     feet: float
     acceleration: float
+
+
+@dataclass(frozen=True)
+class Captured:
+    """What moving captures do; who runs flies between steps, so runs have figures of their own.
+
+    walking: feet of those that do not run, accelerations of all.
+    jumps: (3) p99 of the largest jump of any joint of position, velocity and acceleration between frames.
+    """
+
+    walking: Pace
+    running: Pace
     jumps: Tensor
 
 
@@ -93,14 +102,23 @@ def _case(clip: Clip, layout: Representation) -> Case:
 
 
 def captured_figures(cases: list[Case], layout: Representation) -> Captured:
-    """The figures of the moving captured clips; of standing ones where none moves."""
+    """The figures of the moving captured clips; of standing ones where none moves, and of all where none runs."""
     chosen = [case for case in cases if case.group == MOVING and not case.derived] or cases
-    skeleton, fps = layout.skeleton, layout.fps
-    feet = [slowest_foot(skeleton, case.motion.positions, fps) for case in chosen]
-    steps = torch.cat([accelerations(case.motion.positions, fps).flatten() for case in chosen]).numpy()
-    jumps = torch.cat([differences(case.motion.positions, fps) for case in chosen]).numpy()
+    runs = [case for case in chosen if is_running(case.motion.root, layout.fps)]
+    jumps = torch.cat([differences(case.motion.positions, layout.fps) for case in chosen]).numpy()
     return Captured(
-        float(np.nanmean(feet)) if not all(map(math.isnan, feet)) else math.nan,
-        float(np.quantile(steps, 0.99)),
+        Pace(_feet([case for case in chosen if case not in runs] or chosen, layout), _acceleration(chosen, layout)),
+        Pace(_feet(runs or chosen, layout), _acceleration(runs or chosen, layout)),
         torch.from_numpy(np.quantile(jumps, 0.99, axis=0)),
     )
+
+
+def _feet(cases: list[Case], layout: Representation) -> float:
+    feet = [slowest_foot(layout.skeleton, case.motion.positions, layout.fps) for case in cases]
+    known = [value for value in feet if not math.isnan(value)]
+    return float(np.mean(known)) if known else math.nan
+
+
+def _acceleration(cases: list[Case], layout: Representation) -> float:
+    steps = torch.cat([accelerations(case.motion.positions, layout.fps).flatten() for case in cases])
+    return float(np.quantile(steps.numpy(), 0.99))

@@ -8,11 +8,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from ardy.evaluate.bounds import bounds
 from ardy.evaluate.cases import MOVING, STANDING, Captured, Case
 from ardy.evaluate.figure import Bound, Company, Figure, Sample, summarize
 from ardy.evaluate.measures.feet import slowest_foot
+from ardy.evaluate.measures.root import is_running
 from ardy.evaluate.measures.smooth import accelerations
 from ardy.evaluate.sampler import Sampler
 from ardy.evaluate.take import Result, Take
@@ -107,20 +109,34 @@ class Context:
             self.figures.append(figure)
 
     def company(self, results: Sequence[Result], from_standing: bool = False, first: int | None = None) -> Company:
-        """Feet and accelerations of the generated frames of takes. first: measure from there on, not from history."""
-        feet, steps = [], []
-        for result in results:
-            start = max(0, result.take.history_len - 2) if first is None else first
-            positions = result.positions[start:]
-            feet.append(slowest_foot(self.skeleton, positions, self.fps))
-            steps.append(accelerations(positions, self.fps).flatten())
-        known = [value for value in feet if not math.isnan(value)]
-        ratio = float(np.mean(known)) if known else None
+        """Feet and accelerations of the generated frames of takes. first: measure from there on, not from history.
+
+        Takes that walk and takes that run are each held to what captures of their pace do.
+        """
+        motions = [
+            result.positions[max(0, result.take.history_len - 2) if first is None else first :] for result in results
+        ]
+        runs = [positions for positions in motions if is_running(positions[:, 0, [0, 2]], self.fps)]
+        walks = [positions for positions in motions if not is_running(positions[:, 0, [0, 2]], self.fps)]
+        bound = self.bound("feet start" if from_standing else "feet steady")
+        most = math.inf if bound is None or bound.most is None else bound.most
+        paces = ((walks, self.captured.walking, most), (runs, self.captured.running, most + self.captured.running.feet))
+        kept = True
+        for group, captured, limit in paces:
+            feet, acceleration = self._feet(group)
+            kept &= feet is None or feet <= limit
+            kept &= acceleration is None or acceleration <= max(
+                captured.acceleration, self.captured.walking.acceleration
+            )
+        return Company(*self._feet(motions), kept)
+
+    def _feet(self, motions: Sequence[Tensor]) -> tuple[float | None, float | None]:
+        """Slowest foot over root speed, and p99 of accelerations, of positions (T, J, 3); None where there is none."""
+        ratios = [slowest_foot(self.skeleton, positions, self.fps) for positions in motions]
+        known = [value for value in ratios if not math.isnan(value)]
+        steps = [accelerations(positions, self.fps).flatten() for positions in motions]
         acceleration = float(np.quantile(torch.cat(steps).numpy(), 0.99)) if steps else None
-        most = self.bound("feet start" if from_standing else "feet steady")
-        slides = ratio is not None and most is not None and not most.met(ratio)
-        jerks = acceleration is not None and acceleration > self.captured.acceleration
-        return Company(ratio, acceleration, not slides and not jerks)
+        return (float(np.mean(known)) if known else None), acceleration
 
     def add_goal(
         self,

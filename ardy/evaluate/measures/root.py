@@ -9,6 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 MOVING_M_S = 0.3
+RUNNING_M_S = 1.8
 
 
 def ground_velocity(root: Tensor, fps: int) -> Tensor:
@@ -42,6 +43,13 @@ def travel_angle(root: Tensor, frames: int = 8) -> float:
     """The direction in radians about +Y in which the last frames of a root (T, 2) went."""
     step = root[-1] - root[max(0, len(root) - 1 - frames)]
     return math.atan2(float(step[0]), float(step[1]))
+
+
+def is_running(root: Tensor, fps: int) -> bool:
+    """Whether a root goes faster than 1.8 m/s on average while it moves."""
+    speed = ground_velocity(root, fps).norm(dim=-1)
+    moving = speed > MOVING_M_S
+    return bool(moving.any()) and float(speed[moving].mean()) > RUNNING_M_S
 
 
 def is_moving(root: Tensor, fps: int) -> bool:

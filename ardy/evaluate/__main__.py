@@ -138,8 +138,8 @@ def _judge(
         "steps": steps,
         "guidance": f"{model.sampling.guidance.mode} {weights.text:g} / {weights.constraint:g}",
         "corrections": "none" if arguments.raw else "as served",
-        "captures": f"walks {captured.walking.feet:.2f}, {captured.walking.acceleration:.0f} m/s2;"
-        f" runs {captured.running.feet:.2f}, {captured.running.acceleration:.0f} m/s2",
+        "captures": f"feet {captured.walking.feet:.2f}, running {captured.running.feet:.2f}; accelerations"
+        f" {captured.walking.acceleration:.0f}, running {captured.running.acceleration:.0f} m/s2",
         "windows": sampler.num_windows,
         "seconds": round(time.monotonic() - began),
     }

@@ -125,9 +125,7 @@ class Context:
         for group, captured, limit in paces:
             feet, acceleration = self._feet(group)
             kept &= feet is None or feet <= limit
-            kept &= acceleration is None or acceleration <= max(
-                captured.acceleration, self.captured.walking.acceleration
-            )
+            kept &= acceleration is None or acceleration <= captured.acceleration
         return Company(*self._feet(motions), kept)
 
     def _feet(self, motions: Sequence[Tensor]) -> tuple[float | None, float | None]:

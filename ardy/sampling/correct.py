@@ -7,6 +7,7 @@ from torch import Tensor
 
 from ardy.representation import Representation
 from ardy.sampling.cleanup import clean_feet
+from ardy.sampling.facing import face_root
 from ardy.sampling.joins import join_tokens
 from ardy.sampling.joint_goals import joint_goals
 from ardy.sampling.options import SamplingOptions
@@ -25,8 +26,8 @@ def correct_window(
 
     history: (B, H, D), of which the last frame counts, H 0 where a motion begins; new: (B, G, D); both normalised, in
     the world frame. goals: observed features (B, G, D), normalised, in the world frame, and their mask, as
-    `Targets.observe` makes them; None for none. Without clean_feet, reach_joints and join_tokens the new frames come
-    back as they are. Raises ConfigError for a skeleton whose legs have more than two bones.
+    `Targets.observe` makes them; None for none. Where nothing is to be corrected the new frames come back as
+    they are. Raises ConfigError for a skeleton whose legs have more than two bones.
     """
     if not options.corrects or not new.shape[1]:
         return new
@@ -38,6 +39,8 @@ def correct_window(
     if goals is not None:
         asked = joint_goals(layout, *goals)
         root_held, height_held = asked.root_met(poses.root), asked.has_height
+    if options.face_root:
+        face_root(poses, natural[..., layout.heading_block])
     if options.join_tokens:
         join_tokens(poses, options.joins, root_held)
     if options.reach_joints and goals is not None and asked.any:

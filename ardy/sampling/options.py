@@ -137,7 +137,8 @@ class SamplingOptions(CheckedOptions):
 
     project_root: each step's root is brought onto its goals before the body follows it. plan_root: sparse root goals
     get a path laid under them. clean_feet: feet in contact are held in place. reach_joints: joints are brought onto
-    their goals. join_tokens: jumps between one token's frames and the next's are smoothed.
+    their goals. join_tokens: jumps between one token's frames and the next's are smoothed. face_root: a body that parts
+    from its root's heading is turned to it.
     """
 
     guidance: GuidanceOptions = GuidanceOptions()
@@ -146,6 +147,7 @@ class SamplingOptions(CheckedOptions):
     clean_feet: bool = False
     reach_joints: bool = False
     join_tokens: bool = False
+    face_root: bool = False
     projection: ProjectionOptions = ProjectionOptions()
     plan: PlanOptions = PlanOptions()
     feet: FeetOptions = FeetOptions()
@@ -155,7 +157,7 @@ class SamplingOptions(CheckedOptions):
     @property
     def corrects(self) -> bool:
         """Whether frames of a finished window are changed before they are committed."""
-        return self.clean_feet or self.reach_joints or self.join_tokens
+        return self.clean_feet or self.reach_joints or self.join_tokens or self.face_root
 
 
 def released_options(mode: GuidanceMode) -> SamplingOptions:

@@ -64,7 +64,8 @@ class Preparation:
 
     def _targets(self, job: WindowJob) -> Targets | None:
         """The job's constraints, with what leads there from where the character is."""
-        targets = job_targets(self._model.skeleton, job)
+        options = self._model.sampling
+        targets = job_targets(self._model.skeleton, job, options.plan.stride_frames if options.plan_root else 1)
         history = torch.from_numpy(job.history) if len(job.history) else None
         pose = job.start_pose
         start = (pose.x, pose.z, pose.heading) if pose else (0.0, 0.0, 0.0)

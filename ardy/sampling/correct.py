@@ -8,7 +8,7 @@ from torch import Tensor
 from ardy.representation import Representation
 from ardy.sampling.cleanup import clean_feet
 from ardy.sampling.facing import face_root
-from ardy.sampling.joins import join_tokens
+from ardy.sampling.joins import HISTORY_FRAMES, join_tokens
 from ardy.sampling.joint_goals import joint_goals
 from ardy.sampling.options import SamplingOptions
 from ardy.sampling.pose import Poses
@@ -24,27 +24,31 @@ def correct_window(
 ) -> Tensor:
     """The new frames (B, G, D) of B rows with their feet in place and their joints on their goals, as options say.
 
-    history: (B, H, D), of which the last frame counts, H 0 where a motion begins; new: (B, G, D); both normalised, in
-    the world frame. goals: observed features (B, G, D), normalised, in the world frame, and their mask, as
-    `Targets.observe` makes them; None for none. Where nothing is to be corrected the new frames come back as
-    they are. Raises ConfigError for a skeleton whose legs have more than two bones.
+    history: (B, H, D), of which the last two frames count, H 0 where a motion begins; new: (B, G, D); both normalised,
+    in the world frame. goals: observed features (B, G, D), normalised, in the world frame, and their mask, as
+    `Targets.observe` makes them; None for none. Where nothing is to be corrected the new frames come back as they are.
+    Raises ConfigError for a skeleton whose legs have more than two bones.
     """
     if not options.corrects or not new.shape[1]:
         return new
-    before = history[:, -1:] if history.shape[1] else new[:, :1]
-    natural = layout.denormalize(torch.cat([before, new], dim=1))
+    history, frames = layout.denormalize(history[:, -HISTORY_FRAMES:]), layout.denormalize(new)
+    asked = None if goals is None else joint_goals(layout, *goals)
+    if options.join_tokens:
+        none = torch.zeros(new.shape[:2], dtype=torch.bool, device=new.device)
+        held = none if asked is None else asked.root_met(frames[..., layout.root_position_block])
+        frames = join_tokens(layout, history, frames, options.joins, held)
+    before = history[:, -1:] if history.shape[1] else frames[:, :1]
+    natural = torch.cat([before, frames], dim=1)
     poses = Poses(layout, natural)
     pinned = torch.zeros(*natural.shape[:2], 2, dtype=torch.bool, device=new.device)
-    root_held = height_held = pinned[..., 0]
-    if goals is not None:
-        asked = joint_goals(layout, *goals)
-        root_held, height_held = asked.root_met(poses.root), asked.has_height
+    height_held = pinned[..., 0]
     if options.face_root:
         face_root(poses, natural[..., layout.heading_block])
-    if options.join_tokens:
-        join_tokens(poses, options.joins, root_held)
-    if options.reach_joints and goals is not None and asked.any:
-        pinned = reach_joints(poses, asked, options.reach)
+    if asked is not None:
+        asked = asked.after_history()
+        height_held = asked.has_height
+        if options.reach_joints and asked.any:
+            pinned = reach_joints(poses, asked, options.reach)
     if options.clean_feet:
         clean_feet(poses, options.feet, pinned, height_held)
     return layout.normalize(poses.features(natural))[:, 1:]

@@ -13,44 +13,61 @@ import torch
 from torch import Tensor
 
 from ardy.config import FRAMES_PER_TOKEN
+from ardy.representation import Representation
 from ardy.rotation import matrix_from_6d, matrix_to_6d
 from ardy.sampling.options import JoinOptions
-from ardy.sampling.pose import Poses
 from ardy.sampling.spread import smooth_step, spread
 
+HISTORY_FRAMES = 2
 SHARES = (0.375, 0.125)  # of a jump, that the first and the second frame on either side move against it
+JUMP = (0.5, -1.5, 1.5, -0.5)  # of two frames before a join and two after it
+JUMP_FROM_ONE = (-1.0, 2.0, -1.0)  # where only one frame is known before it
 
 
 @lru_cache
-def join_operator(num_frames: int, seam_frames: int) -> Tensor:
-    """(T, T): what joined frames are of the frames they were; frame 0 is of the history, frame 1 starts a token."""
-    frames = torch.arange(num_frames, dtype=torch.float64)
-    joined = torch.eye(num_frames, dtype=torch.float64)
-    if num_frames > 2:
-        fade = 1 - smooth_step((frames - 1) / seam_frames)
-        fade[0] = 0
-        jump = torch.zeros(num_frames, dtype=torch.float64)
-        jump[:3] = torch.tensor([-1.0, 2.0, -1.0])  # the first step less the second
-        joined -= fade[:, None] * jump
-    for first in range(1 + FRAMES_PER_TOKEN, num_frames - 1, FRAMES_PER_TOKEN):
-        jump = torch.zeros(num_frames, dtype=torch.float64)
-        jump[first - 2 : first + 2] = torch.tensor([0.5, -1.5, 1.5, -0.5])
-        share = torch.zeros(num_frames, dtype=torch.float64)
+def join_operator(num_before: int, num_new: int, seam_frames: int) -> Tensor:
+    """(num_new, num_before + num_new): what joined frames are of the frames they were.
+
+    num_before: frames of the history, 0 to 2, which do not change; the first new frame starts a token.
+    """
+    total = num_before + num_new
+    joined = torch.eye(total, dtype=torch.float64)
+
+    def share_out(share: Tensor, first: int, jump: tuple[float, ...], joined: Tensor) -> Tensor:
+        read = torch.zeros(total, dtype=torch.float64)
+        read[first : first + len(jump)] = torch.tensor(jump, dtype=torch.float64)
+        return joined + share[:, None] * (read @ joined)
+
+    if num_before and num_new > 1:
+        fade = smooth_step((torch.arange(total, dtype=torch.float64) - num_before) / seam_frames) - 1
+        fade[:num_before] = 0
+        joined = share_out(fade, 0, JUMP if num_before == HISTORY_FRAMES else JUMP_FROM_ONE, joined)
+    for first in range(num_before + FRAMES_PER_TOKEN, total - 1, FRAMES_PER_TOKEN):
+        share = torch.zeros(total, dtype=torch.float64)
         for distance, part in enumerate(SHARES):
             share[first - 1 - distance], share[first + distance] = part, -part
-        share[0] = 0
-        joined = (torch.eye(num_frames, dtype=torch.float64) + share[:, None] * jump) @ joined
-    return joined.float()
+        joined = share_out(share, first - 2, JUMP, joined)
+    return joined[num_before:].float()
 
 
-def join_tokens(poses: Poses, options: JoinOptions, root_held: Tensor) -> None:
-    """Smooth the joins of poses (B, T), frame 0 of which is of the history and does not change.
+def join_tokens(
+    layout: Representation, history: Tensor, new: Tensor, options: JoinOptions, root_held: Tensor
+) -> Tensor:
+    """New frames (B, G, D), in natural units, with root positions and rotations joined; the rest stays as it was.
 
-    root_held: (B, T) bool, frames at which the root is where it shall be and stays there.
+    history: (B, H, D), of which the last two frames count. root_held: (B, G) bool, frames at which the root is where it
+    shall be and stays there.
     """
-    operator = join_operator(poses.root.shape[1], options.seam_frames).to(poses.root)
-    joined = torch.einsum("ts,bsk->btk", operator, poses.root)
-    back = spread((poses.root - joined)[:, :, None], root_held[..., None], options.seam_frames)[:, :, 0]
-    back[:, 0] = 0
-    poses.root = joined + back
-    poses.rotations = matrix_from_6d(torch.einsum("ts,bsjk->btjk", operator, matrix_to_6d(poses.rotations)))
+    before = history[:, -HISTORY_FRAMES:]
+    frames = torch.cat([before, new], dim=1)
+    operator = join_operator(before.shape[1], new.shape[1], options.seam_frames).to(new)
+    root, rotation = layout.root_position_block, layout.rotation_block
+    moved = torch.einsum("ts,bsk->btk", operator, frames[..., root])
+    back = (new[..., root] - moved)[:, :, None]
+    moved = moved + spread(back, root_held[..., None], options.seam_frames)[:, :, 0]
+    plain = matrix_to_6d(layout.global_rotations(frames)).flatten(-2)
+    turned = torch.einsum("ts,bsk->btk", operator, plain)
+    turned = matrix_to_6d(matrix_from_6d(turned.unflatten(-1, (-1, 6)))).flatten(-2)
+    joined = new.clone()
+    joined[..., root], joined[..., rotation] = moved, turned
+    return joined

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from ardy.representation import Representation
 from ardy.rotation import matrix_from_6d
@@ -35,19 +34,28 @@ class JointGoals:
         distance = (root - self.positions[:, :, 0])[..., [0, 2]].norm(dim=-1)
         return self.has_ground & (distance < MET_M)
 
+    def after_history(self) -> JointGoals:
+        """The same after one frame more, which has no goals."""
+        parts = [getattr(self, one.name) for one in fields(self)]
+        return JointGoals(*(torch.cat([_without_goals(part[:, :1]), part], dim=1) for part in parts))
+
     @property
     def any(self) -> bool:
         return bool((self.has_height.any() | self.has_position[:, :, 1:].any() | self.has_rotation.any()).item())
 
 
+def _without_goals(part: Tensor) -> Tensor:
+    """The frame (B, 1, ...) as one where nothing counts; what it holds stays a rotation where it is one."""
+    return torch.zeros_like(part) if part.dtype == torch.bool else part
+
+
 def joint_goals(layout: Representation, observed: Tensor, mask: Tensor) -> JointGoals:
-    """The goals in observed features (B, G, D), normalised, with their mask, after a frame 0 that has none.
+    """The goals in observed features (B, G, D), normalised, with their mask.
 
     A joint's position is observed from the ground under the root, which is observed with it.
     """
     joints = layout.skeleton.num_joints
-    natural = functional.pad(layout.denormalize(observed), (0, 0, 1, 0))
-    asked = functional.pad(mask, (0, 0, 1, 0)) > 0
+    natural, asked = layout.denormalize(observed), mask > 0
     root = natural[..., layout.root_position_block]
     ground = root * root.new_tensor([1.0, 0.0, 1.0])
     others = natural[..., layout.position_block].unflatten(-1, (joints - 1, 3)) + ground[..., None, :]

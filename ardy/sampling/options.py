@@ -93,16 +93,17 @@ class PlanOptions(CheckedOptions):
 class FeetOptions(CheckedOptions):
     """How feet in contact are held in place.
 
-    slow_m_s, low_m: a foot joint below both is in contact; fast_m_s, high_m: one above either is not. heel_m, toe_m:
-    how high above the ground these joints are when they stand on it. stride_m: a foot that would slip farther than
-    this in one stance takes a step instead, in which it is lifted by lift_m at most. fade_frames: over so many frames
-    a correction goes where a foot is in the air. lower_m: how far the pelvis gives way to a leg that is too short.
+    heel_m, toe_m: how high above the ground these joints are when they stand on it. slow_m_s, low_m: one that is below
+    both, in height above that, is in contact; fast_m_s, high_m: one above either is not. stride_m: a foot that would
+    slip farther than this in one stance takes a step instead, in which it is lifted by lift_m at most. fade_frames:
+    over so many frames a correction goes where a foot is in the air. lower_m: how far the pelvis gives way to a leg
+    that is too short.
     """
 
     slow_m_s: float = option(0.15, 0.0, 2.0)
     fast_m_s: float = option(1.2, 0.1, 10.0)
-    low_m: float = option(0.1, 0.0, 1.0)
-    high_m: float = option(0.16, 0.0, 1.0)
+    low_m: float = option(0.03, 0.0, 1.0)
+    high_m: float = option(0.06, 0.0, 1.0)
     heel_m: float = option(0.07, 0.0, 1.0)
     toe_m: float = option(0.012, 0.0, 1.0)
     stride_m: float = option(0.6, 0.05, 2.0)

@@ -38,10 +38,8 @@ def reach_joints(poses: Poses, goals: JointGoals, options: ReachOptions) -> Tens
     """Bring poses (B, T) onto their goals. Returns where (B, T, 2) the left and the right foot had one."""
     layout, skeleton = poses.layout, poses.layout.skeleton
     most, fps = options.acceleration_m_s2, layout.fps
-    off = torch.where(goals.has_height, goals.height - poses.root[..., 1], 0.0)
-    poses.root[..., 1] += over_time(off[..., None, None], goals.has_height[..., None], ROOT_SHARE * most, fps, options)[
-        ..., 0, 0
-    ]
+    if bool(goals.has_height.any()):
+        _set_height(poses, goals, options)
     turns, known = pose_turns(skeleton, goals, poses.rotations, poses.positions())
     poses.turn(range(skeleton.num_joints), axis_angle_to_matrix(over_time(turns, known, most / LEVER_M, fps, options)))
     limbs = (*legs(skeleton), *arms(skeleton))
@@ -58,3 +56,15 @@ def reach_joints(poses: Poses, goals: JointGoals, options: ReachOptions) -> Tens
         path = positions[:, :, ends] + over_time(offset, at_end | at_tip, most, fps, options)
         poses.bend_limbs(limbs, positions, path)
     return (at_end | at_tip | goals.has_rotation[:, :, ends])[:, :, :2]
+
+
+def _set_height(poses: Poses, goals: JointGoals, options: ReachOptions) -> None:
+    """Raise or lower the root onto its goals while the feet stay where they are."""
+    positions = poses.positions()
+    off = torch.where(goals.has_height, goals.height - poses.root[..., 1], 0.0)[..., None, None]
+    most = ROOT_SHARE * options.acceleration_m_s2
+    rise = over_time(off, goals.has_height[..., None], most, poses.layout.fps, options)[:, :, 0]
+    rise = rise * rise.new_tensor([0.0, 1.0, 0.0])
+    poses.root += rise
+    limbs = legs(poses.layout.skeleton)
+    poses.bend_limbs(limbs, positions + rise[:, :, None], positions[:, :, [limb.end for limb in limbs]])

@@ -27,7 +27,7 @@ def contact_states(contacts: Tensor, positions: Tensor, fps: int, options: FeetO
     """
     step = (positions[:, 1:] - positions[:, :-1]).norm(dim=-1) * fps
     speed = torch.minimum(torch.cat([step, step[:, -1:]], dim=1), torch.cat([step[:, :1], step], dim=1))
-    height = positions[..., 1]
+    height = positions[..., 1] - positions.new_tensor([options.heel_m, options.toe_m] * 2)
     sure = (contacts > CONTACT_ENTER) | ((speed < options.slow_m_s) & (height < options.low_m))
     possible = (speed < options.fast_m_s) & (height < options.high_m)
     state = hysteresis(sure & possible, possible & ((contacts > CONTACT_STAY) | (speed < options.slow_m_s)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -13,8 +14,8 @@ from ardy.config import FRAMES_PER_TOKEN
 from ardy.constraint import Targets
 from ardy.denoiser.guidance import GuidanceWeights, batch_passes, needed_passes
 from ardy.evaluate.gait import gait_of
-from ardy.evaluate.steering import add_steering
-from ardy.evaluate.take import Result, Take
+from ardy.evaluate.steering import SLOWING_FRAMES, STATE_FRAMES, add_lead, lead_by
+from ardy.evaluate.take import Result, Steer, Take
 from ardy.model import Model
 from ardy.noise import window_noise
 from ardy.representation import Representation
@@ -110,25 +111,36 @@ class Sampler:
         return [self._result(one) for one in growing]
 
     def _due(self, growing: _Growing) -> _Due:
-        take, layout = growing.take, self.model.representation
+        take = growing.take
         first = len(growing.features)
         crop = min(DEFAULT_HISTORY_FRAMES, first // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN)
         targets = take.targets
         steer = take.steer_at(first)
         growing.gait = None if steer is None else gait_of(self.gaits, steer, growing.gait)
         prompt = take.prompt_at(first) if growing.gait is None else growing.gait.text
-        if steer is not None:
-            targets = Targets(layout.skeleton) if targets is None else targets.copy()
-            last = layout.denormalize(growing.features[-2:])
-            root = last[:, [0, 2]] if first else torch.tensor([take.start[:2]])
-            heading = float(torch.atan2(last[-1, 4], last[-1, 3])) if first else take.start[2]
-            add_steering(targets, steer, first, self.model.config.horizon, root, heading, layout.fps)
+        leader = take.steer_at(first, after=SLOWING_FRAMES)
+        if leader is not None:
+            targets = self._led(growing, leader, targets)
         end = first - crop + self.model.config.max_window_frames
         if targets is not None and not any(first <= frame < end for frame in targets.frames):
             targets = None
         targets = plan_targets(self.model, targets, growing.features[first - crop :], first, take.start)
         span = visible_frames(self.model, crop, targets, first - crop)
         return _Due(growing, crop, span, targets, prompt)
+
+    def _led(self, growing: _Growing, steer: Steer, given: Targets | None) -> Targets | None:
+        """The targets of the next window with what a velocity leads through beneath them."""
+        layout, take, options = self.model.representation, growing.take, self.model.sampling
+        first = len(growing.features)
+        last = layout.denormalize(growing.features[-STATE_FRAMES:])
+        root = last[:, [0, 2]].numpy() if first else np.array([take.start[:2]])
+        heading = float(torch.atan2(last[-1, 4], last[-1, 3])) if first else take.start[2]
+        lead = lead_by(steer, first, self.model.config.horizon, root, heading, layout.fps)
+        if lead is None:
+            return given
+        targets = Targets(layout.skeleton) if given is None else given.copy()
+        add_lead(targets, lead, first, options.plan.stride_frames if options.plan_root else 1)
+        return targets
 
     def _windows(self, group: list[_Due]) -> None:
         """One window of each, appended to its take."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -11,29 +12,78 @@ from torch import Tensor
 from ardy.constraint import Targets
 from ardy.evaluate.take import Steer
 
-_CHANGE_S = 0.3
+STATE_FRAMES = 4
+SLOWING_FRAMES = 16
+_ACCELERATION_M_S2 = 2.2
+_TURN_RAD_S = 2.6
+_SHORTEST_S = 0.3
+_WALK_M_S = 0.3
 
 
-def add_steering(
-    targets: Targets, steer: Steer, first_frame: int, horizon: int, root: Tensor, heading: float, fps: int
-) -> None:
-    """Put the trajectory of frames first_frame .. first_frame + horizon - 1 under the targets that there are.
+class Lead(NamedTuple):
+    """The root of consecutive frames. ground: (K, 2) metres; heading: (K) radians, None where any will do."""
+
+    ground: np.ndarray
+    heading: np.ndarray | None
+
+
+def lead_by(steer: Steer, first_frame: int, horizon: int, root: np.ndarray, heading: float, fps: int) -> Lead | None:
+    """The trajectory of the frames first_frame .. first_frame + horizon - 1; None where the velocity has run out.
 
     root: (K, 2) ground positions in metres of the frames before first_frame, at least one; heading: radians, of the
-    last of them. What the targets already ask of these frames holds.
+    last of them.
     """
-    count = min(first_frame + horizon, steer.frame + steer.hold_frames) - first_frame
+    asked = np.array([steer.x, steer.z])
+    pace = float(np.hypot(*asked))
+    slowing = SLOWING_FRAMES if pace > 0.0 else 0
+    held = steer.frame + steer.hold_frames - first_frame
+    count = min(horizon, held + slowing)
     if count <= 0:
-        return
-    last = root[-1].double().numpy()
-    speed = (last - root[-2].double().numpy()) * fps if len(root) > 1 else np.zeros(2)
-    change = np.minimum(np.arange(1, count + 1) / (_CHANGE_S * fps), 1.0)[:, None]
-    ground = last + np.cumsum(speed + (np.array([steer.x, steer.z]) - speed) * change, axis=0) / fps
-    angles = None
-    if steer.heading is not None:
-        turn = math.remainder(steer.heading - heading, math.tau)
-        angles = torch.from_numpy((heading + turn * change[:, 0]).astype(np.float32))
+        return None
+    recent = root[-STATE_FRAMES:].astype(np.float64)
+    before = (recent[-1] - recent[0]) * (fps / max(1, len(recent) - 1))
+    facing = math.atan2(*asked) if steer.heading is None and pace > _WALK_M_S else steer.heading
+    turn = 0.0 if facing is None else math.remainder(facing - heading, math.tau)
+    change = asked - before
+    change_s = max(_SHORTEST_S, float(np.hypot(*change)) / _ACCELERATION_M_S2)
+    turn_s = max(_SHORTEST_S, abs(turn) / _TURN_RAD_S)
+    late_s = 0.0
+    if steer.heading is None and abs(turn) > math.pi / 2:
+        # Half of the turn is done when the way back begins: the one waits for the other.
+        still = np.clip(-before @ change / max(float(change @ change), 1e-9), 0.0, 1.0)
+        late_s = turn_s / 2 - change_s * float(still)
+    time = np.arange(1, count + 1) / fps
+    speed = before + np.clip((time - max(0.0, late_s)) / change_s, 0.0, 1.0)[:, None] * change
+    if count > max(0, held):
+        speed = _slowed(speed, max(0, held), held + slowing, before)
+    headings = None
+    if facing is not None:
+        headings = heading + turn * np.clip((time - max(0.0, -late_s)) / turn_s, 0.0, 1.0)
+    return Lead(recent[-1] + np.cumsum(speed, axis=0) / fps, headings)
+
+
+def _slowed(speed: np.ndarray, held: int, still: int, before: np.ndarray) -> np.ndarray:
+    """Speeds (K, 2) that come from frame `held` on to a stand at frame `still`; before: of frame -1."""
+    last = speed[held - 1] if held else before
+    share = np.clip(1.0 - np.arange(1, len(speed) - held + 1) / (still - held), 0.0, 1.0)
+    return np.concatenate([speed[:held], last * share[:, None]])
+
+
+def add_lead(targets: Targets, lead: Lead, first_frame: int, stride: int) -> None:
+    """Put a trajectory under the targets that there are; what they already ask of its frames holds.
+
+    stride: one frame in so many is asked for, the last among them, and the root may sway between.
+    """
+    rows = list(range(len(lead.ground) - 1, -1, -stride))[::-1]
+    frames = [first_frame + row for row in rows]
+    headings = None if lead.heading is None else torch.from_numpy(lead.heading[rows].astype(np.float32))
     path = Targets(targets.skeleton)
-    path.add_root(range(first_frame, first_frame + count), torch.from_numpy(ground.astype(np.float32)), angles)
+    path.add_root(frames, _single(lead.ground[rows]), headings)
     targets.ground = path.ground | targets.ground
     targets.heading = path.heading | targets.heading
+    if stride > 1:
+        targets.planned.update(frames)
+
+
+def _single(values: np.ndarray) -> Tensor:
+    return torch.from_numpy(values.astype(np.float32))

@@ -55,14 +55,15 @@ class Take:
         """The prompt that holds at a frame."""
         return [text for first, text in self.prompts if first <= frame][-1]
 
-    def steer_at(self, frame: int) -> Steer | None:
-        """The velocity in force at a frame."""
-        known = [steer for steer in self.steers if steer.frame <= frame < steer.frame + steer.hold_frames]
+    def steer_at(self, frame: int, after: int = 0) -> Steer | None:
+        """The velocity in force at a frame, or that ended at most so many frames before it."""
+        known = [steer for steer in self.steers if steer.frame <= frame < steer.frame + steer.hold_frames + after]
         return known[-1] if known else None
 
     def next_change(self, frame: int) -> int:
         """The first frame after `frame` at which an event takes effect, num_frames if there is none."""
         changes = [first for first, _ in self.prompts] + [steer.frame for steer in self.steers]
+        changes += [steer.frame + steer.hold_frames for steer in self.steers[-1:]]
         return min((change for change in changes if change > frame), default=self.num_frames)
 
 

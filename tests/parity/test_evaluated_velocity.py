@@ -9,44 +9,81 @@ import torch
 from ardy.capabilities import LocomotionPreset
 from ardy.constraint import Targets
 from ardy.evaluate.gait import gait_of
-from ardy.evaluate.steering import add_steering
+from ardy.evaluate.steering import add_lead, lead_by
 from ardy.evaluate.take import Steer
 from ardy.skeleton import load_skeleton
 from server.engine.locomotion import gait_of as server_gait_of
-from server.engine.types import Direction, Gait, SessionKey, SetVelocity
+from server.engine.types import (
+    Direction,
+    Gait,
+    Guidance,
+    PlanCause,
+    Priority,
+    RootPath,
+    SessionKey,
+    SetVelocity,
+    WindowJob,
+)
 from server.engine.velocity import Velocity, root_state
+from server.runner.targets import job_targets
 
 FPS, HORIZON = 20, 40
+SKELETON = load_skeleton("core27")
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_the_paths_are_equal(seed: int) -> None:
+@pytest.mark.parametrize("stride", [1, 5])
+@pytest.mark.parametrize("seed", range(40))
+def test_the_paths_are_equal(seed: int, stride: int) -> None:
     random = np.random.default_rng(seed)
-    positions = random.normal(size=(2 if seed % 3 else 1, 3)).astype(np.float32).cumsum(axis=0)
+    positions = (random.normal(size=(seed % 6 + 1, 3)) / 15).astype(np.float32).cumsum(axis=0)
     heading = float(random.uniform(-4, 4))
     asked = None if seed % 2 else float(random.uniform(-4, 4))
-    x, z = (float(value) for value in random.normal(size=2) * 2)
+    x, z = (0.0, 0.0) if seed % 7 == 0 else (float(value) for value in random.normal(size=2) * 2)
     hold, first = int(random.integers(5, 90)), int(random.integers(0, 300))
-    path = Velocity(x, z, asked, hold, first).path(first, first + HORIZON, root_state(positions, heading, FPS), FPS)
-    assert path is not None
-    targets = Targets(load_skeleton("core27"))
-    root = torch.from_numpy(positions[:, [0, 2]])
-    add_steering(targets, Steer(first, x, z, asked, hold), first, HORIZON, root, heading, FPS)
-    frames = sorted(targets.ground)
-    assert frames == list(range(path.first_frame, path.last_frame + 1))
-    ground = torch.stack([targets.ground[frame] for frame in frames]).numpy()
-    assert np.allclose(ground, path.xz, atol=1e-4)
-    if path.heading is None:
-        assert targets.heading == {}
-    else:
-        told = torch.stack([targets.heading[frame] for frame in frames]).numpy()
-        assert np.allclose(told, np.stack([np.cos(path.heading), np.sin(path.heading)], axis=1), atol=1e-5)
+    begin = first + int(random.integers(0, hold + 10))
+    path = Velocity(x, z, asked, hold, first).path(begin, begin + HORIZON, root_state(positions, heading, FPS), FPS)
+    lead = lead_by(Steer(first, x, z, asked, hold), begin, HORIZON, positions[:, [0, 2]], heading, FPS)
+    assert (path is None) == (lead is None)
+    if path is None or lead is None:
+        return
+    done = Targets(SKELETON)
+    add_lead(done, lead, begin, stride)
+    expected = job_targets(SKELETON, job_of(path), stride)
+    assert expected is not None
+    assert done.planned == expected.planned
+    for name in ("ground", "heading"):
+        mine, theirs = getattr(done, name), getattr(expected, name)
+        assert mine.keys() == theirs.keys()
+        assert all(torch.allclose(mine[frame], theirs[frame], atol=1e-4) for frame in theirs)
+
+
+def job_of(path: RootPath) -> WindowJob:
+    """A job of which only the constraints count."""
+    return WindowJob(
+        job_id=1,
+        session=SessionKey(1, 1),
+        plan=1,
+        first_frame=path.first_frame,
+        history=np.zeros((0, 1), np.float32),
+        start_pose=None,
+        embedding=None,
+        constraints=(path,),
+        seed=0,
+        num_steps=2,
+        guidance=Guidance(1.0, 1.0),
+        deadline=0.0,
+        priority=Priority.NEAR,
+        cause=PlanCause.CONTINUE,
+        created_at=0.0,
+    )
 
 
 def test_what_the_client_asks_holds_over_a_velocity() -> None:
-    targets = Targets(load_skeleton("core27"))
+    targets = Targets(SKELETON)
     targets.add_root([5], torch.tensor([[9.0, 9.0]]))
-    add_steering(targets, Steer(0, 1.0, 0.0), 0, HORIZON, torch.zeros(1, 2), 0.0, FPS)
+    lead = lead_by(Steer(0, 1.0, 0.0), 0, HORIZON, np.zeros((1, 2)), 0.0, FPS)
+    assert lead is not None
+    add_lead(targets, lead, 0, 1)
     assert targets.ground[5].tolist() == [9.0, 9.0]
     assert len(targets.ground) == HORIZON
 

@@ -14,6 +14,7 @@ from ardy.evaluate.rows.velocity import STAND, WALK
 from ardy.evaluate.take import Result, Take
 
 FAMILY = "feet"
+STILL = ("stand", "idle")
 GOING = ("walk", "run", "start")
 
 
@@ -113,8 +114,7 @@ def _changes(context: Context, starts: bool) -> list[tuple[Tensor, int]]:
         (case.motion.positions, frame)
         for case in context.cases
         for frame, before, after in case.changes
-        if "stand" in (before, after)
-        and (before == "stand") == starts
+        if (before if starts else after) in STILL
         and (after if starts else before).startswith(GOING)
         and context.fps // 2 <= frame < case.num_frames - context.fps
     ]

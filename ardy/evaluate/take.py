@@ -64,7 +64,7 @@ class Take:
         """The first frame after `frame` at which an event takes effect, num_frames if there is none."""
         changes = [first for first, _ in self.prompts] + [steer.frame for steer in self.steers]
         changes += [steer.frame + steer.hold_frames for steer in self.steers[-1:]]
-        return min((change for change in changes if change > frame), default=self.num_frames)
+        return min((change for change in changes if frame < change < self.num_frames), default=self.num_frames)
 
 
 @dataclass(frozen=True)

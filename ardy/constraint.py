@@ -43,7 +43,8 @@ class Targets:
 
     Frames are absolute; `fill` is told which of them it is to lay out, and leaves the others alone. The groups are
     independent: a waypoint overrides the ground position of an earlier keyframe at its frame but not its pose.
-    planned: frames whose root nobody asked for, but which lead to what was asked: the root may sway about them.
+    planned, faced: frames whose ground position, and whose heading, nobody asked for, but which lead to what was asked:
+    the root may sway about them.
     """
 
     def __init__(self, skeleton: Skeleton) -> None:
@@ -54,6 +55,7 @@ class Targets:
         self.positions: dict[tuple[int, int], Tensor] = {}
         self.rotations: dict[tuple[int, int], Tensor] = {}
         self.planned: set[int] = set()
+        self.faced: set[int] = set()
 
     @property
     def frames(self) -> set[int]:
@@ -75,11 +77,12 @@ class Targets:
         """The root's facing alone. heading: (K) radians."""
         require_numbers("headings", heading, (len(frames),))
         self.heading.update(zip(frames, torch.stack([heading.cos(), heading.sin()], dim=-1).unbind(), strict=True))
+        self.faced.difference_update(frames)
 
     def copy(self) -> Targets:
         """The same targets, to be changed apart from these."""
         other = Targets(self.skeleton)
-        for name in ("ground", "height", "heading", "positions", "rotations", "planned"):
+        for name in ("ground", "height", "heading", "positions", "rotations", "planned", "faced"):
             setattr(other, name, getattr(self, name).copy())
         return other
 
@@ -188,10 +191,11 @@ class Targets:
         return self.positions[frame, joint] - root * root.new_tensor([1.0, 0.0, 1.0])
 
     def planned_frames(self, first_frame: int, num_frames: int) -> Tensor:
-        """(num_frames) bool of frames from first_frame on: those whose root was only planned."""
-        frames = torch.zeros(num_frames, dtype=torch.bool)
-        frames[[frame - first_frame for frame in self.planned if 0 <= frame - first_frame < num_frames]] = True
-        return frames
+        """(num_frames, 2) bool of frames from first_frame on: whose ground position, whose heading was only planned."""
+        flags = torch.zeros(num_frames, 2, dtype=torch.bool)
+        for column, frames in enumerate((self.planned, self.faced)):
+            flags[[frame - first_frame for frame in frames if 0 <= frame - first_frame < num_frames], column] = True
+        return flags
 
     def observe(self, layout: Representation, first_frame: int, num_frames: int) -> tuple[Tensor, Tensor]:
         """As `fill`, on the layout's device, the observed features normalised and zero where the mask is zero."""

@@ -46,7 +46,7 @@ class WindowRequest:
     translation: (B, 3) with y = 0, metres, and heading: (B) radians, where a first window starts (with history they
     follow from it). weights: the model's own where None.
     observed, mask: (B, num_frames, D), normalised, in the world frame, from the first of history on. planned: (B,
-    num_frames) bool, frames whose observed root nobody asked for; None for none.
+    num_frames, 2) bool, frames whose observed ground position and heading nobody asked for; None for none.
     """
 
     num_frames: int

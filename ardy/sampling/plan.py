@@ -46,7 +46,7 @@ def plan_targets(
 def plan_observed(
     model: Model, observed: Tensor, mask: Tensor, history: Tensor, translation: Tensor, heading: Tensor
 ) -> tuple[Tensor, Tensor, Tensor | None]:
-    """`plan_targets` for constraints that are features already; also tells which frames were planned (B, T), or None.
+    """`plan_targets` for constraints that are features already; also tells what was planned (B, T, 2), or None.
 
     observed, mask: (B, T, D) normalised, in the world's frame, from the first frame of the history on. history: (B, H,
     5), the root of its frames likewise; translation: (B, 3) metres and heading: (B) radians of a start without history.
@@ -57,7 +57,7 @@ def plan_observed(
     end = min(observed.shape[1], model.config.max_window_frames)
     span = PlanSpan(first, first + model.config.horizon + _TOLD_BEYOND_FRAMES, end, layout.fps)
     observed, mask = observed.clone(), mask.clone()
-    planned = torch.zeros(mask.shape[:2], dtype=torch.bool, device=mask.device)
+    planned = torch.zeros(*mask.shape[:2], 2, dtype=torch.bool, device=mask.device)
     natural = layout.root_stats.denormalize(observed[..., :ROOT_WIDTH]).double().cpu().numpy()
     held = (mask[..., :ROOT_WIDTH] != 0).cpu().numpy()
     for row in range(len(observed)):
@@ -73,7 +73,8 @@ def plan_observed(
             natural[row, frame, [0, 2]], held[row, frame, [0, 2]] = place, True
         for frame, angle in goals.heading.items():
             natural[row, frame, [3, 4]], held[row, frame, 3:] = (np.cos(angle), np.sin(angle)), True
-        planned[row, sorted(goals.planned)] = True
+        planned[row, sorted(goals.planned), 0] = True
+        planned[row, sorted(goals.faced), 1] = True
     told = torch.from_numpy(held).to(mask)
     root = layout.root_stats.normalize(torch.from_numpy(natural).to(observed)) * told
     return (
@@ -90,7 +91,10 @@ def root_goals(targets: Targets) -> RootGoals:
     turns = torch.stack([targets.heading[frame] for frame in headings]).double().numpy() if headings else None
     angles = () if turns is None else np.arctan2(turns[:, 1], turns[:, 0]).tolist()
     return RootGoals(
-        dict(zip(ground, places, strict=True)), dict(zip(headings, angles, strict=True)), set(targets.planned)
+        dict(zip(ground, places, strict=True)),
+        dict(zip(headings, angles, strict=True)),
+        set(targets.planned),
+        set(targets.faced),
     )
 
 
@@ -101,7 +105,7 @@ def with_root(targets: Targets, goals: RootGoals) -> Targets:
     angles = torch.from_numpy(np.array(list(goals.heading.values()), dtype=np.float32))
     other.ground = dict(zip(goals.ground, places.unbind(), strict=True))
     other.heading = dict(zip(goals.heading, torch.stack([angles.cos(), angles.sin()], dim=-1).unbind(), strict=True))
-    other.planned = set(goals.planned)
+    other.planned, other.faced = set(goals.planned), set(goals.faced)
     return other
 
 

@@ -98,8 +98,8 @@ def make_projection(
 ) -> RootProjection | None:
     """The projection of horizons that begin at frame `first` of windows; None where no root is constrained there.
 
-    observed, mask: (B, T, D) normalised, in the windows' own frames. planned: (B, T) bool, frames that may be missed by
-    the slack; None for no such frames.
+    observed, mask: (B, T, D) normalised, in the windows' own frames. planned: (B, T, 2) bool, whose ground and whose
+    heading may be missed by the slack; None for no such frames.
     """
     horizon = slice(first, first + num_frames)
     held = mask[:, horizon, :ROOT_WIDTH] != 0
@@ -118,7 +118,7 @@ def make_projection(
     slack = torch.zeros_like(natural[..., :2])
     if planned is not None:
         allowed = slack.new_tensor([options.projection.slack_m, options.projection.slack_rad])
-        slack = planned[:, horizon, None].to(slack.dtype) * allowed
+        slack = planned[:, horizon].to(slack.dtype) * allowed
     most = torch.full_like(natural[..., 0], _NEVER_M)
     if not options.plan_root:  # a goal that the root cannot get to in time is missed, not jumped to
         seconds = torch.arange(1, num_frames + 1, device=most.device) / layout.fps

@@ -14,16 +14,23 @@ from ardy.sampling.steering import RootState, brought_onto, smoothstep, steer, w
 
 # Goals no further apart than this lead the model by themselves.
 DENSE_FRAMES = 10
+# Slower than this nobody turns to where they go; further aside than this people walk backwards or sideways.
+_WALKS_M_S, _ASIDE_RAD = 0.3, 1.0
+_CHORD_FRAMES = 5
 _NEAR_M, _NEAR_M_S, _NEAR_RAD = 0.015, 0.35, 0.1
 
 
 @dataclass
 class RootGoals:
-    """Root goals by absolute frame. ground: (2) metres; heading: radians; planned: frames that nobody asked for."""
+    """Root goals by absolute frame. ground: (2) metres; heading: radians.
+
+    planned, faced: frames whose ground, and whose heading, nobody asked for.
+    """
 
     ground: dict[int, np.ndarray] = field(default_factory=dict)
     heading: dict[int, float] = field(default_factory=dict)
     planned: set[int] = field(default_factory=set)
+    faced: set[int] = field(default_factory=set)
 
 
 @dataclass(frozen=True)
@@ -68,7 +75,7 @@ class _Plan:
     """A plan while it is made: how far it has come, and what the root does there."""
 
     def __init__(self, asked: RootGoals, state: RootState, span: PlanSpan, options: PlanOptions) -> None:
-        self.goals = RootGoals(dict(asked.ground), dict(asked.heading), set(asked.planned))
+        self.goals = RootGoals(dict(asked.ground), dict(asked.heading), set(asked.planned), set(asked.faced))
         self.asked, self.state, self.span, self.options = asked, state, span, options
         self.start, self.frame = state, span.first_frame - 1
         self.turned: set[int] = set()
@@ -86,6 +93,7 @@ class _Plan:
                 self.goals.planned.add(frame)
                 if not others:
                     self.goals.heading[frame] = float(path.heading[frame - self.frame - 1])
+                    self.goals.faced.add(frame)
         self.goals.ground[goal_frame] = path.ground[-1]
         if heading is not None or (not others and goal_frame - self.frame > 1 and goal_frame < self.span.told_frame):
             self.goals.heading[goal_frame] = float(path.heading[-1])
@@ -111,10 +119,36 @@ class _Plan:
             approach = np.concatenate([np.repeat(path[:1], away - 1, axis=0), path])
             path = joined(approach, offset, drift, *bounds(self.options), fps)[away - 1 :]
         self.goals.ground.update(zip(run, path[frames - frames[0]], strict=True))
-        last = path[-1] - path[-2]
-        facing = self.state.heading if np.hypot(*last) * fps < 0.3 else math.atan2(last[0], last[1])
-        self.state = RootState(path[-1], last * fps, facing)
+        facing = self.state.heading
+        if not any(run[0] <= frame <= run[-1] for frame in self.asked.heading):
+            facing = self._face_along(run[0], path)
+        self.state = RootState(path[-1], (path[-1] - path[-2]) * fps, facing)
         self.frame = run[-1]
+
+    def _face_along(self, first: int, path: np.ndarray) -> float:
+        """Face along a path (T, 2) from frame `first` on, or as far off it as who walks backwards does already.
+
+        Returns the heading at its end.
+        """
+        fps, state = self.span.fps, self.state
+        facing, off = state.heading, 0.0
+        if np.hypot(*state.velocity) > _WALKS_M_S:
+            off = wrapped(state.heading - math.atan2(*state.velocity))
+            off = off if abs(off) > _ASIDE_RAD else 0.0
+        index, wanted = np.arange(len(path)), np.empty(len(path))
+        ahead = path[np.minimum(index + _CHORD_FRAMES, len(path) - 1)] - path[np.maximum(index - _CHORD_FRAMES, 0)]
+        for frame, way in enumerate(ahead):
+            if np.hypot(*way) > _WALKS_M_S * 2 * _CHORD_FRAMES / fps:
+                facing += wrapped(math.atan2(way[0], way[1]) + off - facing)
+            wanted[frame] = facing
+        turn = np.array([state.heading - wanted[0]])
+        rate = 0.8 * self.options.turn_rate_rad_s
+        turned = joined(wanted[:, None], turn, np.zeros(1), 12.0, rate, fps)[:, 0]
+        for frame in range(first + len(path) - 1, first, -self.options.stride_frames):
+            if frame < self.span.told_frame:
+                self.goals.heading[frame] = float(turned[frame - first])
+                self.goals.faced.add(frame)
+        return float(turned[-1])
 
     def turn(self) -> None:
         """Make headings that no path has seen to such that a body can follow them."""
@@ -127,7 +161,7 @@ class _Plan:
             facing = self.goals.heading[frame] if known else self.start.heading
             if len(run) == 1:
                 self._turn_to(run[0], frame, facing)
-            elif not self.asked.planned.issuperset(run):
+            elif not self.asked.faced.issuperset(run):
                 self._follow_heading(run, frame, facing)
 
     def _turn_to(self, goal_frame: int, frame: int, facing: float) -> None:
@@ -140,8 +174,8 @@ class _Plan:
             if between < self.span.told_frame or between == goal_frame:
                 share = 1.0 - (goal_frame - between) / (takes * fps)
                 self.goals.heading[between] = facing + off * float(smoothstep(np.array(share)))
-                if between != goal_frame and between not in self.goals.ground:
-                    self.goals.planned.add(between)
+                if between != goal_frame:
+                    self.goals.faced.add(between)
 
     def _follow_heading(self, run: Sequence[int], frame: int, facing: float) -> None:
         values = np.unwrap([self.asked.heading[one] for one in run])
@@ -167,4 +201,5 @@ def without_steering(asked: RootGoals, first_frame: int) -> RootGoals:
         {frame: ground for frame, ground in asked.ground.items() if frame not in gone},
         {frame: heading for frame, heading in asked.heading.items() if frame not in gone},
         asked.planned - gone,
+        asked.faced - gone,
     )

@@ -29,6 +29,7 @@ def job_targets(skeleton: Skeleton, job: WindowJob, stride_frames: int = 1) -> T
             targets.add_root(frames, torch.from_numpy(constraint.xz[rows]), headings)
             if leads:
                 targets.planned.update(frames)
+                targets.faced.update(frames)
         elif isinstance(constraint, JointTargets):
             positions, turns = torch.from_numpy(constraint.positions), constraint.turns
             targets.add_joints(constraint.frame, constraint.joints, positions)

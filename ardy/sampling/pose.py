@@ -35,16 +35,24 @@ class Poses:
         """Turn joints (n) by world rotations (B, T, n or 1, 3, 3); what hangs on them keeps its own rotation."""
         self.rotations[:, :, joints] = delta @ self.rotations[:, :, joints]
 
-    def bend_limbs(self, limbs: Sequence[Limb], positions: Tensor, targets: Tensor) -> Tensor:
-        """Put the limbs' ends at targets (B, T, n, 3); positions as `positions()`. Returns where the ends are then."""
+    def bend_limbs(
+        self, limbs: Sequence[Limb], positions: Tensor, targets: Tensor, where: Tensor | None = None
+    ) -> None:
+        """Put the limbs' ends at targets (B, T, n, 3). positions: as `positions()`; where: (B, T, n or 1), the others
+        stay exactly as they are.
+        """
         upper, middle, end = ([getattr(limb, name) for limb in limbs] for name in ("upper", "middle", "end"))
         rotations = (self.rotations[:, :, upper], self.rotations[:, :, middle])
         neutral = positions.new_tensor([limb.pole for limb in limbs])
         pole = (rotations[0] @ neutral[..., None]).squeeze(-1)
         joints = (positions[:, :, upper], positions[:, :, middle], positions[:, :, end])
-        first, second, _, ends = bend(joints, rotations, targets, pole)
+        first, second, _, _ = bend(joints, rotations, targets, pole)
+        if where is not None:
+            first, second = (
+                torch.where(where[..., None, None], new, old)
+                for new, old in zip((first, second), rotations, strict=True)
+            )
         self.rotations[:, :, upper], self.rotations[:, :, middle] = first, second
-        return ends
 
     def features(self, old: Tensor) -> Tensor:
         """Features (B, T, D) in natural units that agree with each other: everything but ground position and heading

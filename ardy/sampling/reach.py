@@ -53,8 +53,8 @@ def reach_joints(poses: Poses, goals: JointGoals, options: ReachOptions) -> Tens
         positions = poses.positions()
         to_end, to_tip = ((goals.positions - positions)[:, :, joints] for joints in (ends, tips))
         offset = torch.where(at_end[..., None], to_end, to_tip)
-        path = positions[:, :, ends] + over_time(offset, at_end | at_tip, most, fps, options)
-        poses.bend_limbs(limbs, positions, path)
+        moved = over_time(offset, at_end | at_tip, most, fps, options)
+        poses.bend_limbs(limbs, positions, positions[:, :, ends] + moved, (moved != 0).any(dim=-1))
     return (at_end | at_tip | goals.has_rotation[:, :, ends])[:, :, :2]
 
 
@@ -67,4 +67,5 @@ def _set_height(poses: Poses, goals: JointGoals, options: ReachOptions) -> None:
     rise = rise * rise.new_tensor([0.0, 1.0, 0.0])
     poses.root += rise
     limbs = legs(poses.layout.skeleton)
-    poses.bend_limbs(limbs, positions + rise[:, :, None], positions[:, :, [limb.end for limb in limbs]])
+    ankles = positions[:, :, [limb.end for limb in limbs]]
+    poses.bend_limbs(limbs, positions + rise[:, :, None], ankles, (rise != 0).any(dim=-1, keepdim=True))

@@ -18,7 +18,7 @@ def corrected(model: Model, rows: Sequence[Row], features: Tensor) -> Tensor:
     """Normalised features (B, G, D) of rows whose histories are equally long, in the world frame, corrected."""
     if not model.sampling.corrects:
         return features
-    history = torch.from_numpy(np.stack([row.job.history[-1:] for row in rows])).to(features.device)
+    history = torch.from_numpy(np.stack([row.job.history for row in rows])).to(features.device)
     return correct_window(model.representation, history, features, _world_goals(model, rows, features), model.sampling)
 
 

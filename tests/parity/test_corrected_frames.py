@@ -87,7 +87,7 @@ def test_a_clip_goes_on_from_its_corrected_frames_as_a_rollout_does(correcting: 
 def test_corrected_rows_get_in_a_batch_what_they_get_alone(correcting: Model) -> None:
     random = np.random.default_rng(5)
     jobs = {index: make_job(index, correcting, random) for index in range(1, 13)}
-    pose = np.random.default_rng(6).standard_normal((correcting.skeleton.num_joints, 3)).astype(np.float32)
+    pose = (correcting.skeleton.neutral_joints + np.array([1.0, 0.9, -2.0])).astype(np.float32)
     for index in (2, 5, 8):
         jobs[index] = replace(jobs[index], constraints=(PoseTarget(9, jobs[index].first_frame + 20, pose),))
     runner = TorchRunner(correcting, "tiny")
@@ -100,5 +100,4 @@ def test_corrected_rows_get_in_a_batch_what_they_get_alone(correcting: Model) ->
     for index, job in jobs.items():
         alone = run_alone(correcting, job)
         np.testing.assert_allclose(results[index].frames[:, :3], alone.frames[:, :3], atol=2e-3)
-        close = np.abs(results[index].features - alone.features).max(axis=1) < 0.05
-        assert close.mean() > 0.8
+        np.testing.assert_allclose(results[index].features, alone.features, atol=5e-3)

@@ -34,11 +34,11 @@ $(READY): constraints.txt pyproject.toml proto/pyproject.toml client/python/pypr
 
 .PHONY: demo
 demo: $(READY) ## serve the built-in model, drive eight characters for 12 s, write BVH files and a picture to out/demo
-	$(PYTHON) -m motiongen_client demo --out $(OUT)/demo $(ARGS)
+	$(PYTHON) -m motiongen_tools demo --out $(OUT)/demo $(ARGS)
 
 .PHONY: serve
 serve: $(READY) ## serve the built-in model; options in ARGS, listed by make serve ARGS=--help
-	$(PYTHON) -m server $(ARGS)
+	$(PYTHON) -m motiongen_server $(ARGS)
 
 # ---- check
 
@@ -108,16 +108,16 @@ fuzz: $(READY) ## give the readers of checkpoints, motion and constraints 10,000
 
 .PHONY: data
 data: $(READY) ## turn motion capture into a training set: make data CLIPS=folder-of-bvh LABELS=table.csv [DATA=out/data]
-	$(PYTHON) -m ardy.data build "$(or $(CLIPS),$(error $(DATA_USE)))" "$(or $(LABELS),$(error $(DATA_USE)))" "$(DATA)" $(ARGS)
+	$(PYTHON) -m motiongen_ardy.data build "$(or $(CLIPS),$(error $(DATA_USE)))" "$(or $(LABELS),$(error $(DATA_USE)))" "$(DATA)" $(ARGS)
 
 .PHONY: train-mini
 train-mini: $(READY) ## train the built-in model on DATA: tokenizer, then denoiser; goes on where it was stopped
-	$(PYTHON) -m ardy.train.tokenizer "$(DATA)" "$(RUN)/tokenizer" $(ARGS)
-	$(PYTHON) -m ardy.train.denoiser "$(DATA)" "$(RUN)/denoiser" --tokenizer "$(RUN)/tokenizer" $(ARGS)
+	$(PYTHON) -m motiongen_ardy.train.tokenizer "$(DATA)" "$(RUN)/tokenizer" $(ARGS)
+	$(PYTHON) -m motiongen_ardy.train.denoiser "$(DATA)" "$(RUN)/denoiser" --tokenizer "$(RUN)/tokenizer" $(ARGS)
 
 .PHONY: gate
 gate: $(READY) ## judge the motion of MODEL on the test split of DATA; exit code 1 if it misses a bound
-	$(PYTHON) -m ardy.evaluate "$(MODEL)" "$(DATA)" $(ARGS)
+	$(PYTHON) -m motiongen_ardy.evaluate "$(MODEL)" "$(DATA)" $(ARGS)
 
 .PHONY: clean
 clean: ## remove what make made, the environment too

@@ -34,7 +34,7 @@ def live_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer
     model = ["--model", str(TINY_MODEL), "--text-encoder", "hashed"]
     with log.open("w", encoding="utf-8") as errors:
         process = subprocess.Popen(
-            [sys.executable, "-m", "server", *settings, *model],
+            [sys.executable, "-m", "motiongen_server", *settings, *model],
             cwd=ROOT,
             stdout=subprocess.PIPE,
             stderr=errors,

@@ -14,8 +14,8 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ardy.checkpoint import CheckpointError, load_checkpoint
-from ardy.npy import NpyError, read_npy
+from motiongen_ardy.checkpoint import CheckpointError, load_checkpoint
+from motiongen_ardy.npy import NpyError, read_npy
 from tests.ardy.broken_checkpoints import (
     BROKEN_FOLDERS,
     FILES,

@@ -13,9 +13,9 @@ import torch
 import yaml
 from safetensors.torch import load_file, save_file
 
-from ardy.checkpoint import CheckpointError, load_checkpoint, load_tokenizer, save_checkpoint, save_tokenizer
-from ardy.checkpoint_config import FolderLayout, read_model_config
-from ardy.checkpoint_config_writer import write_model_config
+from motiongen_ardy.checkpoint import CheckpointError, load_checkpoint, load_tokenizer, save_checkpoint, save_tokenizer
+from motiongen_ardy.checkpoint_config import FolderLayout, read_model_config
+from motiongen_ardy.checkpoint_config_writer import write_model_config
 from tests.ardy.conftest import GOLDEN, GoldenModel
 
 TINY = GOLDEN / "tiny-core27" / "checkpoint"

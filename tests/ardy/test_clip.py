@@ -6,11 +6,11 @@ from typing import Any
 import pytest
 import torch
 
-from ardy.clip import ClipRequest, append_window, clip_window, decode_clip, generate_clip, start_clip
-from ardy.denoiser.guidance import GuidanceWeights
-from ardy.model import Model
-from ardy.rollout import WindowRequest, move_root, start_window
-from ardy.window import WindowError
+from motiongen_ardy.clip import ClipRequest, append_window, clip_window, decode_clip, generate_clip, start_clip
+from motiongen_ardy.denoiser.guidance import GuidanceWeights
+from motiongen_ardy.model import Model
+from motiongen_ardy.rollout import WindowRequest, move_root, start_window
+from motiongen_ardy.window import WindowError
 
 
 def golden_request(vectors: Any, case: str) -> ClipRequest:

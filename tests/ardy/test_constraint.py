@@ -7,10 +7,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from ardy.constraint import ConstraintError, Targets, limb_chains
-from ardy.formats.constraints import constraint_targets, parse_constraints
-from ardy.rotation import matrix_to_6d, rotation_y
-from ardy.skeleton import forward_kinematics
+from motiongen_ardy.constraint import ConstraintError, Targets, limb_chains
+from motiongen_ardy.formats.constraints import constraint_targets, parse_constraints
+from motiongen_ardy.rotation import matrix_to_6d, rotation_y
+from motiongen_ardy.skeleton import forward_kinematics
 
 CASES = (
     "root2d", "root2d_heading", "fullbody", "fullbody_shifted_root", "left_hand", "right_hand", "left_foot",

@@ -7,11 +7,11 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from ardy.config import DenoiserConfig, TransformerConfig
-from ardy.denoiser import TwoStageDenoiser, build_denoiser
-from ardy.representation import Representation
-from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
-from ardy.window import Window
+from motiongen_ardy.config import DenoiserConfig, TransformerConfig
+from motiongen_ardy.denoiser import TwoStageDenoiser, build_denoiser
+from motiongen_ardy.representation import Representation
+from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_ardy.window import Window
 
 CASES = ("no_history", "history", "constraints_in_window", "constraints_in_future", "mixed_history", "zero_text")
 VARIANTS = {

@@ -8,7 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ardy.diffusion import cosine_schedule
+from motiongen_ardy.diffusion import cosine_schedule
 
 SCHEDULES = (1, 2, 3, 4, 5, 10)
 

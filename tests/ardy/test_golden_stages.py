@@ -9,12 +9,12 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from ardy.diffusion import cosine_schedule
-from ardy.representation import ROOT_WIDTH, heading_angle
-from ardy.rollout import denoise_step, start_window
-from ardy.skeleton import forward_kinematics
-from ardy.tokenizer import Tokenizer
-from ardy.tokenizer.model import ROOT_TOKEN_WIDTH, valid_tokens
+from motiongen_ardy.diffusion import cosine_schedule
+from motiongen_ardy.representation import ROOT_WIDTH, heading_angle
+from motiongen_ardy.rollout import denoise_step, start_window
+from motiongen_ardy.skeleton import forward_kinematics
+from motiongen_ardy.tokenizer import Tokenizer
+from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH, valid_tokens
 from tests.ardy.conftest import GoldenModel, Vectors
 from tests.ardy.test_denoiser import CASES
 from tests.ardy.test_rollout import golden_request

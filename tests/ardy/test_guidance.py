@@ -7,7 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ardy.denoiser.guidance import (
+from motiongen_ardy.denoiser.guidance import (
     GuidanceWeights,
     Pass,
     batch_passes,

@@ -12,9 +12,9 @@ import pytest
 from huggingface_hub import constants
 from huggingface_hub.utils import disable_progress_bars
 
-from ardy.checkpoint import load_checkpoint
-from ardy.hub import CHECKPOINT_FILES, HubError, fetch_checkpoint
-from ardy.model_card import read_model_card
+from motiongen_ardy.checkpoint import load_checkpoint
+from motiongen_ardy.hub import CHECKPOINT_FILES, HubError, fetch_checkpoint
+from motiongen_ardy.model_card import read_model_card
 from tests.ardy.conftest import GOLDEN
 from tests.ardy.fake_hub import COMMIT, FakeHub, files_of, serving
 

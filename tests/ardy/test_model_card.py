@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from ardy import model_card
-from ardy.hub import HubError
-from ardy.model_card import BUILT_IN_MODEL, UnknownModel, model_folder, read_model_card
-from ardy.released import NICKNAMES
+from motiongen_ardy import model_card
+from motiongen_ardy.hub import HubError
+from motiongen_ardy.model_card import BUILT_IN_MODEL, UnknownModel, model_folder, read_model_card
+from motiongen_ardy.released import NICKNAMES
 
 Asked = list[tuple[str, str | None]]
 

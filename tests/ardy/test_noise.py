@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from ardy.noise import window_noise
+from motiongen_ardy.noise import window_noise
 
 PINNED = [1.0916891, 0.4558267, 0.7017897]
 

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from torch import Tensor, nn
 from torch.nn import functional
 
-from ardy.checkpoint import load_checkpoint
-from ardy.denoiser.guidance import GuidanceWeights, Pass, batch_passes, guided_prediction, needed_passes
-from ardy.model import Model, build_model
-from ardy.packed import PackedDenoiser, RowConditions, RowRequest
-from ardy.packed.linear import PackedLinear
-from ardy.window import Window
+from motiongen_ardy.checkpoint import load_checkpoint
+from motiongen_ardy.denoiser.guidance import GuidanceWeights, Pass, batch_passes, guided_prediction, needed_passes
+from motiongen_ardy.model import Model, build_model
+from motiongen_ardy.packed import PackedDenoiser, RowConditions, RowRequest
+from motiongen_ardy.packed.linear import PackedLinear
+from motiongen_ardy.window import Window
 from tests.ardy.variants import VARIANTS, varied
 
 GOLDEN = Path(__file__).parents[1] / "data" / "golden"

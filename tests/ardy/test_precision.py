@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 import torch
 
-from ardy.checkpoint import load_checkpoint, load_tokenizer, save_checkpoint
-from ardy.config import ConfigError
-from ardy.precision import PRECISIONS, matrix_names, set_precision
-from ardy.rollout import RolloutRequest, rollout
+from motiongen_ardy.checkpoint import load_checkpoint, load_tokenizer, save_checkpoint
+from motiongen_ardy.config import ConfigError
+from motiongen_ardy.precision import PRECISIONS, matrix_names, set_precision
+from motiongen_ardy.rollout import RolloutRequest, rollout
 from tests.ardy.conftest import GoldenModel
 
 TOLERANCE = 0.05

@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 import torch
 
-from ardy.checkpoint_config import FolderLayout, read_model_config
-from ardy.checkpoint_config_writer import write_model_config
-from ardy.model import build_model
-from ardy.released import NICKNAMES, RELEASED
-from ardy.representation import LOCAL_ROOT_WIDTH
-from ardy.skeleton import load_skeleton
-from ardy.stats import Stats
+from motiongen_ardy.checkpoint_config import FolderLayout, read_model_config
+from motiongen_ardy.checkpoint_config_writer import write_model_config
+from motiongen_ardy.model import build_model
+from motiongen_ardy.released import NICKNAMES, RELEASED
+from motiongen_ardy.representation import LOCAL_ROOT_WIDTH
+from motiongen_ardy.skeleton import load_skeleton
+from motiongen_ardy.stats import Stats
 
 # Counted in the released Core-Horizon40 files by others, and for the robot by building the public modules.
 COUNTS = {"core27": (155_823_252, 35_430_052), "g134": (157_887_636, 35_785_204)}

@@ -6,10 +6,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ardy.representation import Representation, heading_angle
-from ardy.rotation import matrix_from_6d
-from ardy.skeleton import load_skeleton
-from ardy.train.feature_bank import natural_layout
+from motiongen_ardy.representation import Representation, heading_angle
+from motiongen_ardy.rotation import matrix_from_6d
+from motiongen_ardy.skeleton import load_skeleton
+from motiongen_ardy.train.feature_bank import natural_layout
 from tests.ardy.conftest import GoldenModel
 
 CORE = natural_layout(load_skeleton("core27"), 20)

@@ -9,12 +9,12 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ardy.constraint import Targets
-from ardy.formats.constraints import PoseConstraint, RootConstraint, constraint_targets, pose_constraint
-from ardy.motion import Motion
-from ardy.residuals import Residual, residuals
-from ardy.rotation import rotation_y
-from ardy.skeleton import Skeleton, load_skeleton, skeleton_names
+from motiongen_ardy.constraint import Targets
+from motiongen_ardy.formats.constraints import PoseConstraint, RootConstraint, constraint_targets, pose_constraint
+from motiongen_ardy.motion import Motion
+from motiongen_ardy.residuals import Residual, residuals
+from motiongen_ardy.rotation import rotation_y
+from motiongen_ardy.skeleton import Skeleton, load_skeleton, skeleton_names
 from tests.ardy.formats.motions import random_motion
 
 CORE = load_skeleton("core27")

@@ -7,11 +7,11 @@ import pytest
 import torch
 from torch import Tensor
 
-from ardy.constraint import Targets
-from ardy.denoiser.guidance import GuidanceWeights
-from ardy.model import Model
-from ardy.noise import window_noise
-from ardy.rollout import (
+from motiongen_ardy.constraint import Targets
+from motiongen_ardy.denoiser.guidance import GuidanceWeights
+from motiongen_ardy.model import Model
+from motiongen_ardy.noise import window_noise
+from motiongen_ardy.rollout import (
     RolloutRequest,
     WindowRequest,
     WindowState,
@@ -23,8 +23,8 @@ from ardy.rollout import (
     visible_frames,
     world_tokens,
 )
-from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
-from ardy.window import WindowError
+from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_ardy.window import WindowError
 
 WINDOWS = (
     ("window_first", "plain"),

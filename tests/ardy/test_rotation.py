@@ -9,9 +9,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ardy import rotation
-from ardy.representation import heading_angle
-from ardy.skeleton import (
+from motiongen_ardy import rotation
+from motiongen_ardy.representation import heading_angle
+from motiongen_ardy.skeleton import (
     UnknownJoint,
     UnknownSkeleton,
     forward_kinematics,

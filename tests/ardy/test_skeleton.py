@@ -8,15 +8,22 @@ import numpy as np
 import pytest
 import torch
 
-from ardy.checkpoint import load_checkpoint, save_checkpoint
-from ardy.checkpoint_config import SKELETON_CLASSES
-from ardy.config import DenoiserConfig, ModelConfig, TokenizerConfig, TransformerConfig
-from ardy.model import Model, build_model
-from ardy.motion import Motion
-from ardy.representation import LOCAL_ROOT_WIDTH
-from ardy.rollout import RolloutRequest, rollout
-from ardy.skeleton import Skeleton, UnknownJoint, UnknownSkeleton, forward_kinematics, load_skeleton, skeleton_names
-from ardy.stats import Stats
+from motiongen_ardy.checkpoint import load_checkpoint, save_checkpoint
+from motiongen_ardy.checkpoint_config import SKELETON_CLASSES
+from motiongen_ardy.config import DenoiserConfig, ModelConfig, TokenizerConfig, TransformerConfig
+from motiongen_ardy.model import Model, build_model
+from motiongen_ardy.motion import Motion
+from motiongen_ardy.representation import LOCAL_ROOT_WIDTH
+from motiongen_ardy.rollout import RolloutRequest, rollout
+from motiongen_ardy.skeleton import (
+    Skeleton,
+    UnknownJoint,
+    UnknownSkeleton,
+    forward_kinematics,
+    load_skeleton,
+    skeleton_names,
+)
+from motiongen_ardy.stats import Stats
 
 SIZES = {"core27": (27, 330), "g134": (34, 414), "soma30": (30, 366), "soma77": (77, 930)}
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import pytest
 import torch
 
-from ardy.tokenizer import Tokenizer
-from ardy.tokenizer.model import valid_tokens
-from ardy.tokenizer.quantizer import Quantizer
+from motiongen_ardy.tokenizer import Tokenizer
+from motiongen_ardy.tokenizer.model import valid_tokens
+from motiongen_ardy.tokenizer.quantizer import Quantizer
 from tests.ardy.conftest import GoldenModel, Vectors
 
 

@@ -9,15 +9,15 @@ from typing import Any
 import pytest
 import torch
 
-from ardy.checkpoint import load_checkpoint, save_checkpoint
-from ardy.config import ConfigError
-from ardy.constraint import Targets
-from ardy.model import Model, build_model
-from ardy.rollout import RolloutRequest, WindowRequest, rollout, start_window
-from ardy.tokenizer import ExplicitBody
-from ardy.train.denoiser import DenoiserLoss
-from ardy.train.windows import TrainingWindows
-from ardy.window import WindowError
+from motiongen_ardy.checkpoint import load_checkpoint, save_checkpoint
+from motiongen_ardy.config import ConfigError
+from motiongen_ardy.constraint import Targets
+from motiongen_ardy.model import Model, build_model
+from motiongen_ardy.rollout import RolloutRequest, WindowRequest, rollout, start_window
+from motiongen_ardy.tokenizer import ExplicitBody
+from motiongen_ardy.train.denoiser import DenoiserLoss
+from motiongen_ardy.train.windows import TrainingWindows
+from motiongen_ardy.window import WindowError
 from tests.ardy.variants import VARIANTS, varied
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from ardy.window import Window, WindowError
+from motiongen_ardy.window import Window, WindowError
 
 
 def make_window(history: list[int], generation: list[int], num_frames: int, mask: Tensor | None = None) -> Window:

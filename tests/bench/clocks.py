@@ -7,7 +7,7 @@ from typing import Protocol
 
 
 class BenchClock(Protocol):
-    """Satisfies `server.engine.ports.Clock`, and can be slept by."""
+    """Satisfies `motiongen_server.engine.ports.Clock`, and can be slept by."""
 
     def now(self) -> float: ...
 

@@ -13,7 +13,7 @@ from itertools import count
 
 import numpy as np
 
-from server.engine.types import (
+from motiongen_server.engine.types import (
     Chunk,
     Close,
     Event,
@@ -53,7 +53,7 @@ class Habits:
 
 
 class Crowd:
-    """Satisfies `server.engine.ports.Inbox`; `deliver` takes what the engine sends."""
+    """Satisfies `motiongen_server.engine.ports.Inbox`; `deliver` takes what the engine sends."""
 
     def __init__(
         self,

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from ardy.config import FRAMES_PER_TOKEN
-from ardy.model import Model
-from ardy.precision import PRECISIONS
-from server.memory import keep_freed_memory
-from server.runner import TorchRunner
+from motiongen_ardy.config import FRAMES_PER_TOKEN
+from motiongen_ardy.model import Model
+from motiongen_ardy.precision import PRECISIONS
+from motiongen_server.memory import keep_freed_memory
+from motiongen_server.runner import TorchRunner
 from tests.bench.clocks import BenchClock, ProcessorClock, WallClock
 from tests.bench.contest import Contest, Standing, contest_config
 from tests.bench.crowd import Habits

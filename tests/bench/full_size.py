@@ -20,16 +20,16 @@ from typing import TypeVar
 import numpy as np
 import torch
 
-from ardy.checkpoint import load_checkpoint, save_checkpoint
-from ardy.config import ModelConfig
-from ardy.constraint import Targets
-from ardy.model import Model, build_model
-from ardy.precision import PRECISIONS
-from ardy.released import NICKNAMES, RELEASED
-from ardy.representation import LOCAL_ROOT_WIDTH
-from ardy.rollout import RolloutRequest, rollout
-from ardy.skeleton import load_skeleton
-from ardy.stats import Stats
+from motiongen_ardy.checkpoint import load_checkpoint, save_checkpoint
+from motiongen_ardy.config import ModelConfig
+from motiongen_ardy.constraint import Targets
+from motiongen_ardy.model import Model, build_model
+from motiongen_ardy.precision import PRECISIONS
+from motiongen_ardy.released import NICKNAMES, RELEASED
+from motiongen_ardy.representation import LOCAL_ROOT_WIDTH
+from motiongen_ardy.rollout import RolloutRequest, rollout
+from motiongen_ardy.skeleton import load_skeleton
+from motiongen_ardy.stats import Stats
 from tests.bench.machine import machine_facts
 
 SEED = 7
@@ -83,7 +83,7 @@ def seconds_a_window(model: Model) -> float:
 def serve(folder: Path, precision: str) -> tuple[float, float]:
     """Seconds until a server is ready, and frames a second that one client gets of it as fast as it can."""
     from motiongen_client.blocking import MotionClient
-    from motiongen_client.server_process import ServerProcess
+    from motiongen_tools.server_process import ServerProcess
 
     settings = ["--model", str(folder), "--text-encoder", "hashed", "--precision", precision]
     settings += ["--denoise-steps", str(NUM_STEPS)]

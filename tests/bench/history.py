@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from server.engine.types import Float32Array, RootTarget, WindowJob, WindowResult
-from server.runner import TorchRunner
+from motiongen_server.engine.types import Float32Array, RootTarget, WindowJob, WindowResult
+from motiongen_server.runner import TorchRunner
 from tests.bench.clocks import WallClock
 from tests.bench.machine import machine_facts, usable_cores
 from tests.bench.models import BUILT_IN, BenchModel, bench_model

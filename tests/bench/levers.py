@@ -19,11 +19,11 @@ from rich.console import Console
 from rich.table import Table
 from torch import Tensor, nn
 
-from ardy.model import Model
-from ardy.packed.stack import Group, PackedStack
-from server.engine.types import Float32Array
-from server.memory import keep_freed_memory
-from server.runner import TorchRunner
+from motiongen_ardy.model import Model
+from motiongen_ardy.packed.stack import Group, PackedStack
+from motiongen_server.engine.types import Float32Array
+from motiongen_server.memory import keep_freed_memory
+from motiongen_server.runner import TorchRunner
 from tests.bench.clocks import WallClock
 from tests.bench.flops import stack_flops
 from tests.bench.machine import machine_facts, usable_cores

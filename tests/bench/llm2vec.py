@@ -16,8 +16,8 @@ import numpy as np
 import torch
 from tokenizers import Tokenizer, decoders, models, pre_tokenizers, processors
 
-from ardy.text import UnknownTextEncoder
-from ardy.text.llm2vec import AFTER, BEFORE, Llm2VecEncoder, Llm2VecFolders
+from motiongen_ardy.text import UnknownTextEncoder
+from motiongen_ardy.text.llm2vec import AFTER, BEFORE, Llm2VecEncoder, Llm2VecFolders
 
 SPECIAL = ("<|begin_of_text|>", "<|start_header_id|>", "<|end_header_id|>", "<|eot_id|>")
 PROMPT = "a person walks forward"

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ardy.config import DenoiserConfig, ModelConfig, TokenizerConfig, TransformerConfig
-from ardy.model import Model, build_model
-from ardy.representation import LOCAL_ROOT_WIDTH
-from ardy.skeleton import load_skeleton
-from ardy.stats import Stats
-from server.engine.types import Float32Array
+from motiongen_ardy.config import DenoiserConfig, ModelConfig, TokenizerConfig, TransformerConfig
+from motiongen_ardy.model import Model, build_model
+from motiongen_ardy.representation import LOCAL_ROOT_WIDTH
+from motiongen_ardy.skeleton import load_skeleton
+from motiongen_ardy.stats import Stats
+from motiongen_server.engine.types import Float32Array
 
 BUILT_IN = "motiongen-mini"
 SEED = 7
@@ -56,7 +56,7 @@ class BenchModel:
 def bench_model(name: str, device: str = "cpu") -> BenchModel:
     """A checkpoint folder's model, the built-in one by its name, or random weights: "full" or "tiny".
 
-    Random weights need no file and no library but torch and numpy. Raises as `ardy.checkpoint.load_checkpoint` does.
+    Random weights need no file and no library but torch and numpy. Raises as `motiongen_ardy.checkpoint.load_checkpoint` does.
     """
     if name in RANDOM_WEIGHTS:
         config = RANDOM_WEIGHTS[name]
@@ -68,9 +68,9 @@ def bench_model(name: str, device: str = "cpu") -> BenchModel:
         embeddings = random.standard_normal((len(PROMPTS), config.denoiser.text_dim)).astype(np.float32)
         return BenchModel(f"random weights, {name}", ready(model, device), list(embeddings))
     # Only here, so that random weights can be measured where these files' libraries are not installed.
-    from ardy.checkpoint import load_checkpoint
-    from ardy.model_card import model_folder
-    from ardy.text import load_text_encoder
+    from motiongen_ardy.checkpoint import load_checkpoint
+    from motiongen_ardy.model_card import model_folder
+    from motiongen_ardy.text import load_text_encoder
 
     model = load_checkpoint(model_folder(name) if name == BUILT_IN else Path(name), device)
     encoder = load_text_encoder("static", model.config.denoiser.text_dim)

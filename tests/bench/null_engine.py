@@ -5,11 +5,11 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from server.config import ServerConfig
-from server.engine.ports import Deliver, Inbox, Observe
-from server.loading import build_engine
-from server.memory import keep_freed_memory
-from server.split.engine_main import Built, run
+from motiongen_server.config import ServerConfig
+from motiongen_server.engine.ports import Deliver, Inbox, Observe
+from motiongen_server.loading import build_engine
+from motiongen_server.memory import keep_freed_memory
+from motiongen_server.split.engine_main import Built, run
 from tests.bench.null_runner import STEP_S, NullRunner
 
 

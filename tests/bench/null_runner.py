@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from server.engine.types import ChannelBlock, ModelFacts, RigLayout, RowStatus, WindowJob, WindowResult
+from motiongen_server.engine.types import ChannelBlock, ModelFacts, RigLayout, RowStatus, WindowJob, WindowResult
 
 NUM_JOINTS = 27
 FEATURE_DIM = 12 * NUM_JOINTS + 6
@@ -47,7 +47,7 @@ FACTS = ModelFacts(
 
 
 class NullRunner:
-    """Satisfies `server.engine.ports.Runner`; every window is the same zeros. step_s: what a step waits."""
+    """Satisfies `motiongen_server.engine.ports.Runner`; every window is the same zeros. step_s: what a step waits."""
 
     facts = FACTS
 

@@ -12,8 +12,8 @@ from statistics import median
 
 import numpy as np
 
-from server.engine.ports import Runner
-from server.engine.types import (
+from motiongen_server.engine.ports import Runner
+from motiongen_server.engine.types import (
     Float32Array,
     Guidance,
     PlanCause,

@@ -1,6 +1,6 @@
-"""Runners without speed-ups, as baselines: the formulas as `ardy.rollout` has them, rows padded to one length.
+"""Runners without speed-ups, as baselines: the formulas as `motiongen_ardy.rollout` has them, rows padded to one length.
 
-`RolloutRunner` computes one window at a time with `ardy.rollout`'s own functions. `PlainRunner` does the same for many
+`RolloutRunner` computes one window at a time with `motiongen_ardy.rollout`'s own functions. `PlainRunner` does the same for many
 rows at once, which may differ in everything. Both make every guidance pass, encode each history again, and decode
 history and horizon; what they share with the served runner is the reading of a job and the form of its frames.
 """
@@ -16,13 +16,13 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ardy.config import FRAMES_PER_TOKEN
-from ardy.constraint import Targets
-from ardy.denoiser.guidance import GuidanceWeights, batch_passes, full_passes, guided_prediction
-from ardy.diffusion import cosine_schedule
-from ardy.model import Model
-from ardy.noise import window_noise
-from ardy.rollout import (
+from motiongen_ardy.config import FRAMES_PER_TOKEN
+from motiongen_ardy.constraint import Targets
+from motiongen_ardy.denoiser.guidance import GuidanceWeights, batch_passes, full_passes, guided_prediction
+from motiongen_ardy.diffusion import cosine_schedule
+from motiongen_ardy.model import Model
+from motiongen_ardy.noise import window_noise
+from motiongen_ardy.rollout import (
     WindowRequest,
     WindowState,
     denoise_step,
@@ -31,12 +31,12 @@ from ardy.rollout import (
     visible_frames,
     world_tokens_of,
 )
-from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
-from ardy.window import Window
-from server.engine.types import ModelFacts, RowStatus, WindowJob, WindowResult
-from server.runner.facts import model_facts
-from server.runner.frames import features_of_rows, wire_rows
-from server.runner.targets import job_targets
+from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_ardy.window import Window
+from motiongen_server.engine.types import ModelFacts, RowStatus, WindowJob, WindowResult
+from motiongen_server.runner.facts import model_facts
+from motiongen_server.runner.frames import features_of_rows, wire_rows
+from motiongen_server.runner.targets import job_targets
 
 
 @dataclass(slots=True)
@@ -57,7 +57,7 @@ class Row:
 
 
 class RolloutRunner:
-    """One row a call by `ardy.rollout`; satisfies `server.engine.ports.Runner` for a scheduler that runs one at a time.
+    """One row a call by `motiongen_ardy.rollout`; satisfies `motiongen_server.engine.ports.Runner` for a scheduler that runs one at a time.
 
     bf16: whether matrix products run in bfloat16.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from server.engine.types import Chunk, Code, Outcome, PlanNotice
+from motiongen_server.engine.types import Chunk, Code, Outcome, PlanNotice
 
 
 @dataclass(slots=True)

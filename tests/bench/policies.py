@@ -1,6 +1,6 @@
 """Scheduling policies to measure against: one window at a time, batches of whole windows, steps first-in first-out.
 
-Each satisfies `server.engine.ports.SchedulingPolicy`, so that it runs in the same engine as `Scheduler`. None knows of
+Each satisfies `motiongen_server.engine.ports.SchedulingPolicy`, so that it runs in the same engine as `Scheduler`. None knows of
 deadlines, classes or costs; costs are kept only to predict when a window will land, which the engine has to know.
 """
 
@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from math import ceil, inf
 
-from server.engine.costs import CostTable
-from server.engine.scheduler import ScheduledJob
-from server.engine.types import Priority, RowStatus, WindowJob
+from motiongen_server.engine.costs import CostTable
+from motiongen_server.engine.scheduler import ScheduledJob
+from motiongen_server.engine.types import Priority, RowStatus, WindowJob
 
 
 class Queue:

@@ -17,13 +17,13 @@ from rich.console import Console
 from rich.table import Table
 from torch import Tensor
 
-from ardy.checkpoint import load_checkpoint
-from ardy.evaluate.measures import foot_sliding
-from ardy.model import Model
-from ardy.model_card import model_folder
-from ardy.precision import PRECISIONS
-from server.engine.types import Float32Array
-from server.runner import TorchRunner
+from motiongen_ardy.checkpoint import load_checkpoint
+from motiongen_ardy.evaluate.measures import foot_sliding
+from motiongen_ardy.model import Model
+from motiongen_ardy.model_card import model_folder
+from motiongen_ardy.precision import PRECISIONS
+from motiongen_server.engine.types import Float32Array
+from motiongen_server.runner import TorchRunner
 from tests.bench.machine import machine_facts
 from tests.bench.models import bench_model
 from tests.bench.windows import Walk, generate

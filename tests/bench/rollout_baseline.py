@@ -1,4 +1,4 @@
-"""Windows a second of `ardy.rollout`, one character after another: `python -m tests.bench.rollout_baseline --steps 4`.
+"""Windows a second of `motiongen_ardy.rollout`, one character after another: `python -m tests.bench.rollout_baseline --steps 4`.
 
 A process of its own, so that the benchmark, which is also the client, carries no torch. Prints one JSON line.
 """
@@ -11,11 +11,11 @@ import time
 
 import torch
 
-from ardy.checkpoint import load_checkpoint
-from ardy.denoiser.guidance import GuidanceWeights
-from ardy.model_card import BUILT_IN_MODEL, model_folder
-from ardy.rollout import RolloutRequest, rollout
-from ardy.text import load_text_encoder
+from motiongen_ardy.checkpoint import load_checkpoint
+from motiongen_ardy.denoiser.guidance import GuidanceWeights
+from motiongen_ardy.model_card import BUILT_IN_MODEL, model_folder
+from motiongen_ardy.rollout import RolloutRequest, rollout
+from motiongen_ardy.text import load_text_encoder
 
 NUM_WINDOWS = 4  # of each character: the first without history, the others with it
 

@@ -13,7 +13,7 @@ import sys
 import time
 from collections import Counter
 
-from server.engine.types import Priority
+from motiongen_server.engine.types import Priority
 from tests.server.engine.day import Day
 
 TICKS_A_DAY = 10_000

@@ -16,10 +16,10 @@ from typing import Any
 import grpc.aio
 import numpy as np
 
-from server.config import ServerConfig, parse_config
-from server.engine.mailbox import Mailbox
-from server.engine.ports import Deliver
-from server.engine.types import (
+from motiongen_server.config import ServerConfig, parse_config
+from motiongen_server.engine.mailbox import Mailbox
+from motiongen_server.engine.ports import Deliver
+from motiongen_server.engine.types import (
     Chunk,
     Close,
     Closed,
@@ -34,13 +34,13 @@ from server.engine.types import (
     Playhead,
     SessionKey,
 )
-from server.hosting import Hosted
-from server.memory import keep_freed_memory, settled_objects
-from server.methods import SERVICE_NAME, add_methods
-from server.models import Models, Served
-from server.offer import make_catalog
-from server.prompts import PromptEncoder
-from server.service import MotionService
+from motiongen_server.hosting import Hosted
+from motiongen_server.memory import keep_freed_memory, settled_objects
+from motiongen_server.methods import SERVICE_NAME, add_methods
+from motiongen_server.models import Models, Served
+from motiongen_server.offer import make_catalog
+from motiongen_server.prompts import PromptEncoder
+from motiongen_server.service import MotionService
 from tests.bench.null_runner import FACTS, STEP_S, NullEncoder
 
 LOOKAHEAD = 40

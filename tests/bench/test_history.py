@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from server.runner import TorchRunner
+from motiongen_server.runner import TorchRunner
 from tests.bench.history import make_characters, seams, walk
 from tests.bench.models import bench_model
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ardy.model import Model
-from server.engine.ports import Runner
-from server.engine.types import WindowJob, WindowResult
-from server.runner import TorchRunner
+from motiongen_ardy.model import Model
+from motiongen_server.engine.ports import Runner
+from motiongen_server.engine.types import WindowJob, WindowResult
+from motiongen_server.runner import TorchRunner
 from tests.bench.plain_runner import PlainRunner, RolloutRunner
 from tests.parity.conftest import TINY, TOLERANCE, make_job
 
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    from ardy.checkpoint import load_checkpoint
+    from motiongen_ardy.checkpoint import load_checkpoint
 
     return load_checkpoint(TINY)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from server.engine.types import Chunk, Code, Outcome, PlanCause, PlanNotice, SessionKey
+from motiongen_server.engine.types import Chunk, Code, Outcome, PlanCause, PlanNotice, SessionKey
 from tests.bench.playback import Playback
 
 KEY = SessionKey(1, 0)

@@ -7,12 +7,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from server.engine.config import EngineConfig
-from server.engine.costs import CostTable
-from server.engine.engine import Engine
-from server.engine.ports import SchedulingPolicy
-from server.engine.scheduler import ScheduledJob
-from server.engine.types import Chunk, Guidance, Open, Output, Priority, RowStatus, SessionKey, SessionSpec, WindowJob
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.costs import CostTable
+from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.ports import SchedulingPolicy
+from motiongen_server.engine.scheduler import ScheduledJob
+from motiongen_server.engine.types import (
+    Chunk,
+    Guidance,
+    Open,
+    Output,
+    Priority,
+    RowStatus,
+    SessionKey,
+    SessionSpec,
+    WindowJob,
+)
 from tests.bench.null_runner import FACTS, NullRunner
 from tests.bench.offline import first_job
 from tests.bench.policies import OneAtATime, StepsInOrder, WholeWindows

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ardy.text import HashedTextEncoder, load_text_encoder
-from ardy.text.store import VectorStore
-from server.encoder.client import RemoteEncoder
-from server.prompts import PromptEncoder
+from motiongen_ardy.text import HashedTextEncoder, load_text_encoder
+from motiongen_ardy.text.store import VectorStore
+from motiongen_server.encoder.client import RemoteEncoder
+from motiongen_server.prompts import PromptEncoder
 from tests.server.encoder.encoder_process import EncoderProcess
 
 WIDTH = 4096

@@ -6,10 +6,10 @@ import gc
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from server.engine.config import EngineConfig
-from server.engine.engine import Engine
-from server.engine.ports import Runner, SchedulingPolicy
-from server.engine.types import Float32Array
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.ports import Runner, SchedulingPolicy
+from motiongen_server.engine.types import Float32Array
 from tests.bench.clocks import BenchClock
 from tests.bench.crowd import Crowd, Habits
 from tests.bench.machine import busy_share

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from server.engine.types import (
+from motiongen_server.engine.types import (
     Constraint,
     Float32Array,
     Guidance,
@@ -18,7 +18,7 @@ from server.engine.types import (
     StartPose,
     WindowJob,
 )
-from server.runner import TorchRunner
+from motiongen_server.runner import TorchRunner
 
 HISTORY_FRAMES = 16
 

@@ -9,11 +9,12 @@ from typing import Any
 
 import pytest
 
-from ardy.data.bvh import read_bvh
-from motiongen_client import MissingExtra, read_npz
-from motiongen_client.cli import parse, run
-from motiongen_client.cli_stream import TimedWaypoint
-from motiongen_client.console import make_console
+from motiongen_ardy.data.bvh import read_bvh
+from motiongen_client import MissingExtra
+from motiongen_tools.cli import parse, run
+from motiongen_tools.cli_stream import TimedWaypoint
+from motiongen_tools.console import make_console
+from motiongen_tools.npz import read_npz
 from tests.client.fake_server import FakeServer
 
 

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 import torch
 
-from ardy.constraint import limb_chains
-from ardy.formats.constraints import (
+from motiongen_ardy.constraint import limb_chains
+from motiongen_ardy.formats.constraints import (
     PoseConstraint,
     RootConstraint,
     constraint_targets,
     write_constraints,
 )
-from ardy.skeleton import load_skeleton
+from motiongen_ardy.skeleton import load_skeleton
 from motiongen_client import InvalidInput, JointTargets, Keyframe, Rig, Trajectory, Waypoint
-from motiongen_client.constraint_file import read_constraints
 from motiongen_client.kinematics import quaternion_to_matrix
+from motiongen_tools.constraint_file import read_constraints
 
 SKELETONS = ("core27", "g134")
 

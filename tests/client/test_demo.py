@@ -11,8 +11,8 @@ import pytest
 
 from motiongen.v1 import session_pb2
 from motiongen_client import Motion
-from motiongen_client.cli import run
-from motiongen_client.demo import CAST, waypoint_ahead
+from motiongen_tools.cli import run
+from motiongen_tools.demo import CAST, waypoint_ahead
 from tests.client.fake_server import FakeServer
 
 

@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ardy.data.bvh import read_bvh
-from motiongen_client import InvalidInput, Motion, Rig, Waypoint, read_npz, write_bvh, write_npz
-from motiongen_client.bvh import euler_zxy
+from motiongen_ardy.data.bvh import read_bvh
+from motiongen_client import InvalidInput, Motion, Rig, Waypoint
 from motiongen_client.kinematics import quaternion_to_matrix
-from motiongen_client.picture import Panel, write_picture
+from motiongen_tools.bvh import euler_zxy, write_bvh
+from motiongen_tools.npz import read_npz, write_npz
+from motiongen_tools.picture import Panel, write_picture
 
 
 def rotation(axis: int, angle: float) -> np.ndarray:

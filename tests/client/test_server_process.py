@@ -8,7 +8,7 @@ import signal
 import pytest
 
 from motiongen_client.blocking import MotionClient
-from motiongen_client.server_process import ServerFailed, ServerProcess
+from motiongen_tools.server_process import ServerFailed, ServerProcess
 from tests.conftest import TINY_MODEL
 
 TINY = [

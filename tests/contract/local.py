@@ -10,15 +10,15 @@ import grpc.aio
 import numpy as np
 from numpy.typing import NDArray
 
-from server.catalog import Catalog
-from server.engine.config import EngineConfig
-from server.engine.engine import Engine
-from server.engine.types import Guidance
-from server.limits import Limits
-from server.methods import add_methods
-from server.models import Models, Served
-from server.prompts import PromptEncoder
-from server.service import MotionService
+from motiongen_server.catalog import Catalog
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.types import Guidance
+from motiongen_server.limits import Limits
+from motiongen_server.methods import add_methods
+from motiongen_server.models import Models, Served
+from motiongen_server.prompts import PromptEncoder
+from motiongen_server.service import MotionService
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
 
 JOIN_S = 10.0

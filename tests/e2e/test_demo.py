@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ardy.data.bvh import read_bvh
+from motiongen_ardy.data.bvh import read_bvh
 
 
 def test_the_demo_shows_eight_characters_and_leaves_nothing_running(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "motiongen_client", "demo", "--seconds", "6", "--out", str(tmp_path)]
+    command = [sys.executable, "-m", "motiongen_tools", "demo", "--seconds", "6", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=110, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     clips = [read_bvh(path) for path in sorted(tmp_path.glob("*.bvh"))]

@@ -29,7 +29,7 @@ async def start(*arguments: str, **environment: str) -> asyncio.subprocess.Proce
     return await asyncio.create_subprocess_exec(
         sys.executable,
         "-m",
-        "server",
+        "motiongen_server",
         *arguments,
         cwd=ROOT,
         env={**os.environ, **environment},

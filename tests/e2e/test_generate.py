@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ardy.formats.files import read_motion
+from motiongen_ardy.formats.files import read_motion
 from motiongen_client import (
     DeadlineExceeded,
     EventRefused,
@@ -19,9 +19,9 @@ from motiongen_client import (
     SessionOptions,
     StartPose,
     Waypoint,
-    read_npz,
 )
-from motiongen_client.cli import run
+from motiongen_tools.cli import run
+from motiongen_tools.npz import read_npz
 from tests.conftest import ROOT, LiveServer
 
 LIMIT_S = 60.0

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from ardy.model_card import BUILT_IN_MODEL
+from motiongen_ardy.model_card import BUILT_IN_MODEL
 from motiongen_client import EventRefused, MotionClient, Session, SessionEnded, SessionOptions
 from motiongen_client.admin import AdminClient
-from motiongen_client.cli import run
+from motiongen_tools.cli import run
 from tests.conftest import ROOT
 
 LIMIT_S = 60.0
@@ -39,7 +39,7 @@ def two_models(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TwoModels]:
     settings += ["--profile-s", "0.3", "--admit-load", "1000", "--degrade", "false", "--text-encoder", "hashed"]
     settings += ["--model", BUILT_IN_MODEL, "--model", str(TINY), "--admin-listen", "127.0.0.1:0"]
     with log.open("w", encoding="utf-8") as errors:
-        command = [sys.executable, "-m", "server", *settings]
+        command = [sys.executable, "-m", "motiongen_server", *settings]
         process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True)
         assert process.stdout is not None
         with process.stdout:

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ardy.text import HashedTextEncoder
-from ardy.text.prompt_file import encode_prompts, write_prompt_file
+from motiongen_ardy.text import HashedTextEncoder
+from motiongen_ardy.text.prompt_file import encode_prompts, write_prompt_file
 from motiongen_client import EventRefused, MotionClient, Preset, Session, TextEmbedding
 from tests.conftest import ROOT, TINY_MODEL
 from tests.server.encoder.encoder_process import EncoderProcess
@@ -65,7 +65,7 @@ def address(shared: EncoderProcess, folder: Path) -> Iterator[str]:
     write_prompt_file(presets, encode_prompts(HashedTextEncoder(WIDTH), [("bow", "a person bows")]))
     text = ["--text-encoder", f"grpc:{shared.address}", "--presets", str(presets)]
     store = ["--prompt-store", str(folder / "prompts.db")]
-    command = [sys.executable, "-m", "server", *SETTINGS, "--model", str(TINY_MODEL), *text, *store]
+    command = [sys.executable, "-m", "motiongen_server", *SETTINGS, "--model", str(TINY_MODEL), *text, *store]
     log = folder / "server.txt"
     with log.open("w", encoding="utf-8") as errors:
         process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True)

@@ -61,5 +61,9 @@ def test_every_line_says_what_it_is_for(tree: dict[Path, str]) -> None:
 
 def test_a_file_that_is_not_named_is_missed() -> None:
     readme = "## The tree\n\n```\nardy/         models\n  text.py     prompts\n```\n"
-    files = (Path("ardy/text.py"), Path("ardy/data/bvh.py"), Path("Makefile"))
-    assert missing_from(read_tree(readme), files) == ["Makefile", "ardy/data", "ardy/data/bvh.py"]
+    files = (Path("ardy/motiongen_ardy/text.py"), Path("ardy/motiongen_ardy/data/bvh.py"), Path("Makefile"))
+    assert missing_from(read_tree(readme), files) == [
+        "Makefile",
+        "ardy/motiongen_ardy/data",
+        "ardy/motiongen_ardy/data/bvh.py",
+    ]

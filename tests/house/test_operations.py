@@ -6,8 +6,8 @@ import re
 from dataclasses import fields
 from typing import Any
 
-from server.config import ServerConfig
-from server.metrics import Metrics
+from motiongen_server.config import ServerConfig
+from motiongen_server.metrics import Metrics
 
 
 def page(repository: Any) -> str:

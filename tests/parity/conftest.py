@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ardy.checkpoint import load_checkpoint
-from ardy.model import Model
-from server.engine.types import Guidance, PlanCause, Priority, RootTarget, SessionKey, StartPose, WindowJob
-from server.runner import TorchRunner
+from motiongen_ardy.checkpoint import load_checkpoint
+from motiongen_ardy.model import Model
+from motiongen_server.engine.types import Guidance, PlanCause, Priority, RootTarget, SessionKey, StartPose, WindowJob
+from motiongen_server.runner import TorchRunner
 
 TINY = Path(__file__).parents[1] / "data" / "golden" / "tiny-core27" / "checkpoint"
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ardy.model import Model
-from server.engine.types import WindowJob, WindowResult
-from server.runner import TorchRunner
+from motiongen_ardy.model import Model
+from motiongen_server.engine.types import WindowJob, WindowResult
+from motiongen_server.runner import TorchRunner
 from tests.parity.conftest import TOLERANCE, make_job
 
 

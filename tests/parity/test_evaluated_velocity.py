@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from ardy.capabilities import LocomotionPreset
-from ardy.constraint import Targets
-from ardy.evaluate.gait import gait_of
-from ardy.evaluate.steering import add_lead, lead_by
-from ardy.evaluate.take import Steer
-from ardy.skeleton import load_skeleton
-from server.engine.locomotion import gait_of as server_gait_of
-from server.engine.types import (
+from motiongen_ardy.capabilities import LocomotionPreset
+from motiongen_ardy.constraint import Targets
+from motiongen_ardy.evaluate.gait import gait_of
+from motiongen_ardy.evaluate.steering import add_lead, lead_by
+from motiongen_ardy.evaluate.take import Steer
+from motiongen_ardy.skeleton import load_skeleton
+from motiongen_server.engine.locomotion import gait_of as server_gait_of
+from motiongen_server.engine.types import (
     Direction,
     Gait,
     Guidance,
@@ -24,8 +24,8 @@ from server.engine.types import (
     SetVelocity,
     WindowJob,
 )
-from server.engine.velocity import Velocity, root_state
-from server.runner.targets import job_targets
+from motiongen_server.engine.velocity import Velocity, root_state
+from motiongen_server.runner.targets import job_targets
 
 FPS, HORIZON = 20, 40
 SKELETON = load_skeleton("core27")

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 import torch
 
-from ardy.checkpoint import load_checkpoint
-from ardy.clip import ClipRequest, generate_clip
-from ardy.constraint import Targets
-from ardy.model import Model
-from ardy.noise import window_noise
-from ardy.rollout import RolloutRequest, rollout
-from ardy.sampling.options import GuidanceOptions, ProjectionOptions, SamplingOptions
-from ardy.tokenizer.model import ROOT_TOKEN_WIDTH
-from server.engine.types import RootPath, RootTarget
-from server.runner import TorchRunner
+from motiongen_ardy.checkpoint import load_checkpoint
+from motiongen_ardy.clip import ClipRequest, generate_clip
+from motiongen_ardy.constraint import Targets
+from motiongen_ardy.model import Model
+from motiongen_ardy.noise import window_noise
+from motiongen_ardy.rollout import RolloutRequest, rollout
+from motiongen_ardy.sampling.options import GuidanceOptions, ProjectionOptions, SamplingOptions
+from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_server.engine.types import RootPath, RootTarget
+from motiongen_server.runner import TorchRunner
 from tests.parity.conftest import TINY, make_job
 from tests.parity.test_batched_equals_alone import run_alone, share_of_close_frames
 from tests.parity.test_streamed_equals_rollout import compare, expected, stream

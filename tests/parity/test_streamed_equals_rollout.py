@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import torch
 
-from ardy.constraint import Targets
-from ardy.denoiser.guidance import GuidanceWeights
-from ardy.model import Model
-from ardy.rollout import RolloutRequest, rollout
-from server.engine.config import EngineConfig
-from server.engine.engine import Engine
-from server.engine.types import (
+from motiongen_ardy.constraint import Targets
+from motiongen_ardy.denoiser.guidance import GuidanceWeights
+from motiongen_ardy.model import Model
+from motiongen_ardy.rollout import RolloutRequest, rollout
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.types import (
     Chunk,
     Constraint,
     Guidance,
@@ -28,7 +28,7 @@ from server.engine.types import (
     SessionSpec,
     StartPose,
 )
-from server.runner import TorchRunner
+from motiongen_server.runner import TorchRunner
 from tests.parity.conftest import TOLERANCE
 from tests.server.engine.fakes import FakeClock
 

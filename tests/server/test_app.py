@@ -14,12 +14,12 @@ import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
-from ardy.model_card import BUILT_IN_MODEL
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
-from server.app import SERVICE_NAME, Application, Loaded, StoppedEarly, join_address
-from server.config import ServerConfig
-from server.errors import SettingError
-from server.loading import build_engine, load_model
+from motiongen_ardy.model_card import BUILT_IN_MODEL
+from motiongen_server.app import SERVICE_NAME, Application, Loaded, StoppedEarly, join_address
+from motiongen_server.config import ServerConfig
+from motiongen_server.errors import SettingError
+from motiongen_server.loading import build_engine, load_model
 from tests.contract.local import LengthEncoder, RealTime
 from tests.contract.talk import Talk
 from tests.server.engine.fakes import FACTS, FakeRunner
@@ -232,7 +232,7 @@ async def test_until_the_goodbye_sessions_still_open() -> None:
 
 
 async def test_the_line_at_the_start_names_model_licence_ports_and_threads(caplog: pytest.LogCaptureFixture) -> None:
-    with caplog.at_level("INFO", "server"):
+    with caplog.at_level("INFO", "motiongen_server"):
         async with running(config()) as application:
             pass
     (line,) = [line for line in caplog.messages if line.startswith("serving")]
@@ -261,7 +261,7 @@ def test_model_device_steps_and_precision_reach_the_runner(monkeypatch: pytest.M
         asked.append(given)
         return FakeRunner(RealTime())
 
-    monkeypatch.setattr("server.runner.load_runner", remember)
+    monkeypatch.setattr("motiongen_server.runner.load_runner", remember)
     load_model(config(model=BUILT_IN_MODEL, denoise_steps=5, precision="bfloat16"))
     assert asked == [(BUILT_IN_MODEL, "cpu", 5, "bfloat16")]
 

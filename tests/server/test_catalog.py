@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from motiongen.v1 import service_pb2
-from server.catalog import Catalog, rig_message
-from server.engine.types import Guidance
-from server.limits import Limits
+from motiongen_server.catalog import Catalog, rig_message
+from motiongen_server.engine.types import Guidance
+from motiongen_server.limits import Limits
 from tests.server.engine.fakes import FACTS
 
 

@@ -6,9 +6,9 @@ from dataclasses import fields
 
 import pytest
 
-from server.config import SERVER, ServerConfig, parse_config
-from server.encoder.config import ENCODER
-from server.errors import SettingError
+from motiongen_server.config import SERVER, ServerConfig, parse_config
+from motiongen_server.encoder.config import ENCODER
+from motiongen_server.errors import SettingError
 
 
 def test_help_names_every_flag_and_environment_name(capsys: pytest.CaptureFixture[str]) -> None:
@@ -30,7 +30,7 @@ def test_the_encoder_service_has_settings_of_its_own_in_the_same_environment() -
     assert parse_config([], environment).port == 1111
     encoder = ENCODER.parse(["--max-texts", "7"], environment)
     assert (encoder.port, encoder.text_encoder, encoder.max_texts) == (2222, "static", 7)
-    with pytest.raises(SettingError, match=r"MOTIONGEN_ENCODER_COLOUR.*python -m server\.encoder --help"):
+    with pytest.raises(SettingError, match=r"MOTIONGEN_ENCODER_COLOUR.*python -m motiongen_server\.encoder --help"):
         ENCODER.parse([], {"MOTIONGEN_ENCODER_COLOUR": "red"})
     with pytest.raises(SettingError, match=r"port is 70000"):
         ENCODER.parse(["--port", "70000"], {})

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from server.catalog import Catalog
-from server.convert import engine_event, playhead_of, prompt_texts, round_trip_s, write_update
-from server.engine.types import (
+from motiongen_server.catalog import Catalog
+from motiongen_server.convert import engine_event, playhead_of, prompt_texts, round_trip_s, write_update
+from motiongen_server.engine.types import (
     Close,
     Closed,
     CloseReason,
@@ -43,8 +43,8 @@ from server.engine.types import (
     SetVelocity,
     StartPose,
 )
-from server.errors import EventRefused
-from server.limits import MAX_SPEED_MPS, Limits
+from motiongen_server.errors import EventRefused
+from motiongen_server.limits import MAX_SPEED_MPS, Limits
 from tests.server.engine.fakes import FACTS
 
 KEY = SessionKey(3, 9)

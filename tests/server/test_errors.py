@@ -6,8 +6,8 @@ import grpc
 import pytest
 from google.rpc import error_details_pb2, status_pb2
 
-from server.engine.types import Code
-from server.errors import EventRefused, StreamRefused
+from motiongen_server.engine.types import Code
+from motiongen_server.errors import EventRefused, StreamRefused
 
 
 def decoded(refusal: StreamRefused) -> status_pb2.Status:

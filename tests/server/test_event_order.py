@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from server.catalog import Catalog
-from server.engine.types import (
+from motiongen_server.catalog import Catalog
+from motiongen_server.engine.types import (
     ChannelBlock,
     Close,
     Closed,
@@ -28,9 +28,9 @@ from server.engine.types import (
     RigLayout,
     SetPrompts,
 )
-from server.limits import Limits
-from server.models import Models, Served
-from server.stream import Stream
+from motiongen_server.limits import Limits
+from motiongen_server.models import Models, Served
+from motiongen_server.stream import Stream
 
 HANDLE = 7
 

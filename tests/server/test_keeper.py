@@ -18,10 +18,10 @@ from google.rpc import error_details_pb2
 from grpc_status import rpc_status
 
 from motiongen.v1 import admin_pb2, admin_pb2_grpc, service_pb2, service_pb2_grpc, session_pb2
-from server.app import Application, Loaded
-from server.config import ServerConfig
-from server.errors import SettingError
-from server.memory import settled_objects
+from motiongen_server.app import Application, Loaded
+from motiongen_server.config import ServerConfig
+from motiongen_server.errors import SettingError
+from motiongen_server.memory import settled_objects
 from tests.contract.local import LengthEncoder, RealTime
 from tests.contract.talk import Talk
 from tests.server.engine.fakes import FACTS, FakeRunner

@@ -7,12 +7,12 @@ import resource
 import subprocess
 import sys
 
-from server.memory import COLLECT_EVERY, settled_objects
+from motiongen_server.memory import COLLECT_EVERY, settled_objects
 
 LARGE = 4 << 20
 SCRIPT = f"""
 import resource
-from server.memory import keep_freed_memory
+from motiongen_server.memory import keep_freed_memory
 
 def faults():
     return resource.getrusage(resource.RUSAGE_SELF).ru_minflt

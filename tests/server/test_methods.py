@@ -7,7 +7,7 @@ from typing import Any
 
 import grpc
 
-from server.methods import SERVICE, add_methods
+from motiongen_server.methods import SERVICE, add_methods
 
 
 class Server:

@@ -7,9 +7,9 @@ from functools import partial
 from prometheus_client import Metric, generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
-from server.engine.report import EventLatency, StepReport
-from server.engine.types import CloseReason, Code, PlanCause, PlayState, Priority, ServiceTier
-from server.metrics import Metrics
+from motiongen_server.engine.report import EventLatency, StepReport
+from motiongen_server.engine.types import CloseReason, Code, PlanCause, PlayState, Priority, ServiceTier
+from motiongen_server.metrics import Metrics
 
 SET_BY_THE_APPLICATION = {
     "motiongen_build_info",

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from server.catalog import Catalog
-from server.engine.types import Code, Guidance, ModelFacts
-from server.errors import EventRefused
-from server.limits import Limits
-from server.models import Models, Served
-from server.prompts import PromptEncoder
-from server.refusals import model_failed
+from motiongen_server.catalog import Catalog
+from motiongen_server.engine.types import Code, Guidance, ModelFacts
+from motiongen_server.errors import EventRefused
+from motiongen_server.limits import Limits
+from motiongen_server.models import Models, Served
+from motiongen_server.prompts import PromptEncoder
+from motiongen_server.refusals import model_failed
 from tests.contract.local import LengthEncoder
 from tests.server.engine.fakes import FACTS
 

@@ -6,7 +6,7 @@ import httpx
 import pytest
 from prometheus_client import CollectorRegistry, Counter
 
-from server.ops import ops_app
+from motiongen_server.ops import ops_app
 
 
 @pytest.mark.parametrize(("path", "alive", "ready"), [("/livez", 1, 0), ("/healthz", 1, 0), ("/readyz", 0, 1)])

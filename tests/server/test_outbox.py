@@ -6,8 +6,18 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from server.engine.types import Chunk, Closed, CloseReason, Code, Outcome, Output, PlanCause, PlanNotice, SessionKey
-from server.outbox import MAX_RUN_FRAMES, UPDATE_OVERHEAD_BYTES, Outbox, Run, size_of
+from motiongen_server.engine.types import (
+    Chunk,
+    Closed,
+    CloseReason,
+    Code,
+    Outcome,
+    Output,
+    PlanCause,
+    PlanNotice,
+    SessionKey,
+)
+from motiongen_server.outbox import MAX_RUN_FRAMES, UPDATE_OVERHEAD_BYTES, Outbox, Run, size_of
 
 KEY, OTHER = SessionKey(1, 1), SessionKey(1, 2)
 WIDTH = 5

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
-from server.catalog import Catalog
-from server.convert import engine_event, prompt_texts
-from server.engine.types import Code, Guidance, Open, SessionKey, SetPrompts
-from server.errors import EventRefused
-from server.limits import Limits
-from server.presets import Preset
+from motiongen_server.catalog import Catalog
+from motiongen_server.convert import engine_event, prompt_texts
+from motiongen_server.engine.types import Code, Guidance, Open, SessionKey, SetPrompts
+from motiongen_server.errors import EventRefused
+from motiongen_server.limits import Limits
+from motiongen_server.presets import Preset
 from tests.server.engine.fakes import FACTS
 
 WAVE = Preset("wave", "a person waves", np.array([3, 4], np.float32))

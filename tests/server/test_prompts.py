@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ardy.text.encoder import PromptNotEncoded, TextEncoderUnavailable
-from server.engine.types import Code
-from server.errors import EventRefused
-from server.prompts import ENCODING_THREADS, PromptEncoder
+from motiongen_ardy.text.encoder import PromptNotEncoded, TextEncoderUnavailable
+from motiongen_server.engine.types import Code
+from motiongen_server.errors import EventRefused
+from motiongen_server.prompts import ENCODING_THREADS, PromptEncoder
 
 
 class GatedEncoder:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from server.rate import TokenBucket
+from motiongen_server.rate import TokenBucket
 
 
 def test_a_second_s_worth_may_come_at_once() -> None:

@@ -7,8 +7,8 @@ import asyncio
 import pytest
 
 from motiongen.v1 import service_pb2
-from server.engine.types import Code, Outcome, SessionKey
-from server.stream import MAX_WAITING_REPLIES
+from motiongen_server.engine.types import Code, Outcome, SessionKey
+from motiongen_server.stream import MAX_WAITING_REPLIES
 from tests.server.test_event_order import Line, make_catalog
 
 PONG = service_pb2.StreamMotionResponse(pong=service_pb2.Pong(client_time_ns=1))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 
-from server.catalog import Catalog
-from server.engine.types import Code, Guidance, Outcome, SessionKey
-from server.limits import Limits
-from server.models import Models, Served
-from server.prompts import PromptEncoder
-from server.service import MotionService
+from motiongen_server.catalog import Catalog
+from motiongen_server.engine.types import Code, Guidance, Outcome, SessionKey
+from motiongen_server.limits import Limits
+from motiongen_server.models import Models, Served
+from motiongen_server.prompts import PromptEncoder
+from motiongen_server.service import MotionService
 from tests.contract.local import LengthEncoder, LocalServer
 from tests.server.engine.fakes import FACTS
 

@@ -10,8 +10,8 @@ import grpc.aio
 import pytest
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
-from server.engine.config import EngineConfig
-from server.limits import Limits
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.limits import Limits
 from tests.contract.local import LocalServer
 from tests.contract.talk import Talk
 

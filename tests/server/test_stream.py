@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
-from server.engine.types import Chunk, Close, Closed, CloseReason, Code, Open, Outcome
+from motiongen_server.engine.types import Chunk, Close, Closed, CloseReason, Code, Open, Outcome
 from tests.server.test_event_order import PAUSE, WALK, Line, make_catalog
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ardy.text import HashedTextEncoder
-from ardy.text.prompt_file import encode_prompts, write_prompt_file
-from server.config import ServerConfig
-from server.errors import SettingError
-from server.loading import load_encoder, load_presets, open_store
+from motiongen_ardy.text import HashedTextEncoder
+from motiongen_ardy.text.prompt_file import encode_prompts, write_prompt_file
+from motiongen_server.config import ServerConfig
+from motiongen_server.errors import SettingError
+from motiongen_server.loading import load_encoder, load_presets, open_store
 from tests.server.encoder.encoder_process import EncoderProcess
 from tests.server.engine.fakes import FACTS
 

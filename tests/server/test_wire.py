@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from server.convert import Parts, append_frames, append_plan, append_update
-from server.convert.wire import varint
-from server.engine.types import PlanCause, PlanNotice, SessionKey
+from motiongen_server.convert import Parts, append_frames, append_plan, append_update
+from motiongen_server.convert.wire import varint
+from motiongen_server.engine.types import PlanCause, PlanNotice, SessionKey
 
 uint32 = st.integers(0, 2**32 - 1)
 uint64 = st.one_of(st.integers(0, 300), st.integers(0, 2**64 - 1))

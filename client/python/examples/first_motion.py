@@ -2,8 +2,8 @@
 
 import sys
 
-from motiongen_client import write_bvh
 from motiongen_client.blocking import MotionClient
+from motiongen_tools.bvh import write_bvh
 
 address = sys.argv[1] if len(sys.argv) > 1 else "localhost:50051"
 

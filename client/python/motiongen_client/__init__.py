@@ -9,7 +9,6 @@
 frame rate. Right-handed, +Y up, +Z forward, metres, seconds, radians, quaternions w, x, y, z.
 """
 
-from motiongen_client.bvh import write_bvh
 from motiongen_client.client import MotionClient
 from motiongen_client.edit import Edit
 from motiongen_client.errors import (
@@ -25,7 +24,6 @@ from motiongen_client.errors import (
     UnknownName,
 )
 from motiongen_client.motion import Frame, Motion, Rig
-from motiongen_client.npz import read_npz, write_npz
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Preset, TextEmbedding
 from motiongen_client.session import Session, SessionStats
@@ -54,7 +52,7 @@ from motiongen_client.types import (
 
 __all__ = [
     "MotionClient", "Stream", "Session", "Edit", "SessionStats", "Playback",
-    "Frame", "Motion", "Rig", "write_bvh", "write_npz", "read_npz",
+    "Frame", "Motion", "Rig",
     "SessionOptions", "StartPose", "Priority", "Waypoint", "Trajectory", "Keyframe", "JointTargets",
     "Preset", "TextEmbedding",
     "Clip", "Residual", "Deviation", "Catalog", "Model", "Limits", "Opened", "Outcome", "ServiceLevel", "SessionEnd",

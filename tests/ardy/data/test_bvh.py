@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from ardy.data.bvh import Bvh, BvhError, parse_bvh, read_bvh
+from motiongen_ardy.data.bvh import Bvh, BvhError, parse_bvh, read_bvh
 
 CLIP = """HIERARCHY
 ROOT Hips

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ardy.data.validation import is_validation, origins, with_validation
+from motiongen_ardy.data.validation import is_validation, origins, with_validation
 
 IDS = [f"clip_{number:04d}" for number in range(2000)]
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ardy.evaluate.figure import Bound, Company, Figure, Sample, seed_interval, summarize
-from ardy.evaluate.report import BEGIN, END, Report, ReportError, put_between_marks, read_report, side_by_side
+from motiongen_ardy.evaluate.figure import Bound, Company, Figure, Sample, seed_interval, summarize
+from motiongen_ardy.evaluate.report import BEGIN, END, Report, ReportError, put_between_marks, read_report, side_by_side
 
 NAME = ("path", "circle", "moving")
 

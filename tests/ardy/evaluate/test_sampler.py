@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import torch
 
-from ardy.checkpoint import load_checkpoint
-from ardy.constraint import Targets
-from ardy.denoiser.guidance import GuidanceWeights
-from ardy.evaluate.sampler import Sampler, Sampling
-from ardy.evaluate.take import Steer, Take
-from ardy.model import Model
-from ardy.rollout import RolloutRequest, rollout
-from ardy.sampling.options import GuidanceOptions, SamplingOptions
+from motiongen_ardy.checkpoint import load_checkpoint
+from motiongen_ardy.constraint import Targets
+from motiongen_ardy.denoiser.guidance import GuidanceWeights
+from motiongen_ardy.evaluate.sampler import Sampler, Sampling
+from motiongen_ardy.evaluate.take import Steer, Take
+from motiongen_ardy.model import Model
+from motiongen_ardy.rollout import RolloutRequest, rollout
+from motiongen_ardy.sampling.options import GuidanceOptions, SamplingOptions
 
 TINY = Path(__file__).parents[2] / "data" / "golden" / "tiny-core27" / "checkpoint"
 TOLERANCE = 2e-4

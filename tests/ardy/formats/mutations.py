@@ -14,9 +14,9 @@ import numpy as np
 import torch
 from hypothesis import strategies as st
 
-from ardy.formats.bvh import read_bvh, write_bvh
-from ardy.formats.client_npz import read_client_npz
-from ardy.formats.constraints import (
+from motiongen_ardy.formats.bvh import read_bvh, write_bvh
+from motiongen_ardy.formats.client_npz import read_client_npz
+from motiongen_ardy.formats.constraints import (
     LIMB_TYPES,
     TYPES,
     RootConstraint,
@@ -25,11 +25,17 @@ from ardy.formats.constraints import (
     read_constraints,
     write_constraints,
 )
-from ardy.formats.g1_csv import qpos_motion, read_controller_csv, read_qpos_csv, write_controller_csv, write_qpos_csv
-from ardy.formats.npz import read_npz, write_npz
-from ardy.formats.root_path import RootPath, read_root_path, write_root_path
-from ardy.skeleton import load_skeleton
-from motiongen_client.npz import write_npz as write_client_npz
+from motiongen_ardy.formats.g1_csv import (
+    qpos_motion,
+    read_controller_csv,
+    read_qpos_csv,
+    write_controller_csv,
+    write_qpos_csv,
+)
+from motiongen_ardy.formats.npz import read_npz, write_npz
+from motiongen_ardy.formats.root_path import RootPath, read_root_path, write_root_path
+from motiongen_ardy.skeleton import load_skeleton
+from motiongen_tools.npz import write_npz as write_client_npz
 from tests.ardy.formats.client_motion import client_motion
 from tests.ardy.formats.motions import random_motion
 from tests.ardy.robot.poses import walking_qpos
@@ -138,7 +144,7 @@ def line_words(words: tuple[str, ...], between: str) -> st.SearchStrategy[bytes]
 
 
 def readers(folder: Path) -> tuple[Reader, ...]:
-    """Every reader of `ardy.formats`, with good files written into the folder on the way."""
+    """Every reader of `motiongen_ardy.formats`, with good files written into the folder on the way."""
     people, robot = random_motion(CORE, 2, seed=0), qpos_motion("walk", walking_qpos(3, 25), 25)
     at = folder / "good"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
-from ardy.formats.errors import FormatError
+from motiongen_ardy.formats.errors import FormatError
 from tests.ardy.formats.mutations import Reader
 
 LONGEST_MESSAGE = 1_500

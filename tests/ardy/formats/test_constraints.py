@@ -13,7 +13,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ardy.formats.constraints import (
+from motiongen_ardy.formats.constraints import (
     LIMB_TYPES,
     PoseConstraint,
     RootConstraint,
@@ -23,8 +23,8 @@ from ardy.formats.constraints import (
     read_constraints,
     write_constraints,
 )
-from ardy.formats.errors import FormatError
-from ardy.skeleton import load_skeleton, skeleton_names
+from motiongen_ardy.formats.errors import FormatError
+from motiongen_ardy.skeleton import load_skeleton, skeleton_names
 from tests.ardy.formats.motions import random_motion
 
 CORE = load_skeleton("core27")

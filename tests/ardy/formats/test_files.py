@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 import torch
 
-from ardy.formats.__main__ import main
-from ardy.formats.errors import FormatError
-from ardy.formats.files import MOTION_FORMATS, ReadOptions, format_of, read_motion, sample_paths, write_motion
-from ardy.formats.g1_csv import qpos_motion
-from ardy.formats.stored import StoredMotion
+from motiongen_ardy.formats.__main__ import main
+from motiongen_ardy.formats.errors import FormatError
+from motiongen_ardy.formats.files import MOTION_FORMATS, ReadOptions, format_of, read_motion, sample_paths, write_motion
+from motiongen_ardy.formats.g1_csv import qpos_motion
+from motiongen_ardy.formats.stored import StoredMotion
 from tests.ardy.robot.poses import walking_qpos
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import torch
 
-from ardy.formats.errors import FormatError
-from ardy.formats.g1_csv import (
+from motiongen_ardy.formats.errors import FormatError
+from motiongen_ardy.formats.g1_csv import (
     controller_columns,
     qpos_motion,
     read_controller_csv,
@@ -21,9 +21,9 @@ from ardy.formats.g1_csv import (
     write_controller_csv,
     write_qpos_csv,
 )
-from ardy.formats.stored import StoredMotion
-from ardy.robot.g1 import load_g1
-from ardy.skeleton import load_skeleton
+from motiongen_ardy.formats.stored import StoredMotion
+from motiongen_ardy.robot.g1 import load_g1
+from motiongen_ardy.skeleton import load_skeleton
 from tests.ardy.formats.motions import random_motion
 from tests.ardy.robot.poses import random_qpos, walking_qpos
 

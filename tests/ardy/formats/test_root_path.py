@@ -10,8 +10,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ardy.formats.errors import FormatError
-from ardy.formats.root_path import RootPath, read_root_path, write_root_path
+from motiongen_ardy.formats.errors import FormatError
+from motiongen_ardy.formats.root_path import RootPath, read_root_path, write_root_path
 
 POINT = st.tuples(*[st.floats(-1e4, 1e4, width=32)] * 3)
 

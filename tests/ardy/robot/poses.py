@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ardy.robot.g1 import load_g1
+from motiongen_ardy.robot.g1 import load_g1
 
 
 def random_qpos(num_frames: int, seed: int) -> Tensor:

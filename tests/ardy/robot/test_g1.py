@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from ardy.formats.g1_csv import qpos_motion, write_controller_csv, write_qpos_csv
-from ardy.motion import Motion
-from ardy.robot.g1 import (
+from motiongen_ardy.formats.g1_csv import qpos_motion, write_controller_csv, write_qpos_csv
+from motiongen_ardy.motion import Motion
+from motiongen_ardy.robot.g1 import (
     TO_ROBOT,
     RobotError,
     load_g1,
@@ -23,10 +23,10 @@ from ardy.robot.g1 import (
     motion_to_qpos,
     qpos_to_motion,
 )
-from ardy.robot.mjcf import g1_mjcf
-from ardy.robot.trajectory import controller_trajectory
-from ardy.rotation import quaternion_to_matrix
-from ardy.skeleton import load_skeleton
+from motiongen_ardy.robot.mjcf import g1_mjcf
+from motiongen_ardy.robot.trajectory import controller_trajectory
+from motiongen_ardy.rotation import quaternion_to_matrix
+from motiongen_ardy.skeleton import load_skeleton
 from tests.ardy.robot.poses import random_qpos
 
 ROBOT = load_g1()

@@ -8,10 +8,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from ardy.representation import Representation
-from ardy.rotation import matrix_from_6d, matrix_to_6d
-from ardy.skeleton import load_skeleton
-from ardy.stats import Stats
+from motiongen_ardy.representation import Representation
+from motiongen_ardy.rotation import matrix_from_6d, matrix_to_6d
+from motiongen_ardy.skeleton import load_skeleton
+from motiongen_ardy.stats import Stats
 
 STANDING_HEIGHT_M = 0.966  # neutral feet are on the ground
 Stand = Callable[[Tensor], Tensor]

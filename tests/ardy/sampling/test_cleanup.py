@@ -6,9 +6,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from ardy.representation import Representation
-from ardy.sampling.correct import correct_window
-from ardy.sampling.options import FeetOptions, SamplingOptions
+from motiongen_ardy.representation import Representation
+from motiongen_ardy.sampling.correct import correct_window
+from motiongen_ardy.sampling.options import FeetOptions, SamplingOptions
 from tests.ardy.sampling.conftest import Stand
 
 CLEAN = SamplingOptions(clean_feet=True)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import torch
 
-from ardy.representation import heading_angle
-from ardy.sampling.facing import SWAY_RAD, face_root
-from ardy.sampling.pose import Poses
-from ardy.skeleton import load_skeleton
-from ardy.train.feature_bank import natural_layout
+from motiongen_ardy.representation import heading_angle
+from motiongen_ardy.sampling.facing import SWAY_RAD, face_root
+from motiongen_ardy.sampling.pose import Poses
+from motiongen_ardy.skeleton import load_skeleton
+from motiongen_ardy.train.feature_bank import natural_layout
 
 
 def standing(num_frames: int) -> Poses:

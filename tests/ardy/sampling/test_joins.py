@@ -6,11 +6,11 @@ import pytest
 import torch
 from torch import Tensor
 
-from ardy.constraint import Targets
-from ardy.representation import Representation
-from ardy.sampling.correct import correct_window
-from ardy.sampling.joins import join_operator
-from ardy.sampling.options import SamplingOptions
+from motiongen_ardy.constraint import Targets
+from motiongen_ardy.representation import Representation
+from motiongen_ardy.sampling.correct import correct_window
+from motiongen_ardy.sampling.joins import join_operator
+from motiongen_ardy.sampling.options import SamplingOptions
 from tests.ardy.sampling.conftest import Stand
 
 JOIN = SamplingOptions(join_tokens=True)

@@ -8,10 +8,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from ardy.config import ConfigError
-from ardy.sampling.limb_ik import FULL_REACH, bend, soft_reach, swing
-from ardy.sampling.limbs import arms, legs
-from ardy.skeleton import load_skeleton
+from motiongen_ardy.config import ConfigError
+from motiongen_ardy.sampling.limb_ik import FULL_REACH, bend, soft_reach, swing
+from motiongen_ardy.sampling.limbs import arms, legs
+from motiongen_ardy.skeleton import load_skeleton
 
 HIP = torch.zeros(3)
 KNEE = torch.tensor([0.0, -0.40, 0.12])

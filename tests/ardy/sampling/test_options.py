@@ -9,17 +9,17 @@ import pytest
 import torch
 import yaml
 
-from ardy.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
-from ardy.config import ConfigError
-from ardy.denoiser.guidance import GuidanceWeights, Pass, needed_passes
-from ardy.sampling.options import (
+from motiongen_ardy.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
+from motiongen_ardy.config import ConfigError
+from motiongen_ardy.denoiser.guidance import GuidanceWeights, Pass, needed_passes
+from motiongen_ardy.sampling.options import (
     GuidanceOptions,
     PlanOptions,
     ProjectionOptions,
     SamplingOptions,
     released_options,
 )
-from ardy.sampling.options_file import read_options, write_options
+from motiongen_ardy.sampling.options_file import read_options, write_options
 
 ROOT = Path(__file__).parents[3]
 TINY = ROOT / "tests" / "data" / "golden" / "tiny-core27" / "checkpoint"

@@ -11,11 +11,11 @@ import pytest
 import torch
 from torch import Tensor
 
-from ardy.checkpoint import load_checkpoint
-from ardy.constraint import Targets
-from ardy.representation import ROOT_WIDTH, Representation
-from ardy.sampling.options import SamplingOptions
-from ardy.sampling.projection import RootProjection, goal_curves, make_projection
+from motiongen_ardy.checkpoint import load_checkpoint
+from motiongen_ardy.constraint import Targets
+from motiongen_ardy.representation import ROOT_WIDTH, Representation
+from motiongen_ardy.sampling.options import SamplingOptions
+from motiongen_ardy.sampling.projection import RootProjection, goal_curves, make_projection
 
 TINY = Path(__file__).parents[2] / "data" / "golden" / "tiny-core27" / "checkpoint"
 HISTORY, HORIZON = 16, 40

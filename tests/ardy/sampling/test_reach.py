@@ -6,12 +6,12 @@ import pytest
 import torch
 from torch import Tensor
 
-from ardy.constraint import Targets
-from ardy.representation import Representation
-from ardy.rotation import axis_angle_to_matrix, rotation_vector
-from ardy.sampling.correct import correct_window
-from ardy.sampling.options import SamplingOptions
-from ardy.skeleton import forward_kinematics, global_to_local
+from motiongen_ardy.constraint import Targets
+from motiongen_ardy.representation import Representation
+from motiongen_ardy.rotation import axis_angle_to_matrix, rotation_vector
+from motiongen_ardy.sampling.correct import correct_window
+from motiongen_ardy.sampling.options import SamplingOptions
+from motiongen_ardy.skeleton import forward_kinematics, global_to_local
 from tests.ardy.sampling.conftest import Stand
 
 REACH = SamplingOptions(reach_joints=True)

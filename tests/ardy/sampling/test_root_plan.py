@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ardy.sampling.options import PlanOptions
-from ardy.sampling.root_plan import PlanSpan, RootGoals, plan_root, runs, without_steering
-from ardy.sampling.steering import RootState, steer
+from motiongen_ardy.sampling.options import PlanOptions
+from motiongen_ardy.sampling.root_plan import PlanSpan, RootGoals, plan_root, runs, without_steering
+from motiongen_ardy.sampling.steering import RootState, steer
 
 FPS, FIRST = 20, 16
 OPTIONS = PlanOptions()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ardy.sampling.spread import spread, within
+from motiongen_ardy.sampling.spread import spread, within
 
 
 def known_at(*frames: int, num_frames: int = 41) -> Tensor:

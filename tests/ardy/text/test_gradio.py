@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ardy.text import TextEncoderChanged, TextEncoderUnavailable, UnknownTextEncoder, load_text_encoder
-from ardy.text.gradio import GradioTextEncoder
+from motiongen_ardy.text import TextEncoderChanged, TextEncoderUnavailable, UnknownTextEncoder, load_text_encoder
+from motiongen_ardy.text.gradio import GradioTextEncoder
 from tests.ardy.text.fake_gradio import WIDTH, FakeGradio, serving, vector_of
 
 

@@ -14,8 +14,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ardy.text import UnknownTextEncoder, load_text_encoder
-from ardy.text.llm2vec import (
+from motiongen_ardy.text import UnknownTextEncoder, load_text_encoder
+from motiongen_ardy.text.llm2vec import (
     FIRST_ADAPTER,
     MAX_TEXT_TOKENS,
     SECOND_ADAPTER,

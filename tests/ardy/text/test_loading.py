@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ardy.text import (
+from motiongen_ardy.text import (
     HashedTextEncoder,
     StaticTextEncoder,
     TextEncoder,

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from ardy.text import HashedTextEncoder, TextWidthMismatch, load_text_encoder
-from ardy.text.__main__ import main
-from ardy.text.encoder import PromptNotEncoded
-from ardy.text.prompt_file import FORMAT, PromptFileError, encode_prompts, read_prompt_file, write_prompt_file
+from motiongen_ardy.text import HashedTextEncoder, TextWidthMismatch, load_text_encoder
+from motiongen_ardy.text.__main__ import main
+from motiongen_ardy.text.encoder import PromptNotEncoded
+from motiongen_ardy.text.prompt_file import FORMAT, PromptFileError, encode_prompts, read_prompt_file, write_prompt_file
 
 PROMPTS = [("wave", "a person waves"), ("walk", "a person walks, déjà vu")]
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ardy.text.store import VectorStore, known_encoder
+from motiongen_ardy.text.store import VectorStore, known_encoder
 
 VECTOR = np.array([1.5, -2.25, 0, 1e-30], np.float32)
 

@@ -6,11 +6,11 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from ardy.checkpoint import load_tokenizer
-from ardy.config import TokenizerConfig, TransformerConfig
-from ardy.train.denoiser import MINI_DENOISER, denoiser_of, train_denoiser
-from ardy.train.loop import LoopSettings
-from ardy.train.tokenizer import train_tokenizer
+from motiongen_ardy.checkpoint import load_tokenizer
+from motiongen_ardy.config import TokenizerConfig, TransformerConfig
+from motiongen_ardy.train.denoiser import MINI_DENOISER, denoiser_of, train_denoiser
+from motiongen_ardy.train.loop import LoopSettings
+from motiongen_ardy.train.tokenizer import train_tokenizer
 from tests.ardy.train.clips import swinging_dataset
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 import torch
 
-from ardy.checkpoint import load_checkpoint, load_tokenizer
-from ardy.config import TokenizerConfig, TransformerConfig
-from ardy.denoiser.guidance import GuidanceWeights
-from ardy.rollout import RolloutRequest, rollout
-from ardy.train.denoiser import MINI_DENOISER, denoiser_of, train_denoiser
-from ardy.train.loop import LoopSettings
-from ardy.train.tokenizer import train_tokenizer
+from motiongen_ardy.checkpoint import load_checkpoint, load_tokenizer
+from motiongen_ardy.config import TokenizerConfig, TransformerConfig
+from motiongen_ardy.denoiser.guidance import GuidanceWeights
+from motiongen_ardy.rollout import RolloutRequest, rollout
+from motiongen_ardy.train.denoiser import MINI_DENOISER, denoiser_of, train_denoiser
+from motiongen_ardy.train.loop import LoopSettings
+from motiongen_ardy.train.tokenizer import train_tokenizer
 from tests.ardy.train.clips import swinging_dataset
 
 SMALL = TransformerConfig(width=16, feed_forward=32, num_layers=1, num_heads=2)

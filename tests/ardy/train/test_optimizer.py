@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from ardy.train.loop import moving_average
-from ardy.train.optimizer import INNER_SCALE, AdamAtan2, warmup_cosine
+from motiongen_ardy.train.loop import moving_average
+from motiongen_ardy.train.optimizer import INNER_SCALE, AdamAtan2, warmup_cosine
 
 
 def test_steps_follow_the_formula() -> None:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from ardy.constraint import Targets
-from ardy.representation import Representation
-from ardy.train.constraint_sampling import ConstraintChances, ConstraintSampler
-from ardy.train.feature_bank import FeatureBank, build_feature_bank, measure_stats, natural_layout
-from ardy.train.windows import TrainingWindows, WindowSampler
+from motiongen_ardy.constraint import Targets
+from motiongen_ardy.representation import Representation
+from motiongen_ardy.train.constraint_sampling import ConstraintChances, ConstraintSampler
+from motiongen_ardy.train.feature_bank import FeatureBank, build_feature_bank, measure_stats, natural_layout
+from motiongen_ardy.train.windows import TrainingWindows, WindowSampler
 from tests.ardy.train.clips import swinging_dataset
 
 KINDS = ("waypoints", "trajectory", "keyframes", "keyframe_block", "end_effectors", "planted_feet")
@@ -84,7 +84,7 @@ def only(kind: str) -> ConstraintChances:
 
 
 def columns_at_run_time(kind: str, layout: Representation) -> list[torch.Tensor]:
-    """The masks (D) that `ardy.constraint` fills for one frame of a kind of constraint."""
+    """The masks (D) that `motiongen_ardy.constraint` fills for one frame of a kind of constraint."""
     skeleton = layout.skeleton
     positions = torch.randn(1, skeleton.num_joints, 3)
     rotations = torch.eye(3).expand(1, skeleton.num_joints, 3, 3)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from motiongen_client.bench.book import EVENT, GENERATOR, LOOP_LAG, OPEN, SEND_LAG, Book
-from motiongen_client.bench.load import Load
-from motiongen_client.bench.result import Result, Standard
-from motiongen_client.bench.scenario import Scenario, load_scenario
+from motiongen_tools.bench.book import EVENT, GENERATOR, LOOP_LAG, OPEN, SEND_LAG, Book
+from motiongen_tools.bench.load import Load
+from motiongen_tools.bench.result import Result, Standard
+from motiongen_tools.bench.scenario import Scenario, load_scenario
 
 SECONDS = 5
 

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motiongen.v1 import motion_pb2, session_pb2
-from motiongen_client.bench.book import ANSWER, EVENT, OPEN, SCREEN, Book
-from motiongen_client.bench.character import START_GRACE_S, Character
-from motiongen_client.bench.schedule import CharacterPlan, Phases
+from motiongen_tools.bench.book import ANSWER, EVENT, OPEN, SCREEN, Book
+from motiongen_tools.bench.character import START_GRACE_S, Character
+from motiongen_tools.bench.schedule import CharacterPlan, Phases
 
 FPS = 20
 PHASES = Phases(ramp_s=1.0, measure_from_s=2, measure_to_s=12, end_s=15.0)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from motiongen_client import cli_bench
-from motiongen_client.bench.load import Load
-from motiongen_client.bench.result import Result
-from motiongen_client.bench.scenario import load_scenario
-from motiongen_client.cli import run
-from motiongen_client.cli_bench import VOID, num_processes
+from motiongen_tools import cli_bench
+from motiongen_tools.bench.load import Load
+from motiongen_tools.bench.result import Result
+from motiongen_tools.bench.scenario import load_scenario
+from motiongen_tools.cli import run
+from motiongen_tools.cli_bench import VOID, num_processes
 from tests.client.bench.made_up import make_result
 
 NEVER_VOID = ["--max-lag-ms", "60000"]  # the machine that tests may be as slow as it likes

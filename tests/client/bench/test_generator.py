@@ -12,12 +12,12 @@ import grpc
 import pytest
 
 from motiongen_client import MotionClient, convert
-from motiongen_client.bench.book import ANSWER, EVENT, LATENCIES, Book
-from motiongen_client.bench.generator import Generator
-from motiongen_client.bench.load import Load, Progress, Report
-from motiongen_client.bench.scenario import load_scenario
-from motiongen_client.bench.terminal import LATENCY_NAMES
 from motiongen_client.errors import ServerUnavailable
+from motiongen_tools.bench.book import ANSWER, EVENT, LATENCIES, Book
+from motiongen_tools.bench.generator import Generator
+from motiongen_tools.bench.load import Load, Progress, Report
+from motiongen_tools.bench.scenario import load_scenario
+from motiongen_tools.bench.terminal import LATENCY_NAMES
 from tests.client.fake_server import FakeServer, FakeStream, catalog
 
 

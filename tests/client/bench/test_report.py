@@ -9,9 +9,9 @@ from pathlib import Path
 
 from hdrh.histogram import HdrHistogram
 
-from motiongen_client.bench.report import write_report
-from motiongen_client.bench.result import Standard
-from motiongen_client.bench.search import Found, judge
+from motiongen_tools.bench.report import write_report
+from motiongen_tools.bench.result import Standard
+from motiongen_tools.bench.search import Found, judge
 from tests.client.bench.made_up import make_result
 
 PNG = b"\x89PNG\r\n\x1a\n"

@@ -12,9 +12,9 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motiongen_client.bench.scenario import BUILT_IN, Group, InvalidScenario, Scenario, load_scenario, read_scenario
 from motiongen_client.errors import UnknownName
 from motiongen_client.types import Priority
+from motiongen_tools.bench.scenario import BUILT_IN, Group, InvalidScenario, Scenario, load_scenario, read_scenario
 
 ROOT = Path(__file__).resolve().parents[3]
 

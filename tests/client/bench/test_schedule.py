@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motiongen_client.bench.scenario import BUILT_IN, load_scenario
-from motiongen_client.bench.schedule import Schedule, make_schedule
+from motiongen_tools.bench.scenario import BUILT_IN, load_scenario
+from motiongen_tools.bench.schedule import Schedule, make_schedule
 
 SCENARIOS = {name: load_scenario(name) for name in BUILT_IN}
 

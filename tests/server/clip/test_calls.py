@@ -14,9 +14,9 @@ from grpc_status import rpc_status
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
-from server.engine.config import EngineConfig
-from server.engine.types import WindowJob
-from server.limits import Limits
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.types import WindowJob
+from motiongen_server.limits import Limits
 from tests.contract.local import LocalServer
 from tests.server.engine.fakes import FRAME, PROMPT, ROW_WIDTH, SEED, SPEED
 

@@ -8,14 +8,22 @@ import numpy as np
 import pytest
 import torch
 
-from ardy.constraint import Targets
-from ardy.motion import Motion
-from ardy.residuals import residuals as library_residuals
-from ardy.rotation import matrix_to_quaternion, quaternion_to_matrix
-from ardy.skeleton import load_skeleton
-from server.clip.residuals import constrained_frames, residuals
-from server.engine.types import ChannelBlock, JointTargets, PoseTarget, RigLayout, RootPath, RootTarget, WindowJob
-from server.runner.targets import job_targets
+from motiongen_ardy.constraint import Targets
+from motiongen_ardy.motion import Motion
+from motiongen_ardy.residuals import residuals as library_residuals
+from motiongen_ardy.rotation import matrix_to_quaternion, quaternion_to_matrix
+from motiongen_ardy.skeleton import load_skeleton
+from motiongen_server.clip.residuals import constrained_frames, residuals
+from motiongen_server.engine.types import (
+    ChannelBlock,
+    JointTargets,
+    PoseTarget,
+    RigLayout,
+    RootPath,
+    RootTarget,
+    WindowJob,
+)
+from motiongen_server.runner.targets import job_targets
 
 NUM_FRAMES = 30
 

@@ -32,7 +32,7 @@ class EncoderProcess:
         ports = ["--port", str(self.port), "--ops-port", "0", "--print-ports", "--drain-grace-s", "1"]
         with self._log.open("a", encoding="utf-8") as errors:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "server.encoder", *ports, *self._options, *options],
+                [sys.executable, "-m", "motiongen_server.encoder", *ports, *self._options, *options],
                 cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True,
             )  # fmt: skip
         assert self._process.stdout is not None

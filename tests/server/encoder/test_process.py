@@ -12,8 +12,8 @@ import httpx
 import numpy as np
 import pytest
 
-from ardy.text import HashedTextEncoder, TextEncoderChanged, TextEncoderUnavailable, UnknownTextEncoder
-from server.encoder.client import RemoteEncoder
+from motiongen_ardy.text import HashedTextEncoder, TextEncoderChanged, TextEncoderUnavailable, UnknownTextEncoder
+from motiongen_server.encoder.client import RemoteEncoder
 from tests.server.encoder.encoder_process import ROOT, EncoderProcess
 
 LIMIT_S = 20.0
@@ -126,11 +126,11 @@ def test_what_is_no_address_is_refused(address: str) -> None:
         (["--text-encoder", "static", "--width", "4096"], "takes 4096"),
         (["--text-encoder", "gradio:nowhere"], "no address"),
         (["--precision", "int8"], "precision is 'int8'"),
-        (["--colour", "red"], "python -m server.encoder --help"),
+        (["--colour", "red"], "python -m motiongen_server.encoder --help"),
     ],
 )
 def test_a_wrong_setting_ends_it_with_a_line(options: list[str], said: str) -> None:
-    command = [sys.executable, "-m", "server.encoder", "--port", "0", "--ops-port", "0", *options]
+    command = [sys.executable, "-m", "motiongen_server.encoder", "--port", "0", "--ops-port", "0", *options]
     ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert ended.returncode == 2
     assert said in ended.stderr

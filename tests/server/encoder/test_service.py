@@ -16,10 +16,10 @@ from google.rpc import error_details_pb2
 from grpc_status import rpc_status
 from numpy.typing import NDArray
 
-from ardy.text import TextEncoderUnavailable
 from motiongen.v1 import encoder_pb2, encoder_pb2_grpc
-from server.encoder.service import TextEncoderService
-from server.prompts import PromptEncoder
+from motiongen_ardy.text import TextEncoderUnavailable
+from motiongen_server.encoder.service import TextEncoderService
+from motiongen_server.prompts import PromptEncoder
 
 
 class LengthEncoder:

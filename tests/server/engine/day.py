@@ -6,10 +6,10 @@ import random
 from collections import Counter
 from collections.abc import Sequence
 
-from server.engine.config import EngineConfig
-from server.engine.costs import CostTable
-from server.engine.ports import OutOfMemory
-from server.engine.types import Code, Priority, RootTarget
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.costs import CostTable
+from motiongen_server.engine.ports import OutOfMemory
+from motiongen_server.engine.types import Code, Priority, RootTarget
 from tests.server.engine.stage import Stage, prompt
 from tests.server.engine.viewer import Viewer
 from tests.server.engine.watched import WatchedScheduler

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from server.engine.types import (
+from motiongen_server.engine.types import (
     ChannelBlock,
     ModelFacts,
     RigLayout,

@@ -9,11 +9,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from server.engine.config import EngineConfig
-from server.engine.engine import Engine
-from server.engine.ports import SchedulingPolicy
-from server.engine.report import StepReport
-from server.engine.types import (
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.ports import SchedulingPolicy
+from motiongen_server.engine.report import StepReport
+from motiongen_server.engine.types import (
     Close,
     Code,
     Constraint,

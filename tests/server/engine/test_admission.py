@@ -2,9 +2,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from server.engine.admission import Admission, Prices
-from server.engine.config import EngineConfig
-from server.engine.types import Code, Priority, SessionKey
+from motiongen_server.engine.admission import Admission, Prices
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.types import Code, Priority, SessionKey
 from tests.server.engine.fakes import FACTS
 from tests.server.engine.stage import spec
 

@@ -2,8 +2,8 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from server.engine.attempts import Attempts
-from server.engine.ports import DeviceLost, OutOfMemory
+from motiongen_server.engine.attempts import Attempts
+from motiongen_server.engine.ports import DeviceLost, OutOfMemory
 
 
 class Memory:

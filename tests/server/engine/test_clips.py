@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from server.engine.config import EngineConfig
-from server.engine.types import CloseReason, Code, Priority, RootTarget, SessionKey
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.types import CloseReason, Code, Priority, RootTarget, SessionKey
 from tests.server.engine.fakes import CONSTRAINTS, FRAME, PROMPT, ROW_WIDTH, SEED
 from tests.server.engine.stage import Stage, prompt
 

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from server.engine.conditions import Conditions, EditRefused, edit_constraints, edit_prompts
-from server.engine.types import Code, Prompt, RootPath, RootTarget, SessionKey, SetConstraints, SetPrompts
+from motiongen_server.engine.conditions import Conditions, EditRefused, edit_constraints, edit_prompts
+from motiongen_server.engine.types import Code, Prompt, RootPath, RootTarget, SessionKey, SetConstraints, SetPrompts
 from tests.server.engine.stage import prompt
 
 KEY = SessionKey(1, 1)

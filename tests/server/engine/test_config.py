@@ -2,7 +2,7 @@ import dataclasses
 
 import pytest
 
-from server.engine.config import EngineConfig
+from motiongen_server.engine.config import EngineConfig
 from tests.server.engine.fakes import FACTS
 
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from server.engine.costs import SIZES, CallCosts, CostTable, bucket
+from motiongen_server.engine.costs import SIZES, CallCosts, CostTable, bucket
 
 
 def test_buckets_are_the_least_that_hold_the_size_and_finer_than_doublings() -> None:

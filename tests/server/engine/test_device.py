@@ -6,12 +6,12 @@ import threading
 
 import pytest
 
-from server.engine.admission import Admission, Prices
-from server.engine.config import EngineConfig
-from server.engine.device import Device, InTurns
-from server.engine.engine import Engine
-from server.engine.profile import profile
-from server.engine.types import Code, Open, SessionKey
+from motiongen_server.engine.admission import Admission, Prices
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.device import Device, InTurns
+from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.profile import profile
+from motiongen_server.engine.types import Code, Open, SessionKey
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
 from tests.server.engine.stage import spec
 

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from server.engine.config import EngineConfig
-from server.engine.drift import DriftGuard, Remedy
-from server.engine.pose import PoseReader
-from server.engine.types import Closed, PlanCause, StartPose, WindowJob
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.drift import DriftGuard, Remedy
+from motiongen_server.engine.pose import PoseReader
+from motiongen_server.engine.types import Closed, PlanCause, StartPose, WindowJob
 from tests.server.engine.fakes import FACTS, ROW_WIDTH
 from tests.server.engine.stage import Stage, prompt
 from tests.server.engine.viewer import Viewer

@@ -4,10 +4,10 @@ import math
 
 import pytest
 
-from server.engine.conditions import Conditions, EditRefused
-from server.engine.edits import EditQueue, PendingEdit
-from server.engine.types import Code
-from server.engine.velocity import SLOWING_FRAMES, Velocity
+from motiongen_server.engine.conditions import Conditions, EditRefused
+from motiongen_server.engine.edits import EditQueue, PendingEdit
+from motiongen_server.engine.types import Code
+from motiongen_server.engine.velocity import SLOWING_FRAMES, Velocity
 
 
 def _edit(seq: int, dirty_from: int = 0) -> PendingEdit:

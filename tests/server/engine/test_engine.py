@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import pytest
 
-from server.engine.config import EngineConfig
-from server.engine.engine import Engine
-from server.engine.scheduler import ScheduledJob
-from server.engine.types import (
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.scheduler import ScheduledJob
+from motiongen_server.engine.types import (
     Close,
     Closed,
     CloseReason,

@@ -3,8 +3,8 @@ from collections.abc import Mapping
 
 import pytest
 
-from server.engine.ladder import FULL, Ladder, LadderLimits, rungs_of
-from server.engine.types import Priority, ServiceTier
+from motiongen_server.engine.ladder import FULL, Ladder, LadderLimits, rungs_of
+from motiongen_server.engine.types import Priority, ServiceTier
 from tests.server.engine.fakes import FACTS
 
 HERO, NEAR, CROWD, BATCH = Priority

@@ -1,7 +1,7 @@
 import threading
 
-from server.engine.mailbox import Mailbox
-from server.engine.types import Close, Event, Open, Playhead, SessionKey, SetPrompts
+from motiongen_server.engine.mailbox import Mailbox
+from motiongen_server.engine.types import Close, Event, Open, Playhead, SessionKey, SetPrompts
 from tests.server.engine.stage import spec
 
 ONE, TWO = SessionKey(1, 1), SessionKey(1, 2)

@@ -4,10 +4,10 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from server.engine.config import EngineConfig
-from server.engine.ports import DeviceLost, OutOfMemory
-from server.engine.session import SessionState
-from server.engine.types import (
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.ports import DeviceLost, OutOfMemory
+from motiongen_server.engine.session import SessionState
+from motiongen_server.engine.types import (
     Close,
     CloseReason,
     Code,

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from server.engine.playback import PlaybackClock, RoundTrip
-from server.engine.types import PlayState
+from motiongen_server.engine.playback import PlaybackClock, RoundTrip
+from motiongen_server.engine.types import PlayState
 
 
 def test_the_playhead_stands_at_0_until_its_first_report() -> None:

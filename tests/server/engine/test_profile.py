@@ -2,8 +2,8 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from server.engine.ports import OutOfMemory
-from server.engine.profile import UnsoundModel, profile
+from motiongen_server.engine.ports import OutOfMemory
+from motiongen_server.engine.profile import UnsoundModel, profile
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
 
 

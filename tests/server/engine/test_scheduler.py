@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from server.engine.costs import CostTable
-from server.engine.scheduler import DEFAULT_SHARES, Scheduler
-from server.engine.types import Guidance, PlanCause, Priority, RowStatus, SessionKey, WindowJob
+from motiongen_server.engine.costs import CostTable
+from motiongen_server.engine.scheduler import DEFAULT_SHARES, Scheduler
+from motiongen_server.engine.types import Guidance, PlanCause, Priority, RowStatus, SessionKey, WindowJob
 
 HERO, NEAR, CROWD, BATCH = Priority
 LATER = 1000.0

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from server.engine.config import EngineConfig
-from server.engine.types import Code, JointTargets, PlanCause, PoseTarget, RootPath, RootTarget, StartPose
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.types import Code, JointTargets, PlanCause, PoseTarget, RootPath, RootTarget, StartPose
 from tests.server.engine.fakes import CONSTRAINTS, PLAN, PROMPT
 from tests.server.engine.stage import Stage, prompt
 from tests.server.engine.viewer import Viewer

@@ -5,11 +5,11 @@ import random
 
 import numpy as np
 
-from server.engine.config import EngineConfig
-from server.engine.ladder import FULL, Rung
-from server.engine.opening import open_session
-from server.engine.report import StepReport
-from server.engine.types import (
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.ladder import FULL, Rung
+from motiongen_server.engine.opening import open_session
+from motiongen_server.engine.report import StepReport
+from motiongen_server.engine.types import (
     Playhead,
     PoseTarget,
     Priority,

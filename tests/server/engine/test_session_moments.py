@@ -2,7 +2,7 @@
 
 import pytest
 
-from server.engine.types import Code, RootTarget
+from motiongen_server.engine.types import Code, RootTarget
 from tests.server.engine.fakes import CONSTRAINTS, PROMPT
 from tests.server.engine.stage import Stage, prompt
 from tests.server.engine.viewer import Viewer

@@ -7,9 +7,9 @@ import numpy as np
 from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from server.engine.config import EngineConfig
-from server.engine.ladder import FULL, Rung
-from server.engine.types import Code, Priority, RootPath, RootTarget, ServiceTier, WindowJob
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.ladder import FULL, Rung
+from motiongen_server.engine.types import Code, Priority, RootPath, RootTarget, ServiceTier, WindowJob
 from tests.server.engine.fakes import PROMPT
 from tests.server.engine.stage import Stage, prompt
 from tests.server.engine.viewer import Viewer

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from server.engine.config import EngineConfig
-from server.engine.ladder import FULL, Rung
-from server.engine.session import SessionState
-from server.engine.types import Code, Guidance, PlanCause, Priority, RootTarget, ServiceLevel, ServiceTier
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.ladder import FULL, Rung
+from motiongen_server.engine.session import SessionState
+from motiongen_server.engine.types import Code, Guidance, PlanCause, Priority, RootTarget, ServiceLevel, ServiceTier
 from tests.server.engine.fakes import SPEED
 from tests.server.engine.stage import Stage, prompt
 from tests.server.engine.viewer import Viewer

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from server.engine.types import Priority
+from motiongen_server.engine.types import Priority
 from tests.server.engine.day import Day
 from tests.server.engine.stage import Stage, prompt
 from tests.server.engine.watched import PromiseBroken, WatchedScheduler

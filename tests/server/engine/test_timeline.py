@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from server.engine.timeline import Timeline, TokenRun
+from motiongen_server.engine.timeline import Timeline, TokenRun
 
 
 def _frames(begin: int, end: int) -> np.ndarray:

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from server.engine.config import EngineConfig
-from server.engine.types import Code, PlanCause, RootPath, RootTarget, SessionKey, SetVelocity
-from server.engine.velocity import SLOWING_FRAMES, RootState, Velocity, changed_velocity, root_state
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.types import Code, PlanCause, RootPath, RootTarget, SessionKey, SetVelocity
+from motiongen_server.engine.velocity import SLOWING_FRAMES, RootState, Velocity, changed_velocity, root_state
 from tests.server.engine.fakes import SPEED
 from tests.server.engine.stage import Stage, prompt
 from tests.server.engine.viewer import Viewer

@@ -3,8 +3,8 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from server.engine.types import SessionKey
-from server.engine.wakes import Wakes
+from motiongen_server.engine.types import SessionKey
+from motiongen_server.engine.wakes import Wakes
 
 ONE, TWO = SessionKey(1, 1), SessionKey(1, 2)
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from server.engine.types import (
+from motiongen_server.engine.types import (
     Chunk,
     Closed,
     Opened,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from server.engine.costs import CostTable
-from server.engine.scheduler import DEFAULT_SHARES, ScheduledJob, Scheduler
-from server.engine.types import Priority, WindowJob
+from motiongen_server.engine.costs import CostTable
+from motiongen_server.engine.scheduler import DEFAULT_SHARES, ScheduledJob, Scheduler
+from motiongen_server.engine.types import Priority, WindowJob
 
 
 class PromiseBroken(AssertionError):

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from ardy.checkpoint import load_checkpoint
-from ardy.model import Model
-from ardy.packed import PackedDenoiser
-from server.engine.ports import DeviceLost, OutOfMemory
-from server.runner import TorchRunner
-from server.runner.device_errors import device_errors
+from motiongen_ardy.checkpoint import load_checkpoint
+from motiongen_ardy.model import Model
+from motiongen_ardy.packed import PackedDenoiser
+from motiongen_server.engine.ports import DeviceLost, OutOfMemory
+from motiongen_server.runner import TorchRunner
+from motiongen_server.runner.device_errors import device_errors
 from tests.parity.conftest import make_job
 
 TINY = Path(__file__).parents[2] / "data" / "golden" / "tiny-core27" / "checkpoint"

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ardy.checkpoint import load_checkpoint
-from server.engine.types import WindowJob, WindowResult
-from server.runner import TorchRunner
+from motiongen_ardy.checkpoint import load_checkpoint
+from motiongen_server.engine.types import WindowJob, WindowResult
+from motiongen_server.runner import TorchRunner
 from tests.parity.conftest import TOLERANCE, make_job
 
 TINY = Path(__file__).parents[2] / "data" / "golden" / "tiny-core27" / "checkpoint"

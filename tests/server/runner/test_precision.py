@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from server.runner import precision
-from server.runner.precision import choose_precision
+from motiongen_server.runner import precision
+from motiongen_server.runner.precision import choose_precision
 
 
 def test_names() -> None:

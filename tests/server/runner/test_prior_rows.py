@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from ardy.checkpoint import load_checkpoint
-from ardy.rotation import quaternion_to_matrix
-from server.runner import TorchRunner
-from server.runner.frames import wire_rows
+from motiongen_ardy.checkpoint import load_checkpoint
+from motiongen_ardy.rotation import quaternion_to_matrix
+from motiongen_server.runner import TorchRunner
+from motiongen_server.runner.frames import wire_rows
 from tests.conftest import ROOT
 
 

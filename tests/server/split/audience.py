@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from server.config import ServerConfig
-from server.engine.report import StepReport
-from server.engine.types import (
+from motiongen_server.config import ServerConfig
+from motiongen_server.engine.report import StepReport
+from motiongen_server.engine.types import (
     Chunk,
     Close,
     Closed,
@@ -26,8 +26,8 @@ from server.engine.types import (
     SetPlayState,
     StartPose,
 )
-from server.engine.types import PlayState as State
-from server.split.gateway import RemoteEngine
+from motiongen_server.engine.types import PlayState as State
+from motiongen_server.split.gateway import RemoteEngine
 
 LIMIT_S = 30.0
 KEY = SessionKey(1, 1)

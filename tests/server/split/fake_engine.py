@@ -14,14 +14,14 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from server.config import ServerConfig
-from server.engine.config import EngineConfig
-from server.engine.engine import Engine
-from server.engine.ports import Deliver, Inbox, Observe
-from server.engine.types import Output, RowStatus
-from server.errors import SettingError
-from server.split import engine_main
-from server.split.engine_main import Built, run
+from motiongen_server.config import ServerConfig
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.ports import Deliver, Inbox, Observe
+from motiongen_server.engine.types import Output, RowStatus
+from motiongen_server.errors import SettingError
+from motiongen_server.split import engine_main
+from motiongen_server.split.engine_main import Built, run
 from tests.server.engine.fakes import FakeRunner
 
 FATAL_SEED = 666

@@ -8,10 +8,10 @@ import re
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from server.engine.types import Close, Closed, CloseReason, Code, Event, Open, SessionKey, SetPlayState
-from server.split.arrivals import Arrivals
-from server.split.ledger import Ledger
-from server.split.messages import CloseAhead, Events
+from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Event, Open, SessionKey, SetPlayState
+from motiongen_server.split.arrivals import Arrivals
+from motiongen_server.split.ledger import Ledger
+from motiongen_server.split.messages import CloseAhead, Events
 from tests.server.split.audience import KEY, close, opening, play
 
 OTHER = SessionKey(1, 2)

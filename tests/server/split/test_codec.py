@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
-from server.config import ServerConfig
-from server.split import messages
-from server.split.codec import DTYPES, Codec, CodecError
-from server.split.messages import GREETING, SCHEMA, TO_ENGINE, TO_GATEWAY
+from motiongen_server.config import ServerConfig
+from motiongen_server.split import messages
+from motiongen_server.split.codec import DTYPES, Codec, CodecError
+from motiongen_server.split.messages import GREETING, SCHEMA, TO_ENGINE, TO_GATEWAY
 
 PLAIN = {
     int: st.integers(-(2**63), 2**64 - 1),
@@ -84,7 +84,7 @@ def test_every_message_comes_out_as_it_went_in(kind: type, data: st.DataObject) 
 
 @pytest.mark.parametrize("name", ["Event", "Output", "Constraint"])
 def test_all_of_the_engines_values_are_among_them(name: str) -> None:
-    import server.engine.types as engine_types
+    import motiongen_server.engine.types as engine_types
 
     known = "\n".join(TO_ENGINE.table + TO_GATEWAY.table)
     for kind in typing.get_args(getattr(engine_types, name)):

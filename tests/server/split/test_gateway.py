@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 
-from server.engine.types import Chunk, Closed, CloseReason, Opened, Outcome, SessionKey
+from motiongen_server.engine.types import Chunk, Closed, CloseReason, Opened, Outcome, SessionKey
 from tests.server.engine.fakes import FRAME, PLAN, SEED
 from tests.server.split.audience import KEY, close, opening, play, playhead, remote
 

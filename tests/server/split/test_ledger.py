@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from server.engine.types import (
+from motiongen_server.engine.types import (
     Chunk,
     Closed,
     CloseReason,
@@ -15,7 +15,7 @@ from server.engine.types import (
     Output,
     SessionKey,
 )
-from server.split.ledger import Ledger
+from motiongen_server.split.ledger import Ledger
 from tests.server.split.audience import KEY, close, opening, play, playhead
 
 OTHER = SessionKey(1, 2)

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from server.config import ServerConfig
-from server.engine.types import Chunk, Closed, CloseReason, Opened
-from server.errors import SettingError
-from server.split.connection import EngineLost
-from server.split.gateway import LOSSES, RemoteEngine
+from motiongen_server.config import ServerConfig
+from motiongen_server.engine.types import Chunk, Closed, CloseReason, Opened
+from motiongen_server.errors import SettingError
+from motiongen_server.split.connection import EngineLost
+from motiongen_server.split.gateway import LOSSES, RemoteEngine
 from tests.server.split.audience import LIMIT_S, Audience, command, is_gone, opening, play, playhead, remote
 from tests.server.split.fake_engine import FATAL_SEED
 
@@ -114,8 +114,8 @@ def test_stopped_before_it_was_started_it_leaves_no_process() -> None:
 
 GATEWAY = """
 import json, sys, time
-from server.config import ServerConfig
-from server.split.gateway import RemoteEngine
+from motiongen_server.config import ServerConfig
+from motiongen_server.split.gateway import RemoteEngine
 engine = RemoteEngine(ServerConfig(), lambda outputs: None, lambda report: None, json.loads(sys.argv[1]))
 engine.load()
 engine.start()

@@ -29,7 +29,7 @@ SETTINGS = ("--engine-process", "--model", str(TINY_MODEL), "--text-encoder", "h
 async def server() -> AsyncIterator[tuple[asyncio.subprocess.Process, dict[str, int]]]:
     """A server that is ready, and its ports."""
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "server", *SETTINGS, cwd=ROOT, stdout=asyncio.subprocess.PIPE, stderr=None
+        sys.executable, "-m", "motiongen_server", *SETTINGS, cwd=ROOT, stdout=asyncio.subprocess.PIPE, stderr=None
     )
     assert process.stdout is not None
     yield process, json.loads(await process.stdout.readline())

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import zmq
 
-from server.config import ServerConfig
-from server.engine.report import StepReport
-from server.engine.types import Chunk, Playhead
-from server.errors import SettingError
-from server.split.codec import CodecError
-from server.split.inlet import Inlet
-from server.split.messages import (
+from motiongen_server.config import ServerConfig
+from motiongen_server.engine.report import StepReport
+from motiongen_server.engine.types import Chunk, Playhead
+from motiongen_server.errors import SettingError
+from motiongen_server.split.codec import CodecError
+from motiongen_server.split.inlet import Inlet
+from motiongen_server.split.messages import (
     TO_ENGINE,
     TO_GATEWAY,
     Begin,
@@ -28,8 +28,8 @@ from server.split.messages import (
     ToEngine,
     ToGateway,
 )
-from server.split.outlet import Outlet
-from server.split.sockets import BACK_MESSAGES, EngineEnd, GatewayEnd
+from motiongen_server.split.outlet import Outlet
+from motiongen_server.split.sockets import BACK_MESSAGES, EngineEnd, GatewayEnd
 from tests.server.split.audience import KEY, close, opening, play, playhead
 
 WAIT_MS = 5000

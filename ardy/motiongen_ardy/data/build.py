@@ -1,0 +1,175 @@
+"""Building a training set from a folder of BVH files and a labels table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from motiongen_ardy.data.bvh import BvhError, read_bvh
+from motiongen_ardy.data.captions import mirror_content, paraphrases
+from motiongen_ardy.data.dataset import Clip, MotionDataset, Segment
+from motiongen_ardy.data.derive import derived_spans, standing_clips
+from motiongen_ardy.data.labels import Label
+from motiongen_ardy.data.retarget import RetargetedClip, apply_retarget, choose_retarget
+from motiongen_ardy.data.retarget_file import Retarget, RetargetError
+from motiongen_ardy.rotation import quaternion_to_matrix
+from motiongen_ardy.skeleton import Skeleton, forward_kinematics
+
+# No captured joint moves this fast; a file in which one does has a jump in it.
+MAX_JOINT_SPEED_M_S = 25.0
+# A foot is planted while its joints move slower than this in the source.
+PLANTED_M_S = 0.03
+
+
+class SkippedClip(ValueError):
+    """Raised for a clip that is left out. The message is the reason."""
+
+
+@dataclass(frozen=True)
+class BuildSettings:
+    """How to build. skip_flags: clips with one of these flags in the table are left out."""
+
+    folder: Path
+    skeleton: Skeleton
+    retargets: tuple[Retarget, ...]
+    fps: float = 20.0
+    skip_flags: frozenset[str] = frozenset({"label_suspect", "fragment"})
+    min_seconds: float = 0.5
+    derive_standing: bool = True
+
+
+@dataclass
+class BuildResult:
+    """Clips in the order of the table, and what was left out: (clip id, reason)."""
+
+    clips: list[Clip] = field(default_factory=list)
+    skipped: list[tuple[str, str]] = field(default_factory=list)
+
+    def dataset(self, settings: BuildSettings) -> MotionDataset:
+        return MotionDataset(settings.skeleton, settings.fps, tuple(self.clips))
+
+
+def build(labels: Iterable[Label], settings: BuildSettings, advance: Callable[[], None] = lambda: None) -> BuildResult:
+    """Convert every clip of the table. A clip that cannot be used is recorded with its reason, and the rest go on.
+
+    advance is called after each row of the table.
+    """
+    labels = tuple(labels)
+    unseen = frozenset((row.dataset, row.content, row.style) for row in labels if row.split == "test_unseen")
+    result = BuildResult()
+    for label in labels:
+        try:
+            result.clips += build_clip(label, settings, unseen)
+        except (SkippedClip, BvhError, RetargetError, OSError) as error:
+            result.skipped.append((label.id, str(error)))
+        advance()
+    return result
+
+
+def build_clip(label: Label, settings: BuildSettings, unseen: frozenset[tuple[str, str, str]]) -> list[Clip]:
+    """The clip of one row and the clips derived from it. unseen: (dataset, content, style) kept for the test.
+
+    Raises SkippedClip, BvhError, RetargetError or OSError.
+    """
+    flagged = sorted(label.flags & settings.skip_flags)
+    if flagged:
+        raise SkippedClip(f"flagged {', '.join(flagged)} in the labels table")
+    bvh = read_bvh(settings.folder / label.file)
+    retarget = choose_retarget(bvh, settings.retargets)
+    motion = apply_retarget(retarget, bvh, settings.fps, label.rest_group)
+    rotations = quaternion_to_matrix(motion.local_rotations)
+    _, positions = forward_kinematics(settings.skeleton, rotations, motion.root_positions)
+    _check_motion(positions, settings)
+    mirror_allowed = (
+        label.split == "train" and (label.dataset, mirror_content(label.content), label.style) not in unseen
+    )
+    segments = tuple(
+        Segment(span.start, span.length, span.content, paraphrases(span.content, label.style))
+        for span in derived_spans(settings.skeleton, label.content, positions, settings.fps)
+        if paraphrases(span.content, label.style)
+    )
+    clip = Clip(
+        id=label.id,
+        dataset=label.dataset,
+        content=label.content,
+        style=label.style,
+        split=label.split,
+        captions=tuple(dict.fromkeys(label.texts + paraphrases(label.content, label.style))),
+        segments=segments,
+        mirror_allowed=mirror_allowed,
+        derived_from="",
+        flags=tuple(sorted(label.flags)),
+        figures=_figures(settings.skeleton, retarget, motion, positions, settings.fps),
+        local_rotations=motion.local_rotations.to(torch.float32),
+        root_positions=motion.root_positions.to(torch.float32),
+    )
+    return [clip, *(_standing(clip, settings) if settings.derive_standing else ())]
+
+
+def _standing(clip: Clip, settings: BuildSettings) -> list[Clip]:
+    """Clips of standing made of a gesture clip; none from the combinations that no training may see."""
+    captions = paraphrases("stand", clip.style)
+    if clip.split == "test_unseen" or not captions:
+        return []
+    stretches = standing_clips(settings.skeleton, clip.content, clip.local_rotations, clip.root_positions, settings.fps)
+    return [
+        Clip(
+            id=f"{clip.id}~stand{number}",
+            dataset=clip.dataset,
+            content="stand",
+            style=clip.style,
+            split=clip.split,
+            captions=captions,
+            segments=(),
+            mirror_allowed=clip.mirror_allowed,
+            derived_from=clip.id,
+            flags=clip.flags,
+            figures={},
+            local_rotations=rotations,
+            root_positions=positions,
+        )
+        for number, (rotations, positions) in enumerate(stretches, start=1)
+    ]
+
+
+def _check_motion(positions: Tensor, settings: BuildSettings) -> None:
+    num_frames = positions.shape[0]
+    if num_frames < max(2, settings.min_seconds * settings.fps):
+        raise SkippedClip(
+            f"only {num_frames} frames at {settings.fps:g} fps; at least {settings.min_seconds:g} s are needed"
+        )
+    if not bool(torch.isfinite(positions).all()):
+        raise SkippedClip("positions that are not finite")
+    speed = (positions[1:] - positions[:-1]).norm(dim=-1) * settings.fps
+    fastest = float(speed.max())
+    if fastest > MAX_JOINT_SPEED_M_S:
+        frame, joint = divmod(int(speed.argmax()), speed.shape[1])
+        raise SkippedClip(
+            f"joint {settings.skeleton.joint_names[joint]} jumps at {fastest:.0f} m/s after frame {frame}"
+            f" ({settings.fps:g} fps); at most {MAX_JOINT_SPEED_M_S:g} m/s is believed"
+        )
+
+
+def _figures(
+    skeleton: Skeleton, retarget: Retarget, motion: RetargetedClip, positions: Tensor, fps: float
+) -> dict[str, float]:
+    """How fast our ankles and toes drift while the source's stand: median horizontal m/s over planted frames."""
+    if not retarget.feet:
+        return {}
+    ours = positions[:, [skeleton.index(target) for _, target in retarget.feet]]
+    source = motion.source_feet_m
+    source_speed = (source[1:] - source[:-1]).norm(dim=-1) * fps  # (T - 1, F)
+    drift = (ours[1:] - ours[:-1])[..., [0, 2]].norm(dim=-1) * fps
+    heels = drift[:, 0::2]
+    planted = (source_speed[:, 0::2] < PLANTED_M_S) & (source_speed[:, 1::2] < PLANTED_M_S)
+    if not bool(planted.any()):
+        return {}
+    return {
+        "planted_frames": int(planted.sum()),
+        "planted_drift_m_s": round(float(heels[planted].median()), 5),
+        "planted_height_m": round(float(ours[1:, 0::2, 1][planted].median()), 5),
+    }

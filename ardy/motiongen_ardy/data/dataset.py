@@ -1,0 +1,221 @@
+"""The training set on disk: ``motion.npz`` with all frames end to end, and ``clips.json`` with everything else.
+
+motion.npz holds `local_rotations` (N, J, 4) float32, parent-relative, (w, x, y, z), and `root_positions` (N, 3)
+float32, metres; N counts the frames of all clips. clips.json gives each clip's first frame and length in these arrays.
+World positions and headings are those of the capture; a training loader turns and recentres windows itself.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from motiongen_ardy.data.captions import mirror_caption, mirror_content
+from motiongen_ardy.data.mirror import mirror_clip
+from motiongen_ardy.data.validation import with_validation
+from motiongen_ardy.skeleton import Skeleton, load_skeleton
+
+FORMAT = 1
+MOTION_FILE = "motion.npz"
+CLIPS_FILE = "clips.json"
+
+
+class DatasetError(ValueError):
+    """Raised for a folder that is not a training set, or not one of this format."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Frames start .. start + length - 1 of a clip, with captions narrower than the clip's own."""
+
+    start: int
+    length: int
+    content: str
+    captions: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """One motion. local_rotations: (T, J, 4) as (w, x, y, z); root_positions: (T, 3) metres.
+
+    mirror_allowed: whether the mirror image may be trained on; it may not if its labels are kept for the test.
+    derived_from: the id of the captured clip of which this one was made, "" for a captured clip itself.
+    figures: numbers noted while building, for example how far planted feet drift.
+    """
+
+    id: str
+    dataset: str
+    content: str
+    style: str
+    split: str
+    captions: tuple[str, ...]
+    segments: tuple[Segment, ...]
+    mirror_allowed: bool
+    derived_from: str
+    flags: tuple[str, ...]
+    figures: Mapping[str, float]
+    local_rotations: Tensor
+    root_positions: Tensor
+
+    @property
+    def num_frames(self) -> int:
+        return int(self.root_positions.shape[0])
+
+    def captions_for(self, start: int, length: int) -> tuple[str, ...]:
+        """What may be said of frames start .. start + length - 1: a segment's captions if it holds them all."""
+        for segment in self.segments:
+            if segment.start <= start and start + length <= segment.start + segment.length:
+                return segment.captions
+        return self.captions
+
+    def mirrored(self, skeleton: Skeleton) -> Clip:
+        """The mirror image, with left and right swapped in labels and captions."""
+        rotations, positions = mirror_clip(skeleton, self.local_rotations, self.root_positions)
+        segments = tuple(
+            Segment(part.start, part.length, mirror_content(part.content), tuple(map(mirror_caption, part.captions)))
+            for part in self.segments
+        )
+        return replace(
+            self,
+            content=mirror_content(self.content),
+            captions=tuple(map(mirror_caption, self.captions)),
+            segments=segments,
+            local_rotations=rotations,
+            root_positions=positions,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class MotionDataset:
+    """Clips of one skeleton at one frame rate."""
+
+    skeleton: Skeleton
+    fps: float
+    clips: tuple[Clip, ...]
+
+    @property
+    def num_frames(self) -> int:
+        return sum(clip.num_frames for clip in self.clips)
+
+    @classmethod
+    def load(cls, folder: Path, split: str | None = None) -> MotionDataset:
+        """Read a set, or one split of it ("train", "validation", "test", "test_unseen"). Raises DatasetError.
+
+        "validation" is cut out of the clips that the table calls "train" (ardy/motiongen_ardy/data/validation.py), the same ones always.
+        The clips are views of two shared tensors: do not write to them.
+        """
+        document = _read_document(folder)
+        try:
+            with np.load(folder / MOTION_FILE, allow_pickle=False) as arrays:
+                rotations = torch.from_numpy(arrays["local_rotations"])
+                positions = torch.from_numpy(arrays["root_positions"])
+        except (OSError, KeyError, ValueError) as error:
+            raise DatasetError(f"{folder / MOTION_FILE}: cannot be read: {error}") from error
+        skeleton = load_skeleton(document["skeleton"])
+        rows = document["clips"]
+        total = sum(row["length"] for row in rows)
+        if rotations.shape != (total, skeleton.num_joints, 4) or positions.shape != (total, 3):
+            raise DatasetError(
+                f"{folder}: {CLIPS_FILE} promises {total} frames of {skeleton.num_joints} joints, {MOTION_FILE} has"
+                f" {tuple(rotations.shape)} rotations and {tuple(positions.shape)} positions; build the set again"
+            )
+        by_id = with_validation(
+            {row["id"]: row["split"] for row in rows}, {row["id"]: row["derived_from"] for row in rows}
+        )
+        splits = sorted(set(by_id.values()))
+        if split is not None and split not in splits:
+            raise DatasetError(f"{folder}: no split {split!r}; this set has {', '.join(splits)}")
+        clips = tuple(_clip(row, rotations, positions) for row in rows if split in (None, by_id[row["id"]]))
+        return cls(skeleton, float(document["fps"]), clips)
+
+    def save(self, folder: Path, skipped: Sequence[tuple[str, str]] = (), notes: str = "") -> None:
+        """Write the set to a folder, making it if need be. skipped: (clip id, reason) pairs, kept for the record."""
+        folder.mkdir(parents=True, exist_ok=True)
+        rows: list[dict[str, Any]] = []
+        start = 0
+        for clip in self.clips:
+            rows.append(_row(clip, start))
+            start += clip.num_frames
+        document = {
+            "format": FORMAT,
+            "skeleton": self.skeleton.name,
+            "fps": self.fps,
+            "notes": notes,
+            "skipped": [{"id": id_, "reason": reason} for id_, reason in skipped],
+            "clips": rows,
+        }
+        np.savez(
+            folder / MOTION_FILE,
+            local_rotations=torch.cat([clip.local_rotations for clip in self.clips]).to(torch.float32).numpy(),
+            root_positions=torch.cat([clip.root_positions for clip in self.clips]).to(torch.float32).numpy(),
+        )
+        (folder / CLIPS_FILE).write_text(json.dumps(document, indent=1), encoding="utf-8")
+
+
+def skipped_clips(folder: Path) -> list[tuple[str, str]]:
+    """The clips that building the set left out: (id, reason). Raises DatasetError."""
+    return [(entry["id"], entry["reason"]) for entry in _read_document(folder)["skipped"]]
+
+
+def _read_document(folder: Path) -> dict[str, Any]:
+    path = folder / CLIPS_FILE
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise DatasetError(
+            f"{folder}: no {CLIPS_FILE}; make a set with `python -m motiongen_ardy.data build`"
+        ) from error
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise DatasetError(f"{path}: cannot be read: {error}") from error
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise DatasetError(f"{path}: not a training set of format {FORMAT}; build it again")
+    return document
+
+
+def _row(clip: Clip, start: int) -> dict[str, Any]:
+    return {
+        "id": clip.id,
+        "dataset": clip.dataset,
+        "content": clip.content,
+        "style": clip.style,
+        "split": clip.split,
+        "start": start,
+        "length": clip.num_frames,
+        "captions": clip.captions,
+        "segments": [
+            {"start": part.start, "length": part.length, "content": part.content, "captions": part.captions}
+            for part in clip.segments
+        ],
+        "mirror_allowed": clip.mirror_allowed,
+        "derived_from": clip.derived_from,
+        "flags": clip.flags,
+        "figures": dict(clip.figures),
+    }
+
+
+def _clip(row: dict[str, Any], rotations: Tensor, positions: Tensor) -> Clip:
+    frames = slice(row["start"], row["start"] + row["length"])
+    return Clip(
+        id=row["id"],
+        dataset=row["dataset"],
+        content=row["content"],
+        style=row["style"],
+        split=row["split"],
+        captions=tuple(row["captions"]),
+        segments=tuple(
+            Segment(part["start"], part["length"], part["content"], tuple(part["captions"])) for part in row["segments"]
+        ),
+        mirror_allowed=row["mirror_allowed"],
+        derived_from=row["derived_from"],
+        flags=tuple(row["flags"]),
+        figures=row["figures"],
+        local_rotations=rotations[frames],
+        root_positions=positions[frames],
+    )

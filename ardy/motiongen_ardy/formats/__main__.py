@@ -1,0 +1,49 @@
+"""`python -m motiongen_ardy.formats IN OUT`: convert a motion file to another format."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from motiongen_ardy.formats.errors import FormatError
+from motiongen_ardy.formats.files import MOTION_FORMATS, ReadOptions, read_motion, write_motion
+from motiongen_ardy.formats.g1_csv import QPOS_FPS
+from motiongen_ardy.robot.g1 import RobotError
+from motiongen_ardy.skeleton import load_skeleton, skeleton_names
+
+
+def parser() -> argparse.ArgumentParser:
+    listed = "; ".join(f"*{one.suffix} {one.about}{'' if one.read else ' (only written)'}" for one in MOTION_FORMATS)
+    arguments = argparse.ArgumentParser(
+        prog="python -m motiongen_ardy.formats", description=f"{__doc__} Formats: {listed}."
+    )
+    arguments.add_argument("source", type=Path, metavar="IN")
+    arguments.add_argument("target", type=Path, metavar="OUT")
+    names = [one.name for one in MOTION_FORMATS]
+    arguments.add_argument("--from", dest="source_format", choices=names, help="what IN is, if its name does not tell")
+    arguments.add_argument("--to", dest="target_format", choices=names, help="what OUT is, if its name does not tell")
+    arguments.add_argument("--skeleton", choices=skeleton_names(), help="of IN, where it does not follow from the file")
+    arguments.add_argument("--fps", type=float, default=QPOS_FPS, help="rows a second of a g1-csv IN (%(default)s)")
+    arguments.add_argument("--rate-hz", type=float, help="rows a second of a g1-controller-csv OUT (those of IN)")
+    return arguments
+
+
+def main(argv: list[str] | None = None) -> int:
+    given = parser().parse_args(argv)
+    try:
+        options = ReadOptions(load_skeleton(given.skeleton) if given.skeleton else None, given.fps)
+        stored = read_motion(given.source, options, given.source_format)
+        said = write_motion(given.target, stored, given.rate_hz, given.target_format)
+    except (FormatError, RobotError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    motion = stored.motion
+    print(f"{given.target}: {motion.num_frames} frames of {stored.skeleton.name} at {motion.fps} a second")
+    for line in said:
+        print(f"  {line}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,100 @@
+"""Arrays out of an NPZ file from strangers: sizes checked before reading, no pickles, no paths."""
+
+from __future__ import annotations
+
+import io
+import math
+import warnings
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from motiongen_ardy.formats.bounded import MAX_ARRAY_BYTES
+from motiongen_ardy.formats.errors import FormatError, shortened
+
+MAX_MEMBERS = 64
+_HEADER_BYTES = 16_384
+_KINDS = "fiubU"  # numbers, booleans and text
+
+Check = Callable[[str, tuple[int, ...]], None]
+
+
+def array_names(path: Path) -> frozenset[str]:
+    """What the arrays of an NPZ file are called. Raises FormatError as `read_arrays` does."""
+    with _opened(path) as archive:
+        return frozenset(_members(path, archive))
+
+
+def read_arrays(path: Path, names: Mapping[str, str], check: Check) -> dict[str, np.ndarray]:
+    """The arrays of an NPZ file that are called as in `names`; others are left alone.
+
+    names: name -> the kinds of type it may have, out of "f" float, "i" and "u" whole, "b" bool, "U" text. check: called
+    with name and shape of each array before it is read; raises FormatError for a shape that cannot be. Raises
+    FormatError for a damaged archive, too many or too large members, objects, and headers that lie about the size.
+    """
+    with _opened(path) as archive:
+        members = _members(path, archive)
+        return {name: _read(path, archive, members[name], names[name], check) for name in names if name in members}
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
+    """The archive; whatever is raised while it is open is refused as the file's fault."""
+    with path.open("rb") as file:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")  # numpy warns where it guesses
+                with zipfile.ZipFile(file) as archive:
+                    yield archive
+        except FormatError:
+            raise
+        except Exception as error:  # zipfile and numpy meet bytes of anybody's making, and raise whatever they like
+            given = f"not a readable NPZ: {str(error)[:200] or type(error).__name__}"
+            raise FormatError(path, given, "give what numpy.savez writes, whole") from None
+
+
+def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
+    entries = archive.infolist()
+    if len(entries) > MAX_MEMBERS:
+        raise FormatError(path, f"{len(entries)} members", f"an NPZ of motion has at most {MAX_MEMBERS}")
+    members: dict[str, zipfile.ZipInfo] = {}
+    for entry in entries:
+        name = entry.filename.removesuffix(".npy")
+        plain = entry.filename.endswith(".npy") and not any(part in name for part in ("/", "\\", ".."))
+        if not plain or name in members:
+            raise FormatError(
+                path, f"a member called {shortened(entry.filename)}", "members are plain names, each once"
+            )
+        members[name] = entry
+    declared = sum(entry.file_size for entry in entries)
+    if declared > MAX_ARRAY_BYTES:
+        raise FormatError(path, f"{declared} bytes of arrays", f"at most {MAX_ARRAY_BYTES} are read")
+    return members
+
+
+def _read(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo, kinds: str, check: Check) -> np.ndarray:
+    name = entry.filename.removesuffix(".npy")
+    with archive.open(entry) as file:
+        header = io.BytesIO(file.read(min(_HEADER_BYTES, entry.file_size)))
+        version = np.lib.format.read_magic(header)
+        if version not in ((1, 0), (2, 0)):
+            raise FormatError(path, f"{name} is of npy version {version}", "1.0 and 2.0 are read")
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, by_column, dtype = read(header)
+        if dtype.hasobject or dtype.kind not in _KINDS or dtype.kind not in kinds:
+            given = "Python objects (a pickle)" if dtype.hasobject else f"numbers of type {dtype}"
+            raise FormatError(path, f"{name} holds {given}", f"its type must be one of {', '.join(kinds)}")
+        check(name, shape)
+        size = math.prod(shape) * dtype.itemsize
+        start = header.tell()
+        if any(length < 0 for length in shape) or start + size != entry.file_size:
+            given = f"{name} says {str(shape)[:60]} of {dtype} but has {entry.file_size - start} bytes"
+            raise FormatError(path, given, "give what numpy.savez writes, whole")
+        content = header.read() + file.read()
+    if len(content) != size:
+        raise FormatError(path, f"{name} ends after {len(content)} of {size} bytes", "give the whole file")
+    values: np.ndarray = np.frombuffer(content, dtype=dtype)
+    return values.reshape(shape[::-1]).T if by_column else values.reshape(shape)

@@ -1,0 +1,130 @@
+"""Every motion file by the end of its name: which can be read, which written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from motiongen_ardy.formats.arrays import array_names
+from motiongen_ardy.formats.bvh import read_bvh, write_bvh
+from motiongen_ardy.formats.client_npz import MARK as CLIENT_MARK
+from motiongen_ardy.formats.client_npz import read_client_npz
+from motiongen_ardy.formats.errors import FormatError
+from motiongen_ardy.formats.g1_csv import (
+    QPOS_FPS,
+    read_controller_csv,
+    read_qpos_csv,
+    write_controller_csv,
+    write_qpos_csv,
+)
+from motiongen_ardy.formats.gltf import write_glb
+from motiongen_ardy.formats.npz import read_npz, write_npz
+from motiongen_ardy.formats.stored import StoredMotion
+from motiongen_ardy.skeleton import Skeleton
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """What a file may leave open. skeleton: which, where several would fit; fps: of files without a clock."""
+
+    skeleton: Skeleton | None = None
+    fps: float = QPOS_FPS
+
+
+@dataclass(frozen=True)
+class MotionFormat:
+    """One kind of file. write returns lines on what was changed or lost; rate_hz is for kinds that resample."""
+
+    name: str
+    suffix: str
+    about: str
+    read: Callable[[Path, ReadOptions], StoredMotion] | None
+    write: Callable[[Path, StoredMotion, float | None], tuple[str, ...]]
+
+
+def _read_npz(path: Path, options: ReadOptions) -> StoredMotion:
+    read = read_client_npz if CLIENT_MARK in array_names(path) else read_npz
+    return read(path, options.skeleton)
+
+
+def _npz(path: Path, stored: StoredMotion, rate_hz: float | None) -> tuple[str, ...]:
+    write_npz(path, stored)
+    return ()
+
+
+def _bvh(path: Path, stored: StoredMotion, rate_hz: float | None) -> tuple[str, ...]:
+    write_bvh(path, stored)
+    return ()
+
+
+def _glb(path: Path, stored: StoredMotion, rate_hz: float | None) -> tuple[str, ...]:
+    write_glb(path, stored)
+    return ()
+
+
+def _qpos(path: Path, stored: StoredMotion, rate_hz: float | None) -> tuple[str, ...]:
+    return write_qpos_csv(path, stored).lines
+
+
+def _controller(path: Path, stored: StoredMotion, rate_hz: float | None) -> tuple[str, ...]:
+    return write_controller_csv(path, stored, rate_hz).lines
+
+
+# Longer ends first: the first that fits decides.
+MOTION_FORMATS = (
+    MotionFormat(
+        "g1-controller-csv", ".controller.csv", "G1: a clock, qpos within limits, velocities; any rate",
+        lambda path, _: read_controller_csv(path), _controller,
+    ),
+    MotionFormat(
+        "g1-csv", ".csv", "G1: ARDY's 36 columns of qpos", lambda path, options: read_qpos_csv(path, options.fps), _qpos
+    ),
+    MotionFormat("npz", ".npz", "ARDY's arrays; those of the Python client are read too", _read_npz, _npz),
+    MotionFormat("bvh", ".bvh", "BVH in centimetres", lambda path, options: read_bvh(path, options.skeleton), _bvh),
+    MotionFormat("gltf", ".glb", "binary glTF, skeleton, body and animation", None, _glb),
+)  # fmt: skip
+
+
+_PICKLES = (".pkl", ".pickle", ".pt", ".pth")
+
+
+def format_of(path: Path, name: str | None = None) -> MotionFormat:
+    """The format called `name`, or the one that the path's end tells. Raises FormatError, which lists them."""
+    for candidate in MOTION_FORMATS:
+        if candidate.name == name or (name is None and path.name.lower().endswith(candidate.suffix)):
+            return candidate
+    if name is None and path.suffix.lower() in _PICKLES:
+        raise FormatError(
+            path, "a Python pickle, which can run any code", "export the motion to NPZ or BVH where it is from"
+        )
+    known = ", ".join(f"{one.name} (*{one.suffix})" for one in MOTION_FORMATS)
+    raise FormatError(path, f"no format {name!r}" if name else "the name tells no format", f"the formats are {known}")
+
+
+def sample_paths(path: Path, num_samples: int) -> list[Path]:
+    """Where several samples go, as ARDY's command line has it: walk.npz alone, else walk/walk_00.npz and so on."""
+    if num_samples == 1:
+        return [path]
+    suffix = path.name[-len(format_of(path).suffix) :]
+    stem = path.name.removesuffix(suffix)
+    return [path.parent / stem / f"{stem}_{index:02d}{suffix}" for index in range(num_samples)]
+
+
+def read_motion(path: Path, options: ReadOptions | None = None, name: str | None = None) -> StoredMotion:
+    """Read any motion file. Raises FormatError, and OSError as `open` does."""
+    chosen = format_of(path, name)
+    if chosen.read is None:
+        readable = ", ".join(one.name for one in MOTION_FORMATS if one.read is not None)
+        raise FormatError(path, f"{chosen.name} is only written", f"the formats that are read are {readable}")
+    return chosen.read(path, options or ReadOptions())
+
+
+def write_motion(
+    path: Path, stored: StoredMotion, rate_hz: float | None = None, name: str | None = None
+) -> tuple[str, ...]:
+    """Write any motion file; returns lines that say what the format could not keep or had to change.
+
+    rate_hz: rows a second of g1-controller-csv, the motion's own if None; the others keep the motion's frames.
+    """
+    return format_of(path, name).write(path, stored, rate_hz)

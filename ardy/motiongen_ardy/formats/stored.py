@@ -1,0 +1,132 @@
+"""StoredMotion: what every motion file holds, or is completed to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from motiongen_ardy.formats.bounded import check_num_frames
+from motiongen_ardy.formats.errors import FormatError
+from motiongen_ardy.motion import Motion
+from motiongen_ardy.representation import motion_from_pose
+from motiongen_ardy.skeleton import Skeleton, load_skeleton, skeleton_names
+
+ORTHONORMAL_WITHIN = 1e-3
+MAX_FPS = 1000
+MAX_TEXT_LENGTH = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class StoredMotion:
+    """One motion (T frames, no batch) with its skeleton, and the text it was made from where known.
+
+    Raises FormatError for shapes that do not agree, numbers that are not finite, matrices that are no rotations.
+    """
+
+    skeleton: Skeleton
+    motion: Motion
+    text: str = ""
+    source: str = "motion"
+
+    def __post_init__(self) -> None:
+        motion, joints = self.motion, self.skeleton.num_joints
+        num_frames = motion.root_positions.shape[0] if motion.root_positions.ndim else 0
+        check_num_frames(self.source, num_frames)
+        for name, values, shape in (
+            ("local rotations", motion.local_rotations, (num_frames, joints, 3, 3)),
+            ("root positions", motion.root_positions, (num_frames, 3)),
+            ("foot contacts", motion.foot_contacts, (num_frames, 4)),
+        ):
+            if tuple(values.shape) != shape:
+                given = f"{name} of shape {tuple(values.shape)}"
+                raise FormatError(self.source, given, f"{shape} is the shape for {self.skeleton.name}")
+            if not values.isfinite().all():
+                raise FormatError(self.source, f"{name} hold NaN or infinite numbers", "every one must be finite")
+        if not isinstance(motion.fps, int) or not 1 <= motion.fps <= MAX_FPS:
+            raise FormatError(self.source, f"{motion.fps} frames a second", f"give a whole number of 1 to {MAX_FPS}")
+        check_rotations(self.source, motion.local_rotations)
+
+    def positions(self) -> Tensor:
+        """World joint positions (T, J, 3), metres."""
+        return self.motion.positions(self.skeleton)
+
+
+def check_rotations(source: object, matrices: Tensor) -> None:
+    """Raise FormatError unless (..., 3, 3) are rotations to within 0.001."""
+    identity = torch.eye(3, dtype=matrices.dtype)
+    bad = ((matrices.transpose(-1, -2) @ matrices - identity).abs() > ORTHONORMAL_WITHIN).flatten(-2).any(-1)
+    bad |= torch.linalg.det(matrices) < 0
+    if bad.any():
+        given = f"{int(bad.sum())} of {bad.numel()} matrices are no rotations, the first at {bad.nonzero()[0].tolist()}"
+        raise FormatError(source, given, "give orthonormal matrices with determinant 1")
+
+
+def from_pose(
+    skeleton: Skeleton,
+    local_rotations: Tensor,
+    root_positions: Tensor,
+    fps: int,
+    source: object,
+    text: str = "",
+    contacts: Tensor | None = None,
+) -> StoredMotion:
+    """A stored motion in float32 of poses of any precision; contacts follow from the poses where a file has none."""
+    check_num_frames(source, len(root_positions))
+    rotations, root = local_rotations.float(), root_positions.float()
+    if contacts is None:
+        contacts = motion_from_pose(skeleton, local_rotations.double(), root_positions.double(), fps).foot_contacts
+    return StoredMotion(skeleton, Motion(rotations, root, contacts, fps), text, str(source))
+
+
+def whole_fps(source: object, fps: float, given: str | None = None) -> int:
+    """A frame rate as the whole number that Motion counts in. Raises FormatError for 29.97 and the like."""
+    if not (0 < fps <= MAX_FPS) or abs(fps - round(fps)) > 1e-3 * fps or round(fps) < 1:
+        said = given or f"{fps:g} frames a second"
+        raise FormatError(source, said, f"give a whole number of frames a second, 1 to {MAX_FPS}; resample it first")
+    return round(fps)
+
+
+def skeleton_with(source: object, joint_names: Sequence[str], wanted: Skeleton | None = None) -> Skeleton:
+    """The skeleton whose joints have exactly these names, in any order; `wanted` if given.
+
+    Raises FormatError, which says what is missing and what is too many.
+    """
+    candidates = [wanted] if wanted is not None else [load_skeleton(name) for name in skeleton_names()]
+    for skeleton in candidates:
+        if set(skeleton.joint_names) == set(joint_names):
+            return skeleton
+    if wanted is None:
+        closest = max(candidates, key=lambda one: len(set(one.joint_names) & set(joint_names)))
+    else:
+        closest = wanted
+    missing = [name for name in closest.joint_names if name not in set(joint_names)]
+    extra = [name[:40] for name in joint_names if name not in set(closest.joint_names)]
+    given = f"{len(joint_names)} joints that are not those of {closest.name}: {len(missing)} missing"
+    given += f" ({', '.join(missing[:3])} ...)" if missing else ""
+    given += f", {len(extra)} too many ({', '.join(extra[:3])} ...)" if extra else ""
+    names = ", ".join(one.name for one in candidates)
+    allowed = f"the skeletons are {names}; retarget others first, see python -m motiongen_ardy.data"
+    raise FormatError(source, given, allowed)
+
+
+def skeleton_of_size(source: object, num_joints: int, wanted: Skeleton | None = None) -> Skeleton:
+    """The skeleton with this many joints (all differ in it); `wanted` if given. Raises FormatError."""
+    candidates = [wanted] if wanted is not None else [load_skeleton(name) for name in skeleton_names()]
+    for skeleton in candidates:
+        if skeleton.num_joints == num_joints:
+            return skeleton
+    known = ", ".join(f"{one.num_joints} ({one.name})" for one in candidates)
+    raise FormatError(source, f"{num_joints} joints", f"the numbers of joints read are {known}")
+
+
+def check_bones(source: object, skeleton: Skeleton, offsets: Tensor, within_m: float = 0.01) -> None:
+    """Raise FormatError if a file's offsets (J, 3) in metres are not the skeleton's: its motion would be another's."""
+    error = (offsets - torch.as_tensor(skeleton.offsets)).norm(dim=-1)
+    error[0] = 0
+    if float(error.max()) > within_m:
+        joint = int(error.argmax())
+        given = f"the bone of {skeleton.joint_names[joint]} differs by {100 * float(error[joint]):.1f} cm"
+        raise FormatError(source, given, f"a file of {skeleton.name} has its bones; retarget others first")

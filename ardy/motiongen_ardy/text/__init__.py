@@ -1,0 +1,28 @@
+"""Text encoders: prompt -> one vector. The denoiser takes the vectors as they are; a blank prompt is a zero vector."""
+
+from motiongen_ardy.text.encoder import (
+    TextEncoder,
+    TextEncoderChanged,
+    TextEncoderUnavailable,
+    TextWidthMismatch,
+    UnknownTextEncoder,
+    Vectors,
+    check_width,
+)
+from motiongen_ardy.text.hashed import HashedTextEncoder
+from motiongen_ardy.text.loading import load_text_encoder
+from motiongen_ardy.text.static import StaticTextEncoder, built_in_text_folder
+
+__all__ = [
+    "HashedTextEncoder",
+    "StaticTextEncoder",
+    "TextEncoder",
+    "TextEncoderChanged",
+    "TextEncoderUnavailable",
+    "TextWidthMismatch",
+    "UnknownTextEncoder",
+    "Vectors",
+    "built_in_text_folder",
+    "check_width",
+    "load_text_encoder",
+]

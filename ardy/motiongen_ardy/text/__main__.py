@@ -1,0 +1,52 @@
+"""Encode prompts into a file for servers: python -m motiongen_ardy.text prompts.txt prompts.safetensors --encoder llm2vec
+
+A line of prompts.txt is an id, a tab and a prompt; or a prompt alone, which then is its own id.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from motiongen_ardy.text.loading import FORMS, load_text_encoder
+from motiongen_ardy.text.prompt_file import encode_prompts, write_prompt_file
+
+
+def read_lines(path: Path) -> list[tuple[str, str]]:
+    """The pairs (id, prompt) of a file; blank lines are left out."""
+    pairs = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        name, separator, prompt = line.partition("\t")
+        if line.strip():
+            pairs.append((name.strip(), (prompt if separator else name).strip()))
+    return pairs
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m motiongen_ardy.text", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("prompts", type=Path, help="text file, a prompt a line")
+    parser.add_argument("out", type=Path, help="file to write")
+    parser.add_argument("--encoder", default="static", help=f"{FORMS} (default %(default)s)")
+    parser.add_argument("--width", type=int, help="numbers in a vector; for hashed, which fits any")
+    parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"), help="of llm2vec (default %(default)s)")
+    parser.add_argument(
+        "--precision", default="bfloat16", choices=("float32", "bfloat16"), help="of llm2vec (default %(default)s)"
+    )
+    given = parser.parse_args(arguments)
+    try:
+        encoder = load_text_encoder(given.encoder, given.width, given.device, given.precision)
+        prompts = encode_prompts(encoder, read_lines(given.prompts))
+        write_prompt_file(given.out, prompts)
+    except (OSError, ValueError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    print(f"{given.out}: {len(prompts.ids)} prompts, {encoder.width} numbers each, from {encoder.identity}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,46 @@
+"""A stand-in without meaning: every word has a fixed pseudo-random vector."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from motiongen_ardy.text.encoder import TextWidthMismatch, Vectors
+
+
+class HashedTextEncoder:
+    """A bag of words in which every word has a fixed pseudo-random vector, of any width.
+
+    It knows nothing of meaning; it serves tests, and models whose own encoder is not at hand.
+    """
+
+    def __init__(self, width: int) -> None:
+        if width < 1:
+            raise TextWidthMismatch(f"a text vector needs at least 1 number, not {width}")
+        self._width = width
+
+    @property
+    def identity(self) -> str:
+        return f"hashed-{self._width}"
+
+    @property
+    def width(self) -> int:
+        return self._width
+
+    def encode(self, texts: Sequence[str]) -> Vectors:
+        vectors = np.zeros((len(texts), self._width), np.float32)
+        for row, text in enumerate(texts):
+            words = re.findall(r"\w+", text.lower())
+            for word in words:
+                vectors[row] += _word_vector(word, self._width) / np.sqrt(len(words))
+        return vectors
+
+
+@lru_cache(maxsize=4096)
+def _word_vector(word: str, width: int) -> Vectors:
+    seed = int.from_bytes(hashlib.sha256(word.encode()).digest()[:8], "little")
+    return np.random.default_rng(seed).standard_normal(width).astype(np.float32)

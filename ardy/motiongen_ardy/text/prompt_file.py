@@ -1,0 +1,127 @@
+"""Prompts with their vectors in one file, computed beforehand: by an encoder that need not be there when they are used.
+
+safetensors: the tensor `vectors` (N, W) float32, and in the metadata the encoder, the ids and the texts.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from motiongen_ardy.text.encoder import PromptNotEncoded, TextEncoder, UnknownTextEncoder, Vectors, is_blank
+
+FORMAT = "motiongen-prompts-1"
+MAX_FILE_BYTES = 1 << 30
+MAX_ID_CHARACTERS = 64
+
+
+class PromptFileError(UnknownTextEncoder):
+    """Raised for a file of prompts that cannot be used; the message says what is wrong with it."""
+
+
+@dataclass(frozen=True, eq=False)
+class PromptFile:
+    """Prompts of one encoder. ids, texts: N of each, all different; vectors: (N, W) float32, finite."""
+
+    text_encoder: str
+    ids: tuple[str, ...]
+    texts: tuple[str, ...]
+    vectors: Vectors
+
+    def __post_init__(self) -> None:
+        """Raises PromptFileError."""
+        if self.vectors.ndim != 2 or len(self.vectors) != len(self.ids) or len(self.ids) != len(self.texts):
+            raise PromptFileError(
+                f"{len(self.ids)} ids, {len(self.texts)} texts and vectors of shape {self.vectors.shape} do not fit"
+            )
+        if self.vectors.dtype != np.float32 or not np.isfinite(self.vectors).all():
+            raise PromptFileError("the vectors must be finite numbers in float32")
+        for what, values in (("id", self.ids), ("text", self.texts)):
+            if len(set(values)) < len(values):
+                raise PromptFileError(
+                    f"a {what} is there twice: {next(v for v in values if values.count(v) > 1)[:80]!r}"
+                )
+        for identifier in self.ids:
+            if not 0 < len(identifier) <= MAX_ID_CHARACTERS:
+                raise PromptFileError(f"the id {identifier[:80]!r} must have 1 to {MAX_ID_CHARACTERS} characters")
+        if any(is_blank(text) for text in self.texts):
+            raise PromptFileError("a prompt is blank; no prompt at all means the same")
+
+
+def encode_prompts(encoder: TextEncoder, prompts: Sequence[tuple[str, str]]) -> PromptFile:
+    """The pairs (id, text) with their vectors. Raises PromptFileError, and what the encoder raises."""
+    texts = tuple(text for _, text in prompts)
+    return PromptFile(encoder.identity, tuple(name for name, _ in prompts), texts, encoder.encode(texts))
+
+
+def write_prompt_file(path: Path, prompts: PromptFile) -> None:
+    """Write it, in place of what is there."""
+    from safetensors.numpy import save_file
+
+    metadata = {
+        "format": FORMAT,
+        "text_encoder": prompts.text_encoder,
+        "ids": json.dumps(prompts.ids),
+        "texts": json.dumps(prompts.texts),
+    }
+    save_file({"vectors": np.ascontiguousarray(prompts.vectors)}, path, metadata)
+
+
+def read_prompt_file(path: Path) -> PromptFile:
+    """The prompts of a file that `write_prompt_file` wrote. Raises PromptFileError."""
+    from safetensors import SafetensorError, safe_open
+
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise PromptFileError(f"{path} has more than {MAX_FILE_BYTES} bytes")
+        with safe_open(path, framework="numpy") as file:
+            metadata = file.metadata() or {}
+            if metadata.get("format") != FORMAT or list(file.keys()) != ["vectors"]:
+                raise PromptFileError(f"{path} is no file of prompts; make one with python -m motiongen_ardy.text")
+            vectors = file.get_tensor("vectors")
+        ids, texts = (_strings(metadata.get(name, ""), name) for name in ("ids", "texts"))
+        return PromptFile(metadata.get("text_encoder", ""), ids, texts, vectors)
+    except OSError as error:
+        raise PromptFileError(f"{path} cannot be read: {error.strerror or error}") from error
+    except SafetensorError as error:
+        raise PromptFileError(f"{path} is no safetensors file: {error}") from error
+
+
+def _strings(text: str, name: str) -> tuple[str, ...]:
+    try:
+        values = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise PromptFileError(f"its {name} are no JSON: {str(error)[:200]}") from error
+    if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
+        raise PromptFileError(f"its {name} are no list of strings")
+    return tuple(values)
+
+
+class PromptFileEncoder:
+    """Knows the prompts of a file and no others; it has the identity of the encoder that made them."""
+
+    def __init__(self, prompts: PromptFile) -> None:
+        self._identity = prompts.text_encoder
+        self._width = int(prompts.vectors.shape[1])
+        self._known = dict(zip(prompts.texts, prompts.vectors, strict=True))
+
+    @property
+    def identity(self) -> str:
+        return self._identity
+
+    @property
+    def width(self) -> int:
+        return self._width
+
+    def encode(self, texts: Sequence[str]) -> Vectors:
+        vectors = np.zeros((len(texts), self._width), np.float32)
+        for row, text in enumerate(texts):
+            if not is_blank(text):
+                if text not in self._known:
+                    raise PromptNotEncoded("it is none of the prompts that were encoded beforehand")
+                vectors[row] = self._known[text]
+        return vectors

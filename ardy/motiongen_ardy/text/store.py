@@ -1,0 +1,179 @@
+"""Vectors on the disk, kept from one start to the next and shared by processes of one machine: an SQLite file."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import sqlite3
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+
+from motiongen_ardy.text.encoder import Vectors
+
+_log = logging.getLogger(__name__)
+
+SCHEMA = 1
+LOCK_WAIT_S = 2.0
+PRUNE_TO = 0.9
+TOUCH_S = 3600.0
+"""How exactly the time of the last use is known; noting each would make every reading a writing."""
+CREATE = (
+    """
+    CREATE TABLE IF NOT EXISTS vectors (
+        encoder TEXT NOT NULL, text TEXT NOT NULL, vector BLOB NOT NULL, used_at REAL NOT NULL,
+        PRIMARY KEY (encoder, text)
+    ) WITHOUT ROWID
+    """,
+    "CREATE TABLE IF NOT EXISTS encoders (name TEXT PRIMARY KEY, identity TEXT NOT NULL, width INTEGER NOT NULL)",
+)
+
+
+def known_encoder(path: Path, name: str) -> tuple[str, int] | None:
+    """Identity and width that the encoder called `name` had when a store in this file was last told of it."""
+    if not path.is_file():
+        return None
+    try:
+        with contextlib.closing(sqlite3.connect(path, timeout=LOCK_WAIT_S)) as connection:
+            row = connection.execute("SELECT identity, width FROM encoders WHERE name = ?", (name,)).fetchone()
+    except sqlite3.Error:
+        return None
+    return None if row is None else (str(row[0]), int(row[1]))
+
+
+class VectorStore:
+    """What one encoder made of texts. The key is the encoder's identity, which names its precision, and the text.
+
+    May be used from several threads. It only saves time, so it never stands in the way: where the file is broken,
+    locked or full, it warns once, remembers nothing, and what uses it goes on. A file that is no database is put aside.
+    """
+
+    def __init__(self, path: Path, identity: str, width: int, max_entries: int = 65_536) -> None:
+        """max_entries: of all encoders together; of more, the least recently used go."""
+        self._identity = identity
+        self._width = width
+        self._max_entries = max_entries
+        self._path = path
+        self._lock = threading.Lock()
+        self._has_warned = False
+        self._connection = self._open()
+
+    def get(self, text: str) -> Vectors | None:
+        """(width,) of the text, None where it is not known."""
+        with self._lock:
+            try:
+                return self._get(text)
+            except sqlite3.Error as error:
+                self._warn(error)
+                return None
+
+    def put(self, text: str, vector: Vectors) -> None:
+        """Remember it."""
+        with self._lock:
+            try:
+                self._put(text, vector)
+            except sqlite3.Error as error:
+                self._warn(error)
+
+    def note_encoder(self, name: str) -> None:
+        """Remember that this store's encoder is the one called `name`, for `known_encoder`."""
+        with self._lock:
+            try:
+                if self._connection is not None:
+                    with self._connection:
+                        self._connection.execute(
+                            "INSERT OR REPLACE INTO encoders VALUES (?, ?, ?)", (name, self._identity, self._width)
+                        )
+            except sqlite3.Error as error:
+                self._warn(error)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        with self._lock:
+            if self._connection is not None:
+                self._connection.close()
+                self._connection = None
+
+    def _get(self, text: str) -> Vectors | None:
+        if self._connection is None:
+            return None
+        key = (self._identity, text)
+        query = "SELECT vector, used_at FROM vectors WHERE encoder = ? AND text = ?"
+        row = self._connection.execute(query, key).fetchone()
+        if row is None:
+            return None
+        content, used_at = row
+        if not isinstance(content, bytes) or len(content) != 4 * self._width:
+            return None
+        vector = np.frombuffer(content, "<f4").astype(np.float32)
+        if not np.isfinite(vector).all():
+            return None
+        if abs(time.time() - used_at) > TOUCH_S:
+            with self._connection:
+                self._connection.execute(
+                    "UPDATE vectors SET used_at = ? WHERE encoder = ? AND text = ?", (time.time(), *key)
+                )
+        return vector
+
+    def _put(self, text: str, vector: Vectors) -> None:
+        if self._connection is None:
+            return
+        content = np.ascontiguousarray(vector, "<f4").tobytes()
+        with self._connection:
+            self._connection.execute(
+                "INSERT OR REPLACE INTO vectors VALUES (?, ?, ?, ?)", (self._identity, text, content, time.time())
+            )
+            (count,) = self._connection.execute("SELECT count(*) FROM vectors").fetchone()
+            if count > self._max_entries:
+                surplus = count - int(PRUNE_TO * self._max_entries)
+                self._connection.execute(
+                    "DELETE FROM vectors WHERE (encoder, text) IN "
+                    "(SELECT encoder, text FROM vectors ORDER BY used_at LIMIT ?)",
+                    (surplus,),
+                )
+
+    def _open(self) -> sqlite3.Connection | None:
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            return self._connect()
+        except sqlite3.OperationalError as error:  # no right to write, no room: not the file's fault
+            self._warn(error)
+        except sqlite3.DatabaseError as error:
+            return self._start_anew(error)
+        except OSError as error:
+            self._warn(error)
+        return None
+
+    def _connect(self) -> sqlite3.Connection:
+        connection = sqlite3.connect(self._path, timeout=LOCK_WAIT_S, check_same_thread=False)
+        try:
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute("PRAGMA synchronous = NORMAL")  # a crash may cost the last ones, never the file
+            (schema,) = connection.execute("PRAGMA user_version").fetchone()
+            if schema not in (0, SCHEMA):
+                raise sqlite3.OperationalError(f"it was written by another version, {schema}")
+            with connection:
+                for statement in CREATE:
+                    connection.execute(statement)
+                connection.execute(f"PRAGMA user_version = {SCHEMA}")
+        except sqlite3.Error:
+            connection.close()
+            raise
+        return connection
+
+    def _start_anew(self, error: Exception) -> sqlite3.Connection | None:
+        aside = self._path.with_name(self._path.name + ".broken")
+        _log.warning("the prompt store %s is no database (%s); it is now %s", self._path, error, aside.name)
+        try:
+            self._path.replace(aside)
+            return self._connect()
+        except (OSError, sqlite3.Error) as second:
+            self._warn(second)
+            return None
+
+    def _warn(self, error: Exception) -> None:
+        if not self._has_warned:
+            self._has_warned = True
+            _log.warning("the prompt store %s cannot be used: %s", self._path, error)

@@ -1,0 +1,279 @@
+"""One character as its client sees it: playback by arithmetic, and its edits on their way.
+
+No task, no timer, no frame data. When a frame is due follows from when playback began; whether it was there is found
+out when the next frames arrive. A character that has nothing to show holds its pose for whole frame times, as a game's
+loop would, and plays on from there, so everything after is due that much later.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from motiongen.v1 import motion_pb2, session_pb2
+from motiongen_tools.bench.book import ANSWER, EVENT, LATENESS, OPEN, SCREEN, SLACK, Book
+from motiongen_tools.bench.schedule import CharacterPlan, Phases
+
+START_GRACE_S = 1.0  # a character that shows nothing so long after its intended open misses frames
+_JITTER_S = 0.02  # most by which a game's loop comes to ask for a frame after it is due
+_JITTER_PERIOD = 1021  # prime, so that characters and frames do not fall into step
+
+_CONTINUE = session_pb2.PLAN_CAUSE_CONTINUE
+
+
+@dataclass(slots=True)
+class PendingEdit:
+    """An edit that was sent, until its outcome and its first changed frame have come, in either order.
+
+    first_frame: the first that it changes, once a plan has named it.
+    """
+
+    intended_s: float
+    first_frame: int | None = None
+    answered: bool = False
+    changed: bool = False
+
+
+@dataclass(slots=True)
+class Showing:
+    """An edit whose first changed frame has come and has not been shown."""
+
+    intended_s: float
+    frame: int
+    arrived_s: float
+
+
+class Character:
+    """Playback and books of one character. All times are seconds from the start of the run."""
+
+    __slots__ = (
+        "_book", "_due_from_s", "_edits", "_epoch_s", "_frame_s", "_group", "_jitter", "_phases", "_plan_number",
+        "_showing", "_shown_to", "buffered_to", "committed_to", "ended", "handle", "missed", "next_seq", "open_sent",
+        "opened", "plan", "started",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        handle: int,
+        plan: CharacterPlan,
+        group: str,
+        fps: int,
+        jitter: tuple[float, ...],
+        phases: Phases,
+        book: Book,
+    ) -> None:
+        self.handle = handle
+        self.plan = plan
+        self._group = group
+        self._frame_s = 1 / fps
+        self._jitter = jitter
+        self._phases = phases
+        self._book = book
+        self.open_sent = self.opened = self.started = self.ended = False
+        self.next_seq = 1
+        self.buffered_to = self.committed_to = 0
+        self.missed = 0
+        self._plan_number = 0
+        self._epoch_s = 0.0  # when frame 0 was due; moved by every pose that was held
+        self._shown_to = 0  # frames below it have been shown, whatever came later
+        self._due_from_s = plan.open_s + START_GRACE_S
+        self._edits: dict[int, PendingEdit] = {}
+        self._showing: list[Showing] = []
+
+    @property
+    def is_live(self) -> bool:
+        """Whether it may be told something."""
+        return self.open_sent and not self.ended
+
+    @property
+    def is_playing(self) -> bool:
+        return self.started and not self.ended
+
+    # ---- what is sent
+
+    def take_seq(self, intended_s: float | None = None) -> int:
+        """The number of the next event; with a moment, it is an edit whose way is followed."""
+        seq = self.next_seq
+        self.next_seq += 1
+        if intended_s is not None:
+            self._edits[seq] = PendingEdit(intended_s)
+        return seq
+
+    def playhead(self, now_s: float) -> int:
+        """The frame being shown."""
+        return max(min(int((now_s - self._epoch_s) / self._frame_s), self.buffered_to - 1), 0)
+
+    def held_now(self, now_s: float) -> int:
+        """Frame times, up to now, of a pose that is being held and not counted yet."""
+        return max(int((now_s - self._epoch_s) / self._frame_s) - self.buffered_to + 1, 0)
+
+    # ---- what comes
+
+    def take_opened(self) -> None:
+        self.opened = True
+
+    def take_notice(self, notice: session_pb2.PlanNotice, now_s: float) -> None:
+        """Drop what the plan replaces, and note which edits it holds."""
+        self._plan_number = notice.plan
+        counts = self._book.counts
+        counts["plans"] += 1
+        if notice.cause != _CONTINUE:
+            counts["replans"] += 1
+        if notice.valid_from < self.buffered_to:
+            counts["frames_superseded"] += self.buffered_to - notice.valid_from
+            if self.started:
+                self._shown_to = self.playhead(now_s) + 1
+                if notice.valid_from < self._shown_to:
+                    counts["shown_frames_replaced"] += 1
+            self.buffered_to = notice.valid_from
+        for seq in notice.event_seqs:
+            edit = self._edits.get(seq)
+            if edit is not None:
+                edit.first_frame = notice.valid_from
+
+    def take_chunk(self, chunk: motion_pb2.FrameChunk, now_s: float) -> None:
+        """Frames have come: were they there when they were due?"""
+        first, end = chunk.first_frame, chunk.first_frame + chunk.frame_count
+        if chunk.plan != self._plan_number or first != self.buffered_to:
+            self._book.counts["protocol_breaches"] += 1  # of another plan, or with a gap or overlap
+            if chunk.plan != self._plan_number:
+                return
+        self._book.add("frames", self._group, now_s, chunk.frame_count)
+        if not self.started:
+            self._start(first, now_s)
+        needed = max(first, self._shown_to)
+        if needed < end:
+            self._meet_deadline(needed, now_s)
+        self.buffered_to = end
+        self.committed_to = chunk.committed_to
+        if self._edits:
+            self._find_changed(end, now_s)
+
+    def take_outcome(self, outcome: session_pb2.EditOutcome, now_s: float) -> None:
+        """An edit was answered. The refusals are counted by the stream."""
+        edit = self._edits.get(outcome.event_seq)
+        if edit is None:
+            return
+        self._record(ANSWER, edit.intended_s, now_s)
+        edit.answered = True
+        counts = self._book.counts
+        if outcome.code:
+            del self._edits[outcome.event_seq]
+        elif not outcome.HasField("effective_frame"):
+            counts["edits_that_changed_nothing"] += 1
+            del self._edits[outcome.event_seq]
+        elif edit.changed:
+            del self._edits[outcome.event_seq]
+        elif (
+            edit.first_frame is None
+        ):  # it lies beyond everything planned: when its frames come says nothing of the server
+            counts["edits_beyond_the_plan"] += 1
+            del self._edits[outcome.event_seq]
+
+    def look(self, now_s: float) -> None:
+        """Note the edits that have come on screen by now. Called now and then; the moment itself is arithmetic."""
+        if self._showing:
+            playhead = self.playhead(now_s)
+            self._showing = [showing for showing in self._showing if not self._has_shown(showing, playhead, now_s)]
+
+    def end(self, now_s: float, *, as_planned: bool) -> None:
+        """The session is over, or the run is. as_planned: if not, it goes on missing frames until its planned close."""
+        if self.ended:
+            return
+        self.ended = True
+        if not self.open_sent:
+            return
+        self.look(now_s)
+        end_s = now_s if as_planned else min(self.plan.close_s, self._phases.end_s)
+        self._count_missed(self._due_s(self.buffered_to) if self.started else self._due_from_s, end_s)
+        self._book.add_span("due", self._group, self._due_from_s, end_s, 1 / self._frame_s)
+        if not self.started:
+            self._book.counts["characters_without_a_frame"] += 1
+            self._book.record(OPEN, self._group, now_s - self.plan.open_s)
+
+    def give_up_edits(self, now_s: float) -> None:
+        """The run is over: what still waits has waited at least so long; leaving it out would flatter the server."""
+        for edit in self._edits.values():
+            if edit.changed:
+                continue
+            if self._phases.measure_from_s <= edit.intended_s < self._phases.measure_to_s:
+                self._book.counts["edits_unanswered"] += 1
+                self._record(EVENT, edit.intended_s, now_s)
+        self._edits.clear()
+
+    def drop_edits(self) -> None:
+        """The character leaves as planned, before its last edits could be answered."""
+        cut_off = sum(not edit.changed for edit in self._edits.values())
+        if cut_off:
+            self._book.counts["edits_cut_off_by_a_close"] += cut_off
+        self._edits.clear()
+
+    def refused(self) -> None:
+        """The server did not open it."""
+        self.ended = True
+
+    # ---- arithmetic
+
+    def _due_s(self, frame: int) -> float:
+        """When the loop comes to ask for a frame."""
+        jitter = self._jitter[(self.handle * 31 + frame) % _JITTER_PERIOD]
+        return self._epoch_s + frame * self._frame_s + jitter
+
+    def _start(self, first: int, now_s: float) -> None:
+        self.started = True
+        self._book.record(OPEN, self._group, now_s - self.plan.open_s)
+        self._count_missed(self._due_from_s, now_s)
+        self._due_from_s = min(self._due_from_s, now_s)
+        self._epoch_s = now_s - first * self._frame_s
+        self._shown_to = first
+
+    def _meet_deadline(self, frame: int, now_s: float) -> None:
+        due_s = self._due_s(frame)
+        in_window = self._phases.measure_from_s <= now_s < self._phases.measure_to_s
+        if in_window:
+            self._book.record(LATENESS, self._group, max(now_s - due_s, 0.0))
+            self._book.record(SLACK, self._group, max(due_s - now_s, 0.0))
+        if now_s > due_s:
+            self.look(now_s)
+            if in_window:
+                self._book.counts["late_chunks"] += 1
+            held = self._count_missed(due_s, now_s)
+            self.missed += held
+            self._epoch_s += held * self._frame_s
+
+    def _count_missed(self, due_s: float, now_s: float) -> int:
+        """Whole frame times from due_s until now in which there was nothing new to show: one underrun."""
+        if now_s <= due_s:
+            return 0
+        held = math.floor((now_s - due_s) / self._frame_s) + 1
+        self._book.add("underruns", self._group, due_s)
+        for number in range(held):
+            self._book.add("missed", self._group, due_s + number * self._frame_s)
+        return held
+
+    def _find_changed(self, end: int, now_s: float) -> None:
+        for seq, edit in list(self._edits.items()):
+            if edit.changed or edit.first_frame is None or edit.first_frame >= end:
+                continue
+            edit.changed = True
+            self._record(EVENT, edit.intended_s, now_s)
+            self._showing.append(Showing(edit.intended_s, edit.first_frame, now_s))
+            if edit.answered:
+                del self._edits[seq]
+
+    def _has_shown(self, showing: Showing, playhead: int, now_s: float) -> bool:
+        due_s = max(self._due_s(showing.frame), showing.arrived_s)
+        if playhead < showing.frame or due_s > now_s:
+            return False
+        self._record(SCREEN, showing.intended_s, due_s)
+        return True
+
+    def _record(self, what: str, intended_s: float, now_s: float) -> None:
+        if self._phases.measure_from_s <= intended_s < self._phases.measure_to_s:
+            self._book.record(what, self._group, now_s - intended_s)
+
+
+def make_jitter() -> tuple[float, ...]:
+    """0 to 20 ms, by a low-discrepancy sequence: the same in every run."""
+    golden = (math.sqrt(5) - 1) / 2
+    return tuple(_JITTER_S * (number * golden % 1.0) for number in range(_JITTER_PERIOD))

@@ -1,0 +1,207 @@
+"""One process of the load: its streams, its part of the schedule, and the watch over its own punctuality."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from motiongen_client.types import Catalog
+from motiongen_tools.bench import edits
+from motiongen_tools.bench.book import GENERATOR, LOOP_LAG, SEND_LAG
+from motiongen_tools.bench.character import Character, make_jitter
+from motiongen_tools.bench.lane import Lane, report
+from motiongen_tools.bench.load import Load, Progress, Report
+
+_TICK_S = 0.025
+_LEAST_SLEEP_S = 0.001  # several events of one millisecond share a wake-up
+_PROBE_S = 0.01
+_PING_PERIOD_S = 2.0
+_HANDLES_FROM = 1
+
+
+class Generator:
+    """Plays one process's part of a load. Use: `connect`, then `play` with the moment at which the run starts."""
+
+    def __init__(self, load: Load, catalog: Catalog, process: int) -> None:
+        self._load = load
+        self._catalog = catalog
+        self._process = process
+        self._schedule = load.schedule()
+        self._phases = self._schedule.phases
+        self._groups = load.scenario.groups
+        self._book = load.new_book(self._phases)
+        self._started_at_s = math.nan  # on time.monotonic
+        self._cpu_from_s: float | None = None
+        self._cpu_to_s: float | None = None
+        self._make_lanes()
+
+    def _make_lanes(self) -> None:
+        """Characters go round all streams of all processes; this process has every processes-th stream."""
+        load, schedule = self._load, self._schedule
+        most = max(schedule.most_at_once(), 1)
+        at_once = min(load.scenario.characters_per_stream, self._catalog.limits.max_sessions_per_stream)
+        num_lanes = max(math.ceil(most / at_once), load.processes)
+        fps, jitter = self._catalog.rigs[0].frame_rate_hz, make_jitter()
+        max_bytes = self._catalog.limits.max_request_bytes
+        self._lanes: list[Lane] = []
+        self._lane_of: dict[int, Lane] = {}
+        self._character_of: dict[int, Character] = {}
+        for index in range(self._process, num_lanes, load.processes):
+            lane = Lane(load.address, max_bytes, self._now_s, self._book)
+            self._lanes.append(lane)
+            members = []
+            for plan in schedule.characters[index::num_lanes]:
+                group = self._groups[plan.group].name
+                handle = _HANDLES_FROM + plan.number // num_lanes
+                character = Character(handle, plan, group, fps, jitter, self._phases, self._book)
+                self._lane_of[plan.number], self._character_of[plan.number] = lane, character
+                members.append((character, group))
+            lane.adopt(members)
+        self._num_slices = max(1, round(1 / (load.scenario.report_hz * _TICK_S)))
+        self._slices: list[list[tuple[Lane, Character]]] = [[] for _ in range(self._num_slices)]
+        for number, character in self._character_of.items():
+            self._slices[number % self._num_slices].append((self._lane_of[number], character))
+        self._intents = self._draw_up()
+
+    def _draw_up(self) -> list[tuple[float, int, int, int]]:
+        """(at_s, character, rule, value) of all that this process is to send; rule -1 opens, -2 closes."""
+        schedule = self._schedule
+        intents = []
+        for number, character in self._character_of.items():
+            intents.append((character.plan.open_s, number, _OPEN, 0))
+            if character.plan.close_s < math.inf:
+                intents.append((character.plan.close_s, number, _CLOSE, 0))
+        mine = np.isin(schedule.edit_character, np.fromiter(self._character_of, np.int64, len(self._character_of)))
+        columns = (schedule.edit_at_s, schedule.edit_character, schedule.edit_rule, schedule.edit_value)
+        intents += zip(*(column[mine].tolist() for column in columns), strict=True)
+        return sorted(intents)
+
+    def numbers(self) -> list[int]:
+        """The characters that are this process's."""
+        return sorted(self._character_of)
+
+    async def connect(self) -> None:
+        """Open the streams. Raises ServerUnavailable."""
+        self._started_at_s = time.monotonic()
+        await asyncio.gather(*(lane.start() for lane in self._lanes))
+
+    async def play(self, start_at_s: float, tell: Callable[[Progress], None]) -> Report:
+        """Play the schedule from the moment start_at_s of time.monotonic. tell: called once a second."""
+        self._started_at_s = start_at_s
+        gc.collect()
+        gc.freeze()  # so that collections are short: a pause of ours would be measured as one of the server
+        try:
+            probe = asyncio.create_task(self._probe(), name="bench-probe")
+            await self._drive(tell)
+            probe.cancel()
+            await asyncio.gather(probe, return_exceptions=True)
+        finally:
+            gc.unfreeze()
+        end_s = self._now_s()
+        for character in self._character_of.values():
+            character.look(end_s)
+            character.give_up_edits(end_s)
+            character.end(end_s, as_planned=True)
+        await asyncio.gather(*(lane.stop() for lane in self._lanes))
+        return Report(
+            process=self._process,
+            book=self._book.pack(),
+            cpu_s=(self._cpu_to_s or time.process_time()) - (self._cpu_from_s or time.process_time()),
+            streams=len(self._lanes),
+        )
+
+    def _now_s(self) -> float:
+        return time.monotonic() - self._started_at_s
+
+    async def _drive(self, tell: Callable[[Progress], None]) -> None:
+        intents, position = self._intents, 0
+        ticks, next_tell_s, next_ping_s = 0, 0.0, 0.0
+        while True:
+            now_s = self._now_s()
+            while position < len(intents) and intents[position][0] <= now_s:
+                self._act(*intents[position])
+                position += 1
+            if now_s >= ticks * _TICK_S:
+                ticks = max(ticks + 1, int(now_s / _TICK_S))  # a tick that was missed is not made up for
+                self._report_playheads(self._slices[ticks % self._num_slices], now_s)
+                self._note_cpu(now_s)
+                if now_s >= next_ping_s:
+                    next_ping_s = now_s + _PING_PERIOD_S
+                    for lane in self._lanes:
+                        lane.put_ping()
+                if now_s >= next_tell_s:
+                    next_tell_s = now_s + 1.0
+                    tell(self._progress(now_s))
+            for lane in self._lanes:
+                lane.flush()
+            if now_s >= self._phases.end_s:
+                return
+            next_s = min(ticks * _TICK_S, intents[position][0] if position < len(intents) else math.inf)
+            await asyncio.sleep(max(next_s - self._now_s(), _LEAST_SLEEP_S))
+
+    def _act(self, intended_s: float, number: int, rule: int, value: int) -> None:
+        character, lane = self._character_of[number], self._lane_of[number]
+        group = self._groups[character.plan.group]
+        now_s = self._now_s()
+        if rule == _OPEN:
+            if lane.lost:
+                self._book.counts["opens_not_sent"] += 1
+                return
+            character.open_sent = True
+            lane.put(edits.open_event(character, group, self._load.denoise_steps))
+            self._book.add("opens", group.name, intended_s)
+        elif not character.is_live:
+            self._book.counts["events_of_characters_that_are_not_there"] += 1
+            return
+        elif rule == _CLOSE:
+            lane.put(edits.close_event(character))
+            character.drop_edits()
+            character.end(now_s, as_planned=True)
+        else:
+            told = group.edits[rule]
+            lane.put(edits.edit_event(character, group, told, value, intended_s, now_s, self._catalog))
+            self._book.add("edits", group.name, intended_s)
+        self._record_lag(SEND_LAG, now_s, now_s - intended_s)
+
+    def _report_playheads(self, members: list[tuple[Lane, Character]], now_s: float) -> None:
+        for lane, character in members:
+            if character.is_playing:
+                character.look(now_s)
+                lane.put(report(character, now_s))
+
+    async def _probe(self) -> None:
+        """How late the event loop wakes who sleeps."""
+        while True:
+            due_s = self._now_s() + _PROBE_S
+            await asyncio.sleep(_PROBE_S)
+            now_s = self._now_s()
+            self._record_lag(LOOP_LAG, now_s, now_s - due_s)
+
+    def _record_lag(self, what: str, now_s: float, lag_s: float) -> None:
+        if self._phases.measure_from_s <= now_s < self._phases.measure_to_s:
+            self._book.record(what, GENERATOR, max(lag_s, 0.0))
+
+    def _note_cpu(self, now_s: float) -> None:
+        if self._cpu_from_s is None and now_s >= self._phases.measure_from_s:
+            self._cpu_from_s = time.process_time()
+        if self._cpu_to_s is None and now_s >= self._phases.measure_to_s:
+            self._cpu_to_s = time.process_time()
+
+    def _progress(self, now_s: float) -> Progress:
+        second = int(now_s)
+        return Progress(
+            process=self._process,
+            at_s=now_s,
+            playing=sum(character.is_playing for character in self._character_of.values()),
+            missed=round(self._book.total("missed", second - 1, second)) if second else 0,
+            edits=round(self._book.total("edits", 0, second + 1)),
+            refused=round(self._book.total("refused", 0, second + 1)),
+        )
+
+
+_OPEN, _CLOSE = -1, -2

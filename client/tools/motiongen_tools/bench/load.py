@@ -1,0 +1,54 @@
+"""What a run is asked for, and what the generator processes say of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from motiongen_tools.bench.book import Book, PackedBook
+from motiongen_tools.bench.scenario import Scenario
+from motiongen_tools.bench.schedule import Phases, Schedule, make_schedule
+
+
+@dataclass(frozen=True)
+class Load:
+    """What is to be played, the same for all processes.
+
+    seconds: of measuring, after ramp and settling. denoise_steps: None leaves them to the server.
+    """
+
+    address: str
+    scenario: Scenario
+    characters: int
+    seconds: int
+    seed: int
+    denoise_steps: int | None = None
+    processes: int = 1
+
+    def schedule(self) -> Schedule:
+        return make_schedule(self.scenario, self.characters, self.seconds, self.seed)
+
+    def new_book(self, phases: Phases) -> Book:
+        return Book(tuple(group.name for group in self.scenario.groups), math.ceil(phases.end_s))
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How it goes, from one process. missed: frames in the second before; edits, refused: so far."""
+
+    process: int
+    at_s: float
+    playing: int
+    missed: int
+    edits: int
+    refused: int
+
+
+@dataclass(frozen=True)
+class Report:
+    """What one process brings home. cpu_s: its own, while measuring. streams: calls it held."""
+
+    process: int
+    book: PackedBook
+    cpu_s: float
+    streams: int

@@ -1,0 +1,127 @@
+"""The most characters that a server serves in full, found by doubling, bisection, and a longer run to confirm."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field, replace
+
+from motiongen_tools.bench.book import EVENT
+from motiongen_tools.bench.load import Load
+from motiongen_tools.bench.result import Result
+
+_MOST_CHARACTERS = 1_000_000
+_TRIES_WHEN_VOID = 3  # something else on the machine may have made the load late
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One run of a search. shortfalls: empty when all were served in full; void: when the figures do not count."""
+
+    characters: int
+    seconds: int
+    miss_ratio: float
+    event_p99_ms: float | None
+    shortfalls: tuple[str, ...]
+    void: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        return not self.shortfalls and not self.void
+
+
+@dataclass
+class Bracket:
+    """What is known so far: `most` were served, `too_many` were not (None: no such number is known).
+
+    It ends when the two are neighbours within `tolerance` (of `most`).
+    """
+
+    start: int
+    tolerance: float = 0.05
+    most: int = 0
+    too_many: int | None = None
+    _served: list[int] = field(default_factory=list)
+
+    def next(self) -> int | None:
+        """The next number to try; None when there is nothing more to find out."""
+        if self.too_many is None:
+            return min(self.most * 2 or self.start, _MOST_CHARACTERS) if self.most < _MOST_CHARACTERS else None
+        if self.too_many - self.most <= max(1, self.tolerance * self.most):
+            return None
+        return self.too_many // 2 if self.most == 0 else (self.most + self.too_many) // 2
+
+    def note(self, characters: int, passed: bool) -> None:
+        """A number was tried. One that passed and then failed has failed, and so has every larger one."""
+        if passed:
+            self._served.append(characters)
+            self.most = max(self.most, characters)
+        else:
+            self.too_many = characters if self.too_many is None else min(self.too_many, characters)
+            self._served = [served for served in self._served if served < self.too_many]
+            self.most = max(self._served, default=0)
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search came to. result: the confirming run of `characters`; None when not one was served.
+
+    limited_by_generator: a larger number was void, so the server may well serve more.
+    """
+
+    characters: int
+    result: Result | None
+    trials: tuple[Trial, ...]
+    limited_by_generator: bool
+
+
+async def find_most(
+    load: Load,
+    run: Callable[[Load], Awaitable[Result]],
+    trial_seconds: int,
+    note: Callable[[Trial], None],
+    rest: Callable[[], Awaitable[None]],
+) -> Found:
+    """Start with load.characters. Trials measure trial_seconds, the run that confirms the answer load.seconds.
+
+    note: called after each trial. rest: lets the server get over a trial that was too much for it.
+    """
+    bracket = Bracket(load.characters)
+    trials: list[Trial] = []
+
+    async def attempt(characters: int, seconds: int) -> Result:
+        for _ in range(_TRIES_WHEN_VOID):
+            result = await run(replace(load, characters=characters, seconds=seconds))
+            trials.append(judge(result))
+            note(trials[-1])
+            if trials[-1].passed:
+                break
+            await rest()
+            if not trials[-1].void:
+                break
+        bracket.note(characters, trials[-1].passed)
+        return result
+
+    confirmed: Result | None = None
+    while confirmed is None:
+        while (characters := bracket.next()) is not None:
+            await attempt(characters, trial_seconds)
+        if bracket.most == 0:
+            break
+        result = await attempt(bracket.most, load.seconds)
+        if trials[-1].passed:
+            confirmed = result
+    last = {trial.characters: trial for trial in trials}
+    limited = bracket.too_many in last and bool(last[bracket.too_many].void)
+    return Found(bracket.most, confirmed, tuple(trials), limited)
+
+
+def judge(result: Result) -> Trial:
+    event = result.latency_ms(EVENT)
+    return Trial(
+        result.load.characters,
+        result.load.seconds,
+        result.figures().miss_ratio,
+        event.get("p99"),
+        tuple(result.shortfalls()),
+        tuple(result.void_reasons()),
+    )

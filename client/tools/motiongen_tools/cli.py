@@ -1,0 +1,251 @@
+"""The command line: `motiongen stream`, `generate`, `catalog`, `demo`, `bench` and `admin`."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import logging
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from motiongen_client.errors import MotiongenError
+from motiongen_tools import cli_admin, cli_bench, cli_catalog, cli_generate, cli_stream, demo
+
+DEFAULT_SERVER = "localhost:50051"
+
+
+@dataclass
+class Script:
+    """Prompts by the second they take over at, in the order given, and an `--at` that waits for its prompt."""
+
+    prompts: list[tuple[float, str]] = field(default_factory=list)
+    waiting_at_s: float | None = None
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command. Returns 0, 1 when it failed, 2 for wrong arguments, 130 when interrupted."""
+    try:
+        options = parse(arguments)
+    except SystemExit as end:  # argparse has printed why, or the help
+        return int(end.code or 0)
+    try:
+        with _warnings_shown():
+            result: int = asyncio.run(options.command(options))
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    except MotiongenError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return result
+
+
+@contextlib.contextmanager
+def _warnings_shown() -> Iterator[None]:
+    """What the library warns of, on standard error: prompts and constraints that a model does not know, refusals."""
+    shown = logging.StreamHandler(sys.stderr)
+    shown.setFormatter(logging.Formatter("warning: %(message)s"))
+    log = logging.getLogger("motiongen_client")
+    log.addHandler(shown)
+    try:
+        yield
+    finally:
+        log.removeHandler(shown)
+
+
+def parse(arguments: Sequence[str]) -> argparse.Namespace:
+    """The options of a command line. Exits with 2, and says why, where they make no sense."""
+    parser = _parser()
+    arguments, settings = _server_settings(list(arguments))
+    options = parser.parse_args(arguments)
+    if options.command is cli_generate.generate:
+        options.server_arguments = settings
+        _check_generate(parser, options)
+    if options.command is cli_stream.stream:
+        _check_stream(parser, options)
+    if options.command is cli_bench.bench:
+        cli_bench.check(parser, options)
+    return options
+
+
+def _server_settings(arguments: list[str]) -> tuple[list[str], list[str]]:
+    """What stands after `--` of generate: argparse cannot tell it from a prompt."""
+    if arguments[:1] != ["generate"] or "--" not in arguments:
+        return arguments, []
+    at = arguments.index("--")
+    return arguments[:at], arguments[at + 1 :]
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="motiongen", description="Characters that obey prompts and waypoints.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    stream = commands.add_parser(
+        "stream",
+        help="generate the motion of one character and write it to files",
+        description="Generate the motion of one character and write it as BVH, and as NPZ and PNG if asked for.",
+        epilog='Example: motiongen stream --prompt "a person walks forward" --at 4 --prompt "a person runs" '
+        "--waypoint 0.5,4@3 --seconds 8 --out motion.bvh --npz --png",
+    )
+    stream.set_defaults(command=cli_stream.stream, script=Script())
+    _add_server(stream)
+    stream.add_argument("--prompt", action=_Prompt, metavar="TEXT", help="what to do; again, after --at, to change it")
+    stream.add_argument("--at", action=_At, metavar="SECONDS", help="when the next --prompt takes over")
+    stream.add_argument(
+        "--waypoint",
+        action="append",
+        default=[],
+        type=cli_stream.parse_waypoint,
+        metavar="X,Z@SECONDS",
+        help="be at world x, z (metres) at a time; again for more. X,Z,HEADING@SECONDS gives the facing too (radians)",
+    )
+    stream.add_argument("--seconds", type=_positive, default=8.0, help="how long (default: %(default)s)")
+    stream.add_argument(
+        "--out", type=_bvh_path, default=Path("motion.bvh"), metavar="FILE", help="BVH file (default: %(default)s)"
+    )
+    stream.add_argument("--npz", action="store_true", help="write FILE.npz too: the arrays, joint positions included")
+    stream.add_argument("--png", action="store_true", help="write FILE.png too: path and skeletons (needs matplotlib)")
+    stream.add_argument("--seed", type=int, help="same seed, same motion (default: the server draws one)")
+    stream.add_argument("--steps", type=int, metavar="N", help="denoising steps of a window (default: the server's)")
+    stream.add_argument("--model", default="", metavar="NAME", help="model of the catalogue (default: its first)")
+    stream.add_argument("--realtime", action="store_true", help="take frames in real time, not as fast as they come")
+
+    generate = commands.add_parser(
+        "generate",
+        help="generate clips as fast as a server makes them, and write them to files",
+        description="Generate bounded clips, several samples at once, and write them in the formats of animation and "
+        "robot tools. The server makes them in the background of its sessions.",
+        usage="motiongen generate [options] [PROMPT] [-- SETTING ...]",
+        epilog='Example: motiongen generate "a person walks forward" --at 3 --prompt "a person runs" --seconds 6 '
+        "--samples 4 --out walk.npz --start-server. What follows -- are settings of the server that is started.",
+    )
+    generate.set_defaults(command=cli_generate.generate, script=Script())
+    where = generate.add_mutually_exclusive_group()
+    _add_server(where)
+    where.add_argument("--start-server", action="store_true", help="start one for this; its settings stand after --")
+    generate.add_argument("prompt", nargs="?", metavar="PROMPT", help="what to do from the start")
+    generate.add_argument("--prompt", dest="script", action=_Prompt, metavar="TEXT", help="after --at, what to do next")
+    generate.add_argument("--at", action=_At, metavar="SECONDS", help="when the next --prompt takes over")
+    cli_generate.add_arguments(generate)
+
+    catalog = commands.add_parser("catalog", help="show what a server offers", description="Show what a server offers.")
+    catalog.set_defaults(command=cli_catalog.catalog)
+    _add_server(catalog)
+
+    show = commands.add_parser(
+        "demo",
+        help="start a server and drive eight characters in real time",
+        description="Start a server with the built-in model, drive eight characters on one stream in real time, write "
+        "a BVH file for each and one picture of all, and print what was measured. Needs the motiongen package.",
+    )
+    show.set_defaults(command=demo.demo)
+    show.add_argument("--out", type=Path, default=Path("demo_out"), metavar="FOLDER", help="default: %(default)s")
+    show.add_argument("--seconds", type=_positive, default=12.0, help="how long (default: %(default)s)")
+    show.add_argument("--server", metavar="HOST:PORT", help="use this server instead of starting one")
+
+    bench = commands.add_parser(
+        "bench",
+        help="put a load on a server and measure",
+        description="Put a load on a server: many characters that play in real time and are told things at moments "
+        "fixed beforehand. Prints what was measured and writes it as JSON, PNG and HTML.",
+        epilog="Example: motiongen bench --start-server --scenario crowd --characters 40 --seconds 20 --seed 1. "
+        "Exit code 3: the load itself was late, and the figures do not count.",
+    )
+    bench.set_defaults(command=cli_bench.bench)
+    which = bench.add_mutually_exclusive_group()
+    _add_server(which)
+    which.add_argument("--start-server", action="store_true", help="start one for this, and measure what it uses")
+    cli_bench.add_arguments(bench)
+
+    admin = commands.add_parser(
+        "admin",
+        help="load and unload the models of a running server",
+        description="Load, unload and reload the models of a server that was started with --admin-listen, on its own "
+        "machine. Sessions of other models go on meanwhile.",
+        epilog="Example: motiongen admin load g1; motiongen admin unload motiongen-mini --grace 30",
+    )
+    admin.set_defaults(command=cli_admin.admin)
+    cli_admin.add_arguments(admin, cli_stream.parse_seconds)
+    return parser
+
+
+def _add_server(parser: argparse._ActionsContainer) -> None:
+    parser.add_argument("--server", default=DEFAULT_SERVER, metavar="HOST:PORT", help="default: %(default)s")
+
+
+def _check_generate(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    script: Script = options.script
+    if options.prompt is not None:
+        if script.prompts and script.prompts[0][0] == 0:
+            parser.error("PROMPT and a --prompt without --at before it are both for the start; give one")
+        options.script = script = Script([(0.0, options.prompt), *script.prompts], script.waiting_at_s)
+    if script.waiting_at_s is not None:
+        parser.error(f"--at {script.waiting_at_s:g} has no --prompt after it")
+    if not script.prompts and not options.waypoint and options.constraints is None and options.history is None:
+        parser.error("nothing to do: give a PROMPT, --waypoint, --constraints or --history")
+    if options.server_arguments and not options.start_server:
+        parser.error(f"{options.server_arguments[0]!r} is for a server that this starts: give --start-server too")
+    _check_times(parser, options)
+
+
+def _check_stream(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    script: Script = options.script
+    if script.waiting_at_s is not None:
+        parser.error(f"--at {script.waiting_at_s:g} has no --prompt after it")
+    if not script.prompts and not options.waypoint:
+        parser.error("nothing to do: give a --prompt, a --waypoint or both")
+    _check_times(parser, options)
+
+
+def _check_times(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    script: Script = options.script
+    for name, at_s in [
+        *(("--at", at_s) for at_s, _ in script.prompts),
+        *(("--waypoint", waypoint.at_s) for waypoint in options.waypoint),
+    ]:
+        if at_s >= options.seconds:
+            parser.error(f"{name}: {at_s:g} s is not before the end, which is at --seconds {options.seconds:g}")
+
+
+class _Prompt(argparse.Action):
+    """`--prompt TEXT`, at the time of the `--at` before it."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any) -> None:
+        script: Script = namespace.script
+        if script.waiting_at_s is None and script.prompts:
+            parser.error(f"--prompt {values!r}: a second prompt needs --at SECONDS before it")
+        at_s = script.waiting_at_s or 0.0
+        if script.prompts and at_s <= script.prompts[-1][0]:
+            parser.error(f"--at {at_s:g}: times must rise; the prompt before it is at {script.prompts[-1][0]:g} s")
+        namespace.script = Script([*script.prompts, (at_s, values)])
+
+
+class _At(argparse.Action):
+    """`--at SECONDS`, for the `--prompt` after it."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any) -> None:
+        script: Script = namespace.script
+        if script.waiting_at_s is not None:
+            parser.error(f"--at {script.waiting_at_s:g} has no --prompt after it")
+        try:
+            namespace.script = Script(script.prompts, cli_stream.parse_seconds(values))
+        except argparse.ArgumentTypeError as error:
+            parser.error(f"argument --at: {error}")
+
+
+def _positive(text: str) -> float:
+    seconds = cli_stream.parse_seconds(text)
+    if seconds == 0:
+        raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a number of seconds above 0")
+    return seconds
+
+
+def _bvh_path(text: str) -> Path:
+    path = Path(text)
+    if path.suffix not in ("", ".bvh"):
+        raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a name that ends in .bvh or has no ending")
+    return path.with_suffix(".bvh")

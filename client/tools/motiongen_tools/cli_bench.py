@@ -1,0 +1,168 @@
+"""`motiongen bench`: load for a server, and what came of it as tables, JSON, a picture and a page."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import importlib.util
+import math
+import os
+import secrets
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from motiongen_client.errors import InvalidInput, MissingExtra
+from motiongen_tools.bench import terminal
+from motiongen_tools.bench.load import Load
+from motiongen_tools.bench.report import write_report
+from motiongen_tools.bench.result import Result, Standard
+from motiongen_tools.bench.run import run_load
+from motiongen_tools.bench.scenario import BUILT_IN, load_scenario
+from motiongen_tools.bench.search import Found, find_most
+from motiongen_tools.console import make_console
+from motiongen_tools.server_process import ServerProcess
+
+VOID = 3  # exit code of a run whose figures do not count
+_CHARACTERS_A_PROCESS = 2000
+_REST_S = 10.0
+_NEEDED = {"hdrh": "hdrhistogram", "matplotlib": "matplotlib", "psutil": "psutil", "yaml": "pyyaml"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command, but for which server."""
+    parser.add_argument(
+        "server_arguments", nargs="*", metavar="-- SETTING", help="for the server that --start-server starts"
+    )
+    scenarios = f"{', '.join(BUILT_IN)}, or a YAML or JSON file"
+    parser.add_argument("--scenario", default="crowd", metavar="NAME", help=f"{scenarios} (default: %(default)s)")
+    parser.add_argument("--characters", type=_whole(1), metavar="N", help="how many at once (default: the scenario's)")
+    parser.add_argument(
+        "--seconds", type=_whole(1), default=30, metavar="N", help="to measure, after warming up (default: %(default)s)"
+    )
+    parser.add_argument("--seed", type=_whole(0), metavar="N", help="same seed, same load (default: a new one)")
+    parser.add_argument("--steps", type=_whole(1), metavar="N", help="denoising steps (default: the server's)")
+    parser.add_argument(
+        "--processes", type=_whole(1), metavar="N", help="that make the load (default: by characters and cores)"
+    )
+    parser.add_argument("--find", action="store_true", help="find the most characters that are served in full")
+    parser.add_argument(
+        "--max-misses",
+        type=_number_above_zero,
+        default=100 * Standard.max_miss_ratio,
+        metavar="PERCENT",
+        help="of frames; served in full is below it (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--trial-seconds",
+        type=_whole(1),
+        default=10,
+        metavar="N",
+        help="to measure in each trial of --find; its answer is confirmed with --seconds (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--max-lag-ms",
+        type=_number_above_zero,
+        default=Standard.max_lag_ms,
+        metavar="MS",
+        help="a run is void when the load itself was later than this (p99; default: %(default)g)",
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/load"), metavar="FOLDER", help="of the report (default: %(default)s)"
+    )
+
+
+async def bench(options: argparse.Namespace) -> int:
+    """Run, print, write. Returns 3 when the figures do not count, else 0."""
+    console = make_console()
+    _check_report(options.out)
+    standard = Standard(options.max_misses / 100, options.max_lag_ms)
+    scenario = load_scenario(options.scenario)
+    load = Load(
+        address=options.server,
+        scenario=scenario,
+        characters=options.characters or scenario.characters,
+        seconds=options.seconds,
+        seed=secrets.randbits(32) if options.seed is None else options.seed,
+        denoise_steps=options.steps,
+    )
+    with contextlib.ExitStack() as stack:
+        pid = None
+        if options.start_server:
+            server = stack.enter_context(ServerProcess(options.server_arguments))
+            load, pid = replace(load, address=server.address), server.pid
+        console.print(terminal.describe(load), soft_wrap=True)
+
+        async def run(load: Load) -> Result:
+            load = replace(load, processes=options.processes or num_processes(load.characters))
+            with terminal.showing(console, load) as tell:
+                return await run_load(load, tell, standard, pid)
+
+        found: Found | None = None
+        result: Result | None
+        if options.find:
+            found = await find_most(
+                load,
+                run,
+                options.trial_seconds,
+                lambda trial: console.print(terminal.describe_trial(trial), soft_wrap=True),
+                lambda: asyncio.sleep(_REST_S),
+            )
+            result = found.result
+        else:
+            result = await run(load)
+    if result is not None:
+        terminal.print_result(console, result)
+    if found is not None:
+        console.print(terminal.describe_found(found), soft_wrap=True)
+    for path in write_report(options.out, standard, result, found):
+        console.print(f"wrote {path}", soft_wrap=True)
+    if found is not None:
+        return VOID if found.limited_by_generator else 0
+    return VOID if result is None or result.void_reasons() else 0
+
+
+def _check_report(out: Path) -> None:
+    """Find out before the run whether its report can be written. Raises MissingExtra, InvalidInput."""
+    for module, package in _NEEDED.items():
+        if importlib.util.find_spec(module) is None:
+            raise MissingExtra("motiongen bench", package, "bench")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidInput("--out", str(out), f"a folder that can be made and written ({error.strerror})") from None
+    if not os.access(out, os.W_OK):
+        raise InvalidInput("--out", str(out), "a folder that can be written")
+
+
+def num_processes(characters: int) -> int:
+    """Enough for so many characters, and no more than half the cores: the server may need the others."""
+    return max(1, min((os.cpu_count() or 1) // 2, math.ceil(characters / _CHARACTERS_A_PROCESS)))
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Exit with 2, and say why, where options make no sense together."""
+    if options.server_arguments and not options.start_server:
+        parser.error(f"{options.server_arguments[0]!r} is for a server that this starts: give --start-server too")
+
+
+def _whole(least: int) -> Callable[[str], int]:
+    """A type of argparse: whole numbers from `least`."""
+
+    def parse(text: str) -> int:
+        if not text.isascii() or not text.isdigit() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a whole number of {least} or more")
+        return int(text)
+
+    return parse
+
+
+def _number_above_zero(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number) or number <= 0:
+        raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a number above 0")
+    return number

@@ -1,0 +1,262 @@
+"""`motiongen generate`: clips in one call, to files of any format."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import json
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from motiongen_client.client import MotionClient
+from motiongen_client.errors import InvalidInput
+from motiongen_client.motion import Motion, Rig
+from motiongen_client.types import Clip, Constraint, Deviation, Keyframe, Model, SessionOptions, Trajectory
+from motiongen_tools.ardy_npz import read_ardy_npz, write_ardy_npz
+from motiongen_tools.bvh import write_bvh
+from motiongen_tools.cli_stream import parse_seconds, parse_waypoint
+from motiongen_tools.console import make_console, make_table
+from motiongen_tools.constraint_file import read_constraints
+from motiongen_tools.conversion import convert_file
+from motiongen_tools.npz import write_npz
+from motiongen_tools.server_process import ServerProcess
+
+# Longer ends first: the first that fits decides.
+SUFFIXES = (".controller.csv", ".csv", ".npz", ".bvh", ".glb", ".json")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command, but for prompts and which server."""
+    parser.add_argument("--seconds", type=_positive, default=6.0, help="how long (default: %(default)s)")
+    parser.add_argument("--samples", type=_whole(1), default=1, metavar="N", help="how many (default: %(default)s)")
+    parser.add_argument(
+        "--out",
+        type=out_path,
+        action="append",
+        metavar="FILE",
+        help="again for more: .npz, .bvh; .glb, and for a G1 .csv and .controller.csv, by the converter of the package "
+        "motiongen; .json says how near the constraints were met (default: motion.npz)",
+    )
+    parser.add_argument("--constraints", type=Path, metavar="FILE", help="JSON constraint list, as ARDY's tools write")
+    parser.add_argument(
+        "--waypoint", action="append", default=[], type=parse_waypoint, metavar="X,Z@SECONDS",
+        help="be at world x, z (metres) at a time; again for more. X,Z,HEADING@SECONDS gives the facing too (radians)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--history", type=Path, metavar="FILE", help="motion that the clip goes on from: NPZ, BVH, or CSV of a G1"
+    )
+    parser.add_argument("--history-hz", type=_positive, metavar="N", help="rows a second of a CSV (default: the rig's)")
+    parser.add_argument("--history-frames", type=_whole(1), metavar="N", help="that each window sees before it")
+    parser.add_argument("--seed", type=_whole(0), help="of the first sample; the next have one more each")
+    parser.add_argument("--steps", type=_whole(1), metavar="N", help="denoising steps (default: the server's)")
+    parser.add_argument("--text-guidance", type=float, metavar="W", help="weight of prompts (default: the server's)")
+    parser.add_argument("--constraint-guidance", type=float, metavar="W", help="weight of constraints (the same)")
+    parser.add_argument("--rate-hz", type=_positive, metavar="N", help="rows a second of .controller.csv")
+    parser.add_argument("--timeout", type=_positive, metavar="SECONDS", help="give up after so long")
+    parser.add_argument("--model", default="", metavar="NAME", help="model of the catalogue (default: its first)")
+
+
+async def generate(options: argparse.Namespace) -> int:
+    """Ask for the clip, write the files, print what came."""
+    console = make_console()
+    with contextlib.ExitStack() as stack:
+        address = options.server
+        if options.start_server:
+            with console.status("starting a server"):
+                address = stack.enter_context(ServerProcess(options.server_arguments)).address
+        async with MotionClient(address) as client:
+            catalog = client.catalog
+            model = catalog.model(options.model) if options.model else catalog.models[0]
+            rig = catalog.rig(model.rig_id)
+            num_frames = max(1, rig.frames_in(options.seconds))
+            constraints: list[Constraint] = [waypoint.in_frames(rig) for waypoint in options.waypoint]
+            if options.constraints is not None:
+                longest = catalog.limits.max_trajectory_frames
+                constraints += read_constraints(options.constraints, rig, num_frames, longest)
+            prompts = {rig.frames_in(at_s): text for at_s, text in options.script.prompts}
+            opening = await asyncio.to_thread(session_options, options, model, rig)
+            begun_s = time.monotonic()
+            clips = await client.generate_clip(
+                num_frames=num_frames,
+                num_samples=options.samples,
+                later_prompts=prompts,
+                options=opening,
+                constraints=constraints,
+                timeout_s=options.timeout,
+            )
+            took_s = time.monotonic() - begun_s
+    text = "; then ".join(prompts[frame] for frame in sorted(prompts))
+    for out in options.out or [Path("motion.npz")]:
+        for path, lines in write_clips(out, clips, constraints, text, options.rate_hz):
+            console.print("; ".join([f"wrote {path}", *lines]), soft_wrap=True)
+    samples = f"{options.samples} samples" if options.samples > 1 else "1 sample"
+    console.print(
+        f"{samples} of {num_frames / rig.frame_rate_hz:g} s in {took_s:.2f} s, seed {clips[0].seed}, "
+        f"{clips[0].denoise_steps} denoising steps",
+        soft_wrap=True,
+    )
+    if constraints:
+        console.print(residual_table(clips, constraints))
+    console.print(f"The weights of {model.model_id} are licensed {model.licence}.", soft_wrap=True)
+    return 0
+
+
+def session_options(options: argparse.Namespace, model: Model, rig: Rig) -> SessionOptions:
+    """What the command line says of the sessions that the samples are like. Raises InvalidInput, ConversionFailed."""
+    prior = None
+    if options.history is not None:
+        prior = read_prior(options.history, rig, options.history_hz)
+        longest = model.max_history_frames if options.history_frames is None else options.history_frames
+        length = min(len(prior), longest) // model.patch_frames * model.patch_frames
+        if not length:
+            raise InvalidInput("--history", f"{len(prior)} frames", f"{model.patch_frames} frames or more")
+        prior = Motion(rig, 0, prior.rows[-length:])
+    return SessionOptions(
+        model_id=model.model_id,
+        seed=options.seed,
+        denoise_steps=options.steps,
+        text_guidance=options.text_guidance,
+        constraint_guidance=options.constraint_guidance,
+        history_frames=options.history_frames,
+        prior=prior,
+    )
+
+
+def read_prior(path: Path, rig: Rig, rate_hz: float | None) -> Motion:
+    """Motion of the rig from a file; what is not in ARDY's NPZ form goes through the converter."""
+    with tempfile.TemporaryDirectory() as folder:
+        converted = Path(folder) / "history.npz"
+        rate = ("--fps", str(rate_hz or rig.frame_rate_hz)) if path.suffix == ".csv" else ()
+        convert_file(path, converted, *rate)
+        return read_ardy_npz(converted, rig)
+
+
+def write_clips(
+    out: Path, clips: Sequence[Clip], constraints: Sequence[Constraint], text: str, rate_hz: float | None
+) -> list[tuple[Path, list[str]]]:
+    """Write every sample; returns the files, each with what its format could not keep."""
+    if out.name.endswith(".json"):
+        out.parent.mkdir(parents=True, exist_ok=True)
+        report = [clip_report(clip, constraints) for clip in clips]
+        out.write_text(json.dumps({"prompt": text, "samples": report}, indent=2) + "\n", encoding="utf-8")
+        return [(out, [])]
+    written = []
+    for path, clip in zip(sample_paths(out, len(clips)), clips, strict=True):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        written.append((path, write_motion(path, clip.motion, text, rate_hz)))
+    return written
+
+
+def write_motion(path: Path, motion: Motion, text: str, rate_hz: float | None) -> list[str]:
+    """Write what the path's end says; returns what the format could not keep."""
+    if path.suffix == ".npz":
+        write_ardy_npz(path, motion, text)
+    elif path.suffix == ".bvh":
+        write_bvh(path, motion)
+    else:
+        with tempfile.TemporaryDirectory() as folder:
+            source = Path(folder) / "motion.npz"
+            write_npz(source, motion)
+            is_controller = path.name.endswith(".controller.csv") and rate_hz is not None
+            return convert_file(source, path, *(("--rate-hz", str(rate_hz)) if is_controller else ()))
+    return []
+
+
+def sample_paths(path: Path, num_samples: int) -> list[Path]:
+    """Where samples go, as ARDY's command line has it: walk.npz alone, else walk/walk_00.npz and so on."""
+    if num_samples == 1:
+        return [path]
+    suffix = suffix_of(path)
+    stem = path.name.removesuffix(suffix)
+    return [path.parent / stem / f"{stem}_{index:02d}{suffix}" for index in range(num_samples)]
+
+
+def suffix_of(path: Path) -> str:
+    """The end of the name that tells the format; none where it tells nothing."""
+    return next((suffix for suffix in SUFFIXES if path.name.endswith(suffix)), "")
+
+
+def clip_report(clip: Clip, constraints: Sequence[Constraint]) -> dict[str, Any]:
+    """One sample as JSON."""
+    residuals = [
+        {
+            "constraint": describe(constraint),
+            "frames": residual.num_frames,
+            "position_m": _numbers(residual.position_m),
+            "heading_rad": _numbers(residual.heading_rad),
+            "rotation_rad": _numbers(residual.rotation_rad),
+        }
+        for constraint, residual in zip(constraints, clip.residuals, strict=True)
+    ]
+    return {
+        "model": clip.model_id,
+        "seed": clip.seed,
+        "denoise_steps": clip.denoise_steps,
+        "frames": len(clip.motion),
+        "frame_rate_hz": clip.motion.rig.frame_rate_hz,
+        "warnings": [{"reason": one.reason, "message": one.message} for one in clip.warnings],
+        "residuals": residuals,
+    }
+
+
+def _numbers(deviation: Deviation | None) -> dict[str, float] | None:
+    return None if deviation is None else {"mean": deviation.mean, "worst": deviation.worst}
+
+
+def residual_table(clips: Sequence[Clip], constraints: Sequence[Constraint]) -> Any:
+    """How near the worst sample came to each constraint."""
+    table = make_table("", "constraint, worst of all samples", "position", "heading", "rotation")
+    for index, constraint in enumerate(constraints):
+        residuals = [clip.residuals[index] for clip in clips]
+        metres = _worst([one.position_m for one in residuals])
+        angles = [_worst([getattr(one, kind) for one in residuals]) for kind in ("heading_rad", "rotation_rad")]
+        told = ["-" if metres is None else f"{100 * metres:.1f} cm"]
+        told += ["-" if angle is None else f"{angle:.3f} rad" for angle in angles]
+        table.add_row(describe(constraint), *told)
+    return table
+
+
+def _worst(deviations: Sequence[Deviation | None]) -> float | None:
+    return max((one.worst for one in deviations if one is not None), default=None)
+
+
+def describe(constraint: Constraint) -> str:
+    """A constraint in a few words."""
+    if isinstance(constraint, Trajectory):
+        last = constraint.first_frame + len(constraint.positions_m) - 1
+        what = "waypoint" if last == constraint.first_frame else "path"
+        return f"{what} at frame {constraint.first_frame}" + (f" to {last}" if what == "path" else "")
+    what = "keyframe" if isinstance(constraint, Keyframe) else type(constraint).__name__.lower()
+    return f"{'joints' if what == 'jointtargets' else what} at frame {constraint.frame}"
+
+
+def out_path(text: str) -> Path:
+    """Raises ArgumentTypeError, which argparse prints, for a name that tells no format."""
+    path = Path(text)
+    if not suffix_of(path) or not path.name.removesuffix(suffix_of(path)):
+        raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a name that ends in {', '.join(SUFFIXES)}")
+    return path
+
+
+def _positive(text: str) -> float:
+    seconds = parse_seconds(text)
+    if seconds == 0:
+        raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a number above 0")
+    return seconds
+
+
+def _whole(least: int) -> Any:
+    def parse(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = least - 1
+        if value < least:
+            raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a whole number of {least} or more")
+        return value
+
+    return parse

@@ -1,0 +1,124 @@
+"""A server process of one's own: started on free ports, stopped by SIGTERM. For demos, tests and measurements.
+
+The server is another distribution and is run, never imported.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from motiongen_client.errors import MotiongenError
+
+_LOG_TAIL_LINES = 30
+
+
+class ServerFailed(MotiongenError):
+    """The server process did not start, or did not end as it should. log_tail: the last lines it wrote."""
+
+    def __init__(self, what: str, log_tail: str) -> None:
+        super().__init__(f"{what}\nlast lines of the server's log:\n{log_tail or '(nothing was written)'}")
+        self.log_tail = log_tail
+
+
+class ServerProcess:
+    """`python -m motiongen_server` as a child process. Use it as `with ServerProcess() as server`; it is ready then.
+
+    arguments: further settings for the server, such as ["--denoise-steps", "10"]; `python -m motiongen_server --help` lists them.
+    address: host:port of the service; ops_address: of health checks and metrics. ready_s: seconds from start to ready.
+    """
+
+    def __init__(self, arguments: Sequence[str] = (), *, ready_timeout_s: float = 120.0) -> None:
+        self._command = [
+            sys.executable, "-m", "motiongen_server", "--host", "127.0.0.1", "--port", "0", "--ops-port", "0", "--print-ports",
+            *arguments,
+        ]  # fmt: skip
+        self._ready_timeout_s = ready_timeout_s
+        self._process: subprocess.Popen[str] | None = None
+        self.address = ""
+        self.ops_address = ""
+        self.ready_s = 0.0
+
+    def start(self) -> ServerProcess:
+        """Start it and wait until it is ready. Raises ServerFailed with the tail of its log."""
+        started_s = time.monotonic()
+        with tempfile.NamedTemporaryFile("w", prefix="motiongen-server-", suffix=".log", delete=False) as log:
+            self._log_path = Path(log.name)
+            self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE, stderr=log, text=True)
+        ports = self._read_ports(self._process)
+        self.address = f"127.0.0.1:{ports['grpc_port']}"
+        self.ops_address = f"127.0.0.1:{ports['ops_port']}"
+        self.ready_s = time.monotonic() - started_s
+        return self
+
+    def stop(self, timeout_s: float = 30.0) -> None:
+        """Ask it to end with SIGTERM and wait. Raises ServerFailed unless it exits with 0 in time."""
+        process = self._process
+        if process is None:
+            return
+        self._process = None
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)
+        try:
+            code = process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+            raise ServerFailed(f"the server did not end within {timeout_s:g} s of SIGTERM", self.log_tail()) from None
+        finally:
+            if process.stdout is not None:
+                process.stdout.close()
+        if code != 0:
+            raise ServerFailed(f"the server ended with exit code {code}, not 0", self.log_tail())
+        self._log_path.unlink(missing_ok=True)
+
+    @property
+    def pid(self) -> int | None:
+        """Process id while it runs."""
+        return None if self._process is None else self._process.pid
+
+    def log_tail(self) -> str:
+        """The last lines it wrote to standard error."""
+        text = self._log_path.read_text(encoding="utf-8", errors="replace")
+        return "\n".join(text.splitlines()[-_LOG_TAIL_LINES:])
+
+    def __enter__(self) -> ServerProcess:
+        return self.start()
+
+    def __exit__(self, failure: type[BaseException] | None, *_: object) -> None:
+        try:
+            self.stop()
+        except ServerFailed:
+            if failure is None:
+                raise  # else what went wrong first is the news
+
+    def _read_ports(self, process: subprocess.Popen[str]) -> dict[str, int]:
+        """The line the server prints once it is ready; a timer ends a server that never prints it."""
+        assert process.stdout is not None
+        too_late = threading.Timer(self._ready_timeout_s, process.kill)
+        too_late.start()
+        try:
+            line = process.stdout.readline()
+        finally:
+            too_late.cancel()
+        if line:
+            ports: dict[str, int] = json.loads(line)
+            return ports
+        code = process.wait()
+        process.stdout.close()
+        self._process = None
+        if code == -signal.SIGKILL:
+            what = f"the server was not ready within {self._ready_timeout_s:g} s"
+        elif "No module named server" in self.log_tail():
+            what = f"the server is not installed in {os.path.basename(sys.executable)}: install the motiongen package"
+        else:
+            what = f"the server did not start (exit code {code})"
+        raise ServerFailed(what, self.log_tail())

@@ -1,0 +1,28 @@
+"""`python -m motiongen_server`: read the configuration, run the application."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+
+from motiongen_server.app import run
+from motiongen_server.config import parse_config
+from motiongen_server.errors import SettingError
+from motiongen_server.logs import configure_logs
+from motiongen_server.memory import keep_freed_memory
+
+
+def main() -> int:
+    """0 after an orderly end, 2 for a wrong setting, 1 when start-up or the engine failed."""
+    try:
+        config = parse_config(sys.argv[1:])
+    except SettingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    configure_logs(config.log_level, config.log_format)
+    keep_freed_memory()
+    return asyncio.run(run(config))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,290 @@
+"""The application: startup, serve, drain, stop. The only place that joins the rooms."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, TypeVar
+
+import grpc.aio
+from grpc_health.v1 import health, health_pb2, health_pb2_grpc
+from grpc_reflection.v1alpha import reflection
+
+from motiongen_server.admin import AdminService, add_admin
+from motiongen_server.beside import start_beside
+from motiongen_server.config import ServerConfig
+from motiongen_server.door import Door
+from motiongen_server.engine.types import Output
+from motiongen_server.errors import SettingError
+from motiongen_server.hosting import ENGINE_COMMAND
+from motiongen_server.keeper import Keeper
+from motiongen_server.loading import Loaded, Loader
+from motiongen_server.memory import settled_objects
+from motiongen_server.methods import SERVICE_NAME, add_methods
+from motiongen_server.metrics import Metrics
+from motiongen_server.offer import Offer
+from motiongen_server.ops import OpsServer, ops_app
+from motiongen_server.service import MotionService
+
+_log = logging.getLogger("motiongen_server")
+
+HEARTBEAT_LIMIT_S = 2.0
+"""Older than this, the engine is too busy to be given more sessions."""
+HUNG_S = 30.0
+"""Older than this, the engine will not come back and the process had better be restarted."""
+STOP_GRACE_S = 2.0
+"""For each of the last words: to streams after the drain's grace, and to the engine's thread."""
+LAST_CALLS_S = 0.5
+"""For calls that have been answered to be told so; one that only watches the health does not hold the end up longer."""
+SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
+
+T = TypeVar("T")
+
+
+class StoppedEarly(Exception):
+    """Asked to stop before it was ready."""
+
+
+class Application:
+    """One server process. `start`, then `serve` until a signal, then `drain`."""
+
+    def __init__(
+        self,
+        config: ServerConfig,
+        load: Callable[[ServerConfig], Loaded] | None = None,
+        engine_command: Sequence[str] = ENGINE_COMMAND,
+    ) -> None:
+        """load: the model, for an engine in this process. engine_command: for one in a process of its own."""
+        self._config = config
+        self._metrics = Metrics()
+        self._offer = Offer(config, load or Loader(), self._deliver, self._metrics, engine_command)
+        self._keeper = Keeper(self._offer.host, self._offer.serve, self._offer.forget)
+        self._admin: grpc.aio.Server | None = None
+        self._health = health.aio.HealthServicer()
+        self._stop = asyncio.Event()
+        self._door = Door()
+        self._ready = False
+        self.grpc_port = 0
+        self.ops_port = 0
+        self.admin_port = 0
+
+    # ---- startup ----------------------------------------------------------------------------------------------------
+
+    async def start(self) -> None:
+        """Listen, load, warm up, and become ready.
+
+        Raises SettingError for settings that cannot be served, StoppedEarly when asked to stop before it was ready.
+        """
+        await self._start_ops()
+        await self._start_grpc()
+        await self._start_admin()
+        try:
+            await self._open()
+        except (SettingError, StoppedEarly):
+            await self._server.stop(None)
+            await self._stop_admin()
+            raise
+
+    async def _open(self) -> None:
+        config = self._config
+        for source in config.models:
+            hosted = await self._unless_stopped(partial(self._offer.host, source))
+            if hosted.facts.model_id in self._keeper:
+                raise SettingError(f"model is {config.model!r}, and two of these are {hosted.facts.model_id}; give one")
+            self._keeper.adopt(source, hosted)
+        self._service = MotionService(self._keeper.models, config.flush_ms / 1000, self._metrics)
+        self._keeper.open(self._service)
+        self._door.open(self._service)
+        self._metrics.heartbeat_age.set_function(self._heartbeat_age_s)
+        self._metrics.streams.set_function(lambda: self._service.num_streams)
+        self._metrics.queue_bytes.set_function(lambda: self._service.num_waiting_bytes)
+        self._metrics.prompts_waiting.set_function(lambda: self._offer.num_waiting_prompts)
+        await self._set_health(health_pb2.HealthCheckResponse.SERVING)
+        self._ready = True
+        for kept in self._keeper.kept:
+            hosted = kept.hosted
+            _log.info("serving %s (weights: %s) on port %d, ops on port %d, with %d threads",
+                      kept.model_id, hosted.licence, self.grpc_port, self.ops_port, hosted.threads)  # fmt: skip
+        if config.print_ports:
+            ports = {"grpc_port": self.grpc_port, "ops_port": self.ops_port}
+            print(json.dumps(ports | ({"admin_port": self.admin_port} if config.admin_listen else {})), flush=True)
+
+    async def _unless_stopped(self, work: Callable[[], T]) -> T:
+        """What `work` returns, done on a thread that does not keep the process from ending. Raises StoppedEarly."""
+        outcome = start_beside(work, "loading")
+        stopping = asyncio.create_task(self._stop.wait())
+        either: set[asyncio.Future[Any]] = {outcome, stopping}
+        await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
+        stopping.cancel()
+        if outcome.done():
+            return outcome.result()
+        outcome.cancel()
+        raise StoppedEarly
+
+    def _deliver(self, outputs: Sequence[Output]) -> None:
+        self._service.deliver(outputs)
+
+    async def _start_ops(self) -> None:
+        app = ops_app(self._metrics.registry, self._is_alive, self._is_ready)
+        host, port = self._config.ops_host, self._config.ops_port
+        try:
+            # Bound here, because uvicorn ends the process when it cannot.
+            listener = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
+        except OSError as error:
+            address = join_address(host, port)
+            raise SettingError(f"cannot listen on {address} (ops); choose another port, or 0: {error}") from error
+        self._ops = OpsServer(app, host, port)
+        self._ops_task = asyncio.create_task(self._ops.serve([listener]))
+        while not self._ops.started:
+            if self._ops_task.done():
+                self._ops_task.result()
+            await asyncio.sleep(0.01)
+        self.ops_port = self._ops.port
+
+    async def _start_grpc(self) -> None:
+        config = self._config
+        self._server = grpc.aio.server(
+            options=[
+                ("grpc.max_receive_message_length", config.max_request_bytes),
+                ("grpc.max_send_message_length", 8 << 20),
+                ("grpc.max_concurrent_streams", 256),
+                ("grpc.keepalive_time_ms", 30_000),
+                ("grpc.keepalive_timeout_ms", 10_000),
+                ("grpc.http2.min_recv_ping_interval_without_data_ms", 10_000),
+                ("grpc.so_reuseport", 0),
+            ],
+            maximum_concurrent_rpcs=config.max_streams,
+        )
+        add_methods(self._door, self._server)
+        health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
+        if config.reflection:
+            reflection.enable_server_reflection(
+                (SERVICE_NAME, health.SERVICE_NAME, reflection.SERVICE_NAME), self._server
+            )
+        await self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
+        address = join_address(config.host, config.port)
+        try:
+            self.grpc_port = self._server.add_insecure_port(address)
+        except RuntimeError as error:
+            raise SettingError(f"cannot listen on {address}; choose another port, or 0") from error
+        await self._server.start()
+
+    async def _start_admin(self) -> None:
+        address = self._config.admin_listen
+        if not address:
+            return
+        self._admin = grpc.aio.server(options=[("grpc.so_reuseport", 0)])
+        add_admin(AdminService(self._keeper, self._metrics.load_of), self._admin)
+        try:
+            self.admin_port = self._admin.add_insecure_port(address)
+        except RuntimeError as error:
+            raise SettingError(f"cannot listen on {address} (admin); choose another port, or 0") from error
+        await self._admin.start()
+
+    async def _stop_admin(self) -> None:
+        if self._admin is not None:
+            await self._admin.stop(None)
+
+    async def _set_health(self, status: int) -> None:
+        for name in ("", SERVICE_NAME):
+            await self._health.set(name, status)
+
+    def _is_alive(self) -> bool:
+        return not self._ready or self._engine_is_well(HUNG_S)
+
+    def _is_ready(self) -> bool:
+        return self._ready and self._engine_is_well(HEARTBEAT_LIMIT_S)
+
+    def _engine_is_well(self, limit_s: float) -> bool:
+        return self._keeper.failure is None and self._heartbeat_age_s() < limit_s
+
+    def _heartbeat_age_s(self) -> float:
+        return time.monotonic() - self._keeper.heartbeat_at
+
+    # ---- serve, drain, stop -----------------------------------------------------------------------------------------
+
+    def ask_to_stop(self) -> None:
+        """Begin to drain; what SIGTERM does."""
+        self._stop.set()
+
+    async def serve(self) -> None:
+        """Return when asked to stop, or when nothing can be served any more."""
+        while not self._stop.is_set() and self._keeper.failure is None:
+            self._keeper.look_after()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._stop.wait(), timeout=1.0)
+
+    async def drain(self) -> int:
+        """Not ready, goodbye, grace, close what is left, stop. Returns the exit code."""
+        config = self._config
+        _log.info("draining")
+        self._ready = False
+        await self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
+        # Balancers see the changed health only some time later: until then, whoever they send is served.
+        await asyncio.sleep(config.drain_wait_s)
+        await self._stop_admin()
+        self._keeper.drain()
+        self._service.goodbye(config.drain_grace_s)
+        finished = asyncio.create_task(self._service.finished())
+        await asyncio.wait({finished}, timeout=config.drain_grace_s)
+        self._service.close_all()
+        await asyncio.wait({finished}, timeout=STOP_GRACE_S)
+        # A client that does not read keeps its stream from ending; nothing more can be told to it.
+        await self._server.stop(LAST_CALLS_S if finished.done() else None)
+        finished.cancel()
+        failed = self._keeper.failure is not None
+        await self._keeper.stop()
+        await self.stop_ops()
+        self._offer.close()
+        _log.info("stopped%s", " after the engine failed" if failed else "")
+        return 1 if failed else 0
+
+    async def stop_ops(self) -> None:
+        """End the HTTP server."""
+        self._ops.should_exit = True
+        await self._ops_task
+
+
+def join_address(host: str, port: int) -> str:
+    """host:port, with an IPv6 host in brackets."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def stop_on_signals(application: Application) -> None:
+    """Drain on the first signal; the next one ends the process at once, as if nobody caught it."""
+    loop = asyncio.get_running_loop()
+
+    def asked() -> None:
+        application.ask_to_stop()
+        for number in SIGNALS:
+            loop.remove_signal_handler(number)
+            signal.signal(number, signal.SIG_DFL)
+
+    for number in SIGNALS:
+        loop.add_signal_handler(number, asked)
+
+
+async def run(config: ServerConfig, load: Callable[[ServerConfig], Loaded] | None = None) -> int:
+    """Start, serve until SIGTERM or SIGINT, drain. Returns the process's exit code."""
+    application = Application(config, load)
+    stop_on_signals(application)
+    try:
+        await application.start()
+    except SettingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except StoppedEarly:
+        _log.info("stopped before it was ready")
+        return 0
+    with settled_objects():
+        await application.serve()
+        return await application.drain()

@@ -1,0 +1,122 @@
+"""ServerConfig: a field, a flag, an environment name, a meaning; checked once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from motiongen_server.errors import SettingError
+from motiongen_server.settings import ENVIRONMENT_PREFIX, Program, check_settings, setting
+
+DEFAULT_LOOKAHEAD_FRAMES = 40
+PRECISIONS = ("float32", "bfloat16", "auto")
+TEXT_PRECISIONS = ("float32", "bfloat16")
+LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+LOG_LEVELS = ("DEBUG", "INFO", "WARNING", "ERROR")
+ENCODER_PREFIX = f"{ENVIRONMENT_PREFIX}ENCODER_"
+"""Of the environment of `python -m motiongen_server.encoder`, which may be that of this program too."""
+ENCODERS = "static (built in), hashed (knows no meaning), llm2vec, grpc:HOST:PORT, gradio:URL, prompts:FILE, a folder"
+
+
+@dataclass(frozen=True)
+class ServerConfig:
+    """Every setting of the server. A flag wins over the environment, the environment over the default."""
+
+    host: str = setting("127.0.0.1", "address to serve gRPC on")
+    port: int = setting(50051, "port to serve gRPC on; 0 picks a free one", 0, 65535)
+    ops_host: str = setting("127.0.0.1", "address of health checks and metrics (HTTP)")
+    ops_port: int = setting(9464, "port of health checks and metrics; 0 picks a free one", 0, 65535)
+    print_ports: bool = setting(False, "print one JSON line with both ports on standard output once ready")
+    admin_listen: str = setting("", "host:port of this machine to serve the admin service on; port 0 picks a free one")
+    model: str = setting(
+        "motiongen-mini",
+        "motiongen-mini, core, core8, g1, g18, a folder, a hub's owner/name; again for more",
+        many=True,
+    )
+    text_encoder: str = setting("static", ENCODERS)
+    text_device: str = setting("cpu", "device of llm2vec", choices=("cpu", "cuda"))
+    text_precision: str = setting("bfloat16", "precision of llm2vec", choices=TEXT_PRECISIONS)
+    device: str = setting("cpu", "device the model runs on", choices=("cpu", "cuda"))
+    precision: str = setting("float32", "of the model's products; auto: bfloat16 where fast", choices=PRECISIONS)
+    threads: int = setting(0, "CPU threads of the model; 0 = one for each core", 0, 1024)
+    engine_process: bool = setting(False, "run the engine in a process of its own, started anew when it is lost")
+    denoise_steps: int = setting(4, "denoising steps of a window when a session does not say", 2, 1000)
+    text_guidance: float | None = setting(None, "weight of the prompt when a session does not say", 0, 10, kind=float)
+    constraint_guidance: float | None = setting(None, "weight of constraints then", 0, 10, kind=float)
+    history_frames: int = setting(16, "decided frames that a new window starts with; a multiple of 4", 4, 400)
+    max_rows: int = setting(64, "most windows in one denoising step", 1, 4096)
+    max_step_ms: int = setting(35, "what a denoising step may be expected to take, where smaller ones pay", 1, 60_000)
+    profile_s: float = setting(8.0, "longest time that measuring the model takes at the start", 0, 600)
+    admit_load: float = setting(0.9, "share of the measured capacity up to which sessions are let in", 0.01, 1e6)
+    degrade: bool = setting(True, "give sessions less, and tell them, where the machine cannot keep up")
+    max_sessions: int = setting(2048, "open sessions on this server, if its capacity allows", 1, 100_000)
+    max_sessions_per_stream: int = setting(512, "open sessions on one stream", 1, 100_000)
+    max_streams: int = setting(2048, "streams open at once", 1, 100_000)
+    lookahead_frames: int = setting(0, "frames sent beyond the playhead; 0 = 40, or the horizon if longer", 0, 10_000)
+    max_lookahead_frames: int = setting(80, "most that a session may ask for", 1, 10_000)
+    max_prompt_characters: int = setting(1000, "length of a prompt", 1, 100_000)
+    max_request_bytes: int = setting(1 << 20, "size of one message from a client", 1024, 1 << 30)
+    events_per_second: float = setting(50.0, "events of one session a second", 1, 1e6)
+    stream_events_per_second: float = setting(5000.0, "events of one stream a second", 1, 1e7)
+    flush_ms: float = setting(20.0, "how long updates are gathered into one message", 1, 1000)
+    idle_timeout_s: float = setting(300.0, "silence after which a session is closed", 1, 1e6)
+    prompt_cache: int = setting(4096, "prompts whose embeddings are remembered", 1, 10_000_000)
+    prompt_store: str = setting("", "file on this machine that remembers them beyond the end of the process")
+    prompt_store_size: int = setting(65_536, "prompts in that file", 1, 100_000_000)
+    prompt_timeout_s: float = setting(10.0, "longest that an event waits for the text encoder", 0.01, 600)
+    max_waiting_prompts: int = setting(256, "prompts that may wait for the text encoder", 1, 1_000_000)
+    presets: str = setting("", "file of prompts encoded beforehand, made by python -m motiongen_ardy.text")
+    drain_wait_s: float = setting(0.5, "after SIGTERM: not ready for so long, before clients are told", 0, 600)
+    drain_grace_s: float = setting(5.0, "after SIGTERM: time clients get to end their sessions", 0, 3600)
+    reflection: bool = setting(True, "answer gRPC server reflection")
+    log_level: str = setting("INFO", "least severity that is logged", choices=LOG_LEVELS)
+    log_format: str = setting("text", "form of log lines on standard error", choices=("text", "json"))
+
+    def __post_init__(self) -> None:
+        """Raises SettingError for a value outside its range, or values that contradict each other."""
+        check_settings(self)
+        if self.history_frames % 4:
+            raise SettingError(f"history_frames is {self.history_frames}; it must be a multiple of 4")
+        if self.max_lookahead_frames < self.lookahead_frames:
+            raise SettingError(
+                f"max_lookahead_frames is {self.max_lookahead_frames}; it must be at least lookahead_frames, "
+                f"which is {self.lookahead_frames}"
+            )
+        if not all(self.models) or len(set(self.models)) < len(self.models):
+            raise SettingError(f"model is {self.model!r}; give each model once, with commas between them")
+        if self.admin_listen:
+            check_admin_address(self.admin_listen)
+        if self.engine_process and (len(self.models) > 1 or self.admin_listen):
+            raise SettingError("engine_process serves one model and no admin service; leave it out for several models")
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """All models to serve, the default first."""
+        return tuple(name.strip() for name in self.model.split(","))
+
+    def lookahead_for(self, horizon: int) -> int:
+        """Frames sent beyond the playhead of a session that does not say, of a model with that horizon."""
+        return self.lookahead_frames or max(DEFAULT_LOOKAHEAD_FRAMES, horizon)
+
+
+def check_admin_address(given: str) -> None:
+    """Raise SettingError unless it is an address of this machine that others cannot reach."""
+    host, _, port = given.rpartition(":")
+    if host not in LOOPBACK or not port.isdecimal() or int(port) > 65535:
+        raise SettingError(
+            f"admin_listen is {given!r}; it must be a loopback host ({', '.join(LOOPBACK)}) and a port, such as "
+            "127.0.0.1:50052: who reaches it may load any folder"
+        )
+
+
+SERVER = Program(
+    ServerConfig,
+    "python -m motiongen_server",
+    "Serve ARDY motion generation over gRPC.",
+    other_prefixes=(ENCODER_PREFIX,),
+)
+
+
+def parse_config(arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> ServerConfig:
+    """The configuration that flags and environment ask for. Raises SettingError; --help exits."""
+    return SERVER.parse(arguments, environment)

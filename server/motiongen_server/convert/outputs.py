@@ -1,0 +1,63 @@
+"""The engine's outputs -> messages; frames and plans have a way of their own, in `wire`."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterable
+
+from motiongen.v1 import motion_pb2, session_pb2
+from motiongen_server.engine.types import Closed, Opened, Outcome, Output, ServiceLevel, Warned
+
+
+def write_update(update: session_pb2.SessionUpdate, output: Output) -> None:
+    """Fill an update with any output but frames and plans; `session` and `applied_seq` are the stream's to fill in."""
+    if isinstance(output, Outcome):
+        _write_outcome(update.outcome, output)
+    elif isinstance(output, Opened):
+        _write_opened(update.opened, output)
+    elif isinstance(output, ServiceLevel):
+        update.service_level.tier = output.tier.value  # type: ignore[assignment]  # the engine's numbers are the protocol's
+        update.service_level.denoise_steps = output.denoise_steps
+    elif isinstance(output, Closed):
+        closed = update.closed
+        closed.reason = output.reason.value  # type: ignore[assignment]
+        closed.code = output.code
+        closed.message = output.message
+        closed.frames = output.num_frames
+        closed.late_frames = output.late_frames
+
+
+def _write_opened(opened: session_pb2.SessionOpened, output: Opened) -> None:
+    # Stream and handle find it in the logs; the rest tells it from sessions of other servers and of a used handle.
+    opened.session_id = f"{output.session.stream}-{output.session.handle}-{secrets.token_hex(6)}"
+    opened.seed = output.seed
+    opened.start_frame = output.start_frame
+    opened.rig_id = output.rig_id
+    opened.model_id = output.model_id
+    opened.frame_rate = output.fps
+    opened.lookahead_frames = output.lookahead
+    opened.committed_horizon_frames = output.committed_horizon
+    opened.denoise_steps = output.denoise_steps
+    opened.scalar_type = motion_pb2.SCALAR_TYPE_F32_LE
+    opened.warnings.extend(_warnings(output.warnings))
+
+
+def _write_outcome(message: session_pb2.EditOutcome, outcome: Outcome) -> None:
+    message.event_seq = outcome.event_seq
+    message.code = outcome.code
+    if outcome.effective_frame is not None:
+        message.effective_frame = outcome.effective_frame
+    if outcome.reason:
+        message.reason = outcome.reason
+        message.message = outcome.message
+        message.field = outcome.field
+        message.allowed = outcome.allowed
+    if outcome.retry_after_s is not None:
+        message.retry_after.FromMilliseconds(max(1, round(1000 * outcome.retry_after_s)))
+    if outcome.warnings:
+        message.warnings.extend(_warnings(outcome.warnings))
+
+
+def _warnings(warnings: Iterable[Warned]) -> Iterable[session_pb2.EventWarning]:
+    for each in warnings:
+        yield session_pb2.EventWarning(reason=each.reason, message=each.message, field=each.field)

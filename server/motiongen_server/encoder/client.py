@@ -1,0 +1,115 @@
+"""Client of the encoder service: a text encoder whose work is done elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import grpc
+import numpy as np
+
+from motiongen.v1 import encoder_pb2, motion_pb2
+from motiongen_ardy.text import TextEncoderChanged, TextEncoderUnavailable, UnknownTextEncoder, Vectors
+from motiongen_ardy.text.encoder import checked_vector, is_blank
+
+OPTIONS = (
+    # An encoder that comes back is found within two seconds, not within gRPC's two minutes.
+    ("grpc.initial_reconnect_backoff_ms", 200),
+    ("grpc.min_reconnect_backoff_ms", 200),
+    ("grpc.max_reconnect_backoff_ms", 2_000),
+    ("grpc.keepalive_time_ms", 30_000),
+    ("grpc.keepalive_timeout_ms", 5_000),
+    ("grpc.max_receive_message_length", 64 << 20),
+)
+PATH = "/motiongen.v1.TextEncoderService/"
+NO_ANSWER = "the text encoder does not answer"
+
+
+class RemoteEncoder:
+    """The encoder at an address. It is asked for one identity, the one it had at the start, and refused with another.
+
+    May be used from several threads.
+    """
+
+    def __init__(self, address: str, timeout_s: float = 10.0, known: tuple[str, int] | None = None) -> None:
+        """address: host:port. timeout_s: of a call; at the start so long is waited for the service to come up.
+
+        known: identity and width that it is to have, where it is not to be asked at the start. Raises
+        UnknownTextEncoder for what cannot be an address, TextEncoderUnavailable when nobody answers there.
+        """
+        if ":" not in address or not address.rpartition(":")[2].isdigit():
+            raise UnknownTextEncoder(f"{address!r} is no address of an encoder service; such as localhost:50052")
+        self._timeout_s = timeout_s
+        self._channel = grpc.insecure_channel(address, OPTIONS)
+        describe = self._channel.unary_unary(
+            PATH + "GetTextEncoder",
+            request_serializer=encoder_pb2.GetTextEncoderRequest.SerializeToString,
+            response_deserializer=encoder_pb2.GetTextEncoderResponse.FromString,
+        )
+        self._encode = self._channel.unary_unary(
+            PATH + "EncodeTexts",
+            request_serializer=encoder_pb2.EncodeTextsRequest.SerializeToString,
+            response_deserializer=encoder_pb2.EncodeTextsResponse.FromString,
+        )
+        if known is not None:
+            (self._identity, self._width), self._max_texts = known, 1
+            return
+        try:
+            found = describe(encoder_pb2.GetTextEncoderRequest(), timeout=timeout_s, wait_for_ready=True)
+        except grpc.RpcError as error:
+            self._channel.close()
+            raise TextEncoderUnavailable(f"{NO_ANSWER} ({_reason(error)})") from error
+        self._identity = str(found.text_encoder)
+        self._width = int(found.width)
+        self._max_texts = max(1, int(found.max_texts))
+
+    @property
+    def identity(self) -> str:
+        return self._identity
+
+    @property
+    def width(self) -> int:
+        return self._width
+
+    def encode(self, texts: Sequence[str]) -> Vectors:
+        vectors = np.zeros((len(texts), self._width), np.float32)
+        rows = [row for row, text in enumerate(texts) if not is_blank(text)]
+        for first in range(0, len(rows), self._max_texts):
+            part = rows[first : first + self._max_texts]
+            for row, embedding in zip(part, self._call([texts[row] for row in part]), strict=True):
+                vectors[row] = self._vector(embedding)
+        return vectors
+
+    def _call(self, texts: list[str]) -> Sequence[motion_pb2.TextEmbedding]:
+        request = encoder_pb2.EncodeTextsRequest(texts=texts, text_encoder=self._identity)
+        try:
+            response = self._encode(request, timeout=self._timeout_s)
+        except grpc.RpcError as error:
+            if error.code() is grpc.StatusCode.FAILED_PRECONDITION:
+                raise TextEncoderChanged(
+                    f"{error.details()}; this server began with {self._identity!r} and must be restarted to change"
+                ) from error
+            raise TextEncoderUnavailable(f"{NO_ANSWER} ({_reason(error)})") from error
+        except ValueError as error:  # the channel has been closed
+            raise TextEncoderUnavailable(f"{NO_ANSWER}: the server is shutting down") from error
+        if len(response.embeddings) != len(texts):
+            raise TextEncoderChanged(f"the text encoder answered {len(texts)} texts with {len(response.embeddings)}")
+        return response.embeddings
+
+    def _vector(self, embedding: motion_pb2.TextEmbedding) -> Vectors:
+        if embedding.text_encoder != self._identity:
+            raise TextEncoderChanged(
+                f"the text encoder answered as {embedding.text_encoder!r}, and was asked as {self._identity!r}"
+            )
+        return checked_vector(np.array(embedding.values, np.float32), self._width)
+
+    def close(self) -> None:
+        """Break off calls under way."""
+        self._channel.close()
+
+
+def _reason(error: grpc.RpcError) -> str:
+    """Why a call failed, without the address, which gRPC's own words have."""
+    code: grpc.StatusCode = error.code()
+    if code is grpc.StatusCode.DEADLINE_EXCEEDED:
+        return "it takes too long"
+    return str(code.name)

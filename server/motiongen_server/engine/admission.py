@@ -1,0 +1,144 @@
+"""Admission: who may come in, by what sessions ask of the machine and what it has been measured to do.
+
+A session asks for windows at the rate at which its client plays them; what edits ask for besides shows in the measured
+load. Whichever of the two is greater counts. Clips take what sessions leave, and are only counted.
+
+Threads: `reserve` and `release` from any, the rest from the engine's.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from dataclasses import dataclass
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.spread import spread
+from motiongen_server.engine.types import Code, ModelFacts, Outcome, SessionKey, SessionSpec
+
+
+@dataclass(frozen=True, slots=True)
+class Prices:
+    """Seconds of the machine when its steps are full: of one step of a window, and of the window besides its steps."""
+
+    step_s: float = 0.0
+    window_s: float = 0.0
+
+
+class Admission:
+    """Holds a place for every session from `reserve` to `release`."""
+
+    def __init__(self, facts: ModelFacts, config: EngineConfig) -> None:
+        self._config = config
+        self._windows_a_second = facts.fps / facts.horizon
+        self._prices = Prices()
+        self._measured = self._elsewhere = 0.0
+        self._lock = threading.Lock()
+        self._places: dict[SessionKey, SessionSpec] = {}
+        self._steps = 0
+        self._clips = 0
+        self._refusals = 0
+        self._refused: Counter[Code] = Counter()
+        self._closed_for_good = False
+
+    def close(self) -> None:
+        """Let nobody in any more."""
+        self._closed_for_good = True
+
+    def set_prices(self, prices: Prices, measured: float, elsewhere: float = 0.0) -> None:
+        """What the machine costs by now, and the share of it that was in use of late: here, and by other engines."""
+        self._prices, self._measured, self._elsewhere = prices, measured, elsewhere
+
+    @property
+    def asked(self) -> float:
+        """The share of the machine that the sessions ask for, edits left out."""
+        return self._share(self._steps, self._num_sessions)
+
+    @property
+    def _num_sessions(self) -> int:
+        return len(self._places) - self._clips
+
+    @property
+    def load(self) -> float:
+        """The share of the machine that is spoken for, by other engines too."""
+        return self._elsewhere + max(self.asked, self._measured)
+
+    def _share(self, steps: int, sessions: int) -> float:
+        prices = self._prices
+        return self._windows_a_second * (steps * prices.step_s + sessions * prices.window_s)
+
+    def reserve(self, spec: SessionSpec, event_seq: int) -> Outcome | None:
+        """Hold a place for a session, if it has none yet. A refusal where there is no place for it."""
+        with self._lock:
+            if spec.session in self._places:
+                return None
+            refusal = self._refusal(spec, event_seq)
+            if refusal is None:
+                self._places[spec.session] = spec
+                self._count(spec, 1)
+            else:
+                self._refused[refusal.code] += 1
+            return refusal
+
+    def release(self, session: SessionKey, spec: SessionSpec | None = None) -> None:
+        """Give up a session's place. spec: only if the place is this one's, not that of a later one of the same key."""
+        with self._lock:
+            held = self._places.get(session)
+            if held is not None and (spec is None or held is spec):
+                del self._places[session]
+                self._count(held, -1)
+
+    def _count(self, spec: SessionSpec, change: int) -> None:
+        if spec.is_clip:
+            self._clips += change
+        else:
+            self._steps += change * spec.denoise_steps
+
+    def take_refused(self) -> Counter[Code]:
+        """How many were refused since this was last asked, by answer."""
+        if not self._refused:
+            return self._refused
+        with self._lock:
+            refused, self._refused = self._refused, Counter()
+            return refused
+
+    def _refusal(self, spec: SessionSpec, event_seq: int) -> Outcome | None:
+        config = self._config
+        if self._closed_for_good:
+            message = "the server is going away; open the session elsewhere"
+            return Outcome(spec.session, event_seq, Code.UNAVAILABLE, None, "DRAINING", message, "open")
+        if spec.is_clip:
+            if self._clips < config.max_clips:
+                return None
+            limit = f"at most {config.max_clips} samples of clips at once"
+            return self._full(spec, event_seq, "CLIP_LIMIT", "other clips are being made; try again later", limit)
+        if self._num_sessions >= config.max_sessions:
+            limit = f"at most {config.max_sessions} sessions at once"
+            return self._full(spec, event_seq, "SESSION_LIMIT", "the server is full; try again later", limit)
+        most = config.admit_load[spec.priority - 1]
+        load = self.load + self._share(spec.denoise_steps, 1)
+        if load <= most or (not self._num_sessions and self._elsewhere <= most):
+            return None
+        return self._full(
+            spec,
+            event_seq,
+            "OVERLOADED",
+            f"the machine would be {load:.0%} busy with this session; try again later, or ask for fewer steps",
+            f"sessions of class {spec.priority.name} up to a load of {most:.0%}",
+        )
+
+    def _full(self, spec: SessionSpec, event_seq: int, reason: str, message: str, allowed: str) -> Outcome:
+        self._refusals += 1
+        # Those who are sent away together should not come back together: hints are spread over as much again.
+        retry_after_s = self._config.retry_after_s * (1.0 + spread(self._refusals))
+        return Outcome(
+            spec.session,
+            event_seq,
+            Code.RESOURCE_EXHAUSTED,
+            None,
+            reason,
+            message,
+            "open",
+            allowed,
+            round(retry_after_s, 2),
+        )

@@ -1,0 +1,143 @@
+"""EngineConfig: every limit and lead of the engine, checked where it is built."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from motiongen_server.engine.types import ModelFacts, Priority
+
+
+@dataclass(frozen=True, slots=True)
+class EngineConfig:
+    """How far ahead, how many, how soon.
+
+    max_sessions, max_clips, max_rows: sessions held at once, and beside them clips; rows of one denoising step.
+    max_step_s: what a step may be expected to take, so that an edit need not wait long for the next one; steps are not
+    made smaller than pays, though.
+    max_pending_events, max_prompts, max_constraints: limits of one session.
+    history_crop: most history frames given to a window. continue_threshold: unplayed frames at which the next window is
+    started. So that sessions opened together spread out, each differently: continue_jitter, most frames added to that,
+    and stride_jitter, most frames by which the first window made while the client plays is cut. first_chunk,
+    steady_chunk: frames of the first chunk after an edit, and of any chunk at most.
+    rtt_s, flush_s, margin_s: the way to the client and back, the service's flush interval, and a safety margin; the sum
+    is the least lead of a replan. edit_target_s: seconds from an edit to its frames that each class is promised;
+    open_target_s: the same from opening. clip_target_s: within which a clip's windows come before those of sessions of
+    the class BATCH that are due later; clips go in the order they came.
+    idle_timeout_s: silence after which a session is closed.
+    max_restarts: how often in a row edits may restart a running window before one is allowed to finish.
+    replans_hz: most replans a second that edits may cause in a session of each class; edits between them share one.
+    max_waiting_edits: edits of one session that may wait for a plan. reuse_tokens: give windows the tokens of earlier
+    ones for history where these cover it, rather than have it encoded again. align_replans: start replans on the grid
+    of these tokens, which makes them up to patch - 1 frames later. hold_frames: how many a held pose is repeated at a
+    time. guard_drift: whether characters that go astray are righted. max_lean_rad: how far one may lean on average over
+    a window; root heights in metres, and max_coordinate_m from the origin, beyond which it is lost.
+    initial_step_s: the cost of a denoising step before one has been measured.
+    admit_load: the share of the machine up to which sessions of each class are let in; retry_after_s: the least time
+    after which one that was refused should ask again. degrade: whether sessions get less than they asked for where the
+    machine cannot keep up.
+    """
+
+    max_sessions: int = 256
+    max_clips: int = 64
+    max_rows: int = 64
+    max_step_s: float = 0.035
+    max_pending_events: int = 64
+    max_prompts: int = 16
+    max_constraints: int = 256
+    history_crop: int = 16
+    continue_threshold: int = 20
+    continue_jitter: int = 4
+    stride_jitter: int = 20
+    first_chunk: int = 8
+    steady_chunk: int = 20
+    rtt_s: float = 0.05
+    flush_s: float = 0.02
+    margin_s: float = 0.1
+    edit_target_s: tuple[float, float, float, float] = (0.05, 0.1, 0.25, 1.0)
+    open_target_s: float = 0.5
+    clip_target_s: float = 10.0
+    idle_timeout_s: float = 300.0
+    max_restarts: int = 2
+    replans_hz: tuple[float, float, float, float] = (10.0, 5.0, 2.0, 1.0)
+    max_waiting_edits: int = 256
+    reuse_tokens: bool = True
+    align_replans: bool = False
+    hold_frames: int = 8
+    guard_drift: bool = True
+    max_lean_rad: float = 1.1
+    min_root_height_m: float = -0.5
+    max_root_height_m: float = 4.0
+    max_coordinate_m: float = 10_000.0
+    initial_step_s: float = 0.02
+    admit_load: tuple[float, float, float, float] = (0.95, 0.9, 0.85, 0.7)
+    retry_after_s: float = 2.0
+    degrade: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("max_sessions", "max_clips", "max_rows", "max_pending_events", "max_prompts", "max_constraints"):
+            self._check(name, 1)
+        for name in ("first_chunk", "steady_chunk", "continue_threshold", "max_waiting_edits", "hold_frames"):
+            self._check(name, 1)
+        for name in (
+            "history_crop",
+            "continue_jitter",
+            "stride_jitter",
+            "max_restarts",
+            "rtt_s",
+            "flush_s",
+            "margin_s",
+        ):
+            self._check(name, 0)
+        for name in (
+            "max_step_s",
+            "open_target_s",
+            "clip_target_s",
+            "idle_timeout_s",
+            "initial_step_s",
+            "retry_after_s",
+        ):
+            self._check(name, 0.001)
+        for name in ("max_lean_rad", "max_coordinate_m"):
+            self._check(name, 0.001)
+        for name, unit in (("edit_target_s", "seconds"), ("replans_hz", "hertz"), ("admit_load", "load")):
+            values = getattr(self, name)
+            if len(values) != len(Priority) or min(values) <= 0:
+                raise ValueError(f"{name} is {values}; give {len(Priority)} positive numbers ({unit})")
+        if not self.min_root_height_m < self.max_root_height_m:
+            raise ValueError(
+                f"min_root_height_m is {self.min_root_height_m}; it must be below max_root_height_m, "
+                f"{self.max_root_height_m}"
+            )
+
+    def _check(self, name: str, least: float) -> None:
+        value = getattr(self, name)
+        if not value >= least:
+            raise ValueError(f"{name} is {value}; it must be at least {least}")
+
+    def check_against(self, facts: ModelFacts) -> None:
+        """Raise ValueError where this configuration and the model cannot work together."""
+        if self.history_crop % facts.patch or not facts.patch <= self.history_crop <= facts.max_history:
+            raise ValueError(
+                f"history_crop is {self.history_crop}; {facts.model_id} allows multiples of {facts.patch} "
+                f"from {facts.patch} to {facts.max_history}"
+            )
+        if self.continue_threshold + self.continue_jitter >= facts.horizon:
+            raise ValueError(
+                f"continue_threshold + continue_jitter is {self.continue_threshold + self.continue_jitter}; "
+                f"{facts.model_id} generates {facts.horizon} frames a window, so it must be less"
+            )
+        if self.stride_jitter >= facts.horizon:
+            raise ValueError(f"stride_jitter is {self.stride_jitter}; it must be less than a window's {facts.horizon}")
+
+    @property
+    def delivery_s(self) -> float:
+        """Seconds by which a notice sent now may trail what the client shows, as long as nothing was measured."""
+        return self.rtt_s + self.flush_s
+
+    @property
+    def commit_s(self) -> float:
+        """Seconds beyond the playhead that are promised not to change, as long as nothing was measured."""
+        return self.delivery_s + self.margin_s
+
+    def target_s(self, priority: Priority) -> float:
+        return self.edit_target_s[priority - 1]

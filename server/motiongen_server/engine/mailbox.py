@@ -1,0 +1,83 @@
+"""Mailbox: the thread-safe way into the engine."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+
+from motiongen_server.engine.types import Close, Code, Event, Open, Outcome, Playhead, SessionKey
+
+
+class Mailbox:
+    """Events in the order they came, from any thread, for the engine's thread to take all at once.
+
+    A newer Playhead takes the place of an older one of the same session, so a fast reporter cannot fill the box. Other
+    events are never dropped; a session may have so many of them waiting and no more. A Close is always taken.
+    """
+
+    def __init__(self, max_pending_events: int) -> None:
+        self._max_pending = max_pending_events
+        self._lock = threading.Lock()
+        self._arrived = threading.Condition(self._lock)
+        self._asleep = False  # nobody is told otherwise: that costs as much as all the rest of an event
+        self._events: list[Event] = []
+        self._playhead_at: dict[SessionKey, int] = {}
+        self._waiting: Counter[SessionKey] = Counter()
+        self._rung = False
+
+    def put(self, event: Event) -> bool:
+        """Hand in an event. False: the session has as many waiting as it may, and the event was not taken."""
+        key = event.session
+        with self._lock:
+            if isinstance(event, Playhead):
+                index = self._playhead_at.setdefault(key, len(self._events))
+                if index < len(self._events):
+                    held = self._events[index]
+                    if not isinstance(held, Playhead) or event.frame >= held.frame:  # a playhead that falls is ignored
+                        self._events[index] = event
+                    return True
+            else:
+                if self._waiting[key] >= self._max_pending and not isinstance(event, Close):
+                    return False
+                self._waiting[key] += 1
+                if isinstance(event, Open):
+                    # A report about the new session must not slip into the place of one about the old.
+                    self._playhead_at.pop(key, None)
+            self._events.append(event)
+            if self._asleep:
+                self._arrived.notify()
+            return True
+
+    def take_all(self) -> list[Event]:
+        """All events that wait, oldest first."""
+        with self._lock:
+            events, self._events = self._events, []
+            self._playhead_at.clear()
+            self._waiting.clear()
+            self._rung = False
+            return events
+
+    def ring(self) -> None:
+        """End the current or the next `wait` without an event."""
+        with self._lock:
+            self._rung = True
+            self._arrived.notify()
+
+    def wait(self, timeout_s: float) -> None:
+        """Sleep until something has come, or timeout_s has passed."""
+        with self._lock:
+            self._asleep = True
+            self._arrived.wait_for(lambda: self._events or self._rung, timeout_s)
+            self._asleep = False
+
+
+def refuse_pending(event: Event, max_pending_events: int) -> Outcome:
+    """The answer to an event that was not taken."""
+    return Outcome(
+        event.session,
+        event.event_seq,
+        Code.RESOURCE_EXHAUSTED,
+        reason="TOO_MANY_PENDING_EVENTS",
+        message="the session's earlier events still wait; send again when one has been answered",
+        allowed=f"at most {max_pending_events} events waiting for a session",
+    )

@@ -1,0 +1,142 @@
+"""Timeline: the frames a session holds, as rows for the wire, as features and as tokens for histories."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motiongen_server.engine.types import Float32Array, ModelFacts
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TokenRun:
+    """The tokens of consecutive frames, `patch` frames each, from frame `first` on. tokens: (M, W) float32."""
+
+    first: int
+    tokens: Float32Array
+    patch: int
+
+    @property
+    def end(self) -> int:
+        return self.first + len(self.tokens) * self.patch
+
+    def spliced(self, frame: int, tokens: Float32Array | None, num_frames: int) -> TokenRun:
+        """Keep the tokens of frames below `frame`, and put after them those of num_frames new frames.
+
+        Where `frame` is not on the grid of what is held, or nothing is held up to it, a new run begins there. A token
+        of which not every frame is used is left out; tokens None: nothing is known of the new frames.
+        """
+        new = self.tokens[:0] if tokens is None else tokens[: num_frames // self.patch]
+        keep, off_grid = divmod(frame - self.first, self.patch)
+        if off_grid or not 0 <= keep <= len(self.tokens):
+            return TokenRun(frame, new, self.patch)
+        return TokenRun(self.first, np.concatenate((self.tokens[:keep], new)), self.patch)
+
+    def trimmed(self, frame: int) -> TokenRun:
+        """Drop the tokens that end at or before `frame`."""
+        drop = min(max(0, (frame - self.first) // self.patch), len(self.tokens))
+        return TokenRun(self.first + drop * self.patch, self.tokens[drop:], self.patch)
+
+    def before(self, frame: int, num_frames: int) -> Float32Array | None:
+        """The tokens of exactly the num_frames frames that end just before `frame`; None where they are not held."""
+        stop, off_grid = divmod(frame - self.first, self.patch)
+        count, ragged = divmod(num_frames, self.patch)
+        if off_grid or ragged or not count <= stop <= len(self.tokens):
+            return None
+        return self.tokens[stop - count : stop]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Timeline:
+    """Consecutive frames from `first` on; a new value for every change, so that views of an old one stay true.
+
+    rows: (T, row_width) float32, for the wire. features: (T, D) float32, normalized, for histories. motion_from: the
+    first frame that a history may reach back to.
+    """
+
+    first: int
+    rows: Float32Array
+    features: Float32Array
+    run: TokenRun
+    motion_from: int = 0
+
+    @classmethod
+    def empty(cls, row_width: int, feature_dim: int, token_width: int = 0, patch: int = 1) -> Timeline:
+        return cls(
+            0,
+            np.empty((0, row_width), np.float32),
+            np.empty((0, feature_dim), np.float32),
+            TokenRun(0, np.empty((0, token_width), np.float32), patch),
+        )
+
+    @property
+    def end(self) -> int:
+        """The first frame that is not held."""
+        return self.first + len(self.rows)
+
+    def spliced(
+        self,
+        frame: int,
+        rows: Float32Array,
+        features: Float32Array,
+        tokens: Float32Array | None = None,
+        anew: bool = False,
+    ) -> Timeline:
+        """Keep the frames below `frame`, which is held or is the end, and put new ones after them.
+
+        anew: they do not go on from the old ones, so no history is to span both.
+        """
+        keep = frame - self.first
+        return Timeline(
+            self.first,
+            np.concatenate((self.rows[:keep], rows)),
+            np.concatenate((self.features[:keep], features)),
+            self.run.spliced(frame, tokens, len(rows)),
+            frame if anew else self.motion_from,
+        )
+
+    def held(self, num_frames: int) -> Timeline:
+        """Repeat the last row num_frames times. Histories do not see it: at the new end they are as at the old one.
+
+        A still pose in a history would be motion that the model has to explain, and features of it would be wrong: they
+        hold velocities.
+        """
+        return Timeline(
+            self.first,
+            np.concatenate((self.rows, np.repeat(self.rows[-1:], num_frames, axis=0))),
+            np.concatenate((np.repeat(self.features[:1], num_frames, axis=0), self.features)),
+            TokenRun(self.run.first + num_frames, self.run.tokens, self.run.patch),
+            self.motion_from + num_frames,
+        )
+
+    def trimmed(self, frame: int) -> Timeline:
+        """Drop the frames below `frame`; their memory is let go at the next splice, which makes new arrays anyway."""
+        drop = max(0, frame - self.first)
+        return Timeline(
+            self.first + drop,
+            self.rows[drop:],
+            self.features[drop:],
+            self.run.trimmed(frame),
+            self.motion_from,
+        )
+
+    def rows_between(self, begin: int, end: int) -> Float32Array:
+        return self.rows[begin - self.first : end - self.first]
+
+    def features_before(self, frame: int, num_frames: int) -> Float32Array:
+        """The features of the num_frames frames that end just before `frame`."""
+        stop = frame - self.first
+        return self.features[stop - num_frames : stop]
+
+    def tokens_before(self, frame: int, num_frames: int) -> Float32Array | None:
+        """The tokens of the same frames; None where whole tokens do not cover them exactly, or there are none."""
+        return self.run.before(frame, num_frames) if num_frames else None
+
+
+def first_timeline(facts: ModelFacts, prior_rows: Float32Array | None, prior_features: Float32Array | None) -> Timeline:
+    """What a session begins with: nothing, or the frames just before frame 0, which count from -H."""
+    if prior_rows is None or prior_features is None:
+        return Timeline.empty(facts.row_width, facts.feature_dim, facts.token_width, facts.patch)
+    run = TokenRun(0, np.empty((0, facts.token_width), np.float32), facts.patch)
+    return Timeline(-len(prior_rows), prior_rows, prior_features, run, motion_from=-len(prior_rows))

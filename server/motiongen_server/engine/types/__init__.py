@@ -1,0 +1,114 @@
+"""The values that cross the engine's border: what a session is, what it is told, what the runner gets, what comes out.
+
+Plain frozen dataclasses of numpy arrays and numbers. Units: metres, radians, seconds; right-handed, +Y up, +Z forward.
+A frame is an absolute index since the session began, at the model's fps. Times (`_at`, `deadline`) are monotonic
+seconds of one clock. Shapes: T frames, J joints, D features, K joints of one constraint, E width of an embedding.
+"""
+
+from motiongen_server.engine.types.arrays import (
+    Float32Array,
+)
+from motiongen_server.engine.types.conditions import (
+    VELOCITY_ID,
+    Constraint,
+    JointTargets,
+    PoseTarget,
+    Prompt,
+    RootPath,
+    RootTarget,
+)
+from motiongen_server.engine.types.events import (
+    Close,
+    Event,
+    Open,
+    Playhead,
+    SetConstraints,
+    SetPlayState,
+    SetPrompts,
+    SetVelocity,
+)
+from motiongen_server.engine.types.facts import (
+    ChannelBlock,
+    Limb,
+    ModelFacts,
+    RigLayout,
+)
+from motiongen_server.engine.types.jobs import (
+    RowStatus,
+    WindowJob,
+    WindowResult,
+)
+from motiongen_server.engine.types.locomotion import (
+    Direction,
+    Gait,
+)
+from motiongen_server.engine.types.names import (
+    CloseReason,
+    Code,
+    PlanCause,
+    PlayState,
+    Priority,
+    ServiceTier,
+    SessionKey,
+)
+from motiongen_server.engine.types.outputs import (
+    Chunk,
+    Closed,
+    Opened,
+    Outcome,
+    Output,
+    PlanNotice,
+    ServiceLevel,
+    Warned,
+)
+from motiongen_server.engine.types.spec import (
+    Guidance,
+    SessionSpec,
+    StartPose,
+)
+
+__all__ = [
+    "VELOCITY_ID",
+    "ChannelBlock",
+    "Chunk",
+    "Close",
+    "CloseReason",
+    "Closed",
+    "Code",
+    "Constraint",
+    "Direction",
+    "Event",
+    "Float32Array",
+    "Gait",
+    "Guidance",
+    "JointTargets",
+    "Limb",
+    "ModelFacts",
+    "Open",
+    "Opened",
+    "Outcome",
+    "Output",
+    "PlanCause",
+    "PlanNotice",
+    "PlayState",
+    "Playhead",
+    "PoseTarget",
+    "Priority",
+    "Prompt",
+    "RigLayout",
+    "RootPath",
+    "RootTarget",
+    "RowStatus",
+    "ServiceLevel",
+    "ServiceTier",
+    "SessionKey",
+    "SessionSpec",
+    "SetConstraints",
+    "SetPlayState",
+    "SetPrompts",
+    "SetVelocity",
+    "StartPose",
+    "Warned",
+    "WindowJob",
+    "WindowResult",
+]

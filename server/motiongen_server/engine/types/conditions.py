@@ -1,0 +1,110 @@
+"""What steers a session: prompts, and the four kinds of constraint. K: joints of one constraint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from motiongen_server.engine.types.arrays import Float32Array
+
+# Numbers that clients choose start at 1, so this one can name no constraint of theirs.
+VELOCITY_ID = 0
+"""The constraint that a velocity becomes in a window: it leads the root, and nobody asked for its places."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prompt:
+    """A text that holds from start_frame up to, not including, end_frame (None: open-ended).
+
+    start_frame None means "from the first frame that can still be replaced", and so does a frame below that.
+    embedding: (E,) or (L, E) float32, as the runner's text encoder gave it. Where spans overlap, the one that starts
+    last wins; of equal starts, the one set last.
+    """
+
+    prompt_id: int
+    start_frame: int | None
+    end_frame: int | None
+    text: str
+    embedding: Float32Array
+
+
+@dataclass(frozen=True, slots=True)
+class RootTarget:
+    """A waypoint: the root's ground position at one frame, heading optional."""
+
+    constraint_id: int
+    frame: int
+    x: float
+    z: float
+    heading: float | None = None
+
+    @property
+    def last_frame(self) -> int:
+        return self.frame
+
+    @property
+    def first_frame(self) -> int:
+        return self.frame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RootPath:
+    """A root trajectory: ground positions at consecutive frames. xz: (T, 2); heading: (T,) or None."""
+
+    constraint_id: int
+    first_frame: int
+    xz: Float32Array
+    heading: Float32Array | None = None
+
+    @property
+    def last_frame(self) -> int:
+        return self.first_frame + len(self.xz) - 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointTargets:
+    """World targets of some joints at one frame. positions: (K, 3); rotations: (K, 3, 3) global matrices, or None.
+
+    rotated: which of the joints the rotations count for, all of them unless given; the other matrices say nothing.
+    """
+
+    constraint_id: int
+    frame: int
+    joints: tuple[int, ...]
+    positions: Float32Array
+    rotations: Float32Array | None = None
+    rotated: tuple[bool, ...] | None = None
+
+    @property
+    def turns(self) -> list[int]:
+        """Which of its joints, counted from 0, have a rotation to reach."""
+        count = 0 if self.rotations is None else len(self.joints)
+        return [index for index in range(count) if self.rotated is None or self.rotated[index]]
+
+    @property
+    def last_frame(self) -> int:
+        return self.frame
+
+    @property
+    def first_frame(self) -> int:
+        return self.frame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseTarget:
+    """A keyframe: the world positions of all joints at one frame. positions: (J, 3)."""
+
+    constraint_id: int
+    frame: int
+    positions: Float32Array
+
+    @property
+    def last_frame(self) -> int:
+        return self.frame
+
+    @property
+    def first_frame(self) -> int:
+        return self.frame
+
+
+Constraint: TypeAlias = RootTarget | RootPath | JointTargets | PoseTarget

@@ -1,0 +1,107 @@
+"""Events: what the service tells the engine.
+
+event_seq rises within a session and names the event in its Outcome; 0 means not sequenced. received_at is when the
+service read the event. SetPrompts, SetConstraints, SetVelocity and SetPlayState get exactly one Outcome each; Open gets
+Opened, or an Outcome that refuses it; Close gets Closed, or an Outcome where no session is open; Playhead gets no
+answer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+from motiongen_server.engine.types.conditions import Constraint, Prompt
+from motiongen_server.engine.types.names import CloseReason, PlayState, SessionKey
+from motiongen_server.engine.types.spec import SessionSpec
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Open:
+    spec: SessionSpec
+    event_seq: int
+    received_at: float
+
+    @property
+    def session(self) -> SessionKey:
+        return self.spec.session
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetPrompts:
+    """Change prompts as one edit: `remove` first, then `upsert`, which adds or replaces by id."""
+
+    session: SessionKey
+    event_seq: int
+    received_at: float
+    upsert: tuple[Prompt, ...] = ()
+    remove: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetConstraints:
+    """Change constraints as one edit: `clear` first removes all that stand, then `remove`, then `upsert`."""
+
+    session: SessionKey
+    event_seq: int
+    received_at: float
+    upsert: tuple[Constraint, ...] = ()
+    remove: tuple[int, ...] = ()
+    clear: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class SetVelocity:
+    """Move so fast for so long: x, z in metres a second in the world, heading in radians or None for any.
+
+    Replaces the velocity before it, and ends hold_frames after the first frame that it steers; x = z = 0 is to stand.
+    keep_prompt: the session's own prompts hold meanwhile, not the gaits of its model.
+    """
+
+    session: SessionKey
+    event_seq: int
+    received_at: float
+    x: float
+    z: float
+    heading: float | None
+    hold_frames: int
+    keep_prompt: bool = False
+
+
+class Playhead(NamedTuple):
+    """The client's report: the frame being shown, frames held up to (exclusive), underruns so far. The newest wins.
+
+    A frame below an earlier report's is ignored; one beyond what was sent is taken as the end of what was sent.
+    rtt_s: the stream's measured round trip, None while it is not known.
+
+    Of all events these are almost all, and a tuple is made in a third of the time.
+    """
+
+    session: SessionKey
+    event_seq: int
+    received_at: float
+    frame: int
+    buffered_to: int
+    underruns: int
+    rtt_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SetPlayState:
+    session: SessionKey
+    event_seq: int
+    received_at: float
+    state: PlayState
+
+
+@dataclass(frozen=True, slots=True)
+class Close:
+    """End the session. The service also sends it for every session of a stream that broke or reads too slowly."""
+
+    session: SessionKey
+    event_seq: int
+    received_at: float
+    reason: CloseReason = CloseReason.CLIENT
+
+
+Event: TypeAlias = Open | SetPrompts | SetConstraints | SetVelocity | Playhead | SetPlayState | Close

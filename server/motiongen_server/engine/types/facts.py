@@ -1,0 +1,87 @@
+"""What the engine knows of the model: its rates, its limits, the layout of a frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from motiongen_server.engine.types.arrays import Float32Array
+from motiongen_server.engine.types.spec import Guidance
+
+RELEASED_GUIDANCE = Guidance(2.0, 2.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelBlock:
+    """A named run of floats in a frame row, such as ("root_translation_m", 3)."""
+
+    name: str
+    width: int
+
+
+@dataclass(frozen=True, slots=True)
+class Limb:
+    """A part of the body by the name that motion tools give it: a chain of joints."""
+
+    name: str
+    joints: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigLayout:
+    """What a client needs to read a frame row and to do forward kinematics alone.
+
+    parents: the parent of each joint, -1 for the root (joint 0); parents precede their children.
+    neutral_offsets: (J, 3) float32, metres, each joint relative to its parent; the root's is its neutral position.
+    blocks: the row's layout in order; the widths sum to `row_width`. hip_joints: right and left, whose line a pose's
+    heading is read from; None: it is the root's rotation that tells. limbs: that constraints of motion tools name.
+    """
+
+    rig_id: str
+    joint_names: tuple[str, ...]
+    parents: tuple[int, ...]
+    neutral_offsets: Float32Array
+    blocks: tuple[ChannelBlock, ...]
+    hip_joints: tuple[int, int] | None = None
+    limbs: tuple[Limb, ...] = ()
+
+    @property
+    def row_width(self) -> int:
+        return sum(block.width for block in self.blocks)
+
+
+@dataclass(frozen=True, slots=True)
+class ModelFacts:
+    """The rates and limits of the loaded model.
+
+    horizon: frames that one window generates. patch: frames of one token. row_width: floats of one frame on the wire.
+    feature_dim: D. max_window_frames: history, horizon and future together. Steps are denoising steps per window.
+    token_width: floats of one token, root and latent. guidance_passes: most evaluations of the denoiser in one step,
+    with the model's own guidance, the weights of a session that does not say. guidance_joint: one
+    evaluation can be told text and constraints. num_parameters: of all networks together.
+    """
+
+    model_id: str
+    rig: RigLayout
+    fps: int
+    horizon: int
+    patch: int
+    feature_dim: int
+    max_window_frames: int
+    min_steps: int
+    max_steps: int
+    default_steps: int
+    embedding_dim: int
+    token_width: int = 0
+    guidance_passes: int = 1
+    guidance: Guidance = RELEASED_GUIDANCE
+    guidance_joint: bool = False
+    num_parameters: int = 0
+
+    @property
+    def row_width(self) -> int:
+        return self.rig.row_width
+
+    @property
+    def max_history(self) -> int:
+        """The longest history that still leaves room for a horizon."""
+        return self.max_window_frames - self.horizon

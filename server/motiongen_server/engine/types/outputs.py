@@ -1,0 +1,107 @@
+"""Outputs: what the engine delivers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from motiongen_server.engine.types.arrays import Float32Array
+from motiongen_server.engine.types.names import CloseReason, Code, PlanCause, ServiceTier, SessionKey
+
+
+@dataclass(frozen=True, slots=True)
+class Warned:
+    """What was taken but may not come out as asked. The engine warns of nothing; what knows the model's training does.
+
+    reason: an UPPER_SNAKE word a program can act on; field: the path of the field it is about, in the protocol's words.
+    """
+
+    reason: str
+    message: str
+    field: str
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """The first output of a session. committed_horizon: least frames from the playhead to what an edit can change."""
+
+    session: SessionKey
+    seed: int
+    start_frame: int
+    lookahead: int
+    committed_horizon: int
+    denoise_steps: int
+    model_id: str
+    rig_id: str
+    fps: int
+    warnings: tuple[Warned, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PlanNotice:
+    """Precedes the chunks of a plan: what the client holds of older plans at frames >= valid_from is void.
+
+    event_seqs: the edits that first take effect in this plan, in the order they came.
+    """
+
+    session: SessionKey
+    plan: int
+    valid_from: int
+    cause: PlanCause
+    event_seqs: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chunk:
+    """Consecutive frames of the newest plan. rows: (T, row_width) float32. Frames below committed_to never change."""
+
+    session: SessionKey
+    plan: int
+    first_frame: int
+    rows: Float32Array
+    committed_to: int
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The answer to one event. code OK: in effect from effective_frame on. Otherwise the event changed nothing.
+
+    effective_frame: None when refused, or when no frame is altered. reason: an UPPER_SNAKE word a program can act on;
+    field: the path of the field at fault, in the protocol's words; allowed: what may stand there. All empty when OK.
+    retry_after_s: when to ask again, where that may help; None otherwise.
+    """
+
+    session: SessionKey
+    event_seq: int
+    code: Code
+    effective_frame: int | None = None
+    reason: str = ""
+    message: str = ""
+    field: str = ""
+    allowed: str = ""
+    retry_after_s: float | None = None
+    warnings: tuple[Warned, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceLevel:
+    """The session's windows are made at this tier from now on, with so many denoising steps each."""
+
+    session: SessionKey
+    tier: ServiceTier
+    denoise_steps: int
+
+
+@dataclass(frozen=True, slots=True)
+class Closed:
+    """The last output of a session. num_frames: frames sent; late_frames: frames that came after they were due."""
+
+    session: SessionKey
+    reason: CloseReason
+    code: Code
+    message: str
+    num_frames: int
+    late_frames: int
+
+
+Output: TypeAlias = Opened | PlanNotice | Chunk | Outcome | ServiceLevel | Closed

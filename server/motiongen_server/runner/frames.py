@@ -1,0 +1,28 @@
+"""Features become the rows that go over the wire, and rows from there features."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from motiongen_ardy.representation import Representation
+from motiongen_ardy.rotation import matrix_to_quaternion, quaternion_to_matrix
+
+
+def wire_rows(layout: Representation, features: Tensor) -> Tensor:
+    """Rows (B, G, row width) of normalised features (B, G, D): root, parent-relative quaternions, contacts."""
+    motion = layout.motion(layout.denormalize(features))
+    quaternions = matrix_to_quaternion(motion.local_rotations)
+    # Neighbouring frames keep to one sign of q and -q, so that a client may interpolate the numbers.
+    dots = (quaternions[:, 1:] * quaternions[:, :-1]).sum(-1, keepdim=True)
+    first = torch.where(quaternions[:, :1, :, :1] < 0, -1.0, 1.0)
+    signs = torch.cat([first, torch.where(dots < 0, -1.0, 1.0)], dim=1).cumprod(dim=1)
+    parts = [motion.root_positions, (quaternions * signs).flatten(-2), motion.foot_contacts.float()]
+    return torch.cat(parts, dim=-1)
+
+
+def features_of_rows(layout: Representation, rows: Tensor) -> Tensor:
+    """Normalised features (B, G, D) of rows (B, G, row width). Contacts are found anew, as in the model's own data."""
+    num_joints = layout.skeleton.num_joints
+    quaternions = rows[..., 3 : 3 + 4 * num_joints].reshape(*rows.shape[:-1], num_joints, 4)
+    return layout.normalize(layout.features(quaternion_to_matrix(quaternions), rows[..., :3]))

@@ -1,0 +1,20 @@
+"""From a model's name to a runner."""
+
+from __future__ import annotations
+
+from motiongen_ardy.checkpoint import load_checkpoint
+from motiongen_ardy.model_card import model_folder, read_model_card
+from motiongen_server.runner.precision import choose_precision
+from motiongen_server.runner.torch_runner import TorchRunner
+
+
+def load_runner(model: str, device: str = "cpu", default_steps: int = 4, precision: str = "float32") -> TorchRunner:
+    """A runner for a built-in model's name or a checkpoint folder.
+
+    precision: of the denoiser's layers: float32, bfloat16 or auto, as `choose_precision` has it. Raises UnknownModel;
+    CheckpointError, ConfigError or StatsError for a folder that is not a sound checkpoint; ValueError for another
+    precision.
+    """
+    folder = model_folder(model)
+    loaded = load_checkpoint(folder, device)
+    return TorchRunner(loaded, read_model_card(folder).model_id, default_steps, choose_precision(precision, device))

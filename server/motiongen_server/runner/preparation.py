@@ -1,0 +1,165 @@
+"""New jobs become rows: history tokens, constraints in the window's frame, conditions, noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from motiongen_ardy.config import FRAMES_PER_TOKEN
+from motiongen_ardy.constraint import Targets
+from motiongen_ardy.denoiser.guidance import GuidanceWeights, Pass, needed_passes
+from motiongen_ardy.model import Model
+from motiongen_ardy.noise import window_noise
+from motiongen_ardy.packed import PackedDenoiser, RowRequest
+from motiongen_ardy.representation import ROOT_WIDTH
+from motiongen_ardy.rollout import local_goals, recentre_tokens, visible_frames
+from motiongen_ardy.sampling.plan import plan_targets
+from motiongen_ardy.sampling.projection import RootProjection, make_projection
+from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_server.engine.types import WindowJob
+from motiongen_server.runner.row import Row
+from motiongen_server.runner.targets import job_targets
+
+
+class _Shape(NamedTuple):
+    """What jobs must have in common to be prepared in one go."""
+
+    history_len: int
+    num_frames: int
+    has_targets: bool
+    has_tokens: bool
+
+
+class Preparation:
+    """Prepares jobs of one model. Jobs that share the shape of their window are prepared together."""
+
+    def __init__(self, model: Model, denoiser: PackedDenoiser) -> None:
+        self._model = model
+        self._denoiser = denoiser
+        self._device = model.representation.stats.mean.device
+
+    def passes(self, job: WindowJob) -> tuple[Pass, ...]:
+        """The evaluations that one step of this job needs."""
+        return needed_passes(
+            self._model.sampling.guidance.mode,
+            GuidanceWeights(job.guidance.text, job.guidance.constraint),
+            has_text=job.embedding is not None and bool(np.any(job.embedding)),
+            has_constraints=bool(job.constraints),
+        )
+
+    def rows(self, jobs: Sequence[WindowJob]) -> list[Row]:
+        """A row for every job, in any order."""
+        groups: dict[_Shape, list[tuple[WindowJob, Targets | None]]] = {}
+        for job in jobs:
+            targets = self._targets(job)
+            history_len = len(job.history)
+            num_frames = visible_frames(self._model, history_len, targets, job.first_frame - history_len)
+            shape = _Shape(history_len, num_frames, targets is not None, job.history_tokens is not None)
+            groups.setdefault(shape, []).append((job, targets))
+        return [row for shape, members in groups.items() for row in self._group(shape, members)]
+
+    def _targets(self, job: WindowJob) -> Targets | None:
+        """The job's constraints, with what leads there from where the character is."""
+        options = self._model.sampling
+        targets = job_targets(self._model.skeleton, job, options.plan.stride_frames if options.plan_root else 1)
+        history = torch.from_numpy(job.history) if len(job.history) else None
+        pose = job.start_pose
+        start = (pose.x, pose.z, pose.heading) if pose else (0.0, 0.0, 0.0)
+        return plan_targets(self._model, targets, history, job.first_frame, start)
+
+    def _group(self, shape: _Shape, members: list[tuple[WindowJob, Targets | None]]) -> list[Row]:
+        jobs = [job for job, _ in members]
+        history, translation, heading = self._history(shape, jobs)
+        observed, mask, projection, goals = None, None, None, None
+        if shape.has_targets:
+            observed, mask = self._goals(shape, members, translation)
+            projection = self._projection(shape, members, observed, mask)
+            horizon = slice(shape.history_len, shape.history_len + self._model.config.horizon)
+            goals = observed[:, horizon], mask[:, horizon]
+        passes = [self.passes(job) for job in jobs]
+        request = RowRequest(history, self._texts(jobs), heading, observed, mask, passes, projection)
+        conditions = self._denoiser.conditions(request)
+        noise = torch.stack([self._noise(job) for job in jobs]).to(self._device)
+        return [
+            Row(
+                job,
+                noise[index],
+                history[index],
+                translation[index],
+                conditions[index],
+                None if goals is None else (goals[0][index], goals[1][index]),
+            )
+            for index, job in enumerate(jobs)
+        ]
+
+    def _history(self, shape: _Shape, jobs: Sequence[WindowJob]) -> tuple[Tensor, Tensor, Tensor]:
+        """History tokens (B, N_h, 20 + L) about the window's own origin, that origin (B, 3), first headings (B)."""
+        layout = self._model.representation
+        if shape.history_len == 0:
+            starts = [job.start_pose for job in jobs]
+            origins = [[pose.x, 0.0, pose.z] if pose else [0.0, 0.0, 0.0] for pose in starts]
+            headings = [pose.heading if pose else 0.0 for pose in starts]
+            width = ROOT_TOKEN_WIDTH + self._model.config.denoiser.latent_dim
+            none = torch.zeros(len(jobs), 0, width, device=self._device)
+            return none, torch.tensor(origins, device=self._device), torch.tensor(headings, device=self._device)
+        if shape.has_tokens:
+            tokens = self._stack(job.history_tokens for job in jobs if job.history_tokens is not None)
+        else:
+            tokens = self._model.codec.to_hybrid(self._stack(job.history for job in jobs))
+        heading = layout.heading_of_root(tokens[:, 0, :ROOT_WIDTH])
+        return *recentre_tokens(layout, tokens), heading
+
+    def _goals(
+        self, shape: _Shape, members: list[tuple[WindowJob, Targets | None]], translation: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        layout = self._model.representation
+        filled = [
+            targets.fill(layout, job.first_frame - shape.history_len, shape.num_frames)
+            for job, targets in members
+            if targets is not None
+        ]
+        mask = torch.stack([mask for _, mask in filled]).to(self._device)
+        observed = layout.normalize(torch.stack([observed for observed, _ in filled]).to(self._device)) * mask
+        history_len = torch.full((len(members),), shape.history_len, device=self._device)
+        return local_goals(layout, observed, mask, translation, history_len)
+
+    def _projection(
+        self, shape: _Shape, members: list[tuple[WindowJob, Targets | None]], observed: Tensor, mask: Tensor
+    ) -> RootProjection | None:
+        model = self._model
+        if not model.sampling.project_root:
+            return None
+        planned = torch.stack(
+            [
+                targets.planned_frames(job.first_frame - shape.history_len, shape.num_frames)
+                for job, targets in members
+                if targets is not None
+            ]
+        )
+        planned, horizon = planned.to(self._device), model.config.horizon
+        return make_projection(
+            model.representation, observed, mask, planned, shape.history_len, horizon, model.sampling
+        )
+
+    def _texts(self, jobs: Sequence[WindowJob]) -> Tensor:
+        """(B, n, W), zeros for no prompt; fewer vectors than the model takes are filled up, more are cut off."""
+        config = self._model.config.denoiser
+        texts = np.zeros((len(jobs), config.text_tokens, config.text_dim), np.float32)
+        for row, job in enumerate(jobs):
+            if job.embedding is not None:
+                vectors = np.atleast_2d(job.embedding)[: config.text_tokens]
+                texts[row, : len(vectors)] = vectors
+        return torch.from_numpy(texts).to(self._device)
+
+    def _noise(self, job: WindowJob) -> Tensor:
+        """What the job's window starts from. Plans count from 1, a rollout's windows from 0."""
+        config = self._model.config
+        width = ROOT_TOKEN_WIDTH + config.denoiser.latent_dim
+        return window_noise(job.seed, job.plan - 1, config.horizon // FRAMES_PER_TOKEN, width)
+
+    def _stack(self, arrays: Iterable[np.ndarray]) -> Tensor:
+        return torch.from_numpy(np.stack(list(arrays))).to(self._device)

@@ -1,0 +1,28 @@
+"""One job between prepare and decode."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from motiongen_ardy.packed import RowConditions
+from motiongen_server.engine.types import WindowJob
+
+
+@dataclass(slots=True)
+class Row:
+    """A job in the runner's care.
+
+    tokens: (G / 4, 20 + L), the horizon, noisy until the last step. history: (H / 4, 20 + L), clean, both in the
+    window's frame. translation: (3) metres from there to the world's frame. goals: observed features (G, D) of the
+    horizon, normalised, in the window's frame, and their mask.
+    """
+
+    job: WindowJob
+    tokens: Tensor
+    history: Tensor
+    translation: Tensor
+    conditions: RowConditions
+    goals: tuple[Tensor, Tensor] | None = None
+    steps_done: int = 0

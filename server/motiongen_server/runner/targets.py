@@ -1,0 +1,42 @@
+"""A job's constraints as ardy's targets."""
+
+from __future__ import annotations
+
+import torch
+
+from motiongen_ardy.constraint import Targets
+from motiongen_ardy.skeleton import Skeleton
+from motiongen_server.engine.types import VELOCITY_ID, JointTargets, PoseTarget, RootPath, RootTarget, WindowJob
+
+
+def job_targets(skeleton: Skeleton, job: WindowJob, stride_frames: int = 1) -> Targets | None:
+    """The job's constraints, None when it has none.
+
+    stride_frames: of the frames through which a velocity leads, one in so many is asked for; the root may sway between.
+    """
+    if not job.constraints:
+        return None
+    targets = Targets(skeleton)
+    for constraint in job.constraints:
+        if isinstance(constraint, RootTarget):
+            heading = None if constraint.heading is None else torch.tensor([constraint.heading])
+            targets.add_root([constraint.frame], torch.tensor([[constraint.x, constraint.z]]), heading)
+        elif isinstance(constraint, RootPath):
+            leads = constraint.constraint_id == VELOCITY_ID and stride_frames > 1
+            rows = list(range(len(constraint.xz) - 1, -1, -stride_frames if leads else -1))[::-1]
+            frames = [constraint.first_frame + row for row in rows]
+            headings = None if constraint.heading is None else torch.from_numpy(constraint.heading[rows])
+            targets.add_root(frames, torch.from_numpy(constraint.xz[rows]), headings)
+            if leads:
+                targets.planned.update(frames)
+                targets.faced.update(frames)
+        elif isinstance(constraint, JointTargets):
+            positions, turns = torch.from_numpy(constraint.positions), constraint.turns
+            targets.add_joints(constraint.frame, constraint.joints, positions)
+            if constraint.rotations is not None and turns:
+                turned = [constraint.joints[index] for index in turns]
+                rotations = torch.from_numpy(constraint.rotations)[turns]
+                targets.add_joints(constraint.frame, turned, positions[turns], rotations)
+        elif isinstance(constraint, PoseTarget):
+            targets.add_full_body([constraint.frame], torch.from_numpy(constraint.positions)[None])
+    return targets

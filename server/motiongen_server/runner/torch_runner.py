@@ -1,0 +1,132 @@
+"""TorchRunner: jobs on one model and one device, a step at a time, whatever their rows have or have not in common."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from motiongen_ardy.config import FRAMES_PER_TOKEN
+from motiongen_ardy.diffusion import cosine_schedule
+from motiongen_ardy.model import Model
+from motiongen_ardy.packed import PackedBatch, PackedDenoiser
+from motiongen_ardy.rollout import world_tokens_of
+from motiongen_server.engine.types import Float32Array, ModelFacts, RowStatus, WindowJob, WindowResult
+from motiongen_server.runner.correction import corrected
+from motiongen_server.runner.device_errors import device_errors
+from motiongen_server.runner.facts import model_facts
+from motiongen_server.runner.frames import features_of_rows, wire_rows
+from motiongen_server.runner.preparation import Preparation
+from motiongen_server.runner.row import Row
+
+
+class TorchRunner:
+    """Runs one model; satisfies `motiongen_server.engine.ports.Runner`."""
+
+    def __init__(
+        self, model: Model, model_id: str, default_steps: int = 4, precision: torch.dtype = torch.float32
+    ) -> None:
+        """precision: of the denoiser's layers, float32 or bfloat16; all else is float32."""
+        config = model.config
+        self._model = model
+        self._device = model.representation.stats.mean.device
+        self._denoiser = PackedDenoiser(model.denoiser, config.num_base_steps, config.horizon, precision)
+        self._preparation = Preparation(model, self._denoiser)
+        self._schedule = cosine_schedule(config.num_base_steps).to(self._device)
+        self._rows: dict[int, Row] = {}
+        self._laid_out: tuple[tuple[int, ...], PackedBatch] | None = None
+        self._facts = model_facts(model, model_id, default_steps)
+
+    @property
+    def facts(self) -> ModelFacts:
+        return self._facts
+
+    def num_passes(self, job: WindowJob) -> int:
+        """Evaluations of the denoiser that one step of this job costs."""
+        return len(self._preparation.passes(job))
+
+    @torch.inference_mode()
+    def features(self, rows: Float32Array) -> Float32Array:
+        """Normalised features (H, D) of wire rows (H, row width). Raises OutOfMemory or DeviceLost."""
+        with device_errors():
+            features = features_of_rows(self._model.representation, torch.from_numpy(rows).to(self._device)[None])
+            return features[0].cpu().numpy()
+
+    @torch.inference_mode()
+    def prepare(self, jobs: Sequence[WindowJob]) -> None:
+        """Take in new jobs. Raises OutOfMemory or DeviceLost."""
+        with device_errors():
+            rows = self._preparation.rows(jobs)
+        self._rows.update((row.job.job_id, row) for row in rows)
+
+    @torch.inference_mode()
+    def denoise(self, job_ids: Sequence[int]) -> list[RowStatus]:
+        """Advance each job by one denoising step. Raises OutOfMemory or DeviceLost."""
+        rows = {job_id: self._rows[job_id] for job_id in sorted(job_ids)}
+        with device_errors():
+            moved, finite = self._step(rows)
+        statuses = {}
+        for index, (job_id, row) in enumerate(rows.items()):
+            row.tokens = moved[index]
+            row.steps_done += 1
+            statuses[job_id] = RowStatus(job_id, row.steps_done, finite[index])
+        return [statuses[job_id] for job_id in job_ids]
+
+    def _step(self, rows: dict[int, Row]) -> tuple[Tensor, list[bool]]:
+        """The rows' tokens after a step, and whether each row's are all finite."""
+        batch = self._batch(rows)
+        tokens = torch.stack([row.tokens for row in rows.values()])
+        num_steps = torch.tensor([row.job.num_steps for row in rows.values()], device=self._device)
+        index = num_steps - 1 - torch.tensor([row.steps_done for row in rows.values()], device=self._device)
+        last_steps = self._model.sampling.projection.last_steps
+        project = [row.job.num_steps - row.steps_done <= last_steps for row in rows.values()]
+        clean = self._denoiser.predict(batch, tokens, self._schedule.base_step[num_steps, index], project)
+        moved = self._schedule.reverse_step(tokens, clean, index, num_steps)
+        return moved, moved.isfinite().flatten(1).all(dim=1).tolist()
+
+    def _batch(self, rows: dict[int, Row]) -> PackedBatch:
+        """The rows laid out; most steps have the same rows as the step before."""
+        key = tuple(rows)
+        if self._laid_out is None or self._laid_out[0] != key:
+            self._laid_out = key, self._denoiser.batch([row.conditions for row in rows.values()])
+        return self._laid_out[1]
+
+    @torch.inference_mode()
+    def decode(self, job_ids: Sequence[int]) -> list[WindowResult]:
+        """Frames, features and tokens of finished jobs, which are forgotten. Raises OutOfMemory or DeviceLost."""
+        by_history: dict[int, list[int]] = {}
+        for job_id in job_ids:
+            by_history.setdefault(len(self._rows[job_id].history), []).append(job_id)
+        results: dict[int, WindowResult] = {}
+        with device_errors():
+            for history_tokens, ids in by_history.items():
+                rows = [self._rows[job_id] for job_id in ids]
+                frames, features, tokens = self._decode(rows, history_tokens)
+                for index, job_id in enumerate(ids):
+                    kept = None if tokens is None else tokens[index]
+                    results[job_id] = WindowResult(job_id, frames[index], features[index], kept)
+        self.discard(job_ids)
+        return [results[job_id] for job_id in job_ids]
+
+    def _decode(self, rows: Sequence[Row], history_tokens: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Wire rows, features and tokens of rows whose histories are equally long; the causal decoder reads those.
+
+        No tokens where frames are corrected: they would stand for frames that nobody was shown.
+        """
+        tokens = torch.stack([torch.cat([row.history, row.tokens]) for row in rows])
+        tokens = world_tokens_of(self._model, tokens, torch.stack([row.translation for row in rows]))
+        lengths = torch.full((len(rows),), tokens.shape[1] * FRAMES_PER_TOKEN, device=self._device)
+        features = self._model.codec.from_hybrid(tokens, lengths)[:, history_tokens * FRAMES_PER_TOKEN :]
+        features = corrected(self._model, rows, features)
+        frames = wire_rows(self._model.representation, features).cpu().numpy()
+        kept = None if self._model.sampling.corrects else tokens[:, history_tokens:].cpu().numpy()
+        return frames, features.cpu().numpy(), kept
+
+    def discard(self, job_ids: Sequence[int]) -> None:
+        """Forget jobs at any stage."""
+        for job_id in job_ids:
+            self._rows.pop(job_id, None)
+        if not self._rows:
+            self._laid_out = None

@@ -1,0 +1,148 @@
+"""Settings of a program, declared once as a frozen dataclass: flags, environment, help and checks follow from it."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from motiongen_server.errors import SettingError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Config = TypeVar("Config", bound="DataclassInstance")
+
+ENVIRONMENT_PREFIX = "MOTIONGEN_"
+_LINK_NAME = re.compile(r"_SERVICE_HOST$|_SERVICE_PORT(_\w+)?$|_PORT_\d+_(TCP|UDP|SCTP)(_PROTO|_PORT|_ADDR)?$")
+_LINK_ADDRESS = re.compile(r"(tcp|udp|sctp)://")
+
+
+def setting(default: Any, meaning: str, least: float | None = None, most: float | None = None, **more: Any) -> Any:
+    """A field of a program's settings: its default, what it means, and what it may be (a range, or `choices`).
+
+    many: its flag may be given again, for more values, which are joined with commas. kind: the type of a value whose
+    default is None, which leaves it to the model.
+    """
+    return field(default=default, metadata={"meaning": meaning, "least": least, "most": most, **more})
+
+
+def check_settings(config: DataclassInstance) -> None:
+    """Raise SettingError for a value outside its range or choices."""
+    for each in fields(config):
+        check_setting(each.name, getattr(config, each.name), each.metadata)
+
+
+def check_setting(name: str, value: Any, metadata: Mapping[str, Any]) -> None:
+    """Raise SettingError unless the value is in its range and among its choices."""
+    choices, least, most = metadata.get("choices"), metadata["least"], metadata["most"]
+    if choices is not None and value not in choices:
+        raise SettingError(f"{name} is {value!r}; it must be one of {', '.join(choices)}")
+    if value is None and metadata.get("kind") is not None:
+        return
+    if least is not None and not least <= value <= most:
+        raise SettingError(f"{name} is {value}; it must be from {least:.12g} to {most:.12g}")
+
+
+@dataclass(frozen=True)
+class Program(Generic[Config]):
+    """A program and its settings. A flag wins over the environment, the environment over the default.
+
+    prefix: of its environment variables; those that begin with one of other_prefixes belong to another program.
+    """
+
+    kind: type[Config]
+    command: str
+    description: str
+    prefix: str = ENVIRONMENT_PREFIX
+    other_prefixes: tuple[str, ...] = ()
+
+    def environment_name(self, name: str) -> str:
+        """The environment variable of a setting."""
+        return self.prefix + name.upper()
+
+    def parse(self, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> Config:
+        """The configuration that flags and environment ask for. Raises SettingError; --help exits."""
+        known = {each.name: each for each in fields(self.kind)}
+        given_by_environment = self._own(os.environ if environment is None else environment)
+        unknown = sorted(name for name in given_by_environment if name.removeprefix(self.prefix).lower() not in known)
+        if unknown:
+            raise SettingError(f"unknown environment settings {', '.join(unknown)}; `{self.command} --help` lists all")
+        flags = vars(self._parser().parse_args(list(arguments)))
+        values = {}
+        for name, each in known.items():
+            given = flags.get(name)
+            if isinstance(given, list):
+                given = ",".join(given)
+            if given is None:
+                given = given_by_environment.get(self.environment_name(name))
+            if given is not None:
+                values[name] = _converted(name, given, each.metadata.get("kind") or type(each.default))
+        return self.kind(**values)
+
+    def _own(self, environment: Mapping[str, str]) -> dict[str, str]:
+        return {
+            name: value
+            for name, value in environment.items()
+            if name.startswith(self.prefix)
+            and not name.startswith(self.other_prefixes)
+            and not is_service_link(name, value)
+        }
+
+    def _parser(self) -> argparse.ArgumentParser:
+        parser = _Parser(
+            prog=self.command,
+            description=self.description,
+            epilog="Every setting also has an environment variable; a flag wins over it.",
+        )
+        for each in fields(self.kind):
+            metadata = each.metadata
+            allowed = ""
+            if metadata.get("choices"):
+                allowed = f"; one of {', '.join(metadata['choices'])}"
+            elif metadata["least"] is not None:
+                allowed = f"; {metadata['least']:.12g} to {metadata['most']:.12g}"
+            is_switch = isinstance(each.default, bool)
+            default = f"default {each.default}" if each.default != "" else "default none"
+            if each.default is None:
+                default = "default the model's own"
+            parser.add_argument(
+                f"--{each.name.replace('_', '-')}",
+                metavar="true|false" if is_switch else (metadata.get("kind") or type(each.default)).__name__.upper(),
+                action="append" if metadata.get("many") else "store",
+                nargs="?" if is_switch else None,
+                const="true" if is_switch else None,
+                help=f"{metadata['meaning']}{allowed} ({default}) [{self.environment_name(each.name)}]",
+            )
+        return parser
+
+
+def is_service_link(name: str, value: str) -> bool:
+    """Whether a variable is one that Kubernetes sets for each Service, one of the name motiongen or motiongen-... here.
+
+    Such as MOTIONGEN_SERVICE_HOST, and MOTIONGEN_PORT=tcp://10.0.0.7:50051, which has the name of a setting.
+    """
+    return name.startswith(ENVIRONMENT_PREFIX) and bool(
+        _LINK_NAME.search(name) or (name.endswith("_PORT") and _LINK_ADDRESS.match(value))
+    )
+
+
+def _converted(name: str, given: str, kind: type) -> Any:
+    if kind is bool:
+        words = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
+        if given.lower() not in words:
+            raise SettingError(f"{name} is {given!r}; it must be true or false")
+        return words[given.lower()]
+    try:
+        return kind(given)
+    except ValueError:
+        what = "a whole number" if kind is int else "a number"
+        raise SettingError(f"{name} is {given!r}; it must be {what}") from None
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> Any:
+        raise SettingError(f"{message}; `{self.prog} --help` lists all settings")

@@ -1,0 +1,197 @@
+"""Ledger: what the gateway knows of every session in the engine process, so that none is left without an answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+from motiongen_server.engine.types import (
+    Chunk,
+    Close,
+    Closed,
+    CloseReason,
+    Code,
+    Event,
+    Open,
+    Opened,
+    Outcome,
+    Output,
+    Playhead,
+    SessionKey,
+)
+
+RETRY_AFTER_S = 2.0
+
+
+@dataclass(slots=True)
+class Entry:
+    """One session, from the Open that was submitted to the Closed that came back.
+
+    unanswered: event_seqs without an Outcome, oldest first; held_back: those of them that are not sent, because the
+    session is closing. opened, last: the numbers, on the way to the engine, of its Open and of its last event, 0 while
+    they have not been sent. close: submitted, and to be sent ahead.
+    """
+
+    open_seq: int
+    unanswered: dict[int, None] = field(default_factory=dict)
+    held_back: list[int] = field(default_factory=list)
+    opened: int = 0
+    last: int = 0
+    close: Close | None = None
+    is_open: bool = False
+    num_frames: int = 0
+
+
+class Ledger:
+    """The sessions of one engine process. Not thread-safe: its owner holds a lock."""
+
+    def __init__(self) -> None:
+        self._entries: dict[SessionKey, Entry] = {}
+        self._closing: dict[SessionKey, Close] = {}
+        self._refused: dict[SessionKey, Entry] = {}  # their Close is on its way, and the engine will answer it
+        self._number = 0
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    # ---- on the way to the engine -----------------------------------------------------------------------------------
+
+    def note(self, event: Event) -> None:
+        """An event has been taken in. The engine answers those of sessions that are not known here by itself."""
+        entry = self._entries.get(event.session)
+        if entry is None:
+            if isinstance(event, Open):
+                self._entries[event.session] = Entry(event.event_seq, {event.event_seq: None})
+        elif isinstance(event, Close):
+            entry.close = event
+            self._closing[event.session] = event
+        elif not isinstance(event, Playhead) and event.event_seq:
+            entry.unanswered[event.event_seq] = None
+
+    def goes_ahead(self, event: Event) -> bool:
+        """Whether an event is a Close of a known session, which does not wait behind other events."""
+        return isinstance(event, Close) and event.session in self._entries
+
+    def number(self, events: Iterable[Event]) -> tuple[int, list[Event]]:
+        """The number of the first of these events, and those that are to be sent.
+
+        Of a session that is closing, only the Open still goes; its Closed answers the rest.
+        """
+        sent: list[Event] = []
+        first = self._number + 1
+        for event in events:
+            entry = self._entries.get(event.session)
+            if entry is not None:
+                if entry.close is not None and entry.opened:
+                    if event.event_seq in entry.unanswered:
+                        entry.held_back.append(event.event_seq)
+                    continue
+                if not entry.opened:
+                    entry.opened = self._number + 1
+                entry.last = self._number + 1
+            self._number += 1
+            sent.append(event)
+        return first, sent
+
+    def take_closes(self) -> list[tuple[Close, int, int]]:
+        """Closes that can be sent, each with the numbers of its session's Open and last event."""
+        ready = [key for key in self._closing if self._entries[key].opened]
+        return [(self._closing.pop(key), self._entries[key].opened, self._entries[key].last) for key in ready]
+
+    # ---- on the way back --------------------------------------------------------------------------------------------
+
+    def settle(self, outputs: Sequence[Output]) -> list[Output]:
+        """Enter what the engine has delivered, and answer before its session's end what a close has overtaken."""
+        settled: list[Output] = []
+        for output in outputs:
+            entry = self._entries.get(output.session)
+            if entry is None:
+                if self._refused:
+                    settled += self._after_refusal(output)
+                settled.append(output)
+                continue
+            if isinstance(output, Chunk):
+                entry.num_frames += len(output.rows)
+            elif isinstance(output, Opened):
+                entry.is_open = True
+                entry.unanswered.pop(entry.open_seq, None)
+            elif isinstance(output, Closed):
+                settled += self._cancelled(output.session, entry.unanswered)
+                self._forget(output.session)
+            settled.append(output)
+            if isinstance(output, Outcome):
+                entry.unanswered.pop(output.event_seq, None)
+                if output.event_seq == entry.open_seq and not entry.is_open and output.code is not Code.OK:
+                    settled += self._refuse(output.session, entry)
+        return settled
+
+    def _refuse(self, key: SessionKey, entry: Entry) -> list[Output]:
+        """The engine has refused an Open, and will refuse what has been sent after it: the answers to all else."""
+        close = self._closing.get(key)
+        self._forget(key)
+        if close is not None:
+            return self._cancelled(key, [*entry.held_back, close.event_seq])
+        if entry.close is not None:
+            self._refused[key] = entry
+        return []
+
+    def _after_refusal(self, output: Output) -> list[Output]:
+        """The answers that are due before the one to the Close of a session that was refused."""
+        key = output.session
+        entry = self._refused.get(key)
+        if entry is None or entry.close is None or not isinstance(output, Outcome):
+            return []
+        entry.unanswered.pop(output.event_seq, None)
+        if output.event_seq != entry.close.event_seq:
+            return []
+        del self._refused[key]
+        return self._cancelled(key, entry.unanswered)
+
+    def _forget(self, key: SessionKey) -> None:
+        del self._entries[key]
+        self._closing.pop(key, None)
+
+    @staticmethod
+    def _cancelled(key: SessionKey, event_seqs: Iterable[int]) -> list[Output]:
+        message = "the session closed before it"
+        return [Outcome(key, seq, Code.CANCELLED, None, "SESSION_CLOSED", message) for seq in event_seqs]
+
+    def end_all(self, reason: CloseReason, message: str) -> list[Output]:
+        """The engine process is gone: an end for every session, and an answer for everything that waits for one."""
+        outputs: list[Output] = []
+        for key, entry in self._refused.items():
+            close_seq = () if entry.close is None else (entry.close.event_seq,)
+            outputs += self._cancelled(key, [*entry.unanswered, *close_seq])
+        for key, entry in self._entries.items():
+            entry.unanswered.pop(entry.open_seq, None)
+            if entry.is_open:
+                outputs += self._cancelled(key, entry.unanswered)
+                outputs.append(Closed(key, reason, Code.UNAVAILABLE, message, entry.num_frames, 0))
+            else:
+                outputs.append(refuse_without_engine(key, entry.open_seq))
+                closes = () if entry.close is None else (entry.close.event_seq,)
+                outputs += self._cancelled(key, [*entry.unanswered, *closes])
+        self._entries.clear()
+        self._refused.clear()
+        self._closing.clear()
+        self._number = 0
+        return outputs
+
+
+def refuse_without_engine(key: SessionKey, event_seq: int) -> Outcome:
+    """The answer to an event while there is no engine process."""
+    return Outcome(
+        key,
+        event_seq,
+        Code.UNAVAILABLE,
+        None,
+        "ENGINE_RESTARTING",
+        "the server's engine is being started anew; open a session again in a moment",
+        retry_after_s=RETRY_AFTER_S,
+    )
+
+
+def refuse_while_draining(key: SessionKey, event_seq: int) -> Outcome:
+    """The answer to an Open once the server takes no new sessions."""
+    message = "the server is going away; open the session elsewhere"
+    return Outcome(key, event_seq, Code.UNAVAILABLE, None, "DRAINING", message, "open")

@@ -1,6 +1,0 @@
-"""The runner: torch and ardy live here. Rows of a batch differ in step, step count, history, goals, guidance, seed."""
-
-from server.runner.loading import load_runner
-from server.runner.torch_runner import TorchRunner
-
-__all__ = ["TorchRunner", "load_runner"]

@@ -6,6 +6,8 @@ SHELL := bash
 VENV ?= .venv
 PYTHON := $(VENV)/bin/python
 READY := $(VENV)/.ready
+PARTS := proto ardy server client/python client/tools
+LOWEST ?= $(OUT)/venv-lowest
 OUT ?= out
 DATA ?= $(OUT)/data
 RUN ?= $(OUT)/mini
@@ -20,14 +22,17 @@ help: ## list the targets
 	@awk 'BEGIN {FS = ":.*## "} /^[a-z0-9-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 .PHONY: setup
-setup: $(READY) ## make .venv with the three distributions and the development tools
+setup: $(READY) ## make .venv with all parts and the development tools
 	@echo "ready: $(VENV)"
 
-$(READY): constraints.txt pyproject.toml proto/pyproject.toml client/python/pyproject.toml
+$(READY): constraints.txt requirements-dev.txt $(PARTS:%=%/pyproject.toml)
 	@bash .ci/make_venv.sh "$(VENV)"
 	$(PYTHON) -m pip install --quiet --constraint constraints.txt setuptools
 	$(PYTHON) -m pip install --progress-bar on --no-build-isolation --constraint constraints.txt \
-		--editable ./proto --editable ./client/python --editable '.[dev]'
+		--requirement requirements-dev.txt --editable ./proto --editable './ardy[gltf,hub,text,train]' --editable ./server \
+		--editable ./client/python --editable './client/tools[bench,pictures]'
+	# it asks for the protobuf of its time, but needs none to run protoc
+	$(PYTHON) -m pip install --quiet --no-deps --constraint constraints.txt grpcio-tools
 	@touch $@
 
 # ---- use
@@ -46,8 +51,19 @@ serve: $(READY) ## serve the built-in model; options in ARGS, listed by make ser
 check: lint types proto-current test ## everything that CI runs
 
 .PHONY: test
-test: $(READY) ## run all tests that need no GPU
-	$(PYTHON) -m pytest -m 'not gpu' $(ARGS)
+test: $(READY) ## run all tests that need no GPU and install nothing
+	$(PYTHON) -m pytest -m 'not gpu and not system' $(ARGS)
+
+.PHONY: test-system
+test-system: $(READY) test-lowest ## run the tests that build, install or take long, those with the oldest versions too
+	$(PYTHON) -m pytest -m system $(ARGS)
+
+.PHONY: test-lowest
+test-lowest: ## run the client's tests with the oldest grpcio, protobuf and numpy that it allows, in an environment of its own
+	@bash .ci/make_venv.sh "$(LOWEST)"
+	$(LOWEST)/bin/python -m pip install --quiet --constraint constraints-lowest.txt ./proto ./client/python \
+		hypothesis pytest pytest-asyncio pytest-timeout
+	$(LOWEST)/bin/python -m pytest -p no:cacheprovider tests/client $(ARGS)
 
 .PHONY: test-gpu
 test-gpu: $(READY) ## run the tests that need a CUDA device

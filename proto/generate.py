@@ -1,6 +1,7 @@
 """Generate `python/motiongen/v1` from the protos: `python proto/generate.py [--out FOLDER]`.
 
-Needs grpcio-tools, whose protoc is pinned by `constraints.txt`, so that every machine writes the same bytes.
+Needs grpcio-tools of exactly `PROTOC`, so that every machine writes the same bytes. It is old on purpose: generated
+code refuses a runtime older than its protoc, so this is the oldest grpcio and protobuf that clients can use.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import re
 import sys
 import tempfile
 from collections.abc import Sequence
+from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 
@@ -18,10 +20,16 @@ from grpc_tools import protoc
 
 ROOM = Path(__file__).resolve().parent
 PACKAGE = Path("motiongen/v1")
+PROTOC = "1.66.2"
 
 
 def generate(out: Path) -> list[Path]:
-    """Write messages, services and the type stubs of both below `out`; return the files written, sorted."""
+    """Write messages, services and the type stubs of both below `out`; return the files written, sorted.
+
+    Raises RuntimeError when grpcio-tools is another version, or protoc refuses a file.
+    """
+    if version("grpcio-tools") != PROTOC:
+        raise RuntimeError(f"grpcio-tools is {version('grpcio-tools')}, but the code is generated with {PROTOC}")
     out.mkdir(parents=True, exist_ok=True)
     run(f"--python_out={out}", f"--pyi_out={out}")
     services = [file for file in descriptors().file if file.service]

@@ -39,10 +39,10 @@ def load_checkpoint(
 ) -> Model:
     """The model of a checkpoint folder, in evaluation mode, on `device`.
 
-    dtype: float32 or bfloat16, of the weight matrices (`motiongen_ardy.precision`). Raises CheckpointError with everything that
-    is wrong: files missing, unreadable or outside the folder, config keys and values, tensors missing, extra,
-    misshapen or not finite, statistics. Nothing in the folder is executed, and no memory is taken for tensors before
-    config, header and file size agree.
+    dtype: float32 or bfloat16, of the weight matrices (`motiongen_ardy.precision`). Raises CheckpointError with
+    everything that is wrong: files missing, unreadable or outside the folder, config keys and values, tensors
+    missing, extra, misshapen or not finite, statistics. Nothing in the folder is executed, and no memory is taken for
+    tensors before config, header and file size agree.
     """
     check_precision(dtype)
     folder = Path(folder)

@@ -56,7 +56,7 @@ class BenchModel:
 def bench_model(name: str, device: str = "cpu") -> BenchModel:
     """A checkpoint folder's model, the built-in one by its name, or random weights: "full" or "tiny".
 
-    Random weights need no file and no library but torch and numpy. Raises as `motiongen_ardy.checkpoint.load_checkpoint` does.
+    Random weights need no file and no library but torch and numpy. Raises as `load_checkpoint` does.
     """
     if name in RANDOM_WEIGHTS:
         config = RANDOM_WEIGHTS[name]

@@ -1,8 +1,9 @@
-"""Runners without speed-ups, as baselines: the formulas as `motiongen_ardy.rollout` has them, rows padded to one length.
+"""Runners without speed-ups, as baselines: the formulas as in `motiongen_ardy.rollout`, rows padded to one length.
 
-`RolloutRunner` computes one window at a time with `motiongen_ardy.rollout`'s own functions. `PlainRunner` does the same for many
-rows at once, which may differ in everything. Both make every guidance pass, encode each history again, and decode
-history and horizon; what they share with the served runner is the reading of a job and the form of its frames.
+`RolloutRunner` computes one window at a time with `motiongen_ardy.rollout`'s own functions. `PlainRunner` does the
+same for many rows at once, which may differ in everything. Both make every guidance pass, encode each history again,
+and decode history and horizon; what they share with the served runner is the reading of a job and the form of its
+frames.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class Row:
 
 
 class RolloutRunner:
-    """One row a call by `motiongen_ardy.rollout`; satisfies `motiongen_server.engine.ports.Runner` for a scheduler that runs one at a time.
+    """One row a call by `motiongen_ardy.rollout`; a `Runner` of the engine for a scheduler that runs one at a time.
 
     bf16: whether matrix products run in bfloat16.
     """

@@ -1,7 +1,8 @@
 """Scheduling policies to measure against: one window at a time, batches of whole windows, steps first-in first-out.
 
-Each satisfies `motiongen_server.engine.ports.SchedulingPolicy`, so that it runs in the same engine as `Scheduler`. None knows of
-deadlines, classes or costs; costs are kept only to predict when a window will land, which the engine has to know.
+Each satisfies `motiongen_server.engine.ports.SchedulingPolicy`, so that it runs in the same engine as `Scheduler`.
+None knows of deadlines, classes or costs; costs are kept only to predict when a window will land, which the engine
+has to know.
 """
 
 from __future__ import annotations

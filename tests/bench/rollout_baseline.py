@@ -1,4 +1,6 @@
-"""Windows a second of `motiongen_ardy.rollout`, one character after another: `python -m tests.bench.rollout_baseline --steps 4`.
+"""Windows a second of `motiongen_ardy.rollout`, one character after another.
+
+`python -m tests.bench.rollout_baseline --steps 4`.
 
 A process of its own, so that the benchmark, which is also the client, carries no torch. Prints one JSON line.
 """

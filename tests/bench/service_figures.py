@@ -1,8 +1,8 @@
 """The figures of the service with the built-in model, from one command: `python -m tests.bench --out out/bench`.
 
-Starts the real server for each number of denoising steps, measures it as a client sees it, then `motiongen_ardy.rollout` one
-character at a time on the same machine. Client and server share the cores, as they do on a developer's machine.
-Prints a table and writes service_figures.json and service_figures.md.
+Starts the real server for each number of denoising steps, measures it as a client sees it, then
+`motiongen_ardy.rollout` one character at a time on the same machine. Client and server share the cores, as they do on
+a developer's machine. Prints a table and writes service_figures.json and service_figures.md.
 """
 
 from __future__ import annotations

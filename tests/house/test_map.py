@@ -1,7 +1,8 @@
-"""The tree in README.md is true: what it names exists, and what a reader looks for in it is there."""
+"""The tree in ARCHITECTURE.md is true and complete, files say what they are for, and the README stays short."""
 
 from __future__ import annotations
 
+import ast
 import re
 from pathlib import Path
 from typing import Any
@@ -9,15 +10,16 @@ from typing import Any
 import pytest
 
 LINE = re.compile(r"^(?P<indent> *)(?P<name>\S+)(?: {2,}(?P<meaning>\S.*))?$")
-SOURCES = {".py", ".proto"}
-ROOMS = ("ardy", "server", "client/python/motiongen_client", "proto/motiongen", "examples", "tests/bench")
-UNLISTED = {"__init__.py"}
+ROOMS = ("ardy", "server", "client", "proto", "tests/bench")
+# protoc's output says nothing of itself
+GENERATED = re.compile(r"_pb2(_grpc)?\.pyi?$")
+README_LINES = 120
 
 
-def read_tree(readme: str) -> dict[Path, str]:
+def read_tree(page: str) -> dict[Path, str]:
     """Path -> meaning of each line of the block below the heading "The tree". Two spaces of indentation a level."""
-    match = re.search(r"^## The tree\n.*?^```\n(?P<block>.*?)^```$", readme, re.MULTILINE | re.DOTALL)
-    assert match is not None, "README.md has no fenced block below '## The tree'"
+    match = re.search(r"^## The tree\n.*?^```\n(?P<block>.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert match is not None, "ARCHITECTURE.md has no fenced block below '## The tree'"
     tree: dict[Path, str] = {}
     above: list[str] = []
     for number, text in enumerate(match["block"].splitlines(), 1):
@@ -32,26 +34,30 @@ def read_tree(readme: str) -> dict[Path, str]:
 
 
 def missing_from(tree: dict[Path, str], files: tuple[Path, ...]) -> list[str]:
-    """Top-level entries, sources of the rooms and their folders that the tree does not name."""
-    wanted = {Path(path.parts[0]) for path in files}
+    """Top-level folders, and folders of the rooms with sources in them, that the tree does not name."""
+    wanted = {Path(path.parts[0]) for path in files if len(path.parts) > 1}
     for path in files:
-        in_room = any(Path(room) in path.parents for room in ROOMS)
-        if in_room and path.suffix in SOURCES and path.name not in UNLISTED:
-            wanted |= {path, path.parent}
-    return sorted(str(path) for path in wanted - set(tree))
+        if path.suffix in {".py", ".proto"} and any(Path(room) in path.parents for room in ROOMS):
+            wanted.add(path.parent)
+    return sorted(str(path) for path in wanted if path not in tree and not any(path in name.parents for name in tree))
+
+
+def first_line(path: Path, source: str) -> str:
+    if path.suffix == ".proto":
+        return source.partition("\n")[0].removeprefix("//").strip()
+    return (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
 
 
 @pytest.fixture(scope="module")
 def tree(repository: Any) -> dict[Path, str]:
-    return read_tree((repository.root / "README.md").read_text(encoding="utf-8"))
+    return read_tree((repository.root / "ARCHITECTURE.md").read_text(encoding="utf-8"))
 
 
 def test_what_the_tree_names_exists(tree: dict[Path, str], repository: Any) -> None:
-    present = set(repository.files) | {folder for path in repository.files for folder in path.parents}
-    assert sorted(str(path) for path in tree if path not in present) == []
+    assert sorted(str(path) for path in tree if not (repository.root / path).exists()) == []
 
 
-def test_the_tree_names_every_room_and_source(tree: dict[Path, str], repository: Any) -> None:
+def test_the_tree_names_every_folder(tree: dict[Path, str], repository: Any) -> None:
     assert missing_from(tree, repository.files) == []
 
 
@@ -59,11 +65,22 @@ def test_every_line_says_what_it_is_for(tree: dict[Path, str]) -> None:
     assert [str(path) for path, meaning in tree.items() if not meaning] == []
 
 
-def test_a_file_that_is_not_named_is_missed() -> None:
-    readme = "## The tree\n\n```\nardy/         models\n  text.py     prompts\n```\n"
-    files = (Path("ardy/motiongen_ardy/text.py"), Path("ardy/motiongen_ardy/data/bvh.py"), Path("Makefile"))
-    assert missing_from(read_tree(readme), files) == [
-        "Makefile",
-        "ardy/motiongen_ardy/data",
-        "ardy/motiongen_ardy/data/bvh.py",
-    ]
+def test_every_source_says_what_it_is_for(repository: Any) -> None:
+    silent = []
+    for path in repository.files:
+        is_source = path.suffix in {".py", ".proto"} and not GENERATED.search(path.name)
+        if is_source and any(Path(room) in path.parents for room in ROOMS):
+            source = (repository.root / path).read_text(encoding="utf-8")
+            if source.strip() and not first_line(path, source):
+                silent.append(path.as_posix())
+    assert silent == []
+
+
+def test_the_readme_is_short(repository: Any) -> None:
+    assert len((repository.root / "README.md").read_text(encoding="utf-8").splitlines()) <= README_LINES
+
+
+def test_a_folder_that_is_not_named_is_missed() -> None:
+    page = "## The tree\n\n```\nardy/         models\n  text/       prompts\n```\n"
+    files = (Path("ardy/text/one.py"), Path("ardy/data/bvh.py"), Path("docs/a.md"), Path("Makefile"))
+    assert missing_from(read_tree(page), files) == ["ardy/data", "docs"]

@@ -80,8 +80,8 @@ def read_bvh(path: Path, skeleton: Skeleton | None = None) -> StoredMotion:
     """Read the motion of a BVH that has one of our skeletons: its joints by name, in any order, and its bones.
 
     Any channel order and unit (metres, centimetres, millimetres, inches, told by the bones). Contacts follow from the
-    poses. Raises FormatError for other skeletons (`motiongen_ardy.data` retargets those), bones that change their length, frame
-    rates that are not whole, and text that is not BVH.
+    poses. Raises FormatError for other skeletons (`motiongen_ardy.data` retargets those), bones that change their
+    length, frame rates that are not whole, and text that is not BVH.
     """
     try:
         bvh = parse_bvh(read_text(path), str(path))

@@ -1,4 +1,4 @@
-"""Encode prompts into a file for servers: python -m motiongen_ardy.text prompts.txt prompts.safetensors --encoder llm2vec
+"""Encode prompts into a file for servers: python -m motiongen_ardy.text IN.txt OUT.safetensors --encoder llm2vec
 
 A line of prompts.txt is an id, a tab and a prompt; or a prompt alone, which then is its own id.
 """

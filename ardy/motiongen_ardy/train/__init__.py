@@ -1,1 +1,1 @@
-"""Training of the tokenizer and the denoiser; each is a command: `python -m motiongen_ardy.train.tokenizer`, `.denoiser`."""
+"""Training of tokenizer and denoiser, each a command: `python -m motiongen_ardy.train.tokenizer`, `.denoiser`."""

@@ -1,4 +1,4 @@
-"""Other motion files, by the converter of the motiongen package: `python -m motiongen_ardy.formats`.
+"""Other motion files, by the converter of motiongen-ardy: `python -m motiongen_ardy.formats`.
 
 It is another distribution and is run, never imported.
 """
@@ -25,5 +25,5 @@ def convert_file(source: Path, target: Path, *options: str) -> list[str]:
     said = done.stderr.strip().splitlines()
     reason = said[-1].removeprefix("error: ") if said else f"exit code {done.returncode}"
     if "No module named" in reason:
-        reason = "it is not installed here: install the motiongen package, or write .npz or .bvh, which need none"
+        reason = "it is not installed here: install motiongen-ardy, or write .npz or .bvh, which need none"
     raise ConversionFailed(f"{target.name}: the converter failed: {reason}")

@@ -32,14 +32,14 @@ class ServerFailed(MotiongenError):
 class ServerProcess:
     """`python -m motiongen_server` as a child process. Use it as `with ServerProcess() as server`; it is ready then.
 
-    arguments: further settings for the server, such as ["--denoise-steps", "10"]; `python -m motiongen_server --help` lists them.
+    arguments: further settings for the server, such as ["--denoise-steps", "10"]; `motiongen-server --help` lists them.
     address: host:port of the service; ops_address: of health checks and metrics. ready_s: seconds from start to ready.
     """
 
     def __init__(self, arguments: Sequence[str] = (), *, ready_timeout_s: float = 120.0) -> None:
         self._command = [
-            sys.executable, "-m", "motiongen_server", "--host", "127.0.0.1", "--port", "0", "--ops-port", "0", "--print-ports",
-            *arguments,
+            sys.executable, "-m", "motiongen_server",
+            "--host", "127.0.0.1", "--port", "0", "--ops-port", "0", "--print-ports", *arguments,
         ]  # fmt: skip
         self._ready_timeout_s = ready_timeout_s
         self._process: subprocess.Popen[str] | None = None

@@ -1,12 +1,9 @@
-import datetime
-
 from google.protobuf import duration_pb2 as _duration_pb2
 from google.protobuf.internal import containers as _containers
 from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
 from google.protobuf import descriptor as _descriptor
 from google.protobuf import message as _message
-from collections.abc import Iterable as _Iterable, Mapping as _Mapping
-from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
+from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Mapping, Optional as _Optional, Union as _Union
 
 DESCRIPTOR: _descriptor.FileDescriptor
 
@@ -67,7 +64,7 @@ class UnloadModelRequest(_message.Message):
     GRACE_FIELD_NUMBER: _ClassVar[int]
     model_id: str
     grace: _duration_pb2.Duration
-    def __init__(self, model_id: _Optional[str] = ..., grace: _Optional[_Union[datetime.timedelta, _duration_pb2.Duration, _Mapping]] = ...) -> None: ...
+    def __init__(self, model_id: _Optional[str] = ..., grace: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ...) -> None: ...
 
 class UnloadModelResponse(_message.Message):
     __slots__ = ("closed_sessions",)
@@ -81,7 +78,7 @@ class ReloadModelRequest(_message.Message):
     GRACE_FIELD_NUMBER: _ClassVar[int]
     model_id: str
     grace: _duration_pb2.Duration
-    def __init__(self, model_id: _Optional[str] = ..., grace: _Optional[_Union[datetime.timedelta, _duration_pb2.Duration, _Mapping]] = ...) -> None: ...
+    def __init__(self, model_id: _Optional[str] = ..., grace: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ...) -> None: ...
 
 class ReloadModelResponse(_message.Message):
     __slots__ = ("model", "closed_sessions")

@@ -5,7 +5,7 @@ import warnings
 
 from motiongen.v1 import admin_pb2 as motiongen_dot_v1_dot_admin__pb2
 
-GRPC_GENERATED_VERSION = '1.85.1'
+GRPC_GENERATED_VERSION = '1.66.2'
 GRPC_VERSION = grpc.__version__
 _version_not_supported = False
 
@@ -18,14 +18,14 @@ except ImportError:
 if _version_not_supported:
     raise RuntimeError(
         f'The grpc package installed is at version {GRPC_VERSION},'
-        + ' but the generated code in motiongen/v1/admin_pb2_grpc.py depends on'
+        + f' but the generated code in motiongen/v1/admin_pb2_grpc.py depends on'
         + f' grpcio>={GRPC_GENERATED_VERSION}.'
         + f' Please upgrade your grpc module to grpcio>={GRPC_GENERATED_VERSION}'
         + f' or downgrade your generated code using grpcio-tools<={GRPC_VERSION}.'
     )
 
 
-class MotionAdminServiceStub:
+class MotionAdminServiceStub(object):
     """Loads and unloads models while others are served. A call that the server cannot follow ends with a status whose
     ErrorInfo names the reason; the models that are served are not touched by it. A call goes on when its client does not
     wait for the answer.
@@ -59,7 +59,7 @@ class MotionAdminServiceStub:
                 _registered_method=True)
 
 
-class MotionAdminServiceServicer:
+class MotionAdminServiceServicer(object):
     """Loads and unloads models while others are served. A call that the server cannot follow ends with a status whose
     ErrorInfo names the reason; the models that are served are not touched by it. A call goes on when its client does not
     wait for the answer.
@@ -125,7 +125,7 @@ def add_MotionAdminServiceServicer_to_server(servicer, server):
 
 
  # This class is part of an EXPERIMENTAL API.
-class MotionAdminService:
+class MotionAdminService(object):
     """Loads and unloads models while others are served. A call that the server cannot follow ends with a status whose
     ErrorInfo names the reason; the models that are served are not touched by it. A call goes on when its client does not
     wait for the answer.

@@ -5,7 +5,7 @@ import warnings
 
 from motiongen.v1 import encoder_pb2 as motiongen_dot_v1_dot_encoder__pb2
 
-GRPC_GENERATED_VERSION = '1.85.1'
+GRPC_GENERATED_VERSION = '1.66.2'
 GRPC_VERSION = grpc.__version__
 _version_not_supported = False
 
@@ -18,14 +18,14 @@ except ImportError:
 if _version_not_supported:
     raise RuntimeError(
         f'The grpc package installed is at version {GRPC_VERSION},'
-        + ' but the generated code in motiongen/v1/encoder_pb2_grpc.py depends on'
+        + f' but the generated code in motiongen/v1/encoder_pb2_grpc.py depends on'
         + f' grpcio>={GRPC_GENERATED_VERSION}.'
         + f' Please upgrade your grpc module to grpcio>={GRPC_GENERATED_VERSION}'
         + f' or downgrade your generated code using grpcio-tools<={GRPC_VERSION}.'
     )
 
 
-class TextEncoderServiceStub:
+class TextEncoderServiceStub(object):
     """Turns prompts into the vectors that a motion model takes.
     """
 
@@ -47,7 +47,7 @@ class TextEncoderServiceStub:
                 _registered_method=True)
 
 
-class TextEncoderServiceServicer:
+class TextEncoderServiceServicer(object):
     """Turns prompts into the vectors that a motion model takes.
     """
 
@@ -88,7 +88,7 @@ def add_TextEncoderServiceServicer_to_server(servicer, server):
 
 
  # This class is part of an EXPERIMENTAL API.
-class TextEncoderService:
+class TextEncoderService(object):
     """Turns prompts into the vectors that a motion model takes.
     """
 

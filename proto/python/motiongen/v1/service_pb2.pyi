@@ -1,5 +1,3 @@
-import datetime
-
 from google.protobuf import duration_pb2 as _duration_pb2
 from motiongen.v1 import motion_pb2 as _motion_pb2
 from motiongen.v1 import session_pb2 as _session_pb2
@@ -7,8 +5,7 @@ from google.protobuf.internal import containers as _containers
 from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
 from google.protobuf import descriptor as _descriptor
 from google.protobuf import message as _message
-from collections.abc import Iterable as _Iterable, Mapping as _Mapping
-from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
+from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Mapping, Optional as _Optional, Union as _Union
 
 DESCRIPTOR: _descriptor.FileDescriptor
 
@@ -234,7 +231,7 @@ class ClientHello(_message.Message):
     FLUSH_INTERVAL_FIELD_NUMBER: _ClassVar[int]
     client_agent: str
     flush_interval: _duration_pb2.Duration
-    def __init__(self, client_agent: _Optional[str] = ..., flush_interval: _Optional[_Union[datetime.timedelta, _duration_pb2.Duration, _Mapping]] = ...) -> None: ...
+    def __init__(self, client_agent: _Optional[str] = ..., flush_interval: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ...) -> None: ...
 
 class ServerHello(_message.Message):
     __slots__ = ("replica_id", "limits", "server_time_ns")
@@ -252,7 +249,7 @@ class Ping(_message.Message):
     ROUND_TRIP_FIELD_NUMBER: _ClassVar[int]
     client_time_ns: int
     round_trip: _duration_pb2.Duration
-    def __init__(self, client_time_ns: _Optional[int] = ..., round_trip: _Optional[_Union[datetime.timedelta, _duration_pb2.Duration, _Mapping]] = ...) -> None: ...
+    def __init__(self, client_time_ns: _Optional[int] = ..., round_trip: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ...) -> None: ...
 
 class Pong(_message.Message):
     __slots__ = ("client_time_ns", "server_time_ns")
@@ -270,4 +267,4 @@ class Goodbye(_message.Message):
     reason: GoodbyeReason
     grace: _duration_pb2.Duration
     reconnect_after: _duration_pb2.Duration
-    def __init__(self, reason: _Optional[_Union[GoodbyeReason, str]] = ..., grace: _Optional[_Union[datetime.timedelta, _duration_pb2.Duration, _Mapping]] = ..., reconnect_after: _Optional[_Union[datetime.timedelta, _duration_pb2.Duration, _Mapping]] = ...) -> None: ...
+    def __init__(self, reason: _Optional[_Union[GoodbyeReason, str]] = ..., grace: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., reconnect_after: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ...) -> None: ...

@@ -5,7 +5,7 @@ import warnings
 
 from motiongen.v1 import service_pb2 as motiongen_dot_v1_dot_service__pb2
 
-GRPC_GENERATED_VERSION = '1.85.1'
+GRPC_GENERATED_VERSION = '1.66.2'
 GRPC_VERSION = grpc.__version__
 _version_not_supported = False
 
@@ -18,14 +18,14 @@ except ImportError:
 if _version_not_supported:
     raise RuntimeError(
         f'The grpc package installed is at version {GRPC_VERSION},'
-        + ' but the generated code in motiongen/v1/service_pb2_grpc.py depends on'
+        + f' but the generated code in motiongen/v1/service_pb2_grpc.py depends on'
         + f' grpcio>={GRPC_GENERATED_VERSION}.'
         + f' Please upgrade your grpc module to grpcio>={GRPC_GENERATED_VERSION}'
         + f' or downgrade your generated code using grpcio-tools<={GRPC_VERSION}.'
     )
 
 
-class MotionServiceStub:
+class MotionServiceStub(object):
     """Generates human motion for many characters at once.
     """
 
@@ -52,7 +52,7 @@ class MotionServiceStub:
                 _registered_method=True)
 
 
-class MotionServiceServicer:
+class MotionServiceServicer(object):
     """Generates human motion for many characters at once.
     """
 
@@ -107,7 +107,7 @@ def add_MotionServiceServicer_to_server(servicer, server):
 
 
  # This class is part of an EXPERIMENTAL API.
-class MotionService:
+class MotionService(object):
     """Generates human motion for many characters at once.
     """
 

@@ -1,13 +1,10 @@
-import datetime
-
 from google.protobuf import duration_pb2 as _duration_pb2
 from motiongen.v1 import motion_pb2 as _motion_pb2
 from google.protobuf.internal import containers as _containers
 from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
 from google.protobuf import descriptor as _descriptor
 from google.protobuf import message as _message
-from collections.abc import Iterable as _Iterable, Mapping as _Mapping
-from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
+from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Mapping, Optional as _Optional, Union as _Union
 
 DESCRIPTOR: _descriptor.FileDescriptor
 
@@ -156,7 +153,7 @@ class EditConstraints(_message.Message):
     upsert: _containers.RepeatedCompositeFieldContainer[_motion_pb2.Constraint]
     remove: _containers.RepeatedScalarFieldContainer[int]
     clear: bool
-    def __init__(self, upsert: _Optional[_Iterable[_Union[_motion_pb2.Constraint, _Mapping]]] = ..., remove: _Optional[_Iterable[int]] = ..., clear: _Optional[bool] = ...) -> None: ...
+    def __init__(self, upsert: _Optional[_Iterable[_Union[_motion_pb2.Constraint, _Mapping]]] = ..., remove: _Optional[_Iterable[int]] = ..., clear: bool = ...) -> None: ...
 
 class SetVelocity(_message.Message):
     __slots__ = ("x", "z", "heading", "hold_frames", "keep_prompt")
@@ -170,7 +167,7 @@ class SetVelocity(_message.Message):
     heading: float
     hold_frames: int
     keep_prompt: bool
-    def __init__(self, x: _Optional[float] = ..., z: _Optional[float] = ..., heading: _Optional[float] = ..., hold_frames: _Optional[int] = ..., keep_prompt: _Optional[bool] = ...) -> None: ...
+    def __init__(self, x: _Optional[float] = ..., z: _Optional[float] = ..., heading: _Optional[float] = ..., hold_frames: _Optional[int] = ..., keep_prompt: bool = ...) -> None: ...
 
 class Playhead(_message.Message):
     __slots__ = ("frame", "buffered_to", "underruns")
@@ -270,7 +267,7 @@ class EditOutcome(_message.Message):
     allowed: str
     retry_after: _duration_pb2.Duration
     warnings: _containers.RepeatedCompositeFieldContainer[EventWarning]
-    def __init__(self, event_seq: _Optional[int] = ..., code: _Optional[int] = ..., reason: _Optional[str] = ..., message: _Optional[str] = ..., effective_frame: _Optional[int] = ..., field: _Optional[str] = ..., allowed: _Optional[str] = ..., retry_after: _Optional[_Union[datetime.timedelta, _duration_pb2.Duration, _Mapping]] = ..., warnings: _Optional[_Iterable[_Union[EventWarning, _Mapping]]] = ...) -> None: ...
+    def __init__(self, event_seq: _Optional[int] = ..., code: _Optional[int] = ..., reason: _Optional[str] = ..., message: _Optional[str] = ..., effective_frame: _Optional[int] = ..., field: _Optional[str] = ..., allowed: _Optional[str] = ..., retry_after: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., warnings: _Optional[_Iterable[_Union[EventWarning, _Mapping]]] = ...) -> None: ...
 
 class EventWarning(_message.Message):
     __slots__ = ("reason", "message", "field")

@@ -13,7 +13,7 @@ from motiongen_tools.bench.result import Result
 from motiongen_tools.bench.scenario import load_scenario
 from motiongen_tools.cli import run
 from motiongen_tools.cli_bench import VOID, num_processes
-from tests.client.bench.made_up import make_result
+from tests.tools.bench.made_up import make_result
 
 NEVER_VOID = ["--max-lag-ms", "60000"]  # the machine that tests may be as slow as it likes
 

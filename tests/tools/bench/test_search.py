@@ -12,7 +12,7 @@ from motiongen_tools.bench.load import Load
 from motiongen_tools.bench.result import Result
 from motiongen_tools.bench.scenario import load_scenario
 from motiongen_tools.bench.search import Bracket, Found, Trial, find_most
-from tests.client.bench.made_up import make_result
+from tests.tools.bench.made_up import make_result
 
 LONG = 30
 

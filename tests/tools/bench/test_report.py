@@ -12,7 +12,7 @@ from hdrh.histogram import HdrHistogram
 from motiongen_tools.bench.report import write_report
 from motiongen_tools.bench.result import Standard
 from motiongen_tools.bench.search import Found, judge
-from tests.client.bench.made_up import make_result
+from tests.tools.bench.made_up import make_result
 
 PNG = b"\x89PNG\r\n\x1a\n"
 VOID_TAGS = {"meta", "br"}

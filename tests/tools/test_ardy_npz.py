@@ -12,7 +12,7 @@ from motiongen_ardy.formats.npz import read_npz, write_npz
 from motiongen_client import InvalidInput, Motion
 from motiongen_client.kinematics import axis_angle_to_quaternion, matrix_to_quaternion, quaternion_to_matrix
 from motiongen_tools.ardy_npz import read_ardy_npz, write_ardy_npz
-from tests.client.test_constraint_file import rig_of
+from tests.tools.test_constraint_file import rig_of
 
 SKELETONS = ("core27", "g134")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from motiongen_tools.bench.book import EVENT
-from tests.client.bench.made_up import SECONDS, make_result
+from tests.tools.bench.made_up import SECONDS, make_result
 
 
 def test_figures_are_of_the_measured_seconds_alone() -> None:

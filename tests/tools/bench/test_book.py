@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motiongen_tools.bench.book import ALL, EVENT, Book, summary_ms
-from tests.client.bench.made_up import book_with
+from tests.tools.bench.made_up import book_with
 
 latencies = st.lists(st.floats(1e-5, 500.0), min_size=1, max_size=50)
 

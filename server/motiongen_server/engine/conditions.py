@@ -70,10 +70,17 @@ class Conditions:
         return best
 
     def prompt_change_after(self, frame: int, end: int) -> int:
-        """The first frame after `frame` whose prompt is another one than at `frame`; `end` if there is none before."""
+        """The first frame after `frame` whose prompt is another one than at `frame`; `end` if there is none before.
+
+        A velocity that ends soon counts from half way to `end` on: one that is renewed many times a second would else
+        leave a client with a few frames at a time.
+        """
         from_here = self.led_from(frame)
         held = from_here.prompt_at(frame)
-        for candidate in from_here._boundaries(frame):
+        half_way = (frame + end) // 2
+        led_to = from_here._led_to(frame)
+        frames = {max(each, half_way) if each == led_to else each for each in from_here._boundaries(frame)}
+        for candidate in sorted(frames):
             if frame < candidate < end and not _same(held, from_here.prompt_at(candidate)):
                 return candidate
         return end
@@ -100,8 +107,12 @@ class Conditions:
 
     def _boundaries(self, frame: int) -> list[int]:
         """The frames at which the prompt may change, in order. frame: where a velocity that leads none yet begins."""
-        led_to = () if self.velocity is None or self.gait is None else (self.velocity.end_if_from(frame),)
-        return sorted({*_boundaries(self.prompts), *led_to})
+        led_to = self._led_to(frame)
+        return sorted({*_boundaries(self.prompts), *(() if led_to is None else (led_to,))})
+
+    def _led_to(self, frame: int) -> int | None:
+        """Where a velocity with a gait ends; None where there is none. frame: as for `_boundaries`."""
+        return None if self.velocity is None or self.gait is None else self.velocity.end_if_from(frame)
 
     def constraints_within(self, begin: int, end: int) -> tuple[Constraint, ...]:
         """The constraints with a frame in begin <= frame < end."""

@@ -1,4 +1,4 @@
-"""Judge a model by its motion: `python -m motiongen_ardy.evaluate MODEL DATA`. The exit code is 1 where a bound is missed.
+"""Judge a model by its motion: `python -m motiongen_ardy.evaluate MODEL DATA`; exit code 1 where a bound is missed.
 
 Windows are made as the server makes them: 16 frames of history, the model's own guidance and corrections.
 """

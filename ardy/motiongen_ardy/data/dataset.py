@@ -108,7 +108,7 @@ class MotionDataset:
     def load(cls, folder: Path, split: str | None = None) -> MotionDataset:
         """Read a set, or one split of it ("train", "validation", "test", "test_unseen"). Raises DatasetError.
 
-        "validation" is cut out of the clips that the table calls "train", the same ones always, as `validation.py` says.
+        "validation" is cut out of the clips that the table calls "train", always the same, as `validation.py` says.
         The clips are views of two shared tensors: do not write to them.
         """
         document = _read_document(folder)

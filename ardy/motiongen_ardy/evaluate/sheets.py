@@ -101,6 +101,8 @@ def _above(axes: plt.Axes, exhibit: Exhibit, layout: Representation) -> None:
         axes.plot(x, z, "*", color="tab:red", markersize=10)
         axes.text(x, z, f" {frame / layout.fps:.1f} s", fontsize=7)
     axes.plot(*root[0], "o", color="tab:green", markersize=4)
+    # Who stands shall look as if: no less than a metre is shown.
+    axes.plot(root[0, 0] + np.array([-0.5, 0.5]), root[0, 1] + np.array([-0.5, 0.5]), alpha=0.0)
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.15)
     axes.invert_xaxis()  # seen from above with +Z up the page, +X is to the left

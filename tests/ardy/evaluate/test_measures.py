@@ -73,17 +73,26 @@ def test_first_lift_tells_time_and_way() -> None:
     positions = statue(60, 0.0)
     positions[20:, :, 2] += torch.arange(1, 41)[:, None] / FPS  # 1 m/s from frame 20 on
     positions[30:, SKELETON.left_foot[1], 1] += 0.05
-    seconds, metres = feet.first_lift(SKELETON, positions, 20, FPS)
-    assert seconds == pytest.approx(0.5)
-    assert metres == pytest.approx(0.5, abs=0.06)
+    lift = feet.first_lift(SKELETON, positions, 20, FPS)
+    assert lift.seconds == pytest.approx(0.5)
+    assert lift.root_m == pytest.approx(0.5, abs=0.06)
+    assert lift.glided_m == pytest.approx(0.5, abs=0.06)
+
+
+def test_who_leans_over_feet_that_stay_does_not_glide() -> None:
+    positions = statue(60, 0.0)
+    positions[20:40, 0, 2] += torch.arange(1, 21) / FPS / 10
+    lift = feet.first_lift(SKELETON, positions[:40], 20, FPS)
+    assert lift.root_m == pytest.approx(0.095, abs=0.01)
+    assert lift.glided_m == pytest.approx(0.0, abs=1e-5)
 
 
 def test_without_a_lift_all_of_the_way_is_glided() -> None:
     positions = statue(60, 0.0)
     positions[20:, :, 2] += torch.arange(1, 41)[:, None] / FPS
-    seconds, metres = feet.first_lift(SKELETON, positions, 20, FPS)
-    assert seconds == pytest.approx(1.95)
-    assert metres == pytest.approx(1.95, abs=0.06)
+    lift = feet.first_lift(SKELETON, positions, 20, FPS)
+    assert lift.seconds == pytest.approx(1.95)
+    assert lift.glided_m == pytest.approx(1.95, abs=0.06)
 
 
 def test_a_stop_has_a_time_and_steps() -> None:

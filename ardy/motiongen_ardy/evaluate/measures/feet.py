@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -77,16 +78,29 @@ def lifted(skeleton: Skeleton, positions: Tensor, rest: Tensor) -> Tensor:
     return foot_joints(skeleton, positions)[:, [1, 3], 1] > rest + LIFT_M
 
 
-def first_lift(skeleton: Skeleton, positions: Tensor, from_frame: int, fps: int) -> tuple[float, float]:
-    """Seconds from from_frame to the first lifted foot, and metres that the root went until then.
+class FirstLift(NamedTuple):
+    """Seconds to the first lifted foot, and metres until then: of the root, and of whichever foot joint is slowest."""
 
-    The height of rest is each toe's over the half second before. Without a lift both count to the end.
+    seconds: float
+    root_m: float
+    glided_m: float
+
+
+def first_lift(skeleton: Skeleton, positions: Tensor, from_frame: int, fps: int) -> FirstLift:
+    """The first lifted foot from from_frame on. Without one all counts to the end.
+
+    The height of rest is each toe's over the half second before. A root that moves over feet that stay leans, and does
+    not glide: what glides is the slowest foot.
     """
     rest = foot_joints(skeleton, positions[max(0, from_frame - fps // 2) : from_frame])[:, [1, 3], 1].mean(dim=0)
     frames = lifted(skeleton, positions[from_frame:], rest).any(dim=-1).nonzero()[:, 0]
     count = int(frames[0]) if len(frames) else len(positions) - 1 - from_frame
-    root = positions[from_frame - 1 : from_frame + count, 0, [0, 2]]
-    return count / fps, float((root[1:] - root[:-1]).norm(dim=-1).sum()) if count else 0.0
+    before = positions[from_frame - 1 : from_frame + count]
+    if len(before) < 2:
+        return FirstLift(count / fps, 0.0, 0.0)
+    root = (before[1:, 0] - before[:-1, 0])[:, [0, 2]].norm(dim=-1).sum()
+    slowest = foot_speeds(skeleton, before, fps).amin(dim=-1).sum() / fps
+    return FirstLift(count / fps, float(root), float(slowest))
 
 
 def stop(skeleton: Skeleton, positions: Tensor, from_frame: int, fps: int) -> tuple[float, int]:

@@ -72,10 +72,13 @@ def _start(context: Context, begun: list[Result], lead: int) -> None:
         return feet.slowest_foot(skeleton, positions[frame : frame + 2 * fps], fps)
 
     def time(positions: Tensor, frame: int) -> float:
-        return feet.first_lift(skeleton, positions, frame, fps)[0]
+        return feet.first_lift(skeleton, positions, frame, fps).seconds
 
     def glided(positions: Tensor, frame: int) -> float:
-        return feet.first_lift(skeleton, positions, frame, fps)[1]
+        return feet.first_lift(skeleton, positions, frame, fps).glided_m
+
+    def leaned(positions: Tensor, frame: int) -> float:
+        return feet.first_lift(skeleton, positions, frame, fps).root_m
 
     derived = _changes(context, starts=True)
     row = "stand to walk: slowest foot / root speed, first 2 s"
@@ -83,6 +86,7 @@ def _start(context: Context, begun: list[Result], lead: int) -> None:
     _add(context, "stand to walk: to the first lifted foot", "s", begun, lead, time, derived)
     row = "stand to walk: glided before the first lifted foot"
     _add(context, row, "m", begun, lead, glided, derived, "glided")
+    _add(context, "stand to walk: root's way before it", "m", begun, lead, leaned, derived)
     title = "stand to walk at 3 s: glides {:.2f} m"
     context.show(FAMILY, [Exhibit(title.format(glided(one.positions, lead)), one) for one in begun[:2]])
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from motiongen_server.abilities import Abilities, FormSupport, GaitText, PresetText, PromptDomain
 from motiongen_server.engine.types import Direction, Gait
-from motiongen_server.presets import Preset
-from motiongen_server.prompts import TextEncoder
+from motiongen_server.text.presets import Preset
+from motiongen_server.text.prompts import TextEncoder
 
 if TYPE_CHECKING:
     from motiongen_ardy.capabilities import Capabilities

@@ -12,8 +12,8 @@ from motiongen_client import (
     Keyframe,
     Outcome,
     ProtocolViolation,
+    RootTrajectory,
     SessionOptions,
-    Trajectory,
     UnknownName,
     Waypoint,
     convert,
@@ -81,7 +81,7 @@ def test_constraints_become_messages() -> None:
     waypoint = convert.constraint(1, Waypoint(30, 1.5, -2, heading_rad=0.25))
     assert (waypoint.frame, waypoint.root.x, waypoint.root.z, waypoint.root.heading) == (30, 1.5, -2, 0.25)
     assert not convert.constraint(1, Waypoint(30, 1, 2)).root.HasField("heading")
-    path = convert.constraint(2, Trajectory(10, np.array([[1, 2], [3, 4]]), np.array([0, 1])))
+    path = convert.constraint(2, RootTrajectory(10, np.array([[1, 2], [3, 4]]), np.array([0, 1])))
     assert (path.frame, list(path.trajectory.positions)) == (10, [1, 2, 3, 4])
     assert list(path.trajectory.headings) == [0, 1]
     pose = convert.constraint(3, Keyframe(9, np.arange(6).reshape(2, 3)))

@@ -58,7 +58,7 @@ def path(positions: list[float], headings: list[float]) -> Event:
 
 def pose(catalog: Catalog, number: float, missing: int = 0) -> Event:
     count = 3 * len(catalog.rigs[0].joints) - missing
-    return target_of(pose=motion_pb2.FullPose(positions=[number] * count))
+    return target_of(pose=motion_pb2.Keyframe(positions=[number] * count))
 
 
 def long_text(catalog: Catalog) -> str:
@@ -132,21 +132,21 @@ REFUSED_OPENS = [
     ),
     Mistake(
         "start at infinity",
-        lambda c: opening(initial_root=motion_pb2.RootPose(z=-INF)),
+        lambda c: opening(initial_root=motion_pb2.Waypoint(z=-INF)),
         "NOT_FINITE",
         "open.initial_root.z",
         "finite metres",
     ),
     Mistake(
         "NaN start heading",
-        lambda c: opening(initial_root=motion_pb2.RootPose(heading=NAN)),
+        lambda c: opening(initial_root=motion_pb2.Waypoint(heading=NAN)),
         "NOT_FINITE",
         "open.initial_root.heading",
         "finite radians",
     ),
     Mistake(
         "start far off",
-        lambda c: opening(initial_root=motion_pb2.RootPose(x=2 * c.limits.max_coordinate_m)),
+        lambda c: opening(initial_root=motion_pb2.Waypoint(x=2 * c.limits.max_coordinate_m)),
         "COORDINATE_OUT_OF_RANGE",
         "open.initial_root.x",
         "within",

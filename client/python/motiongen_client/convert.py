@@ -25,11 +25,11 @@ from motiongen_client.types import (
     Outcome,
     Priority,
     Residual,
+    RootTrajectory,
     ServiceLevel,
     SessionEnd,
     SessionOptions,
     StartPose,
-    Trajectory,
     Waypoint,
 )
 
@@ -73,7 +73,7 @@ def open_session(
         message.prior_frames.data = np.ascontiguousarray(options.prior.rows, "<f4").tobytes()
     if options.start != StartPose():
         message.initial_root.CopyFrom(
-            motion_pb2.RootPose(x=options.start.x_m, z=options.start.z_m, heading=options.start.heading_rad)
+            motion_pb2.Waypoint(x=options.start.x_m, z=options.start.z_m, heading=options.start.heading_rad)
         )
     if options.text_guidance is not None or options.constraint_guidance is not None:
         message.guidance.CopyFrom(
@@ -109,14 +109,14 @@ def constraint(constraint_id: int, target: Constraint) -> motion_pb2.Constraint:
     """A constraint with the id that replaces or removes it later."""
     match target:
         case Waypoint():
-            root = motion_pb2.RootPose(x=target.x_m, z=target.z_m, heading=target.heading_rad)
+            root = motion_pb2.Waypoint(x=target.x_m, z=target.z_m, heading=target.heading_rad)
             return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.frame, root=root)
-        case Trajectory():
+        case RootTrajectory():
             headings = target.headings_rad.tolist() if target.headings_rad is not None else ()
             path = motion_pb2.RootTrajectory(positions=target.positions_m.ravel().tolist(), headings=headings)
             return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.first_frame, trajectory=path)
         case Keyframe():
-            pose = motion_pb2.FullPose(positions=target.positions_m.ravel().tolist())
+            pose = motion_pb2.Keyframe(positions=target.positions_m.ravel().tolist())
             return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.frame, pose=pose)
         case JointTargets():
             rotations = target.rotations_quat_wxyz

@@ -66,7 +66,7 @@ class Stream:
         self._hello_timeout_s = hello_timeout_s
         self._sessions: dict[int, Session] = {}
         self._next_handle = 1
-        self._outbox: list[session_pb2.SessionEvent] = []
+        self._send_queue: list[session_pb2.SessionEvent] = []
         self._ping: service_pb2.Ping | None = None
         self._outbox_filled = asyncio.Event()
         self._report_wanted = asyncio.Event()
@@ -189,7 +189,7 @@ class Stream:
         if event.ByteSize() > self._max_batch_bytes:
             allowed = f"at most {self._max_batch_bytes} bytes in one event; split it"
             raise InvalidInput(event.WhichOneof("event") or "event", f"{event.ByteSize()} bytes", allowed)
-        self._outbox.append(event)
+        self._send_queue.append(event)
         self._outbox_filled.set()
 
     def report_soon(self) -> None:
@@ -230,7 +230,7 @@ class Stream:
             while self._failure is None:
                 await self._outbox_filled.wait()
                 self._outbox_filled.clear()
-                while self._failure is None and (self._outbox or self._ping is not None):
+                while self._failure is None and (self._send_queue or self._ping is not None):
                     await call.write(self._next_request())
                 if self._closing:
                     await call.done_writing()
@@ -244,13 +244,13 @@ class Stream:
     def _next_request(self) -> service_pb2.StreamMotionRequest:
         """As many queued events as one message may carry."""
         num_bytes, num_events = 0, 0
-        for event in self._outbox:
+        for event in self._send_queue:
             num_bytes += event.ByteSize() + 8
             if num_events and num_bytes > self._max_batch_bytes:
                 break
             num_events += 1
-        request = service_pb2.StreamMotionRequest(events=self._outbox[:num_events], ping=self._ping)
-        del self._outbox[:num_events]
+        request = service_pb2.StreamMotionRequest(events=self._send_queue[:num_events], ping=self._ping)
+        del self._send_queue[:num_events]
         self._ping = None
         return request
 

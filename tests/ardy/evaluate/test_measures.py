@@ -8,12 +8,12 @@ import pytest
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.evaluate.measures import feet
 from motiongen_ardy.evaluate.measures.matching import frechet_distance, ranks
 from motiongen_ardy.evaluate.measures.posture import frozen_share, lean
 from motiongen_ardy.evaluate.measures.root import ground_speed, is_moving, travel_angle, turn_rate, turned
 from motiongen_ardy.evaluate.measures.smooth import accelerations, seam_jumps
-from motiongen_ardy.skeleton import load_skeleton
 
 FPS = 20
 SKELETON = load_skeleton("core27")

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.evaluate.measures.root import MOVING_M_S, ground_speed, smoothed
-from motiongen_ardy.skeleton import Skeleton
 
 LIFT_M = 0.025
 LOW_M = 0.05

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from motiongen_ardy.constraint import Targets
+from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.evaluate.cases import HISTORY, MOVING, STANDING, Case
 from motiongen_ardy.evaluate.context import Context, Exhibit
 from motiongen_ardy.evaluate.measures.root import turned
@@ -26,7 +26,7 @@ def path_take(
     """A case told its ground position (K, 2), and perhaps its heading (K), at each frame that follows."""
     targets = Targets(context.skeleton)
     frames = range(HISTORY, HISTORY + len(ground))
-    targets.add_root(frames, ground.float(), None if heading is None else heading.float())
+    targets.add_waypoints(frames, ground.float(), None if heading is None else heading.float())
     history, end = case.history, HISTORY + len(ground)
     return Take(f"{case.id} {name}", seed, end, ((0, prompt),), case.group, history, targets)
 
@@ -138,7 +138,7 @@ def _turns(context: Context) -> None:
             frame = HISTORY - 1 + context.frames(1.0 + off / 90)
             targets = Targets(context.skeleton)
             side = 1 if number % 2 else -1
-            targets.add_root([frame], torch.zeros(1, 2), torch.tensor([facing + side * math.radians(off)]))
+            targets.add_waypoints([frame], torch.zeros(1, 2), torch.tensor([facing + side * math.radians(off)]))
             group += [
                 Take(
                     f"{case.id} turn {off}",

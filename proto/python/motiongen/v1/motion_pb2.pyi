@@ -83,13 +83,13 @@ class Constraint(_message.Message):
     TRAJECTORY_FIELD_NUMBER: _ClassVar[int]
     constraint_id: int
     frame: int
-    root: RootPose
+    root: Waypoint
     joints: JointTargets
-    pose: FullPose
+    pose: Keyframe
     trajectory: RootTrajectory
-    def __init__(self, constraint_id: _Optional[int] = ..., frame: _Optional[int] = ..., root: _Optional[_Union[RootPose, _Mapping]] = ..., joints: _Optional[_Union[JointTargets, _Mapping]] = ..., pose: _Optional[_Union[FullPose, _Mapping]] = ..., trajectory: _Optional[_Union[RootTrajectory, _Mapping]] = ...) -> None: ...
+    def __init__(self, constraint_id: _Optional[int] = ..., frame: _Optional[int] = ..., root: _Optional[_Union[Waypoint, _Mapping]] = ..., joints: _Optional[_Union[JointTargets, _Mapping]] = ..., pose: _Optional[_Union[Keyframe, _Mapping]] = ..., trajectory: _Optional[_Union[RootTrajectory, _Mapping]] = ...) -> None: ...
 
-class RootPose(_message.Message):
+class Waypoint(_message.Message):
     __slots__ = ("x", "z", "heading")
     X_FIELD_NUMBER: _ClassVar[int]
     Z_FIELD_NUMBER: _ClassVar[int]
@@ -109,7 +109,7 @@ class JointTargets(_message.Message):
     rotations: _containers.RepeatedScalarFieldContainer[float]
     def __init__(self, joints: _Optional[_Iterable[int]] = ..., positions: _Optional[_Iterable[float]] = ..., rotations: _Optional[_Iterable[float]] = ...) -> None: ...
 
-class FullPose(_message.Message):
+class Keyframe(_message.Message):
     __slots__ = ("positions",)
     POSITIONS_FIELD_NUMBER: _ClassVar[int]
     positions: _containers.RepeatedScalarFieldContainer[float]

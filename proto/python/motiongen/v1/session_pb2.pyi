@@ -123,11 +123,11 @@ class OpenSession(_message.Message):
     scalar_type: _motion_pb2.ScalarType
     prompts: _containers.RepeatedCompositeFieldContainer[_motion_pb2.PromptSpan]
     constraints: _containers.RepeatedCompositeFieldContainer[_motion_pb2.Constraint]
-    initial_root: _motion_pb2.RootPose
+    initial_root: _motion_pb2.Waypoint
     denoise_steps: int
     guidance: Guidance
     history_frames: int
-    def __init__(self, request_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., seed: _Optional[int] = ..., priority: _Optional[_Union[PriorityClass, str]] = ..., lookahead_frames: _Optional[int] = ..., prior_frames: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., prompts: _Optional[_Iterable[_Union[_motion_pb2.PromptSpan, _Mapping]]] = ..., constraints: _Optional[_Iterable[_Union[_motion_pb2.Constraint, _Mapping]]] = ..., initial_root: _Optional[_Union[_motion_pb2.RootPose, _Mapping]] = ..., denoise_steps: _Optional[int] = ..., guidance: _Optional[_Union[Guidance, _Mapping]] = ..., history_frames: _Optional[int] = ...) -> None: ...
+    def __init__(self, request_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., seed: _Optional[int] = ..., priority: _Optional[_Union[PriorityClass, str]] = ..., lookahead_frames: _Optional[int] = ..., prior_frames: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., prompts: _Optional[_Iterable[_Union[_motion_pb2.PromptSpan, _Mapping]]] = ..., constraints: _Optional[_Iterable[_Union[_motion_pb2.Constraint, _Mapping]]] = ..., initial_root: _Optional[_Union[_motion_pb2.Waypoint, _Mapping]] = ..., denoise_steps: _Optional[int] = ..., guidance: _Optional[_Union[Guidance, _Mapping]] = ..., history_frames: _Optional[int] = ...) -> None: ...
 
 class Guidance(_message.Message):
     __slots__ = ("text", "constraint")

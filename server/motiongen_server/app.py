@@ -66,8 +66,8 @@ class Application:
         """load: the model, for an engine in this process. engine_command: for one in a process of its own."""
         self._config = config
         self._metrics = Metrics()
-        self._offer = ModelFactory(config, load or Loader(), self._deliver, self._metrics, engine_command)
-        self._manager = ModelManager(self._offer.host, self._offer.serve, self._offer.forget)
+        self._factory = ModelFactory(config, load or Loader(), self._deliver, self._metrics, engine_command)
+        self._manager = ModelManager(self._factory.host, self._factory.serve, self._factory.forget)
         self._admin: grpc.aio.Server | None = None
         self._health = health.aio.HealthServicer()
         self._stop = asyncio.Event()
@@ -97,7 +97,7 @@ class Application:
     async def _open(self) -> None:
         config = self._config
         for source in config.models:
-            hosted = await self._unless_stopped(partial(self._offer.host, source))
+            hosted = await self._unless_stopped(partial(self._factory.host, source))
             if hosted.facts.model_id in self._manager:
                 raise SettingError(f"model is {config.model!r}, and two of these are {hosted.facts.model_id}; give one")
             self._manager.adopt(source, hosted)
@@ -107,7 +107,7 @@ class Application:
         self._metrics.heartbeat_age.set_function(self._heartbeat_age_s)
         self._metrics.streams.set_function(lambda: self._service.num_streams)
         self._metrics.queue_bytes.set_function(lambda: self._service.num_waiting_bytes)
-        self._metrics.prompts_waiting.set_function(lambda: self._offer.num_waiting_prompts)
+        self._metrics.prompts_waiting.set_function(lambda: self._factory.num_waiting_prompts)
         await self._set_health(health_pb2.HealthCheckResponse.SERVING)
         self._ready = True
         for kept in self._manager.kept:
@@ -244,7 +244,7 @@ class Application:
         failed = self._manager.failure is not None
         await self._manager.stop()
         await self.stop_ops()
-        self._offer.close()
+        self._factory.close()
         _log.info("stopped%s", " after the engine failed" if failed else "")
         return 1 if failed else 0
 

@@ -1,9 +1,9 @@
-"""Runners without speed-ups, as baselines: the formulas as in `motiongen_ardy.model.rollout`, rows padded to one length.
+"""Runners without speed-ups, as baselines: the formulas of `motiongen_ardy.model.rollout`, rows padded to one length.
 
-`RolloutRunner` computes one window at a time with `motiongen_ardy.model.rollout`'s own functions. `PlainRunner` does the
-same for many rows at once, which may differ in everything. Both make every guidance pass, encode each history again,
-and decode history and horizon; what they share with the served runner is the reading of a job and the form of its
-frames.
+`RolloutRunner` computes one window at a time with the functions of `motiongen_ardy.model.rollout`. `PlainRunner` does
+the same for many rows at once, which may differ in everything. Both make every guidance pass, encode each history
+again, and decode history and horizon; what they share with the served runner is the reading of a job and the form of
+its frames.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Row:
 
 
 class RolloutRunner:
-    """One row a call by `motiongen_ardy.model.rollout`; a `Runner` of the engine for a scheduler that runs one at a time.
+    """One row a call by `motiongen_ardy.model.rollout`; a `Runner` of the engine for a scheduler of one at a time.
 
     bf16: whether matrix products run in bfloat16.
     """

@@ -10,11 +10,11 @@ import grpc.aio
 import numpy as np
 from numpy.typing import NDArray
 
-from motiongen_server.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.types import Gait, Guidance
 from motiongen_server.models.registry import ModelRegistry, Served
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.handlers import add_methods
 from motiongen_server.rpc.limits import Limits

@@ -43,6 +43,10 @@ SERVER = "server/motiongen_server"
 ROOMS = (
     room("proto/generate.py", "google grpc_tools"),
     room("proto/python", "google grpc motiongen"),
+    # the model library: core knows only itself, model knows core, checkpoint both
+    room(f"{ARDY}/core", f"motiongen_ardy.core {NUMBERS}"),
+    room(f"{ARDY}/model", f"motiongen_ardy.core motiongen_ardy.model {NUMBERS}"),
+    room(f"{ARDY}/checkpoint", f"motiongen_ardy.core motiongen_ardy.model motiongen_ardy.checkpoint {NUMBERS} {FILES}"),
     room(
         f"{ARDY}/data {ARDY}/train {ARDY}/evaluate",
         f"motiongen_ardy {NUMBERS} {FILES} {TEXT} {PICTURES} rich tensorboard transformers",
@@ -50,23 +54,39 @@ ROOMS = (
     room(f"{ARDY}/text", f"motiongen_ardy {NUMBERS} {FILES} {TEXT} peft transformers"),
     room(f"{ARDY}/formats", f"motiongen_ardy {NUMBERS} pygltflib"),
     room(ARDY, f"motiongen_ardy {NUMBERS} {FILES} {TEXT}"),
+    # the server
+    room(f"{SERVER}/engine/types", "numpy ~.engine.types", never="asyncio"),
     room(f"{SERVER}/engine", "numpy ~.engine", never="asyncio"),
     room(f"{SERVER}/runner", f"{NUMBERS} motiongen_ardy ~.runner ~.engine.types ~.engine.ports", never="asyncio"),
-    room(f"{SERVER}/convert", "numpy motiongen ~.abilities ~.engine.types ~.catalog ~.convert ~.errors ~.limits"),
-    room(f"{SERVER}/catalog.py", "motiongen ~.abilities ~.engine.types ~.limits ~.presets"),
-    room(f"{SERVER}/abilities.py", "numpy ~.engine.types"),
-    room(f"{SERVER}/presets.py", "~.engine.types"),
-    room(f"{SERVER}/outbox.py {SERVER}/rate.py {SERVER}/limits.py", "~.engine.types"),
-    room(f"{SERVER}/ops.py", "starlette uvicorn prometheus_client"),
-    room(f"{SERVER}/metrics.py {SERVER}/model_metrics.py", "prometheus_client ~.engine ~.model_metrics"),
+    room(f"{SERVER}/engine_process", "msgpack numpy zmq ~", never="asyncio"),
+    room(
+        f"{SERVER}/rpc/convert",
+        "numpy motiongen ~.rpc.abilities ~.engine.types ~.rpc.catalog ~.rpc.convert ~.rpc.limits ~.errors",
+    ),
+    room(f"{SERVER}/rpc/catalog.py", "motiongen ~.rpc.abilities ~.engine.types ~.rpc.limits ~.text.presets"),
+    room(f"{SERVER}/rpc/abilities.py", "numpy ~.engine.types"),
+    room(f"{SERVER}/rpc/send_queue.py {SERVER}/rpc/token_bucket.py {SERVER}/rpc/limits.py", "~.engine.types"),
+    room(
+        f"{SERVER}/rpc",
+        "grpc google motiongen numpy ~.rpc ~.text ~.errors ~.config"
+        " ~.engine.types ~.engine.engine_port ~.models.registry",
+    ),
+    room(f"{SERVER}/text/presets.py", "~.engine.types"),
+    room(f"{SERVER}/text/prompts.py", "numpy ~.engine.types ~.errors"),
+    room(
+        f"{SERVER}/text/encoder",
+        f"{GRPC} google motiongen motiongen_ardy.text numpy prometheus_client torch"
+        " ~.text ~.ops ~.errors ~.config ~.settings ~.background ~.engine.types ~.rpc.token_bucket",
+    ),
+    room(f"{SERVER}/models/loader.py {SERVER}/models/repertoire.py", f"{NUMBERS} motiongen_ardy ~"),
+    room(f"{SERVER}/models", "grpc google motiongen numpy ~"),
+    room(f"{SERVER}/ops/http.py", "starlette uvicorn prometheus_client"),
+    room(f"{SERVER}/ops", "prometheus_client ~.ops ~.engine"),
     room(f"{SERVER}/config.py {SERVER}/settings.py", "_typeshed ~.errors ~.settings"),
     room(f"{SERVER}/errors.py", "grpc grpc_status google ~.engine.types"),
-    room(f"{SERVER}/prompts.py", "numpy ~.engine.types ~.errors"),
     room(f"{SERVER}/app.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
-    room(f"{SERVER}/loading.py {SERVER}/repertoire.py", f"{NUMBERS} motiongen_ardy ~"),
-    room(f"{SERVER}/encoder", f"{GRPC} motiongen_ardy.text google motiongen numpy prometheus_client ~ torch"),
-    room(f"{SERVER}/split", "msgpack numpy zmq ~", never="asyncio"),
-    room(SERVER, "grpc google motiongen numpy ~"),
+    room(SERVER, ""),
+    # the clients
     room("client/python/motiongen_client", "google grpc motiongen numpy motiongen_client"),
     room(
         "client/tools/motiongen_tools/bench",
@@ -138,7 +158,7 @@ def test_every_source_file_is_in_a_room(repository: Any) -> None:
         ("server/motiongen_server/engine/session/session.py", "import torch"),
         ("server/motiongen_server/engine/session/session.py", "import asyncio"),
         ("server/motiongen_server/engine/session/session.py", "from motiongen_server import runner"),
-        ("server/motiongen_server/engine/session/session.py", "from .. import convert"),
+        ("server/motiongen_server/engine/session/session.py", "from ... import rpc"),
         ("server/motiongen_server/engine/session/session.py", "def late():\n    from motiongen.v1 import session_pb2"),
         ("server/motiongen_server/rpc/service.py", "import motiongen_ardy.model.rollout"),
         ("server/motiongen_server/rpc/service.py", "import zmq"),

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
-from motiongen_server.abilities import Abilities, FormSupport, PromptDomain
 from motiongen_server.engine.types import (
     Constraint,
     Guidance,
@@ -23,6 +22,7 @@ from motiongen_server.engine.types import (
     Waypoint,
 )
 from motiongen_server.errors import EventRefused
+from motiongen_server.rpc.abilities import Abilities, FormSupport, PromptDomain
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert import engine_event, prompt_texts, warnings_of
 from motiongen_server.rpc.convert.forms import forms_of

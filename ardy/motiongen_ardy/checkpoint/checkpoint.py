@@ -19,10 +19,11 @@ from motiongen_ardy.checkpoint.config import (
 )
 from motiongen_ardy.checkpoint.config_writer import write_model_config, write_tokenizer_config
 from motiongen_ardy.checkpoint.files import CheckpointError, TensorFile, path_inside, read_yaml
+from motiongen_ardy.checkpoint.stats import load_stats, save_stats
 from motiongen_ardy.core.problems import Problems
 from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH, Representation
 from motiongen_ardy.core.skeleton import load_skeleton
-from motiongen_ardy.core.stats import Stats, load_stats, save_stats
+from motiongen_ardy.core.stats import Stats
 from motiongen_ardy.model.config import ConfigError, ModelConfig
 from motiongen_ardy.model.model import Model, build_model
 from motiongen_ardy.model.precision import PRECISIONS, matrix_names, set_precision

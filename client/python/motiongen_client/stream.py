@@ -68,7 +68,7 @@ class Stream:
         self._next_handle = 1
         self._send_queue: list[session_pb2.SessionEvent] = []
         self._ping: service_pb2.Ping | None = None
-        self._outbox_filled = asyncio.Event()
+        self._something_to_send = asyncio.Event()
         self._report_wanted = asyncio.Event()
         self._hello = asyncio.Event()
         self._closing = False
@@ -169,7 +169,7 @@ class Stream:
         for timer in self._timer_tasks:
             timer.cancel()
         await asyncio.gather(*self._timer_tasks, return_exceptions=True)
-        self._outbox_filled.set()
+        self._something_to_send.set()
         if self._call_tasks and self._hello.is_set():
             await asyncio.wait(self._call_tasks, timeout=_CLOSE_GRACE_S)
         if self._call is not None:
@@ -190,7 +190,7 @@ class Stream:
             allowed = f"at most {self._max_batch_bytes} bytes in one event; split it"
             raise InvalidInput(event.WhichOneof("event") or "event", f"{event.ByteSize()} bytes", allowed)
         self._send_queue.append(event)
-        self._outbox_filled.set()
+        self._something_to_send.set()
 
     def report_soon(self) -> None:
         """Report playheads without waiting for the next regular report."""
@@ -221,15 +221,15 @@ class Stream:
         for session in self._sessions.values():
             session._fail(failure)
         self._sessions.clear()
-        self._outbox_filled.set()  # lets the write loop see that it is over
+        self._something_to_send.set()  # lets the write loop see that it is over
         call.cancel()
 
     async def _write(self, call: _Call, hello: service_pb2.ClientHello) -> None:
         try:
             await call.write(service_pb2.StreamMotionRequest(hello=hello))
             while self._failure is None:
-                await self._outbox_filled.wait()
-                self._outbox_filled.clear()
+                await self._something_to_send.wait()
+                self._something_to_send.clear()
                 while self._failure is None and (self._send_queue or self._ping is not None):
                     await call.write(self._next_request())
                 if self._closing:
@@ -297,4 +297,4 @@ class Stream:
     def _send_ping(self) -> None:
         now_ns = int(asyncio.get_running_loop().time() * 1e9)
         self._ping = convert.ping(now_ns, self.round_trip_s)
-        self._outbox_filled.set()
+        self._something_to_send.set()

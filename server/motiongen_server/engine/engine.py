@@ -44,7 +44,7 @@ _log = logging.getLogger(__name__)
 
 # The longest sleep: it keeps the heartbeat fresh.
 _IDLE_TICK_S = 0.5
-# Of the sessions that may be shed, so many are, each time that the last rung of the ladder did not help.
+# Of the sessions that may be shed, so many are, each time that the last level did not help.
 _SHED_SHARE = 0.05
 
 
@@ -68,7 +68,7 @@ class Engine:
     ) -> None:
         """inbox: where events come from, when not from `submit` alone. scheduler: a policy in place of `Scheduler`.
 
-        seat: this engine's at a device that other engines use too; it is left at the end.
+        lease: this engine's at a device that other engines use too; it is left at the end.
         Raises ValueError where the configuration does not fit the runner's model.
         """
         config.check_against(runner.facts)
@@ -84,10 +84,10 @@ class Engine:
                 CostTable.assumed(config.initial_step_s), config.max_rows, max_step_s=config.max_step_s
             )
         self._scheduler: SchedulingPolicy = scheduler
-        self._rounds = StepExecutor(runner, self._scheduler, clock, config.max_rows, self._fail)
+        self._executor = StepExecutor(runner, self._scheduler, clock, config.max_rows, self._fail)
         self._admission = Admission(runner.facts, config)
         self._lease = Device().lease() if lease is None else lease
-        self._pressure = LoadMonitor(runner.facts, self._admission, now, config.degrade, self._lease)
+        self._load_monitor = LoadMonitor(runner.facts, self._admission, now, config.degrade, self._lease)
         self._sessions: dict[SessionKey, SessionState] = {}
         self._present: Counter[Priority] = Counter()
         self._counts: Counter[tuple[Priority, PlayState]] = Counter()
@@ -128,7 +128,7 @@ class Engine:
         self._thread.start()
 
     def submit(self, event: Event) -> Outcome | None:
-        """Hand in an event. The answer comes through `deliver`; only a refusal at the door is returned, at once."""
+        """Hand in an event. The answer comes through `deliver`; only one that is refused here is returned, at once."""
         if isinstance(event, Open):
             refusal = self._admission.reserve(event.spec, event.event_seq)
             if refusal is not None:
@@ -165,7 +165,7 @@ class Engine:
     def run(self) -> None:
         """Go round until stopped. An error of the engine itself closes every session; `failure` then holds it."""
         try:
-            while not self._stopping or len(self._rounds):
+            while not self._stopping or len(self._executor):
                 with self._lease:
                     report = self.step()
                 if self._observe is not None:
@@ -189,14 +189,14 @@ class Engine:
         self._take_events()
         self._wake_sessions(now)
         self._attend_touched()
-        statuses, finished = self._rounds.step(report)
+        statuses, finished = self._executor.step(report)
         for status in statuses:
             self._owners[status.job_id].advance(status.steps_done)
         if finished:
             self._take_in(finished)
         self._attend_touched()
         now = self._clock.now()
-        if now >= self._pressure.due_at:
+        if now >= self._load_monitor.due_at:
             self._measure(now)
             self._flush()
         report.opens += self._admission.take_refused().elements()
@@ -245,7 +245,7 @@ class Engine:
             self._send_queue.append(refusal)
             return
         spec = event.spec
-        features = None if spec.prior_rows is None else self._rounds.features(spec.prior_rows)
+        features = None if spec.prior_rows is None else self._executor.features(spec.prior_rows)
         if spec.prior_rows is not None and features is None:
             self._admission.release(spec.session, spec)
             self._send_queue.append(prior_frames_failed(event))
@@ -261,7 +261,7 @@ class Engine:
         self._present[spec.priority] += 1
         self._recount(state, 1)
         self._silences.ask(state.key, now + self._config.idle_timeout_s)
-        self._send_queue += state.set_tier(self._pressure.level(spec.priority))
+        self._send_queue += state.set_tier(self._load_monitor.level(spec.priority))
 
     def _close(self, state: SessionState, reason: CloseReason, code: Code, message: str) -> None:
         if state.running is not None:
@@ -316,7 +316,7 @@ class Engine:
             )
             job = state.next_window(now, predicted_s * self._lease.stretch, next(self._job_ids))
             self._owners[job.job_id] = state
-            self._rounds.add(job)
+            self._executor.add(job)
         else:
             self._timers.ask(state.key, state.wake_at())
 
@@ -329,7 +329,7 @@ class Engine:
 
     def _take_in(self, finished: Iterable[int]) -> None:
         """Decode the windows that are done and give them to their sessions."""
-        results = self._rounds.decode(list(finished), self._report)
+        results = self._executor.decode(list(finished), self._report)
         # What came during the step counts for whether a window is too late: a client may have begun to play.
         self._take_events()
         now = self._clock.now()
@@ -338,7 +338,7 @@ class Engine:
             state = self._owners.pop(result.job_id, None)
             if state is None:
                 continue  # closed or restarted meanwhile, and discarded
-            self._rounds.finish(result.job_id)
+            self._executor.finish(result.job_id)
             job = state.running.job if state.running else None
             misses = len(self._report.deadline_misses)
             self._send_queue += state.accept(result, now, self._report)
@@ -347,7 +347,7 @@ class Engine:
             if job is not None and job.cause is PlanCause.CONTINUE and job.first_frame and not job.background:
                 due += 1
                 late += len(self._report.deadline_misses) - misses
-        self._pressure.note_windows(now, due, late)
+        self._load_monitor.note_windows(now, due, late)
 
     def _fail(self, job_id: int, message: str) -> None:
         self._close(self._owners[job_id], CloseReason.ENGINE_FAULT, Code.INTERNAL, message)
@@ -355,18 +355,18 @@ class Engine:
     def _discard(self, job_id: int) -> None:
         """Forget a job that runs; its result can reach nobody any more."""
         del self._owners[job_id]
-        self._rounds.discard(job_id)
+        self._executor.discard(job_id)
 
     # ---- load -------------------------------------------------------------------------------------------------------
 
     def _measure(self, now: float) -> None:
         """Take stock of the load; where the machine cannot keep up, or can again, sessions get less, or more."""
-        moved = self._pressure.measure(now, self._rounds.work_s, self._rounds.prices(), self._present)
+        moved = self._load_monitor.measure(now, self._executor.work_s, self._executor.prices(), self._present)
         for priority in moved:
-            level = self._pressure.level(priority)
+            level = self._load_monitor.level(priority)
             _log.warning(
                 "the load is %.0f %%: class %s is served %s now, with at most %s steps",
-                100 * self._pressure.load,
+                100 * self._load_monitor.load,
                 priority.name,
                 level.tier.name,
                 level.steps or "all",
@@ -375,10 +375,10 @@ class Engine:
                 if state.spec.priority is priority and not state.spec.is_clip:
                     self._send_queue += state.set_tier(level)
                     self._touched[state.key] = state
-        if self._pressure.shed:
+        if self._load_monitor.shed:
             self._shed()
-        self._report.load = self._pressure.load
-        self._report.tiers = {priority: self._pressure.level(priority).tier for priority in Priority}
+        self._report.load = self._load_monitor.load
+        self._report.tiers = {priority: self._load_monitor.level(priority).tier for priority in Priority}
 
     def _shed(self) -> None:
         """Close some of the least urgent sessions, the newest first."""

@@ -11,7 +11,7 @@ class EventSink(Protocol):
     """The way into the engine, for a stream."""
 
     def submit(self, event: Event) -> Outcome | None:
-        """Hand in an event; an outcome that comes back at once is a refusal at the door.
+        """Hand in an event; an outcome that comes back at once is a refusal.
 
         Returns at once, whatever the engine is busy with. Every other answer comes through `Deliver`.
         """

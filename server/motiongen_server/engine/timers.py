@@ -1,4 +1,4 @@
-"""Wakes: when to look at which session again, though nothing has come for it."""
+"""Timers: when to look at which session again, though nothing has come for it."""
 
 from __future__ import annotations
 

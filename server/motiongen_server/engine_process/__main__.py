@@ -1,4 +1,4 @@
-"""`python -m motiongen_server.engine_process FOLDER`: the engine process; the gateway that listens in the folder starts it."""
+"""`python -m motiongen_server.engine_process FOLDER`: the engine process, which its gateway starts."""
 
 from __future__ import annotations
 

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import zmq
 
-from motiongen_server.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.ports import Deliver, Inbox, Observe
@@ -27,6 +26,7 @@ from motiongen_server.engine_process.sockets import EngineEnd
 from motiongen_server.errors import SettingError
 from motiongen_server.ops.logs import configure_logs
 from motiongen_server.ops.memory import settled_objects
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 
 _log = logging.getLogger(__name__)
 

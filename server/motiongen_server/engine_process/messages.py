@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from motiongen_server.abilities import Abilities
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.scheduling.report import StepReport
 from motiongen_server.engine.types import Close, Event, ModelFacts, Output
 from motiongen_server.engine_process.codec import Codec
+from motiongen_server.rpc.abilities import Abilities
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 class AdminService(admin_pb2_grpc.MotionAdminServiceServicer):
-    """Answers calls by what the keeper can do. What was begun goes on when the caller has gone."""
+    """Answers calls by what the manager can do. What was begun goes on when the caller has gone."""
 
     def __init__(self, manager: ModelManager, load_of: Callable[[str], float]) -> None:
         """load_of: the share of the machine in use, as a model's engine sees it."""
@@ -105,7 +105,7 @@ class AdminService(admin_pb2_grpc.MotionAdminServiceServicer):
         return admin_pb2.ModelStatus(
             model_id=kept.model_id,
             source=kept.source,
-            state=int(kept.state),  # type: ignore[arg-type]  # the keeper's numbers are the protocol's
+            state=int(kept.state),  # type: ignore[arg-type]  # the manager's numbers are the protocol's
             sessions=kept.engine.num_sessions,
             load=self._load_of(kept.model_id),
             message=f"its engine failed: {failure}" if kept.state is ModelState.FAILED else "",

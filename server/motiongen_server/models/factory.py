@@ -1,4 +1,4 @@
-"""Offer: makes of a model's name all that serving it takes: engine, text encoder, catalogue and metrics."""
+"""ModelFactory: makes of a model's name all that serving it takes: engine, text encoder, catalogue and metrics."""
 
 from __future__ import annotations
 

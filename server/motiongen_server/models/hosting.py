@@ -6,7 +6,6 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from motiongen_server.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.engine_port import EnginePort
 from motiongen_server.engine.ports import Deliver, Observe
@@ -14,6 +13,7 @@ from motiongen_server.engine.scheduling.device import Device
 from motiongen_server.engine.types import Gait, ModelFacts
 from motiongen_server.errors import SettingError
 from motiongen_server.models.loader import Loaded, build_engine, load_encoder, load_repertoire
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.text.presets import Preset
 from motiongen_server.text.prompts import TextEncoder
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from motiongen_server.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
@@ -19,7 +18,8 @@ from motiongen_server.engine.scheduling.profile import profile
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.types import Gait, ModelFacts
 from motiongen_server.errors import SettingError
-from motiongen_server.repertoire import Repertoire, as_abilities, encoded
+from motiongen_server.models.repertoire import Repertoire, as_abilities, encoded
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.text.presets import Preset
 from motiongen_server.text.prompts import Store, TextEncoder
 

@@ -1,4 +1,4 @@
-"""Models: which of the models that are served an OpenSession gets, and what clients are told of them all."""
+"""ModelRegistry: which of the models that are served an OpenSession gets, and what clients are told of them all."""
 
 from __future__ import annotations
 

@@ -6,8 +6,8 @@ import hashlib
 from collections.abc import Sequence
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from motiongen_server.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.engine.types import Gait, Guidance, ModelFacts
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.rpc.limits import MAX_COORDINATE_M, MAX_GUIDANCE, MAX_SPEED_MPS, Limits
 from motiongen_server.text.presets import Preset
 

@@ -19,7 +19,7 @@ StreamContext: TypeAlias = "grpc.aio.ServicerContext[service_pb2.StreamMotionReq
 
 
 class Handlers(Protocol):
-    """What answers the calls. A stream's responses are handed over as bytes: see `motiongen_server.rpc.convert.wire`."""
+    """What answers the calls. A stream's responses are handed over as bytes: see `rpc.convert.wire`."""
 
     async def GetCatalog(
         self, request: service_pb2.GetCatalogRequest, context: CatalogContext

@@ -1,4 +1,4 @@
-"""Link: one session as its stream knows it: whose turn it is, what was answered, what waits."""
+"""SessionEntry: one session as its stream knows it: whose turn it is, what was answered, what waits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The door: answers for the service while the model loads, so that the port is there from the start."""
+"""Answers for the service while the model loads, so that the port is there from the start."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tally: what the streams count for the metrics."""
+"""StreamMetrics: what the streams count for the metrics."""
 
 from __future__ import annotations
 

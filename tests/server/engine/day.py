@@ -125,7 +125,7 @@ class Day:
         stage.run(5.0)
         # A pose that is held is held on for a while, and the edits of its session wait.
         limit_at = stage.clock.now() + 400.0
-        while any(stage.engine._pressure.level(priority).hold for priority in Priority):
+        while any(stage.engine._load_monitor.level(priority).hold for priority in Priority):
             assert stage.clock.now() < limit_at, "held for ever"
             stage.run(1.0)
         stage.run(5.0)

@@ -80,13 +80,14 @@ uint64 = st.one_of(st.integers(0, 200), st.integers(0, 2**64 - 1))
 enums = st.integers(-3, 12)
 texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
 roots = st.builds(motion_pb2.Waypoint, x=numbers, z=numbers, heading=st.none() | numbers)
+starts = st.builds(session_pb2.StartPose, x=numbers, z=numbers, heading=st.none() | numbers)
 spans = st.builds(motion_pb2.PromptSpan, prompt_id=st.integers(0, 3), start_frame=uint64, end_frame=uint64, text=texts)
 targets = st.one_of(
     st.fixed_dictionaries({}),
-    st.fixed_dictionaries({"root": roots}),
+    st.fixed_dictionaries({"waypoint": roots}),
     st.fixed_dictionaries(
         {
-            "joints": st.builds(
+            "joint_targets": st.builds(
                 motion_pb2.JointTargets,
                 joints=st.lists(st.integers(0, 2), max_size=3),
                 positions=lists,
@@ -94,8 +95,8 @@ targets = st.one_of(
             )
         }
     ),
-    st.fixed_dictionaries({"pose": st.builds(motion_pb2.Keyframe, positions=lists)}),
-    st.fixed_dictionaries({"trajectory": st.builds(motion_pb2.RootTrajectory, positions=lists, headings=lists)}),
+    st.fixed_dictionaries({"keyframe": st.builds(motion_pb2.Keyframe, positions=lists)}),
+    st.fixed_dictionaries({"root_trajectory": st.builds(motion_pb2.RootTrajectory, positions=lists, headings=lists)}),
 )
 constraints = st.builds(
     lambda constraint_id, frame, target: motion_pb2.Constraint(constraint_id=constraint_id, frame=frame, **target),
@@ -114,7 +115,7 @@ opens = st.builds(
     scalar_type=enums,
     prompts=st.lists(spans, max_size=3),
     constraints=st.lists(constraints, max_size=3),
-    initial_root=st.none() | roots,
+    start_pose=st.none() | starts,
     denoise_steps=st.none() | st.integers(0, 12),
     guidance=st.none() | st.builds(session_pb2.Guidance, text=st.none() | numbers, constraint=st.none() | numbers),
 )
@@ -204,8 +205,8 @@ def test_an_open_arrives_whole() -> None:
         denoise_steps=7,
         guidance=session_pb2.Guidance(text=3.0),
         prompts=[motion_pb2.PromptSpan(prompt_id=2, start_frame=8, end_frame=20, text="walk")],
-        constraints=[motion_pb2.Constraint(constraint_id=4, frame=30, root=motion_pb2.Waypoint(x=1, z=2))],
-        initial_root=motion_pb2.Waypoint(x=-1, z=0.5, heading=0.25),
+        constraints=[motion_pb2.Constraint(constraint_id=4, frame=30, waypoint=motion_pb2.Waypoint(x=1, z=2))],
+        start_pose=session_pb2.StartPose(x=-1, z=0.5, heading=0.25),
     )
     event = convert(session_pb2.SessionEvent(event_seq=1, open=message))
     assert isinstance(event, Open)
@@ -239,14 +240,16 @@ def test_prompts_arrive_with_open_ends_as_none() -> None:
 def test_each_kind_of_constraint_arrives() -> None:
     turn = [math.cos(math.pi / 4), 0.0, math.sin(math.pi / 4), 0.0]  # a quarter turn about +Y
     upsert = [
-        motion_pb2.Constraint(constraint_id=1, frame=8, root=motion_pb2.Waypoint(x=1, z=2, heading=0.5)),
+        motion_pb2.Constraint(constraint_id=1, frame=8, waypoint=motion_pb2.Waypoint(x=1, z=2, heading=0.5)),
         motion_pb2.Constraint(
-            constraint_id=2, frame=9, trajectory=motion_pb2.RootTrajectory(positions=[1, 2, 3, 4], headings=[0, 1])
+            constraint_id=2, frame=9, root_trajectory=motion_pb2.RootTrajectory(positions=[1, 2, 3, 4], headings=[0, 1])
         ),
         motion_pb2.Constraint(
-            constraint_id=3, frame=10, joints=motion_pb2.JointTargets(joints=[0], positions=[1, 2, 3], rotations=turn)
+            constraint_id=3,
+            frame=10,
+            joint_targets=motion_pb2.JointTargets(joints=[0], positions=[1, 2, 3], rotations=turn),
         ),
-        motion_pb2.Constraint(constraint_id=4, frame=11, pose=motion_pb2.Keyframe(positions=[4, 5, 6])),
+        motion_pb2.Constraint(constraint_id=4, frame=11, keyframe=motion_pb2.Keyframe(positions=[4, 5, 6])),
     ]
     edit = session_pb2.EditConstraints(upsert=upsert, remove=[8], clear=True)
     event = convert(session_pb2.SessionEvent(event_seq=2, edit_constraints=edit))

@@ -1,4 +1,4 @@
-"""The outbox: order, what is sent together, what a plan supersedes, and how many bytes wait."""
+"""The send queue: order, what is sent together, what a plan supersedes, and how many bytes wait."""
 
 from __future__ import annotations
 

@@ -85,7 +85,9 @@ async def test_refusals_are_counted_and_the_rest_goes_on(server: FakeServer, loa
 async def test_a_refused_open_ends_the_character(server: FakeServer, load: Load) -> None:
     server.refuse = lambda event: "SERVER_FULL"
     recorder, _, _ = await play(load)
-    assert recorder.counts["refused open: SERVER_FULL"] == len(load.schedule().characters)
+    # how many come before the end, and are answered before it, is up to the machine
+    assert load.characters <= recorder.counts["refused open: SERVER_FULL"] <= len(load.schedule().characters)
+    assert recorder.counts["sessions_opened"] == 0
     assert recorder.total("due", 0, 3) == 0
     assert recorder.histogram(EVENT).get_total_count() == 0
 

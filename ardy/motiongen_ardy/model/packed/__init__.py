@@ -1,6 +1,6 @@
 """The denoiser as it is served: many rows at once, without padding, nothing computed twice, in one precision.
 
-It gives what `motiongen_ardy.model.denoiser.guidance.guided_prediction` gives; `tests/ardy/model/test_packed.py` compares them.
+It gives what `model.denoiser.guidance.guided_prediction` gives; `tests/ardy/model/test_packed.py` compares them.
 """
 
 from motiongen_ardy.model.packed.batch import PackedBatch

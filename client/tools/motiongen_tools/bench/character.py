@@ -47,9 +47,27 @@ class Character:
     """Playback and books of one character. All times are seconds from the start of the run."""
 
     __slots__ = (
-        "_recorder", "_due_from_s", "_edits", "_epoch_s", "_frame_s", "_group", "_jitter", "_phases", "_plan_number",
-        "_showing", "_shown_to", "buffered_to", "committed_to", "ended", "handle", "missed", "next_seq", "open_sent",
-        "opened", "plan", "started",
+        "_due_from_s",
+        "_edits",
+        "_epoch_s",
+        "_frame_s",
+        "_group",
+        "_jitter",
+        "_phases",
+        "_plan_number",
+        "_recorder",
+        "_showing",
+        "_shown_to",
+        "buffered_to",
+        "committed_to",
+        "ended",
+        "handle",
+        "missed",
+        "next_seq",
+        "open_sent",
+        "opened",
+        "plan",
+        "started",
     )  # fmt: skip
 
     def __init__(

@@ -64,7 +64,7 @@ def _waypoints(seed: int, rule: EditRule, number: int, first: int, rig: Rig) -> 
         along_m = rule.speed_m_s * frame / rig.frame_rate_hz
         aside_m = 0.5 * math.sin(phase + along_m / 2)
         root = motion_pb2.Waypoint(x=aside_m, z=along_m)
-        edit.upsert.append(motion_pb2.Constraint(constraint_id=index + 1, frame=frame, root=root))
+        edit.upsert.append(motion_pb2.Constraint(constraint_id=index + 1, frame=frame, waypoint=root))
     return edit
 
 

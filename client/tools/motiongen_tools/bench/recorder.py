@@ -1,4 +1,4 @@
-"""What a run measured: latencies as HdrHistograms, counts, and figures by the second. Books of processes add up."""
+"""What a run measured: latencies as HdrHistograms, counts, and figures by the second. Recorders of processes add up."""
 
 from __future__ import annotations
 

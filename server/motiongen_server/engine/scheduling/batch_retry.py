@@ -1,4 +1,4 @@
-"""Attempts: calls of the runner for many jobs at once, made smaller where they do not fit, alone where they fail."""
+"""BatchRetry: calls of the runner for many jobs at once, made smaller where they do not fit, alone where they fail."""
 
 from __future__ import annotations
 

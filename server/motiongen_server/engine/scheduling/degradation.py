@@ -1,4 +1,4 @@
-"""Ladder: what sessions give up when the machine cannot keep up, least urgent class first, one rung at a time.
+"""Degradation: what sessions give up when the machine cannot keep up, least urgent class first, one level at a time.
 
 Pure: time comes in as an argument. A class goes down while too many of its windows are late or the load is too high,
 and up again only after it has been well for some time, so that it does not go up and down.
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from motiongen_server.engine.types import ModelFacts, Priority, ServiceTier
 
-# How many rungs the classes below are ahead of a class: heroes give up their first rung last.
+# How many levels the classes below are ahead of a class: heroes give up their first level last.
 _HEAD_START = {Priority.BATCH: 0, Priority.CROWD: 0, Priority.NEAR: 2, Priority.HERO: 4}
 # Only these may be made to stand still, and may be closed after that.
 EXPENDABLE = (Priority.BATCH, Priority.CROWD)
@@ -40,7 +40,7 @@ FULL = Level(ServiceTier.FULL)
 
 
 def levels_of(facts: ModelFacts) -> tuple[Level, ...]:
-    """The rungs for a model, most first: fewer steps twice, then no guidance, then hold."""
+    """The levels for a model, most first: fewer steps twice, then no guidance, then hold."""
     steps = [max(facts.min_steps, math.ceil(share * facts.default_steps)) for share in (0.6, 0.4)]
     levels = [FULL, Level(ServiceTier.FULL, full_stride=True, replan_cap_scale=0.5)]
     levels += [
@@ -60,8 +60,8 @@ class DegradationLimits:
 
     Down where more than miss_share of the windows of miss_window_s were late, or the load is above high_load, and that
     for pressed_s, since many sessions that open at once ask for more than they do later; not again within settle_s,
-    since what a rung saves shows only then. Up after well_s without either and with the load below
-    low_load, and after half as long if the rung before held; where it did not, twice as long, up to patience times.
+    since what a level saves shows only then. Up after well_s without either and with the load below
+    low_load, and after half as long if the level before held; where it did not, twice as long, up to patience times.
     min_windows: fewer than so many windows say nothing about the share that is late.
     """
 
@@ -77,12 +77,12 @@ class DegradationLimits:
 
 
 class Degradation:
-    """On which rung every class is. `shed` tells that the last rung did not help."""
+    """On which level every class is. `shed` tells that the last level did not help."""
 
     def __init__(self, levels: tuple[Level, ...], now: float, limits: DegradationLimits | None = None) -> None:
         self._levels = levels
         self._limits = limits or DegradationLimits()
-        # Every move there is, in the order in which they are made: so that a class goes down one rung.
+        # Every move there is, in the order in which they are made: so that a class goes down one level.
         self._moves = sorted(
             (
                 (priority, depth)
@@ -107,7 +107,7 @@ class Degradation:
         return self._levels[self.depth(priority)]
 
     def depth(self, priority: Priority) -> int:
-        """How many rungs down a class is."""
+        """How many levels down a class is."""
         return max((depth for moved, depth in self._moves[: self._made] if moved is priority), default=0)
 
     def note_windows(self, now: float, windows: int, misses: int) -> None:
@@ -123,7 +123,7 @@ class Degradation:
         return self._misses / self._windows if self._windows >= self._limits.min_windows else 0.0
 
     def update(self, now: float, load: float, present: Mapping[Priority, int]) -> Iterable[Priority]:
-        """Go down or up a rung if it is time; returns the class that moved, if one did.
+        """Go down or up a level if it is time; returns the class that moved, if one did.
 
         load: share of the machine that is in use. present: sessions of each class; those without any are passed over.
         """
@@ -142,7 +142,7 @@ class Degradation:
         if pressed and settled and now - self._unpressed_at >= limits.pressed_s:
             self._learn_patience(now)
             self._settled_at = now
-            # What was late before says nothing about the rung that comes.
+            # What was late before says nothing about the level that comes.
             self._late.clear()
             self._windows = self._misses = 0
             return self._down(present)
@@ -153,7 +153,7 @@ class Degradation:
         return ()
 
     def _learn_patience(self, now: float) -> None:
-        """The last rung up did not hold for long: wait longer before the next, and so stop going up and down."""
+        """The last level up did not hold for long: wait longer before the next, and so stop going up and down."""
         limits = self._limits
         if now - self._went_up_at < limits.well_s:
             self._wait_s = min(4 * self._wait_s, limits.patience * limits.well_s)

@@ -68,7 +68,7 @@ class Device:
 
 
 class DeviceLease:
-    """One engine's place at the device. `with seat:` is a turn.
+    """One engine's place at the device. `with lease:` is a turn.
 
     load: the share of the device that this engine uses; it tells it itself.
     """

@@ -1,4 +1,4 @@
-"""Pressure: how loaded the machine is, and what follows from it for those who come in and those who are there."""
+"""LoadMonitor: how loaded the machine is, and what follows from it for those who come in and those who are there."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ _MEASURED_OVER_S = 2.0
 
 
 class LoadMonitor:
-    """Measures the load a few times a second, tells the admission, and moves classes on the ladder.
+    """Measures the load a few times a second, tells the admission, and moves classes from level to level.
 
-    degrade False: the ladder stays where it is, and sessions get all they asked for, late if need be.
+    degrade False: levels stay where they are, and sessions get all they asked for, late if need be.
     """
 
     def __init__(self, facts: ModelFacts, admission: Admission, now: float, degrade: bool, lease: DeviceLease) -> None:
@@ -52,7 +52,7 @@ class LoadMonitor:
             self._degradation.note_windows(now, windows, misses)
 
     def measure(self, now: float, work_s: float, prices: Prices, present: Mapping[Priority, int]) -> Iterable[Priority]:
-        """Take stock; returns the classes that are on another rung now.
+        """Take stock; returns the classes that are on another level now.
 
         work_s: what the machine has done since the start, in seconds of it had all steps been full.
         """

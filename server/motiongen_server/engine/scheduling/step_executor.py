@@ -1,4 +1,4 @@
-"""Rounds: a denoising step with all that belongs to it: prepare newcomers, step, decode who is done; and what it cost.
+"""StepExecutor: a denoising step and all that belongs to it: prepare newcomers, step, decode who is done; its cost.
 
 Failures of the runner end here: calls are made in parts, jobs that cannot be done are named. Only DeviceLost goes on.
 """

@@ -1,4 +1,4 @@
-"""DriftGuard and Footing: whether a character still stands as one should, and what rights it if it does not.
+"""DriftGuard and DriftState: whether a character still stands as one should, and what rights it if it does not.
 
 A model that feeds on its own motion for minutes may come to lean further and further, to sink, or to fly off. A shorter
 history lets it forget the lean; one that is lost altogether starts anew where it was.
@@ -54,7 +54,7 @@ class DriftGuard:
 
 @dataclass(slots=True)
 class DriftState:
-    """How one character stands. remedy: what its next window is to put right, in one that began at lost_from."""
+    """How one character stands. correction: what its next window is to put right, in one that began at lost_from."""
 
     guard: DriftGuard
     correction: Correction | None = None
@@ -69,6 +69,6 @@ class DriftState:
         """Look at the rows of a window that has landed, from first_frame on."""
         self.correction, self.lost_from = self.guard.correction(rows), first_frame
 
-    def remedy_from(self, first_frame: int) -> Correction | None:
+    def correction_from(self, first_frame: int) -> Correction | None:
         """What a window from first_frame on needs: before the frames where it was lost the character is sound."""
         return Correction.SHORT_HISTORY if self.lost and first_frame <= self.lost_from else self.correction

@@ -8,9 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motiongen_server.engine.types import Float32Array, RigLayout
-
-ROOT_BLOCK = "root_translation_m"
-ROTATION_BLOCK = "joint_rotation_quat_wxyz"
+from motiongen_server.engine.types.facts import ROOT_BLOCK, ROTATION_BLOCK
 
 
 @dataclass(frozen=True, slots=True)

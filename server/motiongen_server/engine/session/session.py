@@ -1,7 +1,7 @@
 """SessionState: one character's state, and its transitions: apply, next_window, accept, emit.
 
 Transitions are deterministic in the state and their arguments; time comes in as `now`, nothing goes out but what they
-return and what they tally in the StepReport. The rules:
+return and what they count in the StepReport. The rules:
 
 - Frames below `committed_to` never change, and it never falls.
 - A window starts at a commit frame, which the client cannot have played when the window lands, or at the end of the
@@ -130,7 +130,7 @@ class SessionState:
         return [*outputs, Closed(self.key, reason, code, message, self.delivery.num_frames, self.delivery.late_frames)]
 
     def set_tier(self, level: Level) -> list[Output]:
-        """Put the session on a rung of the ladder, from its next window on; tells the client what changes for it."""
+        """Put the session on a level of service, from its next window on; tells the client what changes for it."""
         before = self.level.tier, self.num_steps
         self.level = level
         given = level.tier, self.num_steps
@@ -257,7 +257,7 @@ class SessionState:
         site = WindowSite(
             self.spec, self.facts, self.config, self.drift_state.guard, self.level, self.conditions, self.timeline
         )
-        correction = self.drift_state.remedy_from(first_frame)
+        correction = self.drift_state.correction_from(first_frame)
         job = site.job(first_frame, correction, job_id, self.plan + 1, cause, now, self.deadline(now))
         if self._replan_wanted:
             replans_hz = self.config.replans_hz[self.spec.priority - 1] * self.level.replan_cap_scale

@@ -18,7 +18,7 @@ from motiongen_server.engine.types import Constraint, Guidance, ModelFacts, Plan
 class RunningWindow:
     """The window being denoised. accept_to: its frames from there on will be dropped. answers: the edits it is for.
 
-    velocity: the one it obeys. remedy: what the session asked of it.
+    velocity: the one it obeys. correction: what the session asked of it.
     """
 
     job: WindowJob
@@ -126,7 +126,7 @@ def history_frames(frame: int, timeline: Timeline, crop: int, patch: int) -> int
 
 
 def guidance_at(level: Level, asked: Guidance, has_constraints: bool, facts: ModelFacts) -> Guidance:
-    """The guidance of a window at a rung: weights that let evaluations of the denoiser vanish where it drops them.
+    """The guidance of a window at a level: weights that let evaluations of the denoiser vanish where it drops them.
 
     Text and constraints that are guided apart cannot both be told in one evaluation; half of each takes two of three.
     """
@@ -139,7 +139,7 @@ def guidance_at(level: Level, asked: Guidance, has_constraints: bool, facts: Mod
 
 
 def steps_at(level: Level, spec: SessionSpec, facts: ModelFacts) -> int:
-    """The denoising steps of a window at a rung: never more than were asked for."""
+    """The denoising steps of a window at a level: never more than were asked for."""
     if level.steps is None:
         return spec.denoise_steps
     return min(spec.denoise_steps, max(level.steps, facts.min_steps))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from motiongen_server.engine.session.pose import ROOT_BLOCK, ROTATION_BLOCK
 from motiongen_server.engine.types import Float32Array, RigLayout
+from motiongen_server.engine.types.facts import ROOT_BLOCK, ROTATION_BLOCK
 
 Float64 = NDArray[np.float64]
 

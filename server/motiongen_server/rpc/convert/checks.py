@@ -24,7 +24,9 @@ def check_range(value: int, least: int, most: int, reason: str, field: str) -> N
         raise refuse(reason, field, f"{field.rpartition('.')[2]} is {value}", f"{least} to {most}")
 
 
-def heading_of(message: motion_pb2.Waypoint | session_pb2.SetVelocity, field: str) -> float | None:
+def heading_of(
+    message: motion_pb2.Waypoint | session_pb2.SetVelocity | session_pb2.StartPose, field: str
+) -> float | None:
     if not message.HasField("heading"):
         return None
     if not math.isfinite(message.heading):

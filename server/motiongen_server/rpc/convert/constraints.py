@@ -39,20 +39,20 @@ def _constraint(message: motion_pb2.Constraint, field: str, catalog: Catalog) ->
     identifier = identifier_of(message.constraint_id, f"{field}.constraint_id")
     frame = frame_number(message.frame, f"{field}.frame")
     target = message.WhichOneof("target")
-    if target == "root":
-        root = message.root
-        check_coordinates((root.x,), f"{field}.root.x")
-        check_coordinates((root.z,), f"{field}.root.z")
-        return Waypoint(identifier, frame, root.x, root.z, heading_of(root, f"{field}.root"))
-    if target == "trajectory":
-        return _trajectory(message.trajectory, identifier, frame, f"{field}.trajectory", catalog)
-    if target == "joints":
-        return _joint_targets(message.joints, identifier, frame, f"{field}.joints", catalog)
-    if target == "pose":
+    if target == "waypoint":
+        waypoint = message.waypoint
+        check_coordinates((waypoint.x,), f"{field}.waypoint.x")
+        check_coordinates((waypoint.z,), f"{field}.waypoint.z")
+        return Waypoint(identifier, frame, waypoint.x, waypoint.z, heading_of(waypoint, f"{field}.waypoint"))
+    if target == "root_trajectory":
+        return _trajectory(message.root_trajectory, identifier, frame, f"{field}.root_trajectory", catalog)
+    if target == "joint_targets":
+        return _joint_targets(message.joint_targets, identifier, frame, f"{field}.joint_targets", catalog)
+    if target == "keyframe":
         joints = len(catalog.facts.rig.joint_names)
-        positions = points(message.pose.positions, joints, 3, f"{field}.pose.positions")
+        positions = points(message.keyframe.positions, joints, 3, f"{field}.keyframe.positions")
         return Keyframe(identifier, frame, positions)
-    raise refuse("NO_TARGET", f"{field}.target", "no target is set", "root, joints, pose or trajectory")
+    raise refuse("NO_TARGET", f"{field}.target", "no target is set", "waypoint, joint_targets or trajectory")
 
 
 def _trajectory(

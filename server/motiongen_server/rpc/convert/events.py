@@ -157,7 +157,7 @@ def _session_spec(
         lookahead=lookahead,
         denoise_steps=steps,
         guidance=_guidance(message.guidance, catalog.guidance),
-        start_pose=_start_pose(message.initial_root),
+        start_pose=_start_pose(message.start_pose),
         prompts=prompts_of(message.prompts, "open.prompts", embeddings, catalog),
         constraints=constraints_of(message.constraints, "open.constraints", catalog),
         history_frames=history_frames_of(message, catalog.facts),
@@ -177,8 +177,8 @@ def _guidance(message: session_pb2.Guidance, default: Guidance) -> Guidance:
     return Guidance(**weights)
 
 
-def _start_pose(message: motion_pb2.Waypoint) -> StartPose:
-    check_coordinates((message.x,), "open.initial_root.x")
-    check_coordinates((message.z,), "open.initial_root.z")
-    heading = heading_of(message, "open.initial_root")
+def _start_pose(message: session_pb2.StartPose) -> StartPose:
+    check_coordinates((message.x,), "open.start_pose.x")
+    check_coordinates((message.z,), "open.start_pose.z")
+    heading = heading_of(message, "open.start_pose")
     return StartPose(message.x, message.z, 0.0 if heading is None else heading)

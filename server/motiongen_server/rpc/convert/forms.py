@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from motiongen_server.abilities import FormSupport
 from motiongen_server.engine.types import (
     Constraint,
     JointTargets,
@@ -14,6 +13,7 @@ from motiongen_server.engine.types import (
     SetVelocity,
     Waypoint,
 )
+from motiongen_server.rpc.abilities import FormSupport
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert.checks import refuse
 

@@ -30,9 +30,9 @@ def prior_rows_of(message: session_pb2.OpenSession, catalog: Catalog) -> Float32
     if not message.HasField("prior_frames"):
         return None
     field, prior, facts = "open.prior_frames", message.prior_frames, catalog.facts
-    if message.HasField("initial_root"):
+    if message.HasField("start_pose"):
         given, allowed = "there are prior frames too, which tell where the character is", "one of the two"
-        raise refuse("AMBIGUOUS_START", "open.initial_root", given, allowed)
+        raise refuse("AMBIGUOUS_START", "open.start_pose", given, allowed)
     most = catalog.limits.max_trajectory_frames
     count, patch, width = prior.frame_count, facts.patch, facts.row_width
     if count % patch or not patch <= count <= most:

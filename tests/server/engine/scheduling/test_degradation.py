@@ -14,7 +14,7 @@ ALL = dict.fromkeys(Priority, 10)
 
 
 class Day:
-    """A ladder that is asked four times a second, under a load and with a share of windows late."""
+    """Degradation that is asked four times a second, under a load and with a share of windows late."""
 
     def __init__(self, present: Mapping[Priority, int] | None = None) -> None:
         self.now = 0.0
@@ -94,7 +94,7 @@ def test_a_rung_that_does_not_hold_is_tried_ever_less_often() -> None:
     day.pass_time(2.0, late=0.5)
     ups = []
     for _ in range(int(600 / EVERY_S)):
-        # One rung down it goes well; as soon as the class is up again, it does not.
+        # One level down it goes well; as soon as the class is up again, it does not.
         moved = day.pass_time(EVERY_S, late=0.0 if day.levels()[BATCH - 1] else 0.5)
         if moved and not day.levels()[BATCH - 1]:
             ups.append(day.now)

@@ -68,15 +68,15 @@ def test_a_turn_ends_with_an_error() -> None:
 
 def test_each_knows_what_the_others_use_and_forgets_who_has_left() -> None:
     device = Device()
-    seats = [device.lease() for _ in range(3)]
-    for lease, load in zip(seats, (0.2, 0.3, 0.1), strict=True):
+    leases = [device.lease() for _ in range(3)]
+    for lease, load in zip(leases, (0.2, 0.3, 0.1), strict=True):
         lease.load = load
-    assert seats[0].elsewhere == pytest.approx(0.4)
-    assert seats[0].stretch == pytest.approx(1 / 0.6)
-    seats[1].leave()
-    assert (seats[0].elsewhere, device.load) == (pytest.approx(0.1), pytest.approx(0.3))
-    seats[2].leave()
-    assert (seats[0].elsewhere, seats[0].stretch) == (0.0, 1.0)
+    assert leases[0].elsewhere == pytest.approx(0.4)
+    assert leases[0].stretch == pytest.approx(1 / 0.6)
+    leases[1].leave()
+    assert (leases[0].elsewhere, device.load) == (pytest.approx(0.1), pytest.approx(0.3))
+    leases[2].leave()
+    assert (leases[0].elsewhere, leases[0].stretch) == (0.0, 1.0)
 
 
 def test_a_window_takes_no_longer_than_one_turn_of_each_engine_for_each_of_its_steps() -> None:

@@ -1,4 +1,4 @@
-"""What a session gets of the machine: replans a second, the lead its round trip asks for, tokens, rungs, held poses."""
+"""What a session gets of the machine: replans a second, the lead its round trip asks for, tokens, levels, holds."""
 
 import math
 
@@ -159,7 +159,7 @@ def test_history_can_be_had_encoded_again_every_time() -> None:
     assert all(job.history_tokens is None for job in stage.runner.prepared)
 
 
-# ---- rungs -----------------------------------------------------------------------------------------------------------
+# ---- levels ---------------------------------------------------------------------------------------------------------
 
 
 def test_a_rung_is_told_once_and_in_effect_at_the_next_window() -> None:

@@ -77,7 +77,7 @@ def clip(num_frames: int = 60, samples: int = 0, **opening: object) -> service_p
 
 
 def waypoint(frame: int, x: float = 0.0, z: float = 1.0, constraint_id: int = 1) -> motion_pb2.Constraint:
-    return motion_pb2.Constraint(constraint_id=constraint_id, frame=frame, root=motion_pb2.Waypoint(x=x, z=z))
+    return motion_pb2.Constraint(constraint_id=constraint_id, frame=frame, waypoint=motion_pb2.Waypoint(x=x, z=z))
 
 
 @pytest.fixture
@@ -115,7 +115,7 @@ async def test_the_summary_says_how_near_each_constraint_was_met(server: LocalSe
     path = motion_pb2.RootTrajectory(positions=[0.0, 0.0, 0.0, 0.5])
     constraints = [
         waypoint(40, x=40 * SPEED / 20 + 0.3, z=0.4, constraint_id=7),
-        motion_pb2.Constraint(constraint_id=3, frame=0, trajectory=path),
+        motion_pb2.Constraint(constraint_id=3, frame=0, root_trajectory=path),
     ]
     samples = await generate(server, clip(60, constraints=constraints))
     summary = samples[0].summary
@@ -168,7 +168,7 @@ def spoiled(column: int, value: float) -> dict[str, object]:
         (clip(history_frames=164), "HISTORY_OUT_OF_RANGE", "open.history_frames"),
         (clip(**prior_frames(frame_count=3)), "PRIOR_FRAMES_OUT_OF_RANGE", "open.prior_frames.frame_count"),
         (clip(**prior_frames(frame_count=8)), "WRONG_LENGTH", "open.prior_frames.data"),
-        (clip(**prior_frames(), initial_root=motion_pb2.Waypoint()), "AMBIGUOUS_START", "open.initial_root"),
+        (clip(**prior_frames(), start_pose=session_pb2.StartPose()), "AMBIGUOUS_START", "open.start_pose"),
         (clip(**spoiled(3, 0.5)), "NOT_A_ROTATION", "open.prior_frames.data"),
         (clip(**spoiled(0, np.nan)), "NOT_FINITE", "open.prior_frames.data"),
         (clip(**spoiled(2, 2e4)), "COORDINATE_OUT_OF_RANGE", "open.prior_frames.data"),

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motiongen_server.abilities import Abilities, FormSupport, GaitText, PresetText, PromptDomain
 from motiongen_server.engine.types import Direction, Gait
+from motiongen_server.rpc.abilities import Abilities, FormSupport, GaitText, PresetText, PromptDomain
 from motiongen_server.text.presets import Preset
 from motiongen_server.text.prompts import TextEncoder
 

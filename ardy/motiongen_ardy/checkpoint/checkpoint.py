@@ -19,6 +19,7 @@ from motiongen_ardy.checkpoint.config import (
 )
 from motiongen_ardy.checkpoint.config_writer import write_model_config, write_tokenizer_config
 from motiongen_ardy.checkpoint.files import CheckpointError, TensorFile, path_inside, read_yaml
+from motiongen_ardy.checkpoint.sampling_file import SAMPLING_FILE, read_options, write_options
 from motiongen_ardy.checkpoint.stats import load_stats, save_stats
 from motiongen_ardy.core.problems import Problems
 from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH, Representation
@@ -29,7 +30,6 @@ from motiongen_ardy.model.model import Model, build_model
 from motiongen_ardy.model.precision import PRECISIONS, matrix_names, set_precision
 from motiongen_ardy.model.sampling.limbs import arms
 from motiongen_ardy.model.sampling.options import SamplingOptions, released_options
-from motiongen_ardy.model.sampling.options_file import SAMPLING_FILE, read_options, write_options
 from motiongen_ardy.model.tokenizer import Tokenizer, build_tokenizer
 
 CONFIG_FILE = "config.yaml"

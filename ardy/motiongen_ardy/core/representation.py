@@ -11,7 +11,7 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
-from motiongen_ardy.constants import constant, index
+from motiongen_ardy.core.constants import constant, index
 from motiongen_ardy.core.motion import Motion
 from motiongen_ardy.core.rotation import matrix_from_6d, matrix_to_6d
 from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics, global_to_local

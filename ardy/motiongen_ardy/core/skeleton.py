@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motiongen_ardy.constants import constant, index
+from motiongen_ardy.core.constants import constant, index
 
 
 class UnknownSkeleton(ValueError):

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from motiongen_ardy.constants import constant, index
+from motiongen_ardy.core.constants import constant, index
 from motiongen_ardy.core.representation import Representation
 
 

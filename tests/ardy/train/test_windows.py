@@ -127,7 +127,7 @@ def only(form: str) -> ConstraintChances:
 
 
 def columns_at_run_time(form: str, layout: Representation) -> list[torch.Tensor] | None:
-    """The masks (D) that `motiongen_ardy.core.constraint` fills for one frame of a form; None where many are possible."""
+    """The masks (D) that `motiongen_ardy.core.constraint` fills for a frame of a form; None where many are possible."""
     skeleton = layout.skeleton
     positions = torch.randn(1, skeleton.num_joints, 3)
     rotations = torch.eye(3).expand(1, skeleton.num_joints, 3, 3)

@@ -10,6 +10,7 @@ import torch
 import yaml
 
 from motiongen_ardy.checkpoint.checkpoint import CheckpointError, load_checkpoint, save_checkpoint
+from motiongen_ardy.checkpoint.sampling_file import read_options, write_options
 from motiongen_ardy.model.config import ConfigError
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, Pass, needed_passes
 from motiongen_ardy.model.sampling.options import (
@@ -19,7 +20,6 @@ from motiongen_ardy.model.sampling.options import (
     SamplingOptions,
     released_options,
 )
-from motiongen_ardy.model.sampling.options_file import read_options, write_options
 
 ROOT = Path(__file__).parents[4]
 TINY = ROOT / "tests" / "data" / "golden" / "tiny-core27" / "checkpoint"

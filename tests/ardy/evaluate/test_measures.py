@@ -95,6 +95,14 @@ def test_without_a_lift_all_of_the_way_is_glided() -> None:
     assert lift.glided_m == pytest.approx(1.95, abs=0.06)
 
 
+def test_toes_swivel_only_while_they_are_down() -> None:
+    dragged = statue(21)  # 1 m over the ground
+    assert feet.swivelled(SKELETON, dragged) == pytest.approx(1.0, abs=1e-3)
+    stepped = dragged.clone()
+    stepped[3:18, :, 1] += 0.05
+    assert feet.swivelled(SKELETON, stepped) == pytest.approx(0.2, abs=0.06)
+
+
 def test_a_stop_has_a_time_and_steps() -> None:
     positions = statue(80)
     positions[40:] = positions[40]  # stops at 2 s

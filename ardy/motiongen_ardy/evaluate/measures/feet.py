@@ -113,6 +113,17 @@ def stop(skeleton: Skeleton, positions: Tensor, from_frame: int, fps: int) -> tu
     return count / fps, int((up[1:] & ~up[:-1]).sum()) if count else 0
 
 
+def swivelled(skeleton: Skeleton, positions: Tensor) -> float:
+    """Metres that toes go over the ground while they are not lifted, the mean of both: 0 for who turns in steps.
+
+    The height of rest is each toe's own lowest tenth.
+    """
+    toes = foot_joints(skeleton, positions)[:, [1, 3]]
+    low = ~lifted(skeleton, positions, toes[..., 1].quantile(0.1, dim=0))
+    steps = (toes[1:] - toes[:-1])[..., [0, 2]].norm(dim=-1)
+    return float((steps * (low[1:] & low[:-1])).sum(dim=0).mean())
+
+
 def foot_trace(skeleton: Skeleton, positions: Tensor) -> Tensor:
     """(T, 2) heights in metres of the left and right toe, lightly smoothed, for drawing."""
     return smoothed(foot_joints(skeleton, positions)[:, [1, 3], 1], 3)

@@ -11,6 +11,7 @@ from torch import Tensor
 from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.evaluate.cases import HISTORY, MOVING, STANDING, Case
 from motiongen_ardy.evaluate.context import Context, Exhibit
+from motiongen_ardy.evaluate.measures.feet import swivelled
 from motiongen_ardy.evaluate.measures.root import turned
 from motiongen_ardy.evaluate.rows.waypoints import way
 from motiongen_ardy.evaluate.take import Result, Take, direction
@@ -157,5 +158,15 @@ def _turns(context: Context) -> None:
         done = [next(results) for _ in group]
         row = f"turn on the spot by {off} in {1.0 + off / 90:g} s"
         context.add_goal("heading", row, "degrees", done, measure, "heading", from_standing=True)
+        slid = f"turn on the spot by {off}: toes slide"
+        context.add_goal(
+            "heading",
+            slid,
+            "m",
+            done,
+            lambda one: swivelled(context.skeleton, one.positions[HISTORY - 1 :]),
+            "glided",
+            from_standing=True,
+        )
         if done:
             context.show("heading", [Exhibit(f"{row}: {measure(done[0]):.0f} degrees off", done[0])])

@@ -85,7 +85,7 @@ async def test_a_refused_event_carries_no_warning_and_a_refused_form_harms_nobod
     outcome = await talk.edit(1, edit_prompts(span(FAR), remove=[77]))
     assert (outcome.reason, _reasons(outcome)) == ("UNKNOWN_PROMPT", [])
     path = waypoint(400)
-    path.trajectory.positions.extend([0, 0, 0, 1])
+    path.root_trajectory.positions.extend([0, 0, 0, 1])
     outcome = await talk.edit(1, edit_constraints(path))
     assert (outcome.code, outcome.reason, outcome.field) == (
         INVALID_ARGUMENT,

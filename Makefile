@@ -11,6 +11,7 @@ LOWEST ?= $(OUT)/venv-lowest
 OUT ?= out
 DATA ?= $(OUT)/data
 RUN ?= $(OUT)/mini
+RECIPE ?= ardy/motiongen_ardy/train/configs/mini.yaml
 MODEL ?= motiongen-mini
 ARGS ?=
 DATA_USE := name the motion capture: make data CLIPS=folder-of-bvh LABELS=table.csv
@@ -127,9 +128,10 @@ data: $(READY) ## turn motion capture into a training set: make data CLIPS=folde
 	$(PYTHON) -m motiongen_ardy.data build "$(or $(CLIPS),$(error $(DATA_USE)))" "$(or $(LABELS),$(error $(DATA_USE)))" "$(DATA)" $(ARGS)
 
 .PHONY: train-mini
-train-mini: $(READY) ## train the built-in model on DATA: tokenizer, then denoiser; goes on where it was stopped
-	$(PYTHON) -m motiongen_ardy.train.tokenizer "$(DATA)" "$(RUN)/tokenizer" $(ARGS)
-	$(PYTHON) -m motiongen_ardy.train.denoiser "$(DATA)" "$(RUN)/denoiser" --tokenizer "$(RUN)/tokenizer" $(ARGS)
+train-mini: $(READY) ## train what RECIPE says on DATA (the built-in model): tokenizer, then denoiser; goes on where it was stopped
+	$(PYTHON) -m motiongen_ardy.train.tokenizer "$(DATA)" "$(RUN)/tokenizer" --config "$(RECIPE)" $(ARGS)
+	$(PYTHON) -m motiongen_ardy.train.denoiser "$(DATA)" "$(RUN)/denoiser" --tokenizer "$(RUN)/tokenizer" --config "$(RECIPE)" $(ARGS)
+	$(PYTHON) -m motiongen_ardy.train.prompt_domain "$(DATA)" "$(RUN)/denoiser"
 
 .PHONY: gate
 gate: $(READY) ## judge the motion of MODEL on the test split of DATA; exit code 1 if it misses a bound

@@ -102,7 +102,7 @@ proto: $(READY) ## generate proto/python from the protos
 
 .PHONY: proto-current
 proto-current: $(READY) ## test that the protos keep their rules and proto/python is what they generate
-	$(PYTHON) -m pytest -q tests/house/test_proto_rules.py tests/house/test_generated.py
+	$(PYTHON) -m pytest -q tests/house/test_proto_rules.py tests/house/test_proto_numbers.py tests/house/test_generated.py
 
 # ---- measure and make
 

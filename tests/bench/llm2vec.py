@@ -1,7 +1,8 @@
 """LLM2Vec against a second way of computing it, on a tiny random Llama: `python -m tests.bench.llm2vec`.
 
-Needs the extra motiongen[llm2vec]. The weights are random, so this shows that tokens are masked and pooled, adapters
-merged, prompts cut and precisions kept as they should be; not that the released weights mean what they meant.
+Needs the extra motiongen-ardy[llm2vec]. The weights are random, so this shows that tokens are masked and pooled,
+adapters merged, prompts cut and precisions kept as they should be; not that the released weights mean what they
+meant.
 """
 
 from __future__ import annotations

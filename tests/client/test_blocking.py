@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 
 import pytest
 
-from motiongen_client import EventRefused, ServerUnavailable, Waypoint
+from motiongen_client import EventRefused, ServerUnavailable, SessionEnded, Waypoint
 from motiongen_client.blocking import MotionClient
 from tests.client.fake_server import FakeServer
 
@@ -51,6 +52,33 @@ def test_leaving_frames_early_leaves_the_session_usable(client: MotionClient) ->
         if frame.index == 5:
             break
     assert next(iter(session.frames())).index == 6
+
+
+def test_frames_that_a_late_reader_has_not_taken_are_not_lost(client: MotionClient) -> None:
+    session = client.open("a person walks")
+    for frame in session.frames():
+        if frame.index == 5:
+            time.sleep(0.1)  # ten more frames are due now
+        if frame.index == 7:
+            break
+    assert [frame.index for frame in session.frames(seconds=0.04)] == [8, 9, 10, 11]
+    assert next(iter(session.frames())).index == 12
+
+
+def test_a_generator_may_outlive_its_client(server: FakeServer) -> None:
+    with MotionClient(server.address) as client:
+        frames = client.open("a person walks").frames()
+        assert next(frames).index == 0
+    with pytest.raises(SessionEnded, match="client was closed"):
+        next(frames)
+    frames.close()
+
+
+def test_a_generator_is_closed_after_its_client(server: FakeServer) -> None:
+    with MotionClient(server.address) as client:
+        frames = client.open("a person walks").frames()
+        assert next(frames).index == 0
+    frames.close()
 
 
 def test_errors_are_the_same(client: MotionClient, server: FakeServer) -> None:

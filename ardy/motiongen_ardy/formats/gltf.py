@@ -33,7 +33,7 @@ def write_glb(path: Path, stored: StoredMotion) -> None:
     try:
         import pygltflib
     except ImportError:
-        allowed = "install it: pip install 'motiongen[gltf]'"
+        allowed = "install it: pip install 'motiongen-ardy[gltf]'"
         raise FormatError(path, "writing glTF needs pygltflib, which is not installed", allowed) from None
     skeleton, motion = stored.skeleton, stored.motion
     joints = list(range(skeleton.num_joints))

@@ -1,7 +1,7 @@
 """LLM2Vec in this process: the encoder that NVIDIA's ARDY models were trained with.
 
 A Llama whose tokens see each other both ways (BehnamGhader et al. 2024, "LLM2Vec"), two adapters merged into it, and
-the mean over the prompt's own tokens. transformers and peft are needed: pip install 'motiongen[llm2vec]'.
+the mean over the prompt's own tokens. transformers and peft are needed: pip install 'motiongen-ardy[llm2vec]'.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ MAX_TEXT_TOKENS = 400
 SAMPLE_BYTES = 1 << 20
 SETTINGS = ("config.json", "adapter_config.json", "tokenizer.json")
 MODEL_FILES = ("*.json", "*.safetensors", "tokenizer.model")
-MISSING = "the text encoder llm2vec needs transformers and peft: pip install 'motiongen[llm2vec]'"
+MISSING = "the text encoder llm2vec needs transformers and peft: pip install 'motiongen-ardy[llm2vec]'"
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ import grpc
 from numpy.typing import ArrayLike
 
 from motiongen_client import client, edit, session, stream
+from motiongen_client.errors import SessionEnded
 from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.prompts import Prompt
 from motiongen_client.session import SessionStats
@@ -46,7 +47,10 @@ class BackgroundLoop:
         self._thread.start()
 
     def run(self, work: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine on the loop and wait for what it returns."""
+        """Run a coroutine on the loop and wait for what it returns. Raises SessionEnded once the client is closed."""
+        if self._loop.is_closed():
+            work.close()
+            raise SessionEnded("client", "the client was closed")
         waiting = asyncio.run_coroutine_threadsafe(work, self._loop)
         try:
             return waiting.result()
@@ -62,9 +66,14 @@ class BackgroundLoop:
 
         return self.run(work())
 
+    @property
+    def is_running(self) -> bool:
+        return not self._loop.is_closed()
+
     def stop(self) -> None:
-        """End the thread. May be called again."""
+        """End what still runs on the loop, and the thread. May be called again."""
         if not self._loop.is_closed():
+            self.run(self._loop.shutdown_asyncgens())
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join()
             self._loop.close()
@@ -200,7 +209,8 @@ class Session:
             while (frame := self._loop.run(following())) is not None:
                 yield frame
         finally:
-            self._loop.run(frames.aclose())
+            if self._loop.is_running:  # else the client was closed meanwhile, and its loop has ended them
+                self._loop.run(frames.aclose())
 
     def poll(self) -> Frame | None:
         """Move the playhead to the present and return the frame to show now; None before the first one came."""

@@ -65,6 +65,7 @@ class Session(Direction):
         self._first_frame_s: float | None = None
         self._num_plans = 0
         self._num_frames = 0
+        self._untold = range(0)  # frames that the playhead has reached, but `frames` has not given yet
         self.opened: Opened
         self.service_level: ServiceLevel
         self.on_service_level: Callable[[ServiceLevel], None] | None = None
@@ -122,6 +123,7 @@ class Session(Direction):
 
         realtime: a frame comes when its time has come, and the last pose is held (nothing comes, `stats.underruns`
         rises) while the server is late. Otherwise frames come as fast as they are generated and taken.
+        One that is left early, or has come to its end, is gone on from by the next, without a gap.
         Raises SessionEnded when the server ends the session, StreamLost when the stream breaks.
         """
         num_left = None if seconds is None else self.rig.frames_in(seconds)
@@ -129,14 +131,17 @@ class Session(Direction):
             self._changed.clear()
             if self._is_over():
                 return
-            reached = self._advance() if realtime else self._step()
-            for index in reached:
+            if not self._untold:
+                self._untold = self._advance() if realtime else self._step()
+            is_told_some = bool(self._untold)
+            while self._untold:
+                index, self._untold = self._untold[0], self._untold[1:]
                 yield Frame(self.rig, index, self.playback.row(index))
                 if num_left is not None:
                     num_left -= 1
                     if num_left == 0:
                         return
-            if realtime or not reached:
+            if realtime or not is_told_some:
                 await self._wait(realtime)
 
     def poll(self) -> Frame | None:
@@ -146,6 +151,7 @@ class Session(Direction):
         """
         if not self._is_over():
             self._advance()
+            self._untold = range(0)
         if not self.playback.started:
             return None
         return Frame(self.rig, self.playback.playhead, self.playback.row(self.playback.playhead))
@@ -180,7 +186,7 @@ class Session(Direction):
             return True
         if self._failure is None:
             return False
-        nothing_left = self.playback.playhead >= self.playback.buffered_to - 1
+        nothing_left = not self._untold and self.playback.playhead >= self.playback.buffered_to - 1
         if nothing_left:
             raise self._failure
         return False

@@ -145,6 +145,6 @@ def test_without_the_library_the_message_says_what_to_install(tmp_path: Path, mo
         return real(name, *rest, **named)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(FormatError, match=r"pip install 'motiongen\[gltf\]'"):
+    with pytest.raises(FormatError, match=r"pip install 'motiongen-ardy\[gltf\]'"):
         write_glb(tmp_path / "motion.glb", random_motion(load_skeleton("core27"), 2, seed=0))
     assert not (tmp_path / "motion.glb").exists()

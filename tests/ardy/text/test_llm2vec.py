@@ -105,7 +105,7 @@ def test_the_fingerprint_follows_the_content_of_every_folder(home: Path) -> None
 def test_without_its_libraries_it_says_what_to_install(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "peft", None)
     monkeypatch.setitem(sys.modules, "transformers", None)
-    with pytest.raises(UnknownTextEncoder, match=r"pip install 'motiongen\[llm2vec\]'"):
+    with pytest.raises(UnknownTextEncoder, match=r"pip install 'motiongen-ardy\[llm2vec\]'"):
         load_text_encoder("llm2vec", 4096)
 
 

@@ -10,8 +10,10 @@ class ScalarType(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     SCALAR_TYPE_UNSPECIFIED: _ClassVar[ScalarType]
     SCALAR_TYPE_F32_LE: _ClassVar[ScalarType]
+    SCALAR_TYPE_F16_LE: _ClassVar[ScalarType]
 SCALAR_TYPE_UNSPECIFIED: ScalarType
 SCALAR_TYPE_F32_LE: ScalarType
+SCALAR_TYPE_F16_LE: ScalarType
 
 class Rig(_message.Message):
     __slots__ = ("rig_id", "joints", "parents", "frame_rate", "blocks", "neutral_offsets_m", "hip_joints", "limbs")
@@ -74,20 +76,36 @@ class TextEmbedding(_message.Message):
     def __init__(self, text_encoder: _Optional[str] = ..., values: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Constraint(_message.Message):
-    __slots__ = ("constraint_id", "frame", "waypoint", "joint_targets", "keyframe", "root_trajectory")
+    __slots__ = ("constraint_id", "frame", "last_frame", "frames_from_effect", "at_any_frame", "weight", "tolerance_m", "tolerance_rad", "waypoint", "joint_targets", "keyframe", "root_trajectory", "heading", "joint_rotations")
     CONSTRAINT_ID_FIELD_NUMBER: _ClassVar[int]
     FRAME_FIELD_NUMBER: _ClassVar[int]
+    LAST_FRAME_FIELD_NUMBER: _ClassVar[int]
+    FRAMES_FROM_EFFECT_FIELD_NUMBER: _ClassVar[int]
+    AT_ANY_FRAME_FIELD_NUMBER: _ClassVar[int]
+    WEIGHT_FIELD_NUMBER: _ClassVar[int]
+    TOLERANCE_M_FIELD_NUMBER: _ClassVar[int]
+    TOLERANCE_RAD_FIELD_NUMBER: _ClassVar[int]
     WAYPOINT_FIELD_NUMBER: _ClassVar[int]
     JOINT_TARGETS_FIELD_NUMBER: _ClassVar[int]
     KEYFRAME_FIELD_NUMBER: _ClassVar[int]
     ROOT_TRAJECTORY_FIELD_NUMBER: _ClassVar[int]
+    HEADING_FIELD_NUMBER: _ClassVar[int]
+    JOINT_ROTATIONS_FIELD_NUMBER: _ClassVar[int]
     constraint_id: int
     frame: int
+    last_frame: int
+    frames_from_effect: bool
+    at_any_frame: bool
+    weight: float
+    tolerance_m: float
+    tolerance_rad: float
     waypoint: Waypoint
     joint_targets: JointTargets
     keyframe: Keyframe
     root_trajectory: RootTrajectory
-    def __init__(self, constraint_id: _Optional[int] = ..., frame: _Optional[int] = ..., waypoint: _Optional[_Union[Waypoint, _Mapping]] = ..., joint_targets: _Optional[_Union[JointTargets, _Mapping]] = ..., keyframe: _Optional[_Union[Keyframe, _Mapping]] = ..., root_trajectory: _Optional[_Union[RootTrajectory, _Mapping]] = ...) -> None: ...
+    heading: HeadingTarget
+    joint_rotations: JointRotations
+    def __init__(self, constraint_id: _Optional[int] = ..., frame: _Optional[int] = ..., last_frame: _Optional[int] = ..., frames_from_effect: bool = ..., at_any_frame: bool = ..., weight: _Optional[float] = ..., tolerance_m: _Optional[float] = ..., tolerance_rad: _Optional[float] = ..., waypoint: _Optional[_Union[Waypoint, _Mapping]] = ..., joint_targets: _Optional[_Union[JointTargets, _Mapping]] = ..., keyframe: _Optional[_Union[Keyframe, _Mapping]] = ..., root_trajectory: _Optional[_Union[RootTrajectory, _Mapping]] = ..., heading: _Optional[_Union[HeadingTarget, _Mapping]] = ..., joint_rotations: _Optional[_Union[JointRotations, _Mapping]] = ...) -> None: ...
 
 class Waypoint(_message.Message):
     __slots__ = ("x", "z", "heading")
@@ -122,6 +140,20 @@ class RootTrajectory(_message.Message):
     positions: _containers.RepeatedScalarFieldContainer[float]
     headings: _containers.RepeatedScalarFieldContainer[float]
     def __init__(self, positions: _Optional[_Iterable[float]] = ..., headings: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class HeadingTarget(_message.Message):
+    __slots__ = ("heading",)
+    HEADING_FIELD_NUMBER: _ClassVar[int]
+    heading: float
+    def __init__(self, heading: _Optional[float] = ...) -> None: ...
+
+class JointRotations(_message.Message):
+    __slots__ = ("joints", "rotations")
+    JOINTS_FIELD_NUMBER: _ClassVar[int]
+    ROTATIONS_FIELD_NUMBER: _ClassVar[int]
+    joints: _containers.RepeatedScalarFieldContainer[int]
+    rotations: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, joints: _Optional[_Iterable[int]] = ..., rotations: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class FrameChunk(_message.Message):
     __slots__ = ("plan", "first_frame", "frame_count", "committed_to", "data", "scalar_type")

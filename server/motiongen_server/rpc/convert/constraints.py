@@ -22,6 +22,7 @@ from motiongen_server.rpc.convert.checks import (
     refuse,
 )
 from motiongen_server.rpc.convert.forms import check_forms
+from motiongen_server.rpc.convert.unserved import check_served
 
 UNIT_TOLERANCE = 1e-3
 
@@ -36,6 +37,7 @@ def constraints_of(messages: Sequence[motion_pb2.Constraint], field: str, catalo
 
 
 def _constraint(message: motion_pb2.Constraint, field: str, catalog: Catalog) -> Constraint:
+    check_served(message, field)
     identifier = identifier_of(message.constraint_id, f"{field}.constraint_id")
     frame = frame_number(message.frame, f"{field}.frame")
     target = message.WhichOneof("target")
@@ -52,7 +54,9 @@ def _constraint(message: motion_pb2.Constraint, field: str, catalog: Catalog) ->
         joints = len(catalog.facts.rig.joint_names)
         positions = points(message.keyframe.positions, joints, 3, f"{field}.keyframe.positions")
         return Keyframe(identifier, frame, positions)
-    raise refuse("NO_TARGET", f"{field}.target", "no target is set", "waypoint, joint_targets or trajectory")
+    raise refuse(
+        "NO_TARGET", f"{field}.target", "no target is set", "waypoint, joint_targets, keyframe or root_trajectory"
+    )
 
 
 def _trajectory(

@@ -37,6 +37,7 @@ from motiongen_server.rpc.convert.constraints import constraints_of
 from motiongen_server.rpc.convert.forms import check_forms
 from motiongen_server.rpc.convert.history import history_frames_of, prior_rows_of
 from motiongen_server.rpc.convert.prompts import Embeddings, prompts_of
+from motiongen_server.rpc.convert.unserved import UNSERVED_SCALARS, check_served, not_served
 from motiongen_server.rpc.limits import MAX_FRAME, MAX_GUIDANCE, MAX_REQUEST_ID_CHARACTERS, MAX_SPEED_MPS
 
 MAX_ROUND_TRIP_S = 1.0
@@ -51,6 +52,7 @@ def engine_event(
 
     Raises EventRefused.
     """
+    check_served(event, "")
     name = event.WhichOneof("event")
     sequence = event.event_seq
     if name == "open":
@@ -125,6 +127,7 @@ def _velocity(
 def _session_spec(
     message: session_pb2.OpenSession, key: SessionKey, embeddings: Embeddings, catalog: Catalog
 ) -> SessionSpec:
+    check_served(message, "open")
     facts, limits = catalog.facts, catalog.limits
     if len(message.request_id) > MAX_REQUEST_ID_CHARACTERS:
         raise refuse(
@@ -139,6 +142,8 @@ def _session_spec(
         raise refuse(
             "INVALID_PRIORITY", "open.priority", f"priority {message.priority} is not one", "HERO, NEAR, CROWD or BATCH"
         )
+    if message.scalar_type in UNSERVED_SCALARS:
+        raise not_served("open.scalar_type", "F32_LE")
     if message.scalar_type not in (motion_pb2.SCALAR_TYPE_UNSPECIFIED, motion_pb2.SCALAR_TYPE_F32_LE):
         raise refuse(
             "INVALID_SCALAR_TYPE", "open.scalar_type", f"scalar type {message.scalar_type} is not offered", "F32_LE"

@@ -1,0 +1,38 @@
+"""What the contract has words for and this server does not serve yet: it is refused, never silently left out."""
+
+from __future__ import annotations
+
+from google.protobuf.message import Message
+
+from motiongen.v1 import motion_pb2
+from motiongen_server.engine.types import Code
+from motiongen_server.errors import EventRefused
+
+UNSERVED_FIELDS: dict[str, tuple[str, ...]] = {
+    "Constraint": (
+        "last_frame", "frames_from_effect", "at_any_frame", "weight", "tolerance_m", "tolerance_rad", "heading",
+        "joint_rotations",
+    ),
+    "OpenSession": ("resume_token", "snapshot", "outputs"),
+    "SessionEvent": ("seek", "set_options", "take_snapshot"),
+}  # fmt: skip
+"""By message. Their comments in the protos begin with "Not served": a test compares."""
+UNSERVED_SCALARS = (motion_pb2.SCALAR_TYPE_F16_LE,)
+
+
+def check_served(message: Message, field: str) -> None:
+    """Raise EventRefused if the message sets a field that is not served. field: the message's path, "" of an event."""
+    present = {descriptor.name for descriptor, _ in message.ListFields()}
+    for name in UNSERVED_FIELDS.get(message.DESCRIPTOR.name, ()):
+        if name in present:
+            raise not_served(f"{field}.{name}".lstrip("."), "leave it out")
+
+
+def not_served(field: str, allowed: str) -> EventRefused:
+    return EventRefused(
+        Code.UNIMPLEMENTED,
+        "NOT_SERVED",
+        f"{field.rpartition('.')[2]} is part of the contract, but this server does not serve it yet",
+        field=field,
+        allowed=allowed,
+    )

@@ -60,15 +60,15 @@ def draw_poses(axes: Axes, motion: Motion, rows: NDArray[np.int_], at: NDArray[n
             axes.add_patch(Circle((pose[head, 0], pose[head, 1] + 0.07), 0.095, color=MIDDLE, linewidth=0))
 
 
-def draw_way(axes: Axes, motion: Motion, *, every_s: float = 1.0) -> None:
-    """The root over the ground, an arrow every every_s where the character faces; ends with a circle and a square."""
+def draw_way(axes: Axes, motion: Motion, *, every_s: float = 1.0, arrow_width: float = 0.012) -> None:
+    """The root over the ground, arrows every every_s where the character faces, a circle and a square at its ends."""
     x, z = motion.root_translation_m[:, 0], motion.root_translation_m[:, 2]
     axes.plot(x, z, color=MIDDLE, linewidth=1.3, solid_capstyle="round")
     every = np.arange(0, len(motion), max(motion.rig.frames_in(every_s), 1))
     facing = headings_rad(motion)[every]
     axes.quiver(
         x[every], z[every], np.sin(facing), np.cos(facing),
-        color=QUIET, angles="xy", scale=9, width=0.012, headwidth=4, headlength=4,
+        color=QUIET, angles="xy", scale=9 * 0.012 / arrow_width, width=arrow_width, headwidth=4, headlength=4,
     )  # fmt: skip
     axes.plot(x[:1], z[:1], "o", color=MIDDLE, markersize=4)
     axes.plot(x[-1:], z[-1:], "s", color=MIDDLE, markersize=4)

@@ -21,7 +21,7 @@ _TICK_S = 2.0
 
 def draw_ground(axes: Axes, motion: Motion, goals: Sequence[Goal]) -> None:
     """The way with arrows of the facing and times, and what was asked of it in green."""
-    draw_way(axes, motion, every_s=0.5)
+    draw_way(axes, motion, every_s=0.5, arrow_width=0.006)
     root, rate = motion.root_translation_m[:, [0, 2]].astype(np.float64), motion.rig.frame_rate_hz
     for row in range(0, len(motion), max(motion.rig.frames_in(_TICK_S), 1)):
         seconds = (motion.first_frame + row) / rate

@@ -107,8 +107,8 @@ def _print_figures(takes: Sequence[Take], console: Console) -> None:
     speed = seconds / wall_s if wall_s > 0 else 0.0
     console.print(
         f"{num_frames} frames, {seconds:.0f} s of motion, in {wall_s:.1f} s: {speed:.1f} times real time; "
-        f"{windows} windows; first frame after {milliseconds(firsts)} (p50), an event shows after {milliseconds(latencies)} (p50) "
-        f"of {len(latencies)}; plans that came too late for the playhead: {late}",
+        f"{windows} windows; first frame after {milliseconds(firsts)} (p50), an event shows after "
+        f"{milliseconds(latencies)} (p50) of {len(latencies)}; plans that came too late for the playhead: {late}",
         soft_wrap=True,
     )
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _PROMPT_COLOURS = ("#e8eef6", "#f6efe2")
-_LINE_M = 0.24  # of the page, between the lines below the ground
+_LINE_M = 0.23  # of the page, between the lines below the ground
 _FEET = (("left heel", LEFT), ("left toe", LEFT), ("right heel", RIGHT), ("right toe", RIGHT))
 
 
@@ -55,15 +55,18 @@ def draw_strip(
 def _draw_prompts(
     axes: Axes, prompts: Sequence[tuple[int, str]], first: int, last: int, at: Callable[[float], float]
 ) -> None:
-    """A band for each prompt, from the frame at which it shows to the next one's."""
+    """A band for each prompt, from the frame at which it shows to the next one's; its text ends where it does."""
+    from matplotlib.patches import Rectangle
+
     ends = [frame for frame, _ in prompts[1:]] + [last]
     for number, ((start, text), end) in enumerate(zip(prompts, ends, strict=True)):
         left, right = max(start, first), min(end, last)
         if left >= right:
             continue
         colour = _PROMPT_COLOURS[number % len(_PROMPT_COLOURS)]
-        axes.fill_between([at(left), at(right)], -0.5, -0.26, color=colour, linewidth=0)
-        axes.text(at(left) + 0.04, -0.38, text, fontsize=8, va="center", color="#111111", clip_on=True)
+        band = axes.add_patch(Rectangle((at(left), -0.5), at(right) - at(left), 0.24, color=colour, linewidth=0))
+        written = axes.text(at(left) + 0.04, -0.38, text, fontsize=8, va="center", color="#111111")
+        written.set_clip_path(band)
 
 
 def _draw_goals(
@@ -77,7 +80,7 @@ def _draw_goals(
             continue
         if at(start) < taken_to or low == -0.5:
             low -= _LINE_M
-        middle = low + _LINE_M / 2
+        middle = low + 0.05
         axes.plot([at(max(start, first)), at(min(end, last))], [middle] * 2, color=GOAL, linewidth=1.2)
         reached = measure(goal, motion, place_m=1.0)
         miss = "not due" if reached is None else f"{reached.error:.{0 if goal.unit == 'cm' else 1}f} {goal.unit} off"

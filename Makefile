@@ -132,8 +132,8 @@ train-mini: $(READY) ## train the built-in model on DATA: tokenizer, then denois
 	$(PYTHON) -m motiongen_ardy.train.denoiser "$(DATA)" "$(RUN)/denoiser" --tokenizer "$(RUN)/tokenizer" $(ARGS)
 
 .PHONY: gate
-gate: $(READY) ## judge MODEL on the test split of DATA; exit code 1 if it misses a bound
-	$(PYTHON) -m motiongen_ardy.evaluate.gate "$(MODEL)" "$(DATA)" $(ARGS)
+gate: $(READY) ## judge the motion of MODEL on the test split of DATA; exit code 1 if it misses a bound
+	$(PYTHON) -m motiongen_ardy.evaluate "$(MODEL)" "$(DATA)" $(ARGS)
 
 .PHONY: clean
 clean: ## remove what make made, the environment too

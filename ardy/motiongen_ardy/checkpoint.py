@@ -19,11 +19,14 @@ from motiongen_ardy.checkpoint_config import (
 )
 from motiongen_ardy.checkpoint_config_writer import write_model_config, write_tokenizer_config
 from motiongen_ardy.checkpoint_files import CheckpointError, TensorFile, path_inside, read_yaml
-from motiongen_ardy.config import ConfigError
+from motiongen_ardy.config import ConfigError, ModelConfig
 from motiongen_ardy.model import Model, build_model
 from motiongen_ardy.precision import PRECISIONS, matrix_names, set_precision
 from motiongen_ardy.problems import Problems
 from motiongen_ardy.representation import LOCAL_ROOT_WIDTH, Representation
+from motiongen_ardy.sampling.limbs import arms
+from motiongen_ardy.sampling.options import SamplingOptions, released_options
+from motiongen_ardy.sampling.options_file import SAMPLING_FILE, read_options, write_options
 from motiongen_ardy.skeleton import load_skeleton
 from motiongen_ardy.stats import Stats, load_stats, save_stats
 from motiongen_ardy.tokenizer import Tokenizer, build_tokenizer
@@ -50,6 +53,8 @@ def load_checkpoint(
     stats = _collect(problems, lambda: _read_stats(folder, layout.motion_stats, feature_dim + LOCAL_ROOT_WIDTH))
     with torch.device("meta"):
         model = _built(folder, lambda: build_model(config, stats or _identity_stats(feature_dim + LOCAL_ROOT_WIDTH)))
+    sampling = _collect(problems, lambda: _read_sampling(folder, config))
+    model.sampling = sampling or model.sampling
     fill_denoiser = _collect(problems, lambda: _prepare(model.denoiser, folder, layout.denoiser, _denoiser_name, dtype))
     fill_tokenizer = None
     if model.tokenizer is not None:
@@ -94,6 +99,10 @@ def save_checkpoint(model: Model, folder: str | Path) -> None:
     }
     _write_tensors(denoiser, folder / DENOISER_FILE)
     save_stats(model.representation.stats, folder / MOTION_STATS)
+    if model.sampling != released_options(model.config.guidance):
+        _write_yaml(write_options(model.sampling), folder / SAMPLING_FILE)
+    else:
+        (folder / SAMPLING_FILE).unlink(missing_ok=True)
     if model.tokenizer is not None:
         _write_tokenizer_files(model.tokenizer, folder)
 
@@ -128,6 +137,20 @@ def _collect(problems: list[str], read: Callable[[], PART]) -> PART | None:
 def _read_config(folder: Path, read: Callable[[object], PART]) -> PART:
     content = read_yaml(path_inside(folder, CONFIG_FILE))
     return _built(folder, lambda: read(content))
+
+
+def _read_sampling(folder: Path, config: ModelConfig) -> SamplingOptions:
+    """What `sampling.yaml` says, as released where there is none. Raises CheckpointError."""
+    path = path_inside(folder, SAMPLING_FILE)
+    if not path.exists():
+        return released_options(config.guidance)
+    try:
+        options = read_options(read_yaml(path), config.guidance)
+        if options.clean_feet or options.reach_joints:
+            arms(load_skeleton(config.skeleton))
+        return options
+    except ConfigError as error:
+        raise CheckpointError([f"{path}: {problem}" for problem in error.problems]) from error
 
 
 def _built(folder: Path, build: Callable[[], PART]) -> PART:

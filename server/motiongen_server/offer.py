@@ -111,7 +111,11 @@ def make_catalog(config: ServerConfig, hosted: Hosted) -> Catalog:
         events_per_second=config.events_per_second,
         stream_events_per_second=config.stream_events_per_second,
     )
-    guidance = Guidance(config.text_guidance, config.constraint_guidance)
+    own = hosted.facts.guidance
+    guidance = Guidance(
+        own.text if config.text_guidance is None else config.text_guidance,
+        own.constraint if config.constraint_guidance is None else config.constraint_guidance,
+    )
     encoder = hosted.encoder.identity
     return Catalog(
         hosted.facts,

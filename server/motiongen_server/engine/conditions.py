@@ -129,7 +129,7 @@ class Conditions:
         prompts = tuple(item for item in self.prompts if item.end_frame is None or item.end_frame > frame)
         constraints = tuple(item for item in self.constraints if item.last_frame >= frame)
         velocity = self.velocity
-        if velocity is not None and velocity.end_if_from(frame) <= frame:
+        if velocity is not None and velocity.end_if_from(frame) + velocity.slowing_frames <= frame:
             velocity = None
         unchanged = len(prompts) == len(self.prompts) and len(constraints) == len(self.constraints)
         if unchanged and velocity is self.velocity:

@@ -9,6 +9,7 @@ from motiongen_server.engine.types.arrays import (
     Float32Array,
 )
 from motiongen_server.engine.types.conditions import (
+    VELOCITY_ID,
     Constraint,
     JointTargets,
     PoseTarget,
@@ -67,6 +68,7 @@ from motiongen_server.engine.types.spec import (
 )
 
 __all__ = [
+    "VELOCITY_ID",
     "ChannelBlock",
     "Chunk",
     "Close",

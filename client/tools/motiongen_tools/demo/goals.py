@@ -111,7 +111,7 @@ def errors_over_time(goal: Goal, motion: Motion) -> NDArray[np.float64]:
             return 100 * np.asarray(np.linalg.norm(moved, axis=2).max(axis=1))
         case Facing(heading_rad=heading):
             turned = headings_rad(motion) - heading
-            return np.degrees(np.abs((turned + math.pi) % (2 * math.pi) - math.pi))
+            return np.asarray(np.degrees(np.abs((turned + math.pi) % (2 * math.pi) - math.pi)))
         case Pace(x_mps=x, z_mps=z):
             return np.asarray(np.linalg.norm(velocities_mps(motion) - (x, z), axis=1))
 

@@ -59,22 +59,20 @@ def ask(session: Session, action: Action, at: Here) -> list[Asked]:
     match action:
         case Say(text):
             return [Asked(session.set_prompt(text), action)]
-        case Move(speed, seconds, turn):
-            return [_move(session, action, at, speed, seconds, turn)]
+        case Move():
+            return [_move(session, action, at)]
         case Circle():
             return _circle(session, action, at)
         case GoTo(metres, in_s, turn):
             x, z = at.off(metres, turn)
             waypoint = Waypoint(at.frame + session.rig.frames_in(in_s), x, z)
-            where = "on the way" if turn == 0 else f"{abs(turn):g} degrees to the {'left' if turn > 0 else 'right'}"
-            goal = Goal(f"{metres:g} m, {where}, in {in_s:g} s", at.frame, waypoint)
+            goal = Goal(f"{metres:g} m {_side(turn)} in {in_s:g} s", at.frame, waypoint)
             return [Asked(session.add_constraints([waypoint]), action, (goal,))]
         case Turn(turn, in_s):
             frame, heading = at.frame + session.rig.frames_in(in_s), at.facing_rad + math.radians(turn)
             waypoint = Waypoint(frame, float(at.position_m[0]), float(at.position_m[2]), heading)
-            side = "left" if turn > 0 else "right"
             goals = (
-                Goal(f"face {abs(turn):g} degrees to the {side} in {in_s:g} s", at.frame, Facing(frame, heading)),
+                Goal(f"face {_side(turn)} in {in_s:g} s", at.frame, Facing(frame, heading)),
                 Goal("on the spot meanwhile", at.frame, waypoint),
             )
             return [Asked(session.add_constraints([waypoint]), action, goals)]
@@ -82,13 +80,20 @@ def ask(session: Session, action: Action, at: Here) -> list[Asked]:
             return [_reach(session, action, at)]
 
 
-def _move(session: Session, action: Action, at: Here, speed: float, seconds: float, turn: float) -> Asked:
-    angle = at.way_rad + math.radians(turn)
-    x, z = speed * math.sin(angle), speed * math.cos(angle)
-    label = f"move at {speed:g} m/s for {seconds:g} s" + (f", {turn:g} degrees round" if turn else "")
-    pace = Pace(at.frame, at.frame + session.rig.frames_in(seconds), x, z)
-    goal = Goal(label if speed else f"stop, for {seconds:g} s", at.frame, pace)
-    return Asked(session.set_velocity(x, z, seconds=seconds), action, (goal,))
+def _side(turn_deg: float) -> str:
+    if turn_deg == 0:
+        return "ahead"
+    return f"{abs(turn_deg):g} degrees to the {'left' if turn_deg > 0 else 'right'}"
+
+
+def _move(session: Session, action: Move, at: Here) -> Asked:
+    angle = at.way_rad + math.radians(action.turn_deg)
+    x, z = action.speed_mps * math.sin(angle), action.speed_mps * math.cos(angle)
+    what = f"{action.speed_mps:g} m/s {_side(action.turn_deg)}" if action.speed_mps else "stop"
+    pace = Pace(at.frame, at.frame + session.rig.frames_in(action.seconds), x, z)
+    goal = Goal(f"{what} for {action.seconds:g} s", at.frame, pace)
+    edit = session.set_velocity(x, z, seconds=action.seconds, keep_prompt=action.keep_prompt)
+    return Asked(edit, action, (goal,))
 
 
 def _circle(session: Session, action: Circle, at: Here) -> list[Asked]:

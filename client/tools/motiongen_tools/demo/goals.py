@@ -122,4 +122,5 @@ def velocities_mps(motion: Motion) -> NDArray[np.float64]:
     half = max(motion.rig.frames_in(_SMOOTH_S / 2), 1)
     index = np.arange(len(root))
     after, before = np.minimum(index + half, len(root) - 1), np.maximum(index - half, 0)
-    return (root[after] - root[before]) * motion.rig.frame_rate_hz / np.maximum(after - before, 1)[:, None]
+    spans_s = np.maximum(after - before, 1) / motion.rig.frame_rate_hz
+    return np.asarray((root[after] - root[before]) / spans_s[:, None])

@@ -37,11 +37,15 @@ class Turn:
 
 @dataclass(frozen=True)
 class Move:
-    """Move at a speed, turned to the left of the way by turn_deg, for some seconds: a velocity. 0 m/s is to stop."""
+    """Move at a speed, turned to the left of the way by turn_deg, for some seconds: a velocity. 0 m/s is to stop.
+
+    keep_prompt: whether the prompt holds meanwhile, in place of the model's own for that speed.
+    """
 
     speed_mps: float
     seconds: float
     turn_deg: float = 0.0
+    keep_prompt: bool = False
 
 
 @dataclass(frozen=True)
@@ -94,7 +98,7 @@ STORY = Role(
     STAND,
     (
         Cue(2.0, (Say(WALK),)),
-        Cue(5.0, (Say("a person turns left while walking"),)),
+        Cue(5.0, (Say("a person turns left while walking"), Move(1.0, 2.5, turn_deg=90, keep_prompt=True))),
         Cue(7.5, (Say(WALK), GoTo(2.4, in_s=2.5))),  # on the way
         Cue(10.0, (GoTo(2.0, in_s=3.0, turn_deg=-70),)),  # off it
         Cue(13.0, (Say(STAND), Move(0, 2.5))),

@@ -52,7 +52,7 @@ def _write(path: Path | str, scenes: Sequence[Scene], every_s: float, row_s: flo
     if any(len(scene.motion) == 0 for scene in scenes):
         raise InvalidInput("scenes", f"{len(scenes)} scenes", "scenes with one frame or more each")
     rows = [max(math.ceil(scene.motion.duration_s / row_s - 1e-6), 1) for scene in scenes]
-    figure = Figure(figsize=(17, 2.8 * sum(rows) + 0.2), dpi=_DPI, layout="constrained", facecolor="white")
+    figure = Figure(figsize=(17, 2.95 * sum(rows) + 0.2), dpi=_DPI, layout="constrained", facecolor="white")
     grid = figure.add_gridspec(sum(rows), 2, width_ratios=[3.6, 13.4] if len(rows) > 1 else [5, 12])
     above = 0
     for scene, count in zip(scenes, rows, strict=True):

@@ -65,7 +65,7 @@ def _draw_prompts(
             continue
         colour = _PROMPT_COLOURS[number % len(_PROMPT_COLOURS)]
         band = axes.add_patch(Rectangle((at(left), -0.5), at(right) - at(left), 0.24, color=colour, linewidth=0))
-        written = axes.text(at(left) + 0.04, -0.38, text, fontsize=8, va="center", color="#111111")
+        written = axes.text(at(left) + 0.04, -0.38, text, fontsize=8, va="center", color="#111111", clip_on=True)
         written.set_clip_path(band)
 
 

@@ -75,7 +75,7 @@ def _draw_miss(axes: Axes, motion: Motion, goal: Goal, frame: int, place: NDArra
     axes.annotate(
         text,
         (float(place[0]), float(place[1])),
-        (9, 5),
+        (9, 5 + 10 * above),
         textcoords="offset points",
         fontsize=8,
         color=GOAL,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from motiongen_ardy.checkpoint_files import CheckpointError, path_inside, read_yaml
+from motiongen_ardy.checkpoint.files import CheckpointError, path_inside, read_yaml
 from motiongen_ardy.text.domain import DOMAIN_FILE, DomainError, PromptDomain, read_domain
 
 CAPABILITIES_FILE = "capabilities.yaml"

@@ -8,8 +8,8 @@ import sys
 from motiongen_server.app import run
 from motiongen_server.config import parse_config
 from motiongen_server.errors import SettingError
-from motiongen_server.logs import configure_logs
-from motiongen_server.memory import keep_freed_memory
+from motiongen_server.ops.logs import configure_logs
+from motiongen_server.ops.memory import keep_freed_memory
 
 
 def main() -> int:

@@ -18,21 +18,21 @@ import grpc.aio
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
-from motiongen_server.admin import AdminService, add_admin
-from motiongen_server.beside import start_beside
+from motiongen_server.background import start_in_background
 from motiongen_server.config import ServerConfig
-from motiongen_server.door import Door
 from motiongen_server.engine.types import Output
 from motiongen_server.errors import SettingError
-from motiongen_server.hosting import ENGINE_COMMAND
-from motiongen_server.keeper import Keeper
-from motiongen_server.loading import Loaded, Loader
-from motiongen_server.memory import settled_objects
-from motiongen_server.methods import SERVICE_NAME, add_methods
-from motiongen_server.metrics import Metrics
-from motiongen_server.offer import Offer
-from motiongen_server.ops import OpsServer, ops_app
-from motiongen_server.service import MotionService
+from motiongen_server.models.admin import AdminService, add_admin
+from motiongen_server.models.factory import ModelFactory
+from motiongen_server.models.hosting import ENGINE_COMMAND
+from motiongen_server.models.loader import Loaded, Loader
+from motiongen_server.models.manager import ModelManager
+from motiongen_server.ops.http import OpsServer, ops_app
+from motiongen_server.ops.memory import settled_objects
+from motiongen_server.ops.metrics import Metrics
+from motiongen_server.rpc.handlers import SERVICE_NAME, add_methods
+from motiongen_server.rpc.service import MotionService
+from motiongen_server.rpc.starting import StartingService
 
 _log = logging.getLogger("motiongen_server")
 
@@ -66,12 +66,12 @@ class Application:
         """load: the model, for an engine in this process. engine_command: for one in a process of its own."""
         self._config = config
         self._metrics = Metrics()
-        self._offer = Offer(config, load or Loader(), self._deliver, self._metrics, engine_command)
-        self._keeper = Keeper(self._offer.host, self._offer.serve, self._offer.forget)
+        self._factory = ModelFactory(config, load or Loader(), self._deliver, self._metrics, engine_command)
+        self._manager = ModelManager(self._factory.host, self._factory.serve, self._factory.forget)
         self._admin: grpc.aio.Server | None = None
         self._health = health.aio.HealthServicer()
         self._stop = asyncio.Event()
-        self._door = Door()
+        self._door = StartingService()
         self._ready = False
         self.grpc_port = 0
         self.ops_port = 0
@@ -97,20 +97,20 @@ class Application:
     async def _open(self) -> None:
         config = self._config
         for source in config.models:
-            hosted = await self._unless_stopped(partial(self._offer.host, source))
-            if hosted.facts.model_id in self._keeper:
+            hosted = await self._unless_stopped(partial(self._factory.host, source))
+            if hosted.facts.model_id in self._manager:
                 raise SettingError(f"model is {config.model!r}, and two of these are {hosted.facts.model_id}; give one")
-            self._keeper.adopt(source, hosted)
-        self._service = MotionService(self._keeper.models, config.flush_ms / 1000, self._metrics)
-        self._keeper.open(self._service)
+            self._manager.adopt(source, hosted)
+        self._service = MotionService(self._manager.models, config.flush_ms / 1000, self._metrics)
+        self._manager.open(self._service)
         self._door.open(self._service)
         self._metrics.heartbeat_age.set_function(self._heartbeat_age_s)
         self._metrics.streams.set_function(lambda: self._service.num_streams)
         self._metrics.queue_bytes.set_function(lambda: self._service.num_waiting_bytes)
-        self._metrics.prompts_waiting.set_function(lambda: self._offer.num_waiting_prompts)
+        self._metrics.prompts_waiting.set_function(lambda: self._factory.num_waiting_prompts)
         await self._set_health(health_pb2.HealthCheckResponse.SERVING)
         self._ready = True
-        for kept in self._keeper.kept:
+        for kept in self._manager.kept:
             hosted = kept.hosted
             _log.info("serving %s (weights: %s) on port %d, ops on port %d, with %d threads",
                       kept.model_id, hosted.licence, self.grpc_port, self.ops_port, hosted.threads)  # fmt: skip
@@ -120,7 +120,7 @@ class Application:
 
     async def _unless_stopped(self, work: Callable[[], T]) -> T:
         """What `work` returns, done on a thread that does not keep the process from ending. Raises StoppedEarly."""
-        outcome = start_beside(work, "loading")
+        outcome = start_in_background(work, "loading")
         stopping = asyncio.create_task(self._stop.wait())
         either: set[asyncio.Future[Any]] = {outcome, stopping}
         await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
@@ -183,7 +183,7 @@ class Application:
         if not address:
             return
         self._admin = grpc.aio.server(options=[("grpc.so_reuseport", 0)])
-        add_admin(AdminService(self._keeper, self._metrics.load_of), self._admin)
+        add_admin(AdminService(self._manager, self._metrics.load_of), self._admin)
         try:
             self.admin_port = self._admin.add_insecure_port(address)
         except RuntimeError as error:
@@ -205,10 +205,10 @@ class Application:
         return self._ready and self._engine_is_well(HEARTBEAT_LIMIT_S)
 
     def _engine_is_well(self, limit_s: float) -> bool:
-        return self._keeper.failure is None and self._heartbeat_age_s() < limit_s
+        return self._manager.failure is None and self._heartbeat_age_s() < limit_s
 
     def _heartbeat_age_s(self) -> float:
-        return time.monotonic() - self._keeper.heartbeat_at
+        return time.monotonic() - self._manager.heartbeat_at
 
     # ---- serve, drain, stop -----------------------------------------------------------------------------------------
 
@@ -218,8 +218,8 @@ class Application:
 
     async def serve(self) -> None:
         """Return when asked to stop, or when nothing can be served any more."""
-        while not self._stop.is_set() and self._keeper.failure is None:
-            self._keeper.look_after()
+        while not self._stop.is_set() and self._manager.failure is None:
+            self._manager.look_after()
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._stop.wait(), timeout=1.0)
 
@@ -232,7 +232,7 @@ class Application:
         # Balancers see the changed health only some time later: until then, whoever they send is served.
         await asyncio.sleep(config.drain_wait_s)
         await self._stop_admin()
-        self._keeper.drain()
+        self._manager.drain()
         self._service.goodbye(config.drain_grace_s)
         finished = asyncio.create_task(self._service.finished())
         await asyncio.wait({finished}, timeout=config.drain_grace_s)
@@ -241,10 +241,10 @@ class Application:
         # A client that does not read keeps its stream from ending; nothing more can be told to it.
         await self._server.stop(LAST_CALLS_S if finished.done() else None)
         finished.cancel()
-        failed = self._keeper.failure is not None
-        await self._keeper.stop()
+        failed = self._manager.failure is not None
+        await self._manager.stop()
         await self.stop_ops()
-        self._offer.close()
+        self._factory.close()
         _log.info("stopped%s", " after the engine failed" if failed else "")
         return 1 if failed else 0
 

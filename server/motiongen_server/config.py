@@ -14,7 +14,7 @@ TEXT_PRECISIONS = ("float32", "bfloat16")
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 LOG_LEVELS = ("DEBUG", "INFO", "WARNING", "ERROR")
 ENCODER_PREFIX = f"{ENVIRONMENT_PREFIX}ENCODER_"
-"""Of the environment of `python -m motiongen_server.encoder`, which may be that of this program too."""
+"""Of the environment of `python -m motiongen_server.text.encoder`, which may be that of this program too."""
 ENCODERS = "static (built in), hashed (knows no meaning), llm2vec, grpc:HOST:PORT, gradio:URL, prompts:FILE, a folder"
 
 

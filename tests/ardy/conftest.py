@@ -12,9 +12,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from motiongen_ardy.checkpoint import load_checkpoint
-from motiongen_ardy.model import Model
-from motiongen_ardy.window import Window
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.window import Window
 
 GOLDEN = Path(__file__).resolve().parents[1] / "data" / "golden"
 MODELS = tuple(sorted(folder.parent.name for folder in GOLDEN.glob("*/checkpoint")))

@@ -10,8 +10,14 @@ import numpy as np
 import pytest
 import yaml
 
-from motiongen_ardy.capabilities import CAPABILITIES_FILE, FORMS, Capabilities, parse_capabilities, read_capabilities
-from motiongen_ardy.checkpoint_files import CheckpointError, read_yaml
+from motiongen_ardy.capabilities import (
+    CAPABILITIES_FILE,
+    FORMS,
+    Capabilities,
+    parse_capabilities,
+    read_capabilities,
+)
+from motiongen_ardy.checkpoint.files import CheckpointError, read_yaml
 from motiongen_ardy.text.domain import DOMAIN_FILE, make_domain, write_domain
 from motiongen_ardy.train.prompt_domain import CONFIGS
 

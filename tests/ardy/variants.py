@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from motiongen_ardy.config import ModelConfig
+from motiongen_ardy.model.config import ModelConfig
 
 VARIANTS = (
     "one stage",

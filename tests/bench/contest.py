@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motiongen_ardy.model import Model
+from motiongen_ardy.model.model import Model
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.costs import CostTable
 from motiongen_server.engine.ports import Runner, SchedulingPolicy
-from motiongen_server.engine.profile import profile
-from motiongen_server.engine.scheduler import Scheduler
+from motiongen_server.engine.scheduling.costs import CostTable
+from motiongen_server.engine.scheduling.profile import profile
+from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.types import Float32Array
 from tests.bench.clocks import BenchClock, ProcessorClock
 from tests.bench.crowd import Habits
@@ -85,7 +85,7 @@ class Contest:
         match name:
             case "B0":
                 runner: Runner = RolloutRunner(model, "rollout", bf16=self.bf16)
-                return self._made(name, "one window at a time, motiongen_ardy.rollout", runner, 1, OneAtATime)
+                return self._made(name, "one window at a time, motiongen_ardy.model.rollout", runner, 1, OneAtATime)
             case "B1":
                 meaning = "whole windows of one shape, gathered for 20 ms"
                 return self._made(

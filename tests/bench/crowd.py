@@ -27,11 +27,11 @@ from motiongen_server.engine.types import (
     Playhead,
     Priority,
     Prompt,
-    RootTarget,
     SessionKey,
     SessionSpec,
     SetConstraints,
     SetPrompts,
+    Waypoint,
 )
 from tests.bench.clocks import BenchClock
 from tests.bench.playback import Playback
@@ -129,7 +129,7 @@ class Crowd:
             if not walks:
                 return SetPrompts(key, seq, at, upsert=(prompt,))
             frame = self.playbacks[number].frame_at(at) + 40
-            target = RootTarget(waypoint.constraint_id, frame, waypoint.x, waypoint.z)
+            target = Waypoint(waypoint.constraint_id, frame, waypoint.x, waypoint.z)
             return SetConstraints(key, seq, at, upsert=(target,), clear=True)
 
         return make
@@ -138,9 +138,9 @@ class Crowd:
         index = int(self._random.integers(len(self._embeddings)))
         return Prompt(1, start_frame, None, f"prompt {index} {self._random.random()}", self._embeddings[index])
 
-    def _waypoint(self, frame: int) -> RootTarget:
+    def _waypoint(self, frame: int) -> Waypoint:
         x, z = self._random.uniform(-1.5, 1.5, 2)
-        return RootTarget(1, frame, float(x), float(z))
+        return Waypoint(1, frame, float(x), float(z))
 
     def _next_seq(self, number: int) -> int:
         self._seqs[number] += 1

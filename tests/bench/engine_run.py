@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from motiongen_ardy.config import FRAMES_PER_TOKEN
-from motiongen_ardy.model import Model
-from motiongen_ardy.precision import PRECISIONS
-from motiongen_server.memory import keep_freed_memory
+from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.precision import PRECISIONS
+from motiongen_server.ops.memory import keep_freed_memory
 from motiongen_server.runner import TorchRunner
 from tests.bench.clocks import BenchClock, ProcessorClock, WallClock
 from tests.bench.contest import Contest, Standing, contest_config

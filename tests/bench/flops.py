@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from motiongen_ardy.config import FRAMES_PER_TOKEN, ModelConfig, TransformerConfig
-from motiongen_ardy.representation import LOCAL_ROOT_WIDTH
-from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH
+from motiongen_ardy.model.config import FRAMES_PER_TOKEN, ModelConfig, TransformerConfig
+from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 
 
 @dataclass(frozen=True)

@@ -20,16 +20,16 @@ from typing import TypeVar
 import numpy as np
 import torch
 
-from motiongen_ardy.checkpoint import load_checkpoint, save_checkpoint
-from motiongen_ardy.config import ModelConfig
-from motiongen_ardy.constraint import Targets
-from motiongen_ardy.model import Model, build_model
-from motiongen_ardy.precision import PRECISIONS
-from motiongen_ardy.released import NICKNAMES, RELEASED
-from motiongen_ardy.representation import LOCAL_ROOT_WIDTH
-from motiongen_ardy.rollout import RolloutRequest, rollout
-from motiongen_ardy.skeleton import load_skeleton
-from motiongen_ardy.stats import Stats
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint, save_checkpoint
+from motiongen_ardy.checkpoint.released import NICKNAMES, RELEASED
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH
+from motiongen_ardy.core.skeleton import load_skeleton
+from motiongen_ardy.core.stats import Stats
+from motiongen_ardy.model.config import ModelConfig
+from motiongen_ardy.model.model import Model, build_model
+from motiongen_ardy.model.precision import PRECISIONS
+from motiongen_ardy.model.rollout import RolloutRequest, rollout
 from tests.bench.machine import machine_facts
 
 SEED = 7
@@ -71,7 +71,7 @@ def seconds_a_window(model: Model) -> float:
     """Generate two windows, the second with history, towards a waypoint beyond them. Raises unless all is finite."""
     config = model.config
     targets = Targets(model.skeleton)
-    targets.add_root([2 * config.horizon + 7], torch.tensor([[0.5, 1.0]]))
+    targets.add_waypoints([2 * config.horizon + 7], torch.tensor([[0.5, 1.0]]))
     text = torch.randn(config.denoiser.text_dim, generator=torch.Generator().manual_seed(SEED))
     request = RolloutRequest(2 * config.horizon, text, seed=SEED, num_steps=NUM_STEPS, targets=targets)
     features, seconds = timed(lambda: rollout(model, request))

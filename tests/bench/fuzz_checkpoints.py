@@ -18,11 +18,11 @@ from typing import Any
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
-from motiongen_ardy.checkpoint import CheckpointError, load_checkpoint
-from motiongen_ardy.checkpoint_config import read_model_config
-from motiongen_ardy.checkpoint_files import TensorFile, read_yaml
-from motiongen_ardy.config import ConfigError
-from motiongen_ardy.npy import NpyError, read_npy
+from motiongen_ardy.checkpoint.checkpoint import CheckpointError, load_checkpoint
+from motiongen_ardy.checkpoint.config import read_model_config
+from motiongen_ardy.checkpoint.files import TensorFile, read_yaml
+from motiongen_ardy.checkpoint.npy import NpyError, read_npy
+from motiongen_ardy.model.config import ConfigError
 from tests.ardy.broken_checkpoints import (
     BROKEN_FOLDERS,
     broken_file,

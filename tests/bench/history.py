@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from motiongen_server.engine.types import Float32Array, RootTarget, WindowJob, WindowResult
+from motiongen_server.engine.types import Float32Array, Waypoint, WindowJob, WindowResult
 from motiongen_server.runner import TorchRunner
 from tests.bench.clocks import WallClock
 from tests.bench.machine import machine_facts, usable_cores
@@ -106,7 +106,7 @@ def make_characters(chosen: BenchModel, count: int, num_steps: int, stride: int,
     for number in range(count):
         job = first_job(number, num_steps, chosen.embeddings)
         if number % 2:
-            job = replace(job, constraints=(RootTarget(1, 150, 0.5 * (number % 5) - 1.0, 4.0),))
+            job = replace(job, constraints=(Waypoint(1, 150, 0.5 * (number % 5) - 1.0, 4.0),))
         jobs.append(job)
     return [Character(job, stride, kept) for job in jobs]
 

@@ -19,10 +19,10 @@ from rich.console import Console
 from rich.table import Table
 from torch import Tensor, nn
 
-from motiongen_ardy.model import Model
-from motiongen_ardy.packed.stack import Group, PackedStack
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.packed.stack import Group, PackedStack
 from motiongen_server.engine.types import Float32Array
-from motiongen_server.memory import keep_freed_memory
+from motiongen_server.ops.memory import keep_freed_memory
 from motiongen_server.runner import TorchRunner
 from tests.bench.clocks import WallClock
 from tests.bench.flops import stack_flops

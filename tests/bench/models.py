@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from motiongen_ardy.config import DenoiserConfig, ModelConfig, TokenizerConfig, TransformerConfig
-from motiongen_ardy.model import Model, build_model
-from motiongen_ardy.representation import LOCAL_ROOT_WIDTH
-from motiongen_ardy.skeleton import load_skeleton
-from motiongen_ardy.stats import Stats
+from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH
+from motiongen_ardy.core.skeleton import load_skeleton
+from motiongen_ardy.core.stats import Stats
+from motiongen_ardy.model.config import DenoiserConfig, ModelConfig, TokenizerConfig, TransformerConfig
+from motiongen_ardy.model.model import Model, build_model
 from motiongen_server.engine.types import Float32Array
 
 BUILT_IN = "motiongen-mini"
@@ -68,8 +68,8 @@ def bench_model(name: str, device: str = "cpu") -> BenchModel:
         embeddings = random.standard_normal((len(PROMPTS), config.denoiser.text_dim)).astype(np.float32)
         return BenchModel(f"random weights, {name}", ready(model, device), list(embeddings))
     # Only here, so that random weights can be measured where these files' libraries are not installed.
-    from motiongen_ardy.checkpoint import load_checkpoint
-    from motiongen_ardy.model_card import model_folder
+    from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+    from motiongen_ardy.checkpoint.model_card import model_folder
     from motiongen_ardy.text import load_text_encoder
 
     model = load_checkpoint(model_folder(name) if name == BUILT_IN else Path(name), device)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Deliver, Inbox, Observe
-from motiongen_server.loading import build_engine
-from motiongen_server.memory import keep_freed_memory
-from motiongen_server.split.engine_main import Built, run
+from motiongen_server.engine_process.engine_main import Built, run
+from motiongen_server.models.loader import build_engine
+from motiongen_server.ops.memory import keep_freed_memory
 from tests.bench.null_runner import STEP_S, NullRunner
 
 

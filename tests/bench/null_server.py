@@ -14,7 +14,7 @@ import threading
 
 from motiongen_server.app import Application, Loaded
 from motiongen_server.config import ServerConfig, parse_config
-from motiongen_server.memory import keep_freed_memory, settled_objects
+from motiongen_server.ops.memory import keep_freed_memory, settled_objects
 from tests.bench.null_runner import STEP_S, NullEncoder, NullRunner
 
 

@@ -1,9 +1,9 @@
-"""Runners without speed-ups, as baselines: the formulas as in `motiongen_ardy.rollout`, rows padded to one length.
+"""Runners without speed-ups, as baselines: the formulas of `motiongen_ardy.model.rollout`, rows padded to one length.
 
-`RolloutRunner` computes one window at a time with `motiongen_ardy.rollout`'s own functions. `PlainRunner` does the
-same for many rows at once, which may differ in everything. Both make every guidance pass, encode each history again,
-and decode history and horizon; what they share with the served runner is the reading of a job and the form of its
-frames.
+`RolloutRunner` computes one window at a time with the functions of `motiongen_ardy.model.rollout`. `PlainRunner` does
+the same for many rows at once, which may differ in everything. Both make every guidance pass, encode each history
+again, and decode history and horizon; what they share with the served runner is the reading of a job and the form of
+its frames.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from motiongen_ardy.config import FRAMES_PER_TOKEN
-from motiongen_ardy.constraint import Targets
-from motiongen_ardy.denoiser.guidance import GuidanceWeights, batch_passes, full_passes, guided_prediction
-from motiongen_ardy.diffusion import cosine_schedule
-from motiongen_ardy.model import Model
-from motiongen_ardy.noise import window_noise
-from motiongen_ardy.rollout import (
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, batch_passes, full_passes, guided_prediction
+from motiongen_ardy.model.diffusion import cosine_schedule
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.noise import window_noise
+from motiongen_ardy.model.rollout import (
     WindowRequest,
     WindowState,
     denoise_step,
@@ -32,8 +32,8 @@ from motiongen_ardy.rollout import (
     visible_frames,
     world_tokens_of,
 )
-from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH
-from motiongen_ardy.window import Window
+from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_ardy.model.window import Window
 from motiongen_server.engine.types import ModelFacts, RowStatus, WindowJob, WindowResult
 from motiongen_server.runner.facts import model_facts
 from motiongen_server.runner.frames import features_of_rows, wire_rows
@@ -58,7 +58,7 @@ class Row:
 
 
 class RolloutRunner:
-    """One row a call by `motiongen_ardy.rollout`; a `Runner` of the engine for a scheduler that runs one at a time.
+    """One row a call by `motiongen_ardy.model.rollout`; a `Runner` of the engine for a scheduler of one at a time.
 
     bf16: whether matrix products run in bfloat16.
     """

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from math import ceil, inf
 
-from motiongen_server.engine.costs import CostTable
-from motiongen_server.engine.scheduler import ScheduledJob
+from motiongen_server.engine.scheduling.costs import CostTable
+from motiongen_server.engine.scheduling.scheduler import ScheduledJob
 from motiongen_server.engine.types import Priority, RowStatus, WindowJob
 
 

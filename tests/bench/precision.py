@@ -17,11 +17,11 @@ from rich.console import Console
 from rich.table import Table
 from torch import Tensor
 
-from motiongen_ardy.checkpoint import load_checkpoint
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.checkpoint.model_card import model_folder
 from motiongen_ardy.evaluate.measures.feet import skate_in_contact
-from motiongen_ardy.model import Model
-from motiongen_ardy.model_card import model_folder
-from motiongen_ardy.precision import PRECISIONS
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.precision import PRECISIONS
 from motiongen_server.engine.types import Float32Array
 from motiongen_server.runner import TorchRunner
 from tests.bench.machine import machine_facts

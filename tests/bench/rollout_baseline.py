@@ -1,4 +1,4 @@
-"""Windows a second of `motiongen_ardy.rollout`, one character after another.
+"""Windows a second of `motiongen_ardy.model.rollout`, one character after another.
 
 `python -m tests.bench.rollout_baseline --steps 4`.
 
@@ -13,10 +13,10 @@ import time
 
 import torch
 
-from motiongen_ardy.checkpoint import load_checkpoint
-from motiongen_ardy.denoiser.guidance import GuidanceWeights
-from motiongen_ardy.model_card import BUILT_IN_MODEL, model_folder
-from motiongen_ardy.rollout import RolloutRequest, rollout
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.checkpoint.model_card import BUILT_IN_MODEL, model_folder
+from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
+from motiongen_ardy.model.rollout import RolloutRequest, rollout
 from motiongen_ardy.text import load_text_encoder
 
 NUM_WINDOWS = 4  # of each character: the first without history, the others with it

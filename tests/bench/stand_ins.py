@@ -34,13 +34,13 @@ from motiongen_server.engine.types import (
     Playhead,
     SessionKey,
 )
-from motiongen_server.hosting import Hosted
-from motiongen_server.memory import keep_freed_memory, settled_objects
-from motiongen_server.methods import SERVICE_NAME, add_methods
-from motiongen_server.models import Models, Served
-from motiongen_server.offer import make_catalog
-from motiongen_server.prompts import PromptEncoder
-from motiongen_server.service import MotionService
+from motiongen_server.models.factory import make_catalog
+from motiongen_server.models.hosting import Hosted
+from motiongen_server.models.registry import ModelRegistry, Served
+from motiongen_server.ops.memory import keep_freed_memory, settled_objects
+from motiongen_server.rpc.handlers import SERVICE_NAME, add_methods
+from motiongen_server.rpc.service import MotionService
+from motiongen_server.text.prompts import PromptEncoder
 from tests.bench.null_runner import FACTS, STEP_S, NullEncoder
 
 LOOKAHEAD = 40
@@ -97,7 +97,7 @@ async def serve_service(config: ServerConfig) -> None:
     engine = NullEngine()
     hosted = Hosted(engine, FACTS, NullEncoder(), "none", threads=1, presets=())  # type: ignore[arg-type]
     served = Served(engine, PromptEncoder(NullEncoder(), config.prompt_cache), make_catalog(config, hosted))
-    service = MotionService(Models(served), config.flush_ms / 1000)
+    service = MotionService(ModelRegistry(served), config.flush_ms / 1000)
     engine.deliver = service.deliver
     engine.start()
     server = grpc.aio.server(options=[("grpc.max_send_message_length", 8 << 20)])

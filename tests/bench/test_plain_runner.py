@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from motiongen_ardy.model import Model
+from motiongen_ardy.model.model import Model
 from motiongen_server.engine.ports import Runner
 from motiongen_server.engine.types import WindowJob, WindowResult
 from motiongen_server.runner import TorchRunner
@@ -15,7 +15,7 @@ from tests.parity.conftest import TINY, TOLERANCE, make_job
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    from motiongen_ardy.checkpoint import load_checkpoint
+    from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 
     return load_checkpoint(TINY)
 

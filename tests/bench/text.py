@@ -13,9 +13,9 @@ import numpy as np
 
 from motiongen_ardy.text import HashedTextEncoder, load_text_encoder
 from motiongen_ardy.text.store import VectorStore
-from motiongen_server.encoder.client import RemoteEncoder
-from motiongen_server.prompts import PromptEncoder
-from tests.server.encoder.encoder_process import EncoderProcess
+from motiongen_server.text.encoder.client import RemoteEncoder
+from motiongen_server.text.prompts import PromptEncoder
+from tests.server.text.encoder.encoder_process import EncoderProcess
 
 WIDTH = 4096
 ROUNDS = 400

@@ -13,9 +13,9 @@ from motiongen_server.engine.types import (
     Guidance,
     PlanCause,
     Priority,
-    RootTarget,
     SessionKey,
     StartPose,
+    Waypoint,
     WindowJob,
 )
 from motiongen_server.runner import TorchRunner
@@ -32,7 +32,7 @@ class Walk:
     waypoints: tuple[tuple[int, float, float], ...] = ()
 
     def constraints_after(self, frame: int) -> tuple[Constraint, ...]:
-        return tuple(RootTarget(number, at, x, z) for number, (at, x, z) in enumerate(self.waypoints, 1) if at >= frame)
+        return tuple(Waypoint(number, at, x, z) for number, (at, x, z) in enumerate(self.waypoints, 1) if at >= frame)
 
 
 def generate(

@@ -12,8 +12,8 @@ from motiongen_client import (
     Keyframe,
     Outcome,
     ProtocolViolation,
+    RootTrajectory,
     SessionOptions,
-    Trajectory,
     UnknownName,
     Waypoint,
     convert,
@@ -79,21 +79,21 @@ def test_chunks_of_another_size_or_type_are_named(fields: dict[str, object]) -> 
 
 def test_constraints_become_messages() -> None:
     waypoint = convert.constraint(1, Waypoint(30, 1.5, -2, heading_rad=0.25))
-    assert (waypoint.frame, waypoint.root.x, waypoint.root.z, waypoint.root.heading) == (30, 1.5, -2, 0.25)
-    assert not convert.constraint(1, Waypoint(30, 1, 2)).root.HasField("heading")
-    path = convert.constraint(2, Trajectory(10, np.array([[1, 2], [3, 4]]), np.array([0, 1])))
-    assert (path.frame, list(path.trajectory.positions)) == (10, [1, 2, 3, 4])
-    assert list(path.trajectory.headings) == [0, 1]
+    assert (waypoint.frame, waypoint.waypoint.x, waypoint.waypoint.z, waypoint.waypoint.heading) == (30, 1.5, -2, 0.25)
+    assert not convert.constraint(1, Waypoint(30, 1, 2)).waypoint.HasField("heading")
+    path = convert.constraint(2, RootTrajectory(10, np.array([[1, 2], [3, 4]]), np.array([0, 1])))
+    assert (path.frame, list(path.root_trajectory.positions)) == (10, [1, 2, 3, 4])
+    assert list(path.root_trajectory.headings) == [0, 1]
     pose = convert.constraint(3, Keyframe(9, np.arange(6).reshape(2, 3)))
-    assert list(pose.pose.positions) == [0, 1, 2, 3, 4, 5]
+    assert list(pose.keyframe.positions) == [0, 1, 2, 3, 4, 5]
     hands = convert.constraint(4, JointTargets(9, [0, 4], np.zeros((2, 3)), np.eye(4)[:2]))
-    assert list(hands.joints.joints) == [0, 4]
-    assert list(hands.joints.rotations) == [1, 0, 0, 0, 0, 1, 0, 0]
+    assert list(hands.joint_targets.joints) == [0, 4]
+    assert list(hands.joint_targets.rotations) == [1, 0, 0, 0, 0, 1, 0, 0]
 
 
 def test_what_was_not_asked_for_is_left_to_the_server() -> None:
     message = convert.open_session(SessionOptions(), [], [])
-    absent = ("seed", "initial_root", "denoise_steps", "guidance")
+    absent = ("seed", "start_pose", "denoise_steps", "guidance")
     assert not any(message.HasField(name) for name in absent)  # type: ignore[arg-type]
     assert (message.rig_id, message.model_id, message.lookahead_frames) == ("", "", 0)
     zero = convert.open_session(SessionOptions(seed=0, text_guidance=0.0), [], [])

@@ -81,7 +81,7 @@ async def test_open_sends_what_was_asked_and_tells_what_the_server_chose(
         (60, "a person runs"),
     ]
     assert event.open.constraints[0].frame == 50
-    assert event.open.initial_root.heading == 0.5
+    assert event.open.start_pose.heading == 0.5
     assert event.open.guidance.text == 1.5
     assert not event.open.guidance.HasField("constraint")
     assert (session.opened.seed, session.opened.session_id) == (11, "s1")
@@ -295,7 +295,7 @@ async def test_an_event_too_big_for_a_message_is_refused_here(client: MotionClie
     assert (await session.set_prompt("still in order")).event_seq == 2
 
 
-async def test_a_full_outbox_is_split_over_messages(client: MotionClient, server: FakeServer) -> None:
+async def test_a_full_send_queue_is_split_over_messages(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     edits = [session.set_prompt("x" * 90) for _ in range(200)]
     assert [(await edit).event_seq for edit in edits] == list(range(2, 202))

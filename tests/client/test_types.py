@@ -14,9 +14,9 @@ from motiongen_client import (
     Keyframe,
     Motion,
     Rig,
+    RootTrajectory,
     SessionOptions,
     StartPose,
-    Trajectory,
     UnknownName,
     Waypoint,
 )
@@ -31,11 +31,11 @@ from motiongen_client import (
         (lambda: Waypoint(1, 0, math.inf), "z_m"),
         (lambda: Waypoint(1, 0, "3"), "z_m"),  # type: ignore[arg-type]
         (lambda: Waypoint(1, 0, 0, heading_rad=math.nan), "heading_rad"),
-        (lambda: Trajectory(0, np.zeros((4, 3), np.float32)), "positions_m"),
-        (lambda: Trajectory(0, np.zeros((0, 2), np.float32)), "positions_m"),
-        (lambda: Trajectory(0, np.full((2, 2), np.nan, np.float32)), "positions_m"),
-        (lambda: Trajectory(0, [[1, "a"]]), "positions_m"),  # type: ignore[arg-type]
-        (lambda: Trajectory(0, np.zeros((2, 2), np.float32), np.zeros(3, np.float32)), "headings_rad"),
+        (lambda: RootTrajectory(0, np.zeros((4, 3), np.float32)), "positions_m"),
+        (lambda: RootTrajectory(0, np.zeros((0, 2), np.float32)), "positions_m"),
+        (lambda: RootTrajectory(0, np.full((2, 2), np.nan, np.float32)), "positions_m"),
+        (lambda: RootTrajectory(0, [[1, "a"]]), "positions_m"),  # type: ignore[arg-type]
+        (lambda: RootTrajectory(0, np.zeros((2, 2), np.float32), np.zeros(3, np.float32)), "headings_rad"),
         (lambda: Keyframe(0, np.zeros(3, np.float32)), "positions_m"),
         (lambda: JointTargets(0, [1], np.zeros((1, 3), np.float32)), "joints"),
         (lambda: JointTargets(0, [0, 1], np.zeros((1, 3), np.float32)), "positions_m"),
@@ -54,7 +54,7 @@ def test_refused(make: Callable[[], object], field: str) -> None:
 
 
 def test_lists_are_taken_for_arrays() -> None:
-    path = Trajectory(3, [[0, 1], [0, 2]])  # type: ignore[arg-type]
+    path = RootTrajectory(3, [[0, 1], [0, 2]])  # type: ignore[arg-type]
     assert path.positions_m.dtype == np.float32
 
 

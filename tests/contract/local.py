@@ -10,16 +10,16 @@ import grpc.aio
 import numpy as np
 from numpy.typing import NDArray
 
-from motiongen_server.abilities import NOTHING_CLAIMED, Abilities
-from motiongen_server.catalog import Catalog
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.types import Gait, Guidance
-from motiongen_server.limits import Limits
-from motiongen_server.methods import add_methods
-from motiongen_server.models import Models, Served
-from motiongen_server.prompts import PromptEncoder
-from motiongen_server.service import MotionService
+from motiongen_server.models.registry import ModelRegistry, Served
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.handlers import add_methods
+from motiongen_server.rpc.limits import Limits
+from motiongen_server.rpc.service import MotionService
+from motiongen_server.text.prompts import PromptEncoder
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
 
 JOIN_S = 10.0
@@ -74,7 +74,7 @@ class LocalServer:
             gaits=self._gaits,
             abilities=self._abilities,
         )
-        self.service = MotionService(Models(Served(self.engine, self.prompts, catalog)))
+        self.service = MotionService(ModelRegistry(Served(self.engine, self.prompts, catalog)))
         self._server = grpc.aio.server(options=[("grpc.max_receive_message_length", limits.max_request_bytes)])
         add_methods(self.service, self._server)
         self.address = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"

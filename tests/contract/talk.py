@@ -33,7 +33,7 @@ def span(text: str = "walk", prompt_id: int = 1, start: int = 0, end: int = 0) -
 
 
 def waypoint(frame: int, constraint_id: int = 1, **root: float) -> motion_pb2.Constraint:
-    return motion_pb2.Constraint(constraint_id=constraint_id, frame=frame, root=motion_pb2.RootPose(**root))
+    return motion_pb2.Constraint(constraint_id=constraint_id, frame=frame, waypoint=motion_pb2.Waypoint(**root))
 
 
 def edit_prompts(*upsert: motion_pb2.PromptSpan, remove: Sequence[int] = ()) -> session_pb2.SessionEvent:

@@ -49,16 +49,16 @@ def target_of(**target: object) -> Event:
 
 
 def joints(indices: list[int], positions: list[float], rotations: list[float]) -> Event:
-    return target_of(joints=motion_pb2.JointTargets(joints=indices, positions=positions, rotations=rotations))
+    return target_of(joint_targets=motion_pb2.JointTargets(joints=indices, positions=positions, rotations=rotations))
 
 
 def path(positions: list[float], headings: list[float]) -> Event:
-    return target_of(trajectory=motion_pb2.RootTrajectory(positions=positions, headings=headings))
+    return target_of(root_trajectory=motion_pb2.RootTrajectory(positions=positions, headings=headings))
 
 
 def pose(catalog: Catalog, number: float, missing: int = 0) -> Event:
     count = 3 * len(catalog.rigs[0].joints) - missing
-    return target_of(pose=motion_pb2.FullPose(positions=[number] * count))
+    return target_of(keyframe=motion_pb2.Keyframe(positions=[number] * count))
 
 
 def long_text(catalog: Catalog) -> str:
@@ -127,33 +127,35 @@ REFUSED_OPENS = [
         "NaN waypoint",
         lambda c: opening(constraints=[waypoint(30, x=NAN)]),
         "NOT_FINITE",
-        "open.constraints[0].root.x",
+        "open.constraints[0].waypoint.x",
         "finite metres",
     ),
     Mistake(
         "start at infinity",
-        lambda c: opening(initial_root=motion_pb2.RootPose(z=-INF)),
+        lambda c: opening(start_pose=session_pb2.StartPose(z=-INF)),
         "NOT_FINITE",
-        "open.initial_root.z",
+        "open.start_pose.z",
         "finite metres",
     ),
     Mistake(
         "NaN start heading",
-        lambda c: opening(initial_root=motion_pb2.RootPose(heading=NAN)),
+        lambda c: opening(start_pose=session_pb2.StartPose(heading=NAN)),
         "NOT_FINITE",
-        "open.initial_root.heading",
+        "open.start_pose.heading",
         "finite radians",
     ),
     Mistake(
         "start far off",
-        lambda c: opening(initial_root=motion_pb2.RootPose(x=2 * c.limits.max_coordinate_m)),
+        lambda c: opening(start_pose=session_pb2.StartPose(x=2 * c.limits.max_coordinate_m)),
         "COORDINATE_OUT_OF_RANGE",
-        "open.initial_root.x",
+        "open.start_pose.x",
         "within",
     ),
 ]
 
 PROMPT, CONSTRAINT = "edit_prompts.upsert[0]", "edit_constraints.upsert[0]"
+PATH = f"{CONSTRAINT}.root_trajectory"
+JOINTS = f"{CONSTRAINT}.joint_targets"
 UNIT = [1.0, 0.0, 0.0, 0.0]
 
 REFUSED_EDITS = [
@@ -202,33 +204,33 @@ REFUSED_EDITS = [
         "at most",
         Status.RESOURCE_EXHAUSTED,
     ),
-    Mistake("no target", lambda c: target_of(), "NO_TARGET", f"{CONSTRAINT}.target", "root, joints, pose"),
+    Mistake("no target", lambda c: target_of(), "NO_TARGET", f"{CONSTRAINT}.target", "waypoint, joint_targets"),
     Mistake(
         "NaN x",
         lambda c: edit_constraints(waypoint(500, x=NAN)),
         "NOT_FINITE",
-        f"{CONSTRAINT}.root.x",
+        f"{CONSTRAINT}.waypoint.x",
         "finite metres",
     ),
     Mistake(
         "infinite z",
         lambda c: edit_constraints(waypoint(500, z=INF)),
         "NOT_FINITE",
-        f"{CONSTRAINT}.root.z",
+        f"{CONSTRAINT}.waypoint.z",
         "finite metres",
     ),
     Mistake(
         "minus infinite heading",
         lambda c: edit_constraints(waypoint(500, heading=-INF)),
         "NOT_FINITE",
-        f"{CONSTRAINT}.root.heading",
+        f"{CONSTRAINT}.waypoint.heading",
         "finite radians",
     ),
     Mistake(
         "far x",
         lambda c: edit_constraints(waypoint(500, x=2 * c.limits.max_coordinate_m)),
         "COORDINATE_OUT_OF_RANGE",
-        f"{CONSTRAINT}.root.x",
+        f"{CONSTRAINT}.waypoint.x",
         "within",
     ),
     Mistake(
@@ -238,72 +240,88 @@ REFUSED_EDITS = [
         f"{CONSTRAINT}.frame",
         "9007199254740992",
     ),
-    Mistake("empty path", lambda c: path([], []), "WRONG_LENGTH", f"{CONSTRAINT}.trajectory.positions", "2 numbers"),
-    Mistake("odd path", lambda c: path([1.0] * 3, []), "WRONG_LENGTH", f"{CONSTRAINT}.trajectory.positions", "2 num"),
+    Mistake("empty path", lambda c: path([], []), "WRONG_LENGTH", f"{PATH}.positions", "2 numbers"),
+    Mistake("odd path", lambda c: path([1.0] * 3, []), "WRONG_LENGTH", f"{PATH}.positions", "2 num"),
     Mistake(
         "long path",
         lambda c: path([0.0] * (2 * c.limits.max_trajectory_frames + 2), []),
         "WRONG_LENGTH",
-        f"{CONSTRAINT}.trajectory.positions",
+        f"{PATH}.positions",
         "frames",
     ),
-    Mistake("NaN path", lambda c: path([0, NAN], []), "NOT_FINITE", f"{CONSTRAINT}.trajectory.positions", "finite"),
+    Mistake("NaN path", lambda c: path([0, NAN], []), "NOT_FINITE", f"{PATH}.positions", "finite"),
     Mistake(
         "few headings",
         lambda c: path([0.0] * 4, [0.0]),
         "WRONG_LENGTH",
-        f"{CONSTRAINT}.trajectory.headings",
+        f"{PATH}.headings",
         "one heading a frame",
     ),
     Mistake(
         "NaN headings",
         lambda c: path([0.0] * 4, [0.0, NAN]),
         "NOT_FINITE",
-        f"{CONSTRAINT}.trajectory.headings",
+        f"{PATH}.headings",
         "finite radians",
     ),
     Mistake(
-        "no root joint", lambda c: joints([], [], []), "ROOT_JOINT_MISSING", f"{CONSTRAINT}.joints.joints", "0 and"
+        "no root joint",
+        lambda c: joints([], [], []),
+        "ROOT_JOINT_MISSING",
+        f"{JOINTS}.joints",
+        "0 and",
     ),
     Mistake(
         "joint beyond the rig",
         lambda c: joints([0, 10_000], [0.0] * 6, []),
         "INVALID_JOINTS",
-        f"{CONSTRAINT}.joints.joints",
+        f"{JOINTS}.joints",
         "at most once",
     ),
     Mistake(
-        "joint twice", lambda c: joints([0, 0], [0.0] * 6, []), "INVALID_JOINTS", f"{CONSTRAINT}.joints.joints", "once"
+        "joint twice",
+        lambda c: joints([0, 0], [0.0] * 6, []),
+        "INVALID_JOINTS",
+        f"{JOINTS}.joints",
+        "once",
     ),
     Mistake(
-        "few positions", lambda c: joints([0], [0.0] * 2, []), "WRONG_LENGTH", f"{CONSTRAINT}.joints.positions", "3"
+        "few positions",
+        lambda c: joints([0], [0.0] * 2, []),
+        "WRONG_LENGTH",
+        f"{JOINTS}.positions",
+        "3",
     ),
     Mistake(
-        "infinite joint", lambda c: joints([0], [INF, 0, 0], []), "NOT_FINITE", f"{CONSTRAINT}.joints.positions", "fin"
+        "infinite joint",
+        lambda c: joints([0], [INF, 0, 0], []),
+        "NOT_FINITE",
+        f"{JOINTS}.positions",
+        "fin",
     ),
     Mistake(
         "few rotations",
         lambda c: joints([0], [0.0] * 3, [1.0]),
         "WRONG_LENGTH",
-        f"{CONSTRAINT}.joints.rotations",
+        f"{JOINTS}.rotations",
         "4 numbers",
     ),
     Mistake(
         "no rotation",
         lambda c: joints([0], [0.0] * 3, [2.0, 0.0, 0.0, 0.0]),
         "NOT_A_ROTATION",
-        f"{CONSTRAINT}.joints.rotations",
+        f"{JOINTS}.rotations",
         "1 within 0.001",
     ),
     Mistake(
         "NaN rotation",
         lambda c: joints([0], [0.0] * 3, [NAN, 0.0, 0.0, 0.0]),
         "NOT_FINITE",
-        f"{CONSTRAINT}.joints.rotations",
+        f"{JOINTS}.rotations",
         "finite",
     ),
-    Mistake("short pose", lambda c: pose(c, 0.0, 1), "WRONG_LENGTH", f"{CONSTRAINT}.pose.positions", "3 for each"),
-    Mistake("NaN pose", lambda c: pose(c, NAN), "NOT_FINITE", f"{CONSTRAINT}.pose.positions", "finite metres"),
+    Mistake("short pose", lambda c: pose(c, 0.0, 1), "WRONG_LENGTH", f"{CONSTRAINT}.keyframe.positions", "3 for each"),
+    Mistake("NaN pose", lambda c: pose(c, NAN), "NOT_FINITE", f"{CONSTRAINT}.keyframe.positions", "finite metres"),
     Mistake("no state", lambda c: play_state(0), "INVALID_PLAY_STATE", "set_play_state.state", "PLAYING"),
     Mistake("odd state", lambda c: play_state(7), "INVALID_PLAY_STATE", "set_play_state.state", "PAUSED"),
 ]

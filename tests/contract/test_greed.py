@@ -28,11 +28,11 @@ async def test_answers_to_a_flood_that_nobody_reads_stay_within_the_limit(
 
     flooding = asyncio.create_task(flood())
     stream = local_server.service._streams[2]
-    while stream.outbox.num_bytes <= limits.hard_backlog_bytes:
+    while stream.send_queue.num_bytes <= limits.hard_backlog_bytes:
         await other.ping(1)  # takes its turn on the same event loop, and is no event that a session has too many of
     for _ in range(5):
         await other.plays_on(1)
-        assert stream.outbox.num_bytes < 1.1 * limits.hard_backlog_bytes
+        assert stream.send_queue.num_bytes < 1.1 * limits.hard_backlog_bytes
     flooding.cancel()
     flooder.call.cancel()
     while local_server.service.num_streams > 1:

@@ -106,7 +106,7 @@ async def test_what_is_asked_for_is_taken(target: Target) -> None:
         guidance=session_pb2.Guidance(text=0.0, constraint=catalog.limits.max_guidance),
         prompts=[span(), span("wave", 2, start=60, end=90)],
         constraints=[waypoint(30, x=1.0, z=2.0)],
-        initial_root=motion_pb2.RootPose(x=1.0, z=-1.0, heading=0.5),
+        start_pose=session_pb2.StartPose(x=1.0, z=-1.0, heading=0.5),
     )
     assert heard.opened is not None
     assert heard.opened.seed == 2**64 - 1

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from motiongen_ardy.model_card import BUILT_IN_MODEL
+from motiongen_ardy.checkpoint.model_card import BUILT_IN_MODEL
 from motiongen_client import EventRefused, MotionClient, Session, SessionEnded, SessionOptions
 from motiongen_client.admin import AdminClient
 from motiongen_tools.cli import run

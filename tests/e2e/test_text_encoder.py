@@ -20,7 +20,7 @@ from motiongen_ardy.text import HashedTextEncoder
 from motiongen_ardy.text.prompt_file import encode_prompts, write_prompt_file
 from motiongen_client import EventRefused, MotionClient, Preset, Session, TextEmbedding
 from tests.conftest import ROOT, TINY_MODEL
-from tests.server.encoder.encoder_process import EncoderProcess
+from tests.server.text.encoder.encoder_process import EncoderProcess
 
 LIMIT_S = 60.0
 WIDTH = 32

@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Any
 
 from motiongen_server.config import ServerConfig
-from motiongen_server.metrics import Metrics
+from motiongen_server.ops.metrics import Metrics
 
 PACKAGES = {"motiongen_ardy", "motiongen_client", "motiongen_server", "motiongen_tools"}
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motiongen_ardy.checkpoint import load_checkpoint
-from motiongen_ardy.model import Model
-from motiongen_server.engine.types import Guidance, PlanCause, Priority, RootTarget, SessionKey, StartPose, WindowJob
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.model.model import Model
+from motiongen_server.engine.types import Guidance, PlanCause, Priority, SessionKey, StartPose, Waypoint, WindowJob
 from motiongen_server.runner import TorchRunner
 
 TINY = Path(__file__).parents[1] / "data" / "golden" / "tiny-core27" / "checkpoint"
@@ -37,7 +37,7 @@ def make_job(job_id: int, model: Model, random: np.random.Generator) -> WindowJo
     constraints = ()
     if random.random() < 0.5:
         frame = first_frame + int(random.integers(4, 70))
-        constraints = (RootTarget(1, frame, float(random.normal()), float(random.normal()), 0.3),)
+        constraints = (Waypoint(1, frame, float(random.normal()), float(random.normal()), 0.3),)
     return WindowJob(
         job_id=job_id,
         session=SessionKey(1, job_id),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from motiongen_ardy.model import Model
+from motiongen_ardy.model.model import Model
 from motiongen_server.engine.types import WindowJob, WindowResult
 from motiongen_server.runner import TorchRunner
 from tests.parity.conftest import TOLERANCE, make_job

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import torch
 
-from motiongen_ardy.checkpoint import load_checkpoint
-from motiongen_ardy.clip import ClipRequest, generate_clip
-from motiongen_ardy.constraint import Targets
-from motiongen_ardy.model import Model
-from motiongen_ardy.noise import window_noise
-from motiongen_ardy.rollout import RolloutRequest, rollout
-from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH
-from motiongen_server.engine.types import JointTargets, PoseTarget, WindowResult
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.model.clip import ClipRequest, generate_clip
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.noise import window_noise
+from motiongen_ardy.model.rollout import RolloutRequest, rollout
+from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_server.engine.types import JointTargets, Keyframe, WindowResult
 from motiongen_server.runner import TorchRunner
 from tests.parity.conftest import TINY, make_job
 from tests.parity.test_batched_equals_alone import run_alone
@@ -89,7 +89,7 @@ def test_corrected_rows_get_in_a_batch_what_they_get_alone(correcting: Model) ->
     jobs = {index: make_job(index, correcting, random) for index in range(1, 13)}
     pose = (correcting.skeleton.neutral_joints + np.array([1.0, 0.9, -2.0])).astype(np.float32)
     for index in (2, 5, 8):
-        jobs[index] = replace(jobs[index], constraints=(PoseTarget(9, jobs[index].first_frame + 20, pose),))
+        jobs[index] = replace(jobs[index], constraints=(Keyframe(9, jobs[index].first_frame + 20, pose),))
     runner = TorchRunner(correcting, "tiny")
     runner.prepare(list(jobs.values()))
     left = dict.fromkeys(jobs, 0)

@@ -7,24 +7,24 @@ import pytest
 import torch
 
 from motiongen_ardy.capabilities import LocomotionPreset
-from motiongen_ardy.constraint import Targets
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.evaluate.gait import gait_of
 from motiongen_ardy.evaluate.steering import add_lead, lead_by
 from motiongen_ardy.evaluate.take import Steer
-from motiongen_ardy.skeleton import load_skeleton
 from motiongen_server.engine.locomotion import gait_of as server_gait_of
+from motiongen_server.engine.session.velocity import Velocity, root_state
 from motiongen_server.engine.types import (
     Direction,
     Gait,
     Guidance,
     PlanCause,
     Priority,
-    RootPath,
+    RootTrajectory,
     SessionKey,
     SetVelocity,
     WindowJob,
 )
-from motiongen_server.engine.velocity import Velocity, root_state
 from motiongen_server.runner.targets import job_targets
 
 FPS, HORIZON = 20, 40
@@ -57,7 +57,7 @@ def test_the_paths_are_equal(seed: int, stride: int) -> None:
         assert all(torch.allclose(mine[frame], theirs[frame], atol=1e-4) for frame in theirs)
 
 
-def job_of(path: RootPath) -> WindowJob:
+def job_of(path: RootTrajectory) -> WindowJob:
     """A job of which only the constraints count."""
     return WindowJob(
         job_id=1,
@@ -80,7 +80,7 @@ def job_of(path: RootPath) -> WindowJob:
 
 def test_what_the_client_asks_holds_over_a_velocity() -> None:
     targets = Targets(SKELETON)
-    targets.add_root([5], torch.tensor([[9.0, 9.0]]))
+    targets.add_waypoints([5], torch.tensor([[9.0, 9.0]]))
     lead = lead_by(Steer(0, 1.0, 0.0), 0, HORIZON, np.zeros((1, 2)), 0.0, FPS)
     assert lead is not None
     add_lead(targets, lead, 0, 1)

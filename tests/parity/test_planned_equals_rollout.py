@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import torch
 
-from motiongen_ardy.checkpoint import load_checkpoint
-from motiongen_ardy.clip import ClipRequest, generate_clip
-from motiongen_ardy.constraint import Targets
-from motiongen_ardy.model import Model
-from motiongen_ardy.noise import window_noise
-from motiongen_ardy.rollout import RolloutRequest, rollout
-from motiongen_ardy.sampling.options import GuidanceOptions, ProjectionOptions, SamplingOptions
-from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH
-from motiongen_server.engine.types import RootPath, RootTarget
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.model.clip import ClipRequest, generate_clip
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.noise import window_noise
+from motiongen_ardy.model.rollout import RolloutRequest, rollout
+from motiongen_ardy.model.sampling.options import GuidanceOptions, ProjectionOptions, SamplingOptions
+from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_server.engine.types import RootTrajectory, Waypoint
 from motiongen_server.runner import TorchRunner
 from tests.parity.conftest import TINY, make_job
 from tests.parity.test_batched_equals_alone import run_alone, share_of_close_frames
@@ -34,9 +34,9 @@ def planned(request: pytest.FixtureRequest) -> Model:
 def test_a_session_with_waypoints_is_the_rollout(planned: Model) -> None:
     embedding = np.random.default_rng(2).standard_normal(32).astype(np.float32)
     targets = Targets(planned.skeleton)
-    targets.add_root([30], torch.tensor([[1.5, -1.0]]))
-    targets.add_root([110], torch.tensor([[2.0, 0.5]]), torch.tensor([0.4]))
-    constraints = (RootTarget(1, 30, 1.5, -1.0), RootTarget(2, 110, 2.0, 0.5, 0.4))
+    targets.add_waypoints([30], torch.tensor([[1.5, -1.0]]))
+    targets.add_waypoints([110], torch.tensor([[2.0, 0.5]]), torch.tensor([0.4]))
+    constraints = (Waypoint(1, 30, 1.5, -1.0), Waypoint(2, 110, 2.0, 0.5, 0.4))
     features = expected(planned, embedding, targets, False)
     compare(planned, stream(planned, embedding, constraints, False), features)
     ground = features[[30, 110]][:, [0, 2]]
@@ -48,9 +48,9 @@ def test_a_session_on_a_path_is_the_rollout(planned: Model) -> None:
     time = np.arange(80, dtype=np.float32)[:, None] / 20
     xz = np.concatenate([1.0 + 0.5 * time, -2.0 + 0.8 * time], axis=1)
     targets = Targets(planned.skeleton)
-    targets.add_root(range(80), torch.from_numpy(xz))
+    targets.add_waypoints(range(80), torch.from_numpy(xz))
     features = expected(planned, embedding, targets, False)
-    compare(planned, stream(planned, embedding, (RootPath(1, 0, xz),), False), features)
+    compare(planned, stream(planned, embedding, (RootTrajectory(1, 0, xz),), False), features)
     assert torch.allclose(features[30:80, [0, 2]], torch.from_numpy(xz[30:]), atol=2e-3)
 
 
@@ -58,7 +58,7 @@ def test_a_clip_is_the_rollout(planned: Model) -> None:
     layout, horizon = planned.representation, planned.config.horizon
     text = torch.randn(32, generator=torch.Generator().manual_seed(0))
     targets = Targets(planned.skeleton)
-    targets.add_root([2 * horizon - 5], torch.tensor([[0.8, 0.9]]))
+    targets.add_waypoints([2 * horizon - 5], torch.tensor([[0.8, 0.9]]))
     num_frames, width = 2 * horizon, ROOT_TOKEN_WIDTH + planned.config.denoiser.latent_dim
     request = RolloutRequest(num_frames, text, seed=3, num_steps=4, history_frames=num_frames, targets=targets)
     observed, mask = targets.observe(layout, 0, num_frames)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import torch
 
-from motiongen_ardy.constraint import Targets
-from motiongen_ardy.denoiser.guidance import GuidanceWeights
-from motiongen_ardy.model import Model
-from motiongen_ardy.rollout import RolloutRequest, rollout
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.rollout import RolloutRequest, rollout
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.types import (
@@ -23,10 +23,10 @@ from motiongen_server.engine.types import (
     Playhead,
     Priority,
     Prompt,
-    RootTarget,
     SessionKey,
     SessionSpec,
     StartPose,
+    Waypoint,
 )
 from motiongen_server.runner import TorchRunner
 from tests.parity.conftest import TOLERANCE
@@ -114,7 +114,7 @@ def test_a_prompted_session(model: Model, reuse_tokens: bool) -> None:
 def test_a_session_with_waypoints_in_and_beyond_its_windows(model: Model, reuse_tokens: bool) -> None:
     embedding = np.random.default_rng(2).standard_normal(32).astype(np.float32)
     targets = Targets(model.skeleton)
-    targets.add_root([30, 70], torch.tensor([[1.5, -1.0], [2.0, 0.5]]), torch.tensor([0.2, 0.4]))
-    constraints = (RootTarget(1, 30, 1.5, -1.0, 0.2), RootTarget(2, 70, 2.0, 0.5, 0.4))
+    targets.add_waypoints([30, 70], torch.tensor([[1.5, -1.0], [2.0, 0.5]]), torch.tensor([0.2, 0.4]))
+    constraints = (Waypoint(1, 30, 1.5, -1.0, 0.2), Waypoint(2, 70, 2.0, 0.5, 0.4))
     features = expected(model, embedding, targets, reuse_tokens)
     compare(model, stream(model, embedding, constraints, reuse_tokens), features)

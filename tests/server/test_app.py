@@ -15,11 +15,11 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
-from motiongen_ardy.model_card import BUILT_IN_MODEL
+from motiongen_ardy.checkpoint.model_card import BUILT_IN_MODEL
 from motiongen_server.app import SERVICE_NAME, Application, Loaded, StoppedEarly, join_address
 from motiongen_server.config import ServerConfig
 from motiongen_server.errors import SettingError
-from motiongen_server.loading import build_engine, load_model
+from motiongen_server.models.loader import build_engine, load_model
 from tests.contract.local import LengthEncoder, RealTime
 from tests.contract.talk import Talk
 from tests.server.engine.fakes import FACTS, FakeRunner

@@ -7,8 +7,8 @@ from dataclasses import fields
 import pytest
 
 from motiongen_server.config import SERVER, ServerConfig, parse_config
-from motiongen_server.encoder.config import ENCODER
 from motiongen_server.errors import SettingError
+from motiongen_server.text.encoder.config import ENCODER
 
 
 def test_help_names_every_flag_and_environment_name(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,26 +8,26 @@ import numpy as np
 import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
-from motiongen_server.abilities import Abilities, FormSupport, PromptDomain
-from motiongen_server.catalog import Catalog
-from motiongen_server.convert import engine_event, prompt_texts, warnings_of
-from motiongen_server.convert.forms import forms_of
 from motiongen_server.engine.types import (
     Constraint,
     Guidance,
     JointTargets,
+    Keyframe,
     Limb,
-    PoseTarget,
     RigLayout,
-    RootPath,
-    RootTarget,
+    RootTrajectory,
     SessionKey,
     SetVelocity,
     Warned,
+    Waypoint,
 )
 from motiongen_server.errors import EventRefused
-from motiongen_server.limits import Limits
-from motiongen_server.presets import Preset
+from motiongen_server.rpc.abilities import Abilities, FormSupport, PromptDomain
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.convert import engine_event, prompt_texts, warnings_of
+from motiongen_server.rpc.convert.forms import forms_of
+from motiongen_server.rpc.limits import Limits
+from motiongen_server.text.presets import Preset
 from tests.contract.talk import edit_constraints, edit_prompts, span, waypoint
 from tests.server.engine.fakes import FACTS
 
@@ -60,11 +60,11 @@ def _joints(*names: str, rotated: tuple[str, ...] = ()) -> JointTargets:
 @pytest.mark.parametrize(
     ("item", "forms"),
     [
-        (RootTarget(1, 5, 0.0, 0.0, None), "waypoint"),
-        (RootTarget(1, 5, 0.0, 0.0, 0.5), "waypoint waypoint_heading"),
-        (RootPath(1, 5, np.zeros((3, 2), np.float32), None), "trajectory"),
-        (RootPath(1, 5, np.zeros((3, 2), np.float32), np.zeros(3, np.float32)), "trajectory trajectory_heading"),
-        (PoseTarget(1, 5, np.zeros((9, 3), np.float32)), "keyframe"),
+        (Waypoint(1, 5, 0.0, 0.0, None), "waypoint"),
+        (Waypoint(1, 5, 0.0, 0.0, 0.5), "waypoint waypoint_heading"),
+        (RootTrajectory(1, 5, np.zeros((3, 2), np.float32), None), "trajectory"),
+        (RootTrajectory(1, 5, np.zeros((3, 2), np.float32), np.zeros(3, np.float32)), "trajectory trajectory_heading"),
+        (Keyframe(1, 5, np.zeros((9, 3), np.float32)), "keyframe"),
         (SetVelocity(KEY, 1, 0.0, 1.0, 0.0, None, 9), "velocity"),
         (SetVelocity(KEY, 1, 0.0, 1.0, 0.0, 0.0, 9), "velocity velocity_heading"),
         (_joints(), "root_height"),

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from motiongen_ardy.capabilities import Capabilities, LocomotionPreset, PresetPrompt
 from motiongen_ardy.text.domain import PromptDomain
-from motiongen_server.abilities import NOTHING_CLAIMED, FormSupport
 from motiongen_server.engine.types import Direction
-from motiongen_server.repertoire import as_abilities, encoded
-from motiongen_server.split.messages import TO_GATEWAY, Ready
+from motiongen_server.engine_process.messages import TO_GATEWAY, Ready
+from motiongen_server.models.repertoire import as_abilities, encoded
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED, FormSupport
 from tests.contract.local import LengthEncoder
 from tests.server.engine.fakes import FACTS
 

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 import torch
 
-from motiongen_ardy.constraint import limb_chains
+from motiongen_ardy.core.constraint import limb_chains
+from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.formats.constraints import (
     PoseConstraint,
     RootConstraint,
     constraint_targets,
     write_constraints,
 )
-from motiongen_ardy.skeleton import load_skeleton
-from motiongen_client import InvalidInput, JointTargets, Keyframe, Rig, Trajectory, Waypoint
+from motiongen_client import InvalidInput, JointTargets, Keyframe, Rig, RootTrajectory, Waypoint
 from motiongen_client.kinematics import quaternion_to_matrix
 from motiongen_tools.constraint_file import read_constraints
 
@@ -91,10 +91,10 @@ def test_frames_one_after_another_are_a_path(tmp_path: Path) -> None:
     ground, heading = torch.randn(6, 2), torch.randn(6)
     write_constraints(tmp_path / "c.json", [RootConstraint(frames, ground, heading)])
     found = read_constraints(tmp_path / "c.json", rig_of("core27"), 20, max_path_frames=2)
-    assert all(isinstance(path, Trajectory) for path in found)
-    spans = [(path.first_frame, len(path.positions_m)) for path in found if isinstance(path, Trajectory)]
+    assert all(isinstance(path, RootTrajectory) for path in found)
+    spans = [(path.first_frame, len(path.positions_m)) for path in found if isinstance(path, RootTrajectory)]
     assert spans == [(4, 2), (6, 1), (9, 2), (2, 1)]
-    joined = np.concatenate([path.positions_m for path in found if isinstance(path, Trajectory)])
+    joined = np.concatenate([path.positions_m for path in found if isinstance(path, RootTrajectory)])
     np.testing.assert_allclose(joined, ground, atol=1e-6)
 
 
@@ -108,7 +108,7 @@ def test_the_other_writing_of_headings_and_positions(tmp_path: Path) -> None:
     }
     (tmp_path / "c.json").write_text(json.dumps([entry]))
     (path,) = read_constraints(tmp_path / "c.json", rig_of("core27"), 20)
-    assert isinstance(path, Trajectory)
+    assert isinstance(path, RootTrajectory)
     assert path.headings_rad is not None
     assert path.headings_rad.tolist() == pytest.approx([np.pi / 2])
 

@@ -11,13 +11,13 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from motiongen_ardy.core.skeleton import UnknownSkeleton, load_skeleton
 from motiongen_ardy.data.build import BuildSettings, build, more_labels
 from motiongen_ardy.data.dataset import DatasetError, MotionDataset, skipped_clips
 from motiongen_ardy.data.figures import figures_table, measure
 from motiongen_ardy.data.kinds import kinds_table
 from motiongen_ardy.data.labels import LabelsError, read_labels
 from motiongen_ardy.data.retarget_file import RetargetError, built_in_retargets, read_retarget
-from motiongen_ardy.skeleton import UnknownSkeleton, load_skeleton
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -11,6 +11,8 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.rotation import quaternion_to_matrix
+from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics
 from motiongen_ardy.data.bvh import BvhError, read_bvh
 from motiongen_ardy.data.captions import mirror_content, paraphrases
 from motiongen_ardy.data.dataset import Clip, MotionDataset, Segment
@@ -19,8 +21,6 @@ from motiongen_ardy.data.labels import Label, read_labels
 from motiongen_ardy.data.recipes import make
 from motiongen_ardy.data.retarget import RetargetedClip, apply_retarget, choose_retarget
 from motiongen_ardy.data.retarget_file import Retarget, RetargetError
-from motiongen_ardy.rotation import quaternion_to_matrix
-from motiongen_ardy.skeleton import Skeleton, forward_kinematics
 
 # No captured joint moves this fast; a file in which one does has a jump in it.
 MAX_JOINT_SPEED_M_S = 25.0

@@ -17,10 +17,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.skeleton import Skeleton, load_skeleton
 from motiongen_ardy.data.captions import mirror_caption, mirror_content
 from motiongen_ardy.data.mirror import mirror_clip
 from motiongen_ardy.data.validation import with_validation
-from motiongen_ardy.skeleton import Skeleton, load_skeleton
 
 FORMAT = 1
 MOTION_FILE = "motion.npz"

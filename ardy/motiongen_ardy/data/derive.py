@@ -19,10 +19,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.rotation import quaternion_to_matrix
+from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics
 from motiongen_ardy.data.mirror import mirror_clip
 from motiongen_ardy.data.poses import smooth
-from motiongen_ardy.rotation import quaternion_to_matrix
-from motiongen_ardy.skeleton import Skeleton, forward_kinematics
 
 QUIET_M_S = 0.25
 MIN_QUIET_S = 1.0

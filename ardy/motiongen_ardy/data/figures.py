@@ -11,9 +11,9 @@ import torch
 from rich.table import Table
 from torch import Tensor
 
+from motiongen_ardy.core.rotation import quaternion_to_matrix
+from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics
 from motiongen_ardy.data.dataset import Clip, MotionDataset
-from motiongen_ardy.rotation import quaternion_to_matrix
-from motiongen_ardy.skeleton import Skeleton, forward_kinematics
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.data.poses import (
     Poses,
     global_pose,
@@ -17,7 +18,6 @@ from motiongen_ardy.data.poses import (
     yaw_of,
     yaw_quaternion,
 )
-from motiongen_ardy.skeleton import Skeleton
 
 # Frames of a swing at its start and its end in which the foot still stands.
 SWING_MARGIN = 1

@@ -13,9 +13,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
 
+from motiongen_ardy.core.rotation import quaternion_to_matrix
+from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics
 from motiongen_ardy.data.dataset import Clip, DatasetError, MotionDataset
-from motiongen_ardy.rotation import quaternion_to_matrix
-from motiongen_ardy.skeleton import Skeleton, forward_kinematics
 
 NUM_POSES = 12
 _COLOURS = {"left": "tab:blue", "right": "tab:red", "middle": "0.2"}

@@ -8,7 +8,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from motiongen_ardy.skeleton import Skeleton
+from motiongen_ardy.core.skeleton import Skeleton
 
 _SIDES = {"left": "right", "right": "left", "Left": "Right", "Right": "Left"}
 

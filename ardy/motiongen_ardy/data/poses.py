@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from motiongen_ardy.core.rotation import matrix_to_quaternion, quaternion_to_matrix
+from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics
 from motiongen_ardy.data.dataset import Clip
-from motiongen_ardy.rotation import matrix_to_quaternion, quaternion_to_matrix
-from motiongen_ardy.skeleton import Skeleton, forward_kinematics
 
 # A foot joint is in contact while it is slower than this and lower than this above where it rests.
 CONTACT_M_S = 0.45

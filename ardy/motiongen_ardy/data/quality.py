@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.data.poses import global_pose
-from motiongen_ardy.skeleton import Skeleton
 
 MOVING_M_S = 0.3
 # The rule of the features: a foot joint is in contact when it is slower and lower than this.

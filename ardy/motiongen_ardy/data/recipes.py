@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import torch
 
+from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.data.captions import mirror_content, paraphrases
 from motiongen_ardy.data.dataset import Clip, Segment
 from motiongen_ardy.data.poses import global_pose
@@ -15,7 +16,6 @@ from motiongen_ardy.data.quality import Quality, quality
 from motiongen_ardy.data.shelf import Made, Shelf, Unfit, moving_content
 from motiongen_ardy.data.standing_recipes import start_or_stop, transition
 from motiongen_ardy.data.way_recipes import bend, on_the_spot, speed_change, strafe
-from motiongen_ardy.skeleton import Skeleton
 
 # Each recipe, and the hours of it in a whole set.
 RECIPES: dict[str, tuple[Callable[[Shelf], Made], float]] = {

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.data.poses import Poses, continuous, global_pose, quaternions_of, runs, smooth, yaw_matrix, yaw_of
 from motiongen_ardy.data.two_bone import MAX_REACH, solve_leg
-from motiongen_ardy.skeleton import Skeleton
 
 MIN_STANCE_FRAMES = 2
 CLEARANCE_M = 0.045

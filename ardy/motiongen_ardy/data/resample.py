@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from motiongen_ardy.rotation import matrix_to_quaternion, quaternion_to_matrix, slerp
+from motiongen_ardy.core.rotation import matrix_to_quaternion, quaternion_to_matrix, slerp
 
 
 def resampled_length(num_frames: int, source_fps: float, target_fps: float) -> int:

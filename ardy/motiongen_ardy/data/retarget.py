@@ -13,6 +13,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.rotation import matrix_to_quaternion, quaternion_to_matrix, slerp
+from motiongen_ardy.core.skeleton import global_to_local, positions_from_global
 from motiongen_ardy.data.bvh import Bvh, axis_rotation
 from motiongen_ardy.data.resample import resample
 from motiongen_ardy.data.retarget_file import (
@@ -24,8 +26,6 @@ from motiongen_ardy.data.retarget_file import (
     Retarget,
     RetargetError,
 )
-from motiongen_ardy.rotation import matrix_to_quaternion, quaternion_to_matrix, slerp
-from motiongen_ardy.skeleton import global_to_local, positions_from_global
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from motiongen_ardy.skeleton import Skeleton, UnknownSkeleton, load_skeleton
+from motiongen_ardy.core.skeleton import Skeleton, UnknownSkeleton, load_skeleton
 
 DIRECTIONS: dict[str, tuple[int, int, int]] = {
     "left": (1, 0, 0),

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.data.dataset import Clip
 from motiongen_ardy.data.joining import passes, start, stop
 from motiongen_ardy.data.poses import Poses, global_pose, poses_of
 from motiongen_ardy.data.replant import Replanted
-from motiongen_ardy.skeleton import Skeleton
 
 GESTURES = ("wave-", "raise-up-", "bow", "bye", "byebye")
 UNFIT_FLAGS = frozenset({"short", "uneven_ground", "root_travel", "fragment"})

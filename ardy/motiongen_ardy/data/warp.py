@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.data.poses import Poses, multiply, smooth, yaw_matrix, yaw_quaternion
 from motiongen_ardy.data.replant import Replanted, replant
-from motiongen_ardy.skeleton import Skeleton
 
 # The way of the body under its sway, seconds of a Gaussian.
 WAY_SIGMA_S = 0.4

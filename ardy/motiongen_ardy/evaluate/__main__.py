@@ -16,19 +16,19 @@ import torch
 from rich.console import Console
 
 from motiongen_ardy.capabilities import LocomotionPreset, parse_capabilities, read_capabilities
-from motiongen_ardy.checkpoint import load_checkpoint
-from motiongen_ardy.checkpoint_files import CheckpointError, read_yaml
-from motiongen_ardy.config import ConfigError
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.checkpoint.files import CheckpointError, read_yaml
+from motiongen_ardy.checkpoint.model_card import UnknownModel, model_folder
+from motiongen_ardy.checkpoint.sampling_file import read_options
 from motiongen_ardy.data.dataset import DatasetError, MotionDataset
-from motiongen_ardy.denoiser.guidance import GuidanceWeights
 from motiongen_ardy.evaluate.cases import captured_figures, load_cases
 from motiongen_ardy.evaluate.context import QUICK, Context, Size
 from motiongen_ardy.evaluate.report import Report
 from motiongen_ardy.evaluate.rows.table import FAMILIES
 from motiongen_ardy.evaluate.sampler import Sampler, Sampling
-from motiongen_ardy.model import Model
-from motiongen_ardy.model_card import UnknownModel, model_folder
-from motiongen_ardy.sampling.options_file import read_options
+from motiongen_ardy.model.config import ConfigError
+from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
+from motiongen_ardy.model.model import Model
 from motiongen_ardy.text import load_text_encoder
 from motiongen_ardy.train.feature_bank import natural_layout
 

@@ -11,14 +11,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.representation import Representation
+from motiongen_ardy.core.rotation import quaternion_to_matrix
 from motiongen_ardy.data.dataset import Clip, MotionDataset
 from motiongen_ardy.evaluate.measures.feet import slowest_foot
 from motiongen_ardy.evaluate.measures.root import is_moving, is_running
 from motiongen_ardy.evaluate.measures.smooth import accelerations, differences
 from motiongen_ardy.evaluate.sampler import result_of
 from motiongen_ardy.evaluate.take import Result, Take
-from motiongen_ardy.representation import Representation
-from motiongen_ardy.rotation import quaternion_to_matrix
 
 HISTORY = 16
 MOVING, STANDING = "moving", "standing"

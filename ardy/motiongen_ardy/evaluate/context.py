@@ -10,6 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.representation import Representation
+from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.evaluate.bounds import bounds
 from motiongen_ardy.evaluate.cases import MOVING, STANDING, Captured, Case
 from motiongen_ardy.evaluate.figure import Bound, Company, Figure, Sample, summarize
@@ -18,8 +20,6 @@ from motiongen_ardy.evaluate.measures.root import is_running
 from motiongen_ardy.evaluate.measures.smooth import accelerations
 from motiongen_ardy.evaluate.sampler import Sampler
 from motiongen_ardy.evaluate.take import Result, Take
-from motiongen_ardy.representation import Representation
-from motiongen_ardy.skeleton import Skeleton
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.nn.utils.rnn import pack_padded_sequence
 
-from motiongen_ardy.representation import Representation
+from motiongen_ardy.core.representation import Representation
 
 DIM = 64
 HIDDEN = 128

@@ -12,9 +12,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.data.dataset import MotionDataset
 from motiongen_ardy.evaluate.judge import MAX_FRAMES, TextJudge, frame_dim, judge_frames, save_judge
-from motiongen_ardy.representation import Representation
 from motiongen_ardy.text import TextEncoder, load_text_encoder
 from motiongen_ardy.train.feature_bank import FeatureBank, build_feature_bank, natural_layout
 

@@ -10,16 +10,17 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.capabilities import LocomotionPreset
-from motiongen_ardy.config import FRAMES_PER_TOKEN
-from motiongen_ardy.constraint import Targets
-from motiongen_ardy.denoiser.guidance import GuidanceWeights, batch_passes, needed_passes
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.core.representation import Representation
+from motiongen_ardy.core.skeleton import positions_from_global
 from motiongen_ardy.evaluate.gait import gait_of
 from motiongen_ardy.evaluate.steering import SLOWING_FRAMES, STATE_FRAMES, add_lead, lead_by
 from motiongen_ardy.evaluate.take import Result, Steer, Take
-from motiongen_ardy.model import Model
-from motiongen_ardy.noise import window_noise
-from motiongen_ardy.representation import Representation
-from motiongen_ardy.rollout import (
+from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, batch_passes, needed_passes
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.noise import window_noise
+from motiongen_ardy.model.rollout import (
     DEFAULT_HISTORY_FRAMES,
     WindowRequest,
     commit_window,
@@ -29,10 +30,9 @@ from motiongen_ardy.rollout import (
     visible_frames,
     weights_of,
 )
-from motiongen_ardy.sampling.plan import plan_targets
-from motiongen_ardy.skeleton import positions_from_global
+from motiongen_ardy.model.sampling.plan import plan_targets
+from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_ardy.text import TextEncoder
-from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
 
+from motiongen_ardy.core.representation import Representation
+from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.evaluate.context import Exhibit
 from motiongen_ardy.evaluate.measures.feet import foot_trace
 from motiongen_ardy.evaluate.take import Result
-from motiongen_ardy.representation import Representation
-from motiongen_ardy.skeleton import Skeleton
 
 MAX_ROWS = 14
 NUM_POSES = 26

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motiongen_ardy.constraint import Targets
+from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.evaluate.take import Steer
 
 STATE_FRAMES = 4
@@ -78,7 +78,7 @@ def add_lead(targets: Targets, lead: Lead, first_frame: int, stride: int) -> Non
     frames = [first_frame + row for row in rows]
     headings = None if lead.heading is None else torch.from_numpy(lead.heading[rows].astype(np.float32))
     path = Targets(targets.skeleton)
-    path.add_root(frames, _single(lead.ground[rows]), headings)
+    path.add_waypoints(frames, _single(lead.ground[rows]), headings)
     targets.ground = path.ground | targets.ground
     targets.heading = path.heading | targets.heading
     if stride > 1:

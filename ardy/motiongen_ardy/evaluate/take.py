@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from motiongen_ardy.constraint import Targets
-from motiongen_ardy.representation import heading_angle
-from motiongen_ardy.skeleton import Skeleton
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.core.representation import heading_angle
+from motiongen_ardy.core.skeleton import Skeleton
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ import argparse
 import sys
 from pathlib import Path
 
+from motiongen_ardy.core.skeleton import load_skeleton, skeleton_names
 from motiongen_ardy.formats.errors import FormatError
 from motiongen_ardy.formats.files import MOTION_FORMATS, ReadOptions, read_motion, write_motion
 from motiongen_ardy.formats.g1_csv import QPOS_FPS
 from motiongen_ardy.robot.g1 import RobotError
-from motiongen_ardy.skeleton import load_skeleton, skeleton_names
 
 
 def parser() -> argparse.ArgumentParser:

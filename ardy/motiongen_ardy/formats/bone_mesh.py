@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motiongen_ardy.skeleton import Skeleton
+from motiongen_ardy.core.skeleton import Skeleton
 
 _WIDTH = 0.12  # of the bone's length
 _WAIST = 0.2  # where along the bone it is widest

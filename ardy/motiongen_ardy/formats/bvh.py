@@ -13,11 +13,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.data.bvh import Bvh, BvhError, parse_bvh
 from motiongen_ardy.formats.bounded import check_num_frames, read_text
 from motiongen_ardy.formats.errors import FormatError
 from motiongen_ardy.formats.stored import StoredMotion, check_bones, from_pose, skeleton_with, whole_fps
-from motiongen_ardy.skeleton import Skeleton
 
 BONES_WITHIN_M = 0.01
 _UNITS_PER_METRE = (1.0, 100.0, 1000.0, 1 / 0.0254)  # metres, centimetres, millimetres, inches

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from motiongen_ardy.core.rotation import quaternion_to_matrix
+from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.formats.arrays import read_arrays
 from motiongen_ardy.formats.bounded import MAX_FRAMES
 from motiongen_ardy.formats.errors import FormatError
 from motiongen_ardy.formats.stored import StoredMotion, from_pose, skeleton_with, whole_fps
-from motiongen_ardy.rotation import quaternion_to_matrix
-from motiongen_ardy.skeleton import Skeleton
 
 MARK = "joint_rotation_quat_wxyz"  # the array that tells this form from ARDY's own
 UNIT_WITHIN = 0.01

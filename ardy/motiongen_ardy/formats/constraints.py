@@ -15,13 +15,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from motiongen_ardy.constraint import ConstraintError, Targets, limb_chains
+from motiongen_ardy.core.constraint import ConstraintError, Targets, limb_chains
+from motiongen_ardy.core.motion import Motion
+from motiongen_ardy.core.rotation import axis_angle_to_matrix, rotation_vector
+from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics
 from motiongen_ardy.formats.bounded import MAX_FRAMES, MAX_JSON_BYTES, read_text
 from motiongen_ardy.formats.errors import FormatError, shortened
 from motiongen_ardy.formats.json_text import NumbersError, numbers, parse_json, write_json
-from motiongen_ardy.motion import Motion
-from motiongen_ardy.rotation import axis_angle_to_matrix, rotation_vector
-from motiongen_ardy.skeleton import Skeleton, forward_kinematics
 
 LIMB_TYPES = {
     "left-hand": ("LeftHand", "Hips"),
@@ -72,12 +72,12 @@ def constraint_targets(skeleton: Skeleton, constraints: Sequence[Constraint]) ->
     targets = Targets(skeleton)
     for constraint in constraints:
         if isinstance(constraint, RootConstraint):
-            targets.add_root(constraint.frames, constraint.ground, constraint.heading)
+            targets.add_waypoints(constraint.frames, constraint.ground, constraint.heading)
             continue
         local = axis_angle_to_matrix(constraint.rotation_vectors)
         rotations, positions = forward_kinematics(skeleton, local, constraint.root_positions)
         if constraint.limbs is None:
-            targets.add_full_body(constraint.frames, positions, constraint.ground)
+            targets.add_keyframes(constraint.frames, positions, constraint.ground)
         else:
             targets.add_end_effectors(constraint.frames, constraint.limbs, positions, rotations, constraint.ground)
     return targets

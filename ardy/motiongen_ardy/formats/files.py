@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.formats.arrays import array_names
 from motiongen_ardy.formats.bvh import read_bvh, write_bvh
 from motiongen_ardy.formats.client_npz import MARK as CLIENT_MARK
@@ -21,7 +22,6 @@ from motiongen_ardy.formats.g1_csv import (
 from motiongen_ardy.formats.gltf import write_glb
 from motiongen_ardy.formats.npz import read_npz, write_npz
 from motiongen_ardy.formats.stored import StoredMotion
-from motiongen_ardy.skeleton import Skeleton
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from motiongen_ardy.formats.bounded import MAX_FRAMES, check_num_frames, read_te
 from motiongen_ardy.formats.errors import FormatError, shortened
 from motiongen_ardy.formats.stored import StoredMotion, from_pose, whole_fps
 from motiongen_ardy.robot.g1 import QPOS_WIDTH, RobotError, check_qpos, load_g1, motion_to_qpos, qpos_to_motion
-from motiongen_ardy.robot.trajectory import QVEL_WIDTH, Trajectory, TrajectoryReport, lost, motion_trajectory
+from motiongen_ardy.robot.trajectory import QVEL_WIDTH, JointTrajectory, TrajectoryReport, lost, motion_trajectory
 
 QPOS_FPS = 25
 _NUMBER = "%.9g"
@@ -63,14 +63,14 @@ def write_controller_csv(path: Path, stored: StoredMotion, rate_hz: float | None
     return report
 
 
-def write_trajectory(path: Path, trajectory: Trajectory) -> None:
+def write_trajectory(path: Path, trajectory: JointTrajectory) -> None:
     """Write the controller's form of a trajectory."""
     table = torch.cat([trajectory.time_s[:, None], trajectory.qpos, trajectory.qvel], dim=1)
     header = ",".join(controller_columns())
     np.savetxt(path, table.numpy(), fmt=_NUMBER, delimiter=",", header=header, comments="")
 
 
-def read_trajectory(path: Path) -> Trajectory:
+def read_trajectory(path: Path) -> JointTrajectory:
     """Read the controller's form. Raises FormatError for another header, and for a clock that is not even."""
     lines = read_text(path).splitlines()
     names = tuple(lines[0].strip().split(",")) if lines else ()
@@ -87,7 +87,7 @@ def read_trajectory(path: Path) -> Trajectory:
     even = time_s[0] + period * torch.arange(len(table), dtype=torch.float64)
     if not period > 0 or float((time_s - even).abs().max()) > _CLOCK_WITHIN * period:
         raise FormatError(path, "time_s does not grow evenly", "resample it to one rate first")
-    return Trajectory(time_s, qpos, table[:, 1 + QPOS_WIDTH :][:, :QVEL_WIDTH], round(1 / period, 6))
+    return JointTrajectory(time_s, qpos, table[:, 1 + QPOS_WIDTH :][:, :QVEL_WIDTH], round(1 / period, 6))
 
 
 def read_controller_csv(path: Path) -> StoredMotion:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from motiongen_ardy.core.rotation import matrix_to_quaternion
+from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.formats.bone_mesh import bone_mesh
 from motiongen_ardy.formats.errors import FormatError
 from motiongen_ardy.formats.stored import StoredMotion
-from motiongen_ardy.rotation import matrix_to_quaternion
-from motiongen_ardy.skeleton import Skeleton
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from motiongen_ardy.core.representation import heading_angle
+from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics
 from motiongen_ardy.formats.arrays import read_arrays
 from motiongen_ardy.formats.bounded import MAX_FRAMES
 from motiongen_ardy.formats.errors import FormatError
 from motiongen_ardy.formats.stored import MAX_TEXT_LENGTH, StoredMotion, from_pose, skeleton_of_size, whole_fps
-from motiongen_ardy.representation import heading_angle
-from motiongen_ardy.skeleton import Skeleton, forward_kinematics
 
 POSITION_WITHIN_M = 0.02
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.motion import Motion
+from motiongen_ardy.core.representation import motion_from_pose
+from motiongen_ardy.core.skeleton import Skeleton, load_skeleton, skeleton_names
 from motiongen_ardy.formats.bounded import check_num_frames
 from motiongen_ardy.formats.errors import FormatError
-from motiongen_ardy.motion import Motion
-from motiongen_ardy.representation import motion_from_pose
-from motiongen_ardy.skeleton import Skeleton, load_skeleton, skeleton_names
 
 ORTHONORMAL_WITHIN = 1e-3
 MAX_FPS = 1000

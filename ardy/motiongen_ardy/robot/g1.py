@@ -16,10 +16,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from motiongen_ardy.motion import Motion
-from motiongen_ardy.representation import motion_from_pose
-from motiongen_ardy.rotation import matrix_to_quaternion, quaternion_to_matrix, rotation_vector
-from motiongen_ardy.skeleton import Skeleton, load_skeleton
+from motiongen_ardy.core.motion import Motion
+from motiongen_ardy.core.representation import motion_from_pose
+from motiongen_ardy.core.rotation import matrix_to_quaternion, quaternion_to_matrix, rotation_vector
+from motiongen_ardy.core.skeleton import Skeleton, load_skeleton
 
 QPOS_WIDTH = 36
 NUM_HINGES = 29

@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from motiongen_ardy.config import FRAMES_PER_TOKEN
-from motiongen_ardy.representation import Representation
+from motiongen_ardy.core.representation import Representation
+from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.robot.g1 import RobotError, check_qpos, load_g1, qpos_to_motion
 from motiongen_ardy.robot.trajectory import continuous_signs, resample_qpos
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.motion import Motion
+from motiongen_ardy.core.rotation import slerp
 from motiongen_ardy.data.resample import resampled_length
-from motiongen_ardy.motion import Motion
 from motiongen_ardy.robot.g1 import RobotError, check_qpos, load_g1, lost_rotation, motion_to_qpos
-from motiongen_ardy.rotation import slerp
 
 QVEL_WIDTH = 35
 MAX_RATE_HZ = 10_000.0
@@ -60,7 +60,7 @@ class TrajectoryReport:
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class JointTrajectory:
     """A run of states on one clock.
 
     time_s: (T). qpos: (T, 36). qvel: (T, 35), in MuJoCo's order: root velocity in the world (m/s), root angular
@@ -116,7 +116,7 @@ def resample_qpos(qpos: Tensor, from_hz: float, to_hz: float) -> Tensor:
 
 
 def velocities(qpos: Tensor, rate_hz: float) -> Tensor:
-    """Qvel (T, 35) of qpos rows (T, 36) with continuous quaternions, as `Trajectory` says."""
+    """Qvel (T, 35) of qpos rows (T, 36) with continuous quaternions, as `JointTrajectory` says."""
     if len(qpos) < 2:
         return qpos.new_zeros(len(qpos), QVEL_WIDTH)
     step = (qpos[1:] - qpos[:-1]) * rate_hz
@@ -139,7 +139,7 @@ def relative_rotation(start: Tensor, end: Tensor) -> Tensor:
 
 def controller_trajectory(
     qpos: Tensor, from_hz: float, rate_hz: float | None = None
-) -> tuple[Trajectory, TrajectoryReport]:
+) -> tuple[JointTrajectory, TrajectoryReport]:
     """Qpos rows (T, 36) at from_hz as a controller at rate_hz can follow them; the same rate if None.
 
     Angles are clamped first, then resampled, then differentiated. Raises RobotError for qpos or rates without meaning.
@@ -153,10 +153,10 @@ def controller_trajectory(
     qvel = velocities(kept, rate_hz)
     time_s = torch.arange(len(kept), dtype=torch.float64) / rate_hz
     report = TrajectoryReport(clamped=clamped, too_fast=too_fast(qvel))
-    return Trajectory(time_s, kept, qvel, rate_hz), report
+    return JointTrajectory(time_s, kept, qvel, rate_hz), report
 
 
-def motion_trajectory(motion: Motion, rate_hz: float | None = None) -> tuple[Trajectory, TrajectoryReport]:
+def motion_trajectory(motion: Motion, rate_hz: float | None = None) -> tuple[JointTrajectory, TrajectoryReport]:
     """As `controller_trajectory`, of a motion of the skeleton g134; the report also says what the hinges cannot do."""
     qpos = motion_to_qpos(motion)
     trajectory, report = controller_trajectory(qpos, motion.fps, rate_hz)

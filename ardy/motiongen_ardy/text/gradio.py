@@ -19,7 +19,7 @@ from urllib.request import HTTPHandler, HTTPSHandler, OpenerDirector, Request
 
 import numpy as np
 
-from motiongen_ardy.npy import NpyError, read_npy
+from motiongen_ardy.checkpoint.npy import NpyError, read_npy
 from motiongen_ardy.text.encoder import (
     TextEncoderChanged,
     TextEncoderUnavailable,

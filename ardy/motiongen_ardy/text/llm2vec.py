@@ -19,8 +19,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motiongen_ardy.hub import HubError, fetch_files
-from motiongen_ardy.precision import PRECISIONS
+from motiongen_ardy.checkpoint.hub import HubError, fetch_files
+from motiongen_ardy.model.precision import PRECISIONS
 from motiongen_ardy.text.encoder import UnknownTextEncoder, Vectors, is_blank
 
 if TYPE_CHECKING:

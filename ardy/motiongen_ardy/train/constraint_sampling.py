@@ -2,7 +2,7 @@
 
 A constraint is a set of frames times a set of feature groups (ground position, height, heading, one joint's position,
 one joint's rotation). Whole batches are drawn at once, with tensors of fixed shapes, on the device of the windows. The
-columns that a form covers are those that `motiongen_ardy.constraint` fills for it at run time; the forms are the
+columns that a form covers are those that `motiongen_ardy.core.constraint` fills for it at run time; the forms are the
 paper's (section 3.4) and the further ones of the service: single joints, rotations alone, headings alone, root height
 alone, and roots at every second to tenth frame, which is how planned paths and velocities are told.
 """
@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 import torch
 from torch import Tensor
 
-from motiongen_ardy.representation import Representation
+from motiongen_ardy.core.representation import Representation
 
 STRIDES = (1, 1, 2, 4, 5, 8, 10)
 

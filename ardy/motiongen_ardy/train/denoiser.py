@@ -14,13 +14,13 @@ from pathlib import Path
 import torch
 from torch import nn
 
-from motiongen_ardy.checkpoint import load_checkpoint, load_tokenizer, save_checkpoint
-from motiongen_ardy.config import DenoiserConfig, ModelConfig
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint, load_tokenizer, save_checkpoint
 from motiongen_ardy.data.dataset import MotionDataset
-from motiongen_ardy.denoiser import build_denoiser
-from motiongen_ardy.model import Model
+from motiongen_ardy.model.config import DenoiserConfig, ModelConfig
+from motiongen_ardy.model.denoiser import build_denoiser
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.tokenizer.model import Tokenizer
 from motiongen_ardy.text import load_text_encoder
-from motiongen_ardy.tokenizer.model import Tokenizer
 from motiongen_ardy.train.denoiser_loss import DenoiserLoss
 from motiongen_ardy.train.feature_bank import build_feature_bank, natural_layout
 from motiongen_ardy.train.loop import LoopSettings, Trainer, add_loop_arguments, distributed, loop_settings

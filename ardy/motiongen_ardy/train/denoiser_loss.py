@@ -12,12 +12,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from motiongen_ardy.config import FRAMES_PER_TOKEN
-from motiongen_ardy.diffusion import NoiseSchedule, cosine_schedule
-from motiongen_ardy.model import Model
-from motiongen_ardy.representation import ROOT_WIDTH
-from motiongen_ardy.tokenizer import ExplicitBody
-from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH, Tokenizer, root_from_tokens
+from motiongen_ardy.core.representation import ROOT_WIDTH
+from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.model.diffusion import NoiseSchedule, cosine_schedule
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.tokenizer import ExplicitBody
+from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH, Tokenizer, root_from_tokens
+from motiongen_ardy.model.window import Window
 from motiongen_ardy.train.losses import (
     captured_kinematics,
     consistency,
@@ -27,7 +28,6 @@ from motiongen_ardy.train.losses import (
     smooth_l1,
 )
 from motiongen_ardy.train.windows import TrainingWindows
-from motiongen_ardy.window import Window
 
 OWN_HISTORY_STEPS = 4  # as most windows are served
 

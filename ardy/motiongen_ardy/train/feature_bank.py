@@ -10,11 +10,11 @@ import torch
 from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
+from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH, ROOT_WIDTH, Representation
+from motiongen_ardy.core.rotation import quaternion_to_matrix
+from motiongen_ardy.core.skeleton import Skeleton
+from motiongen_ardy.core.stats import Stats
 from motiongen_ardy.data.dataset import Clip, MotionDataset
-from motiongen_ardy.representation import LOCAL_ROOT_WIDTH, ROOT_WIDTH, Representation
-from motiongen_ardy.rotation import quaternion_to_matrix
-from motiongen_ardy.skeleton import Skeleton
-from motiongen_ardy.stats import Stats
 from motiongen_ardy.train.caption_spans import CaptionSpans, caption_spans
 
 MIN_CLIP_FRAMES = 16

@@ -12,8 +12,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from motiongen_ardy.constants import constant, index
-from motiongen_ardy.representation import Representation
+from motiongen_ardy.core.constants import constant, index
+from motiongen_ardy.core.representation import Representation
 
 
 def masked_mean(values: Tensor, valid: Tensor) -> Tensor:
@@ -84,7 +84,7 @@ def unit(vectors: Tensor) -> Tensor:
 def kinematics(representation: Representation, features: Tensor) -> Kinematics:
     """Rotations and positions of features (B, T, D) in natural units, by their rotations and their root.
 
-    The rotations' 6-D form is made orthonormal as `motiongen_ardy.rotation` makes it; positions add up bones.
+    The rotations' 6-D form is made orthonormal as `motiongen_ardy.core.rotation` makes it; positions add up bones.
     """
     skeleton = representation.skeleton
     given = _components(features[..., representation.rotation_block], 6)

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import yaml
 
-from motiongen_ardy.config import ConfigError, DenoiserConfig, TokenizerConfig, TransformerConfig
+from motiongen_ardy.model.config import ConfigError, DenoiserConfig, TokenizerConfig, TransformerConfig
 from motiongen_ardy.train.denoiser_loss import LossWeights
 
 Configuration = TypeVar("Configuration")

@@ -15,12 +15,12 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from motiongen_ardy.checkpoint import load_tokenizer, save_tokenizer
-from motiongen_ardy.config import FRAMES_PER_TOKEN, TokenizerConfig
+from motiongen_ardy.checkpoint.checkpoint import load_tokenizer, save_tokenizer
+from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
+from motiongen_ardy.core.stats import Stats
 from motiongen_ardy.data.dataset import MotionDataset
-from motiongen_ardy.representation import ROOT_WIDTH, Representation
-from motiongen_ardy.stats import Stats
-from motiongen_ardy.tokenizer import Tokenizer, build_tokenizer
+from motiongen_ardy.model.config import FRAMES_PER_TOKEN, TokenizerConfig
+from motiongen_ardy.model.tokenizer import Tokenizer, build_tokenizer
 from motiongen_ardy.train.feature_bank import FeatureBank, build_feature_bank, measure_stats, natural_layout
 from motiongen_ardy.train.loop import STATE_FILE, LoopSettings, Trainer, add_loop_arguments, distributed, loop_settings
 from motiongen_ardy.train.losses import captured_kinematics, consistency, kinematic_errors, kinematics, skate, smooth_l1

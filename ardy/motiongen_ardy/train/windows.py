@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motiongen_ardy.config import FRAMES_PER_TOKEN
-from motiongen_ardy.representation import Representation
+from motiongen_ardy.core.representation import Representation
+from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.train.constraint_sampling import ConstraintSampler, WindowSpans
 from motiongen_ardy.train.feature_bank import MIN_CLIP_FRAMES, FeatureBank
 

@@ -42,18 +42,18 @@ from motiongen_client.types import (
     Outcome,
     Priority,
     Residual,
+    RootTrajectory,
     ServiceLevel,
     SessionEnd,
     SessionOptions,
     StartPose,
-    Trajectory,
     Waypoint,
 )
 
 __all__ = [
     "MotionClient", "Stream", "Session", "Edit", "SessionStats", "Playback",
     "Frame", "Motion", "Rig",
-    "SessionOptions", "StartPose", "Priority", "Waypoint", "Trajectory", "Keyframe", "JointTargets",
+    "SessionOptions", "StartPose", "Priority", "Waypoint", "RootTrajectory", "Keyframe", "JointTargets",
     "Preset", "TextEmbedding",
     "Clip", "Residual", "Deviation", "Catalog", "Model", "Limits", "Opened", "Outcome", "ServiceLevel", "SessionEnd",
     "LocomotionPreset", "ModelWarning",

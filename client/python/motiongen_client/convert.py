@@ -25,11 +25,11 @@ from motiongen_client.types import (
     Outcome,
     Priority,
     Residual,
+    RootTrajectory,
     ServiceLevel,
     SessionEnd,
     SessionOptions,
     StartPose,
-    Trajectory,
     Waypoint,
 )
 
@@ -72,8 +72,8 @@ def open_session(
         message.prior_frames.scalar_type = motion_pb2.SCALAR_TYPE_F32_LE
         message.prior_frames.data = np.ascontiguousarray(options.prior.rows, "<f4").tobytes()
     if options.start != StartPose():
-        message.initial_root.CopyFrom(
-            motion_pb2.RootPose(x=options.start.x_m, z=options.start.z_m, heading=options.start.heading_rad)
+        message.start_pose.CopyFrom(
+            session_pb2.StartPose(x=options.start.x_m, z=options.start.z_m, heading=options.start.heading_rad)
         )
     if options.text_guidance is not None or options.constraint_guidance is not None:
         message.guidance.CopyFrom(
@@ -109,15 +109,15 @@ def constraint(constraint_id: int, target: Constraint) -> motion_pb2.Constraint:
     """A constraint with the id that replaces or removes it later."""
     match target:
         case Waypoint():
-            root = motion_pb2.RootPose(x=target.x_m, z=target.z_m, heading=target.heading_rad)
-            return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.frame, root=root)
-        case Trajectory():
+            root = motion_pb2.Waypoint(x=target.x_m, z=target.z_m, heading=target.heading_rad)
+            return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.frame, waypoint=root)
+        case RootTrajectory():
             headings = target.headings_rad.tolist() if target.headings_rad is not None else ()
             path = motion_pb2.RootTrajectory(positions=target.positions_m.ravel().tolist(), headings=headings)
-            return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.first_frame, trajectory=path)
+            return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.first_frame, root_trajectory=path)
         case Keyframe():
-            pose = motion_pb2.FullPose(positions=target.positions_m.ravel().tolist())
-            return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.frame, pose=pose)
+            pose = motion_pb2.Keyframe(positions=target.positions_m.ravel().tolist())
+            return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.frame, keyframe=pose)
         case JointTargets():
             rotations = target.rotations_quat_wxyz
             joints = motion_pb2.JointTargets(
@@ -125,7 +125,7 @@ def constraint(constraint_id: int, target: Constraint) -> motion_pb2.Constraint:
                 positions=target.positions_m.ravel().tolist(),
                 rotations=rotations.ravel().tolist() if rotations is not None else (),
             )
-            return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.frame, joints=joints)
+            return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.frame, joint_targets=joints)
 
 
 # ---- from the server

@@ -15,7 +15,7 @@ from motiongen_client.errors import MotiongenError
 from motiongen_client.motion import Rig
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Prompt, prompt_name
-from motiongen_client.types import Constraint, Trajectory, Waypoint, as_array, check_finite, check_frame
+from motiongen_client.types import Constraint, RootTrajectory, Waypoint, as_array, check_finite, check_frame
 
 PRESENT_PROMPT_ID = 1  # the prompt set without a frame; scheduled prompts take the ids above it
 
@@ -83,7 +83,7 @@ class Direction:
         """Follow a path: positions_m (N, 2) world x, z in metres, one a frame from `first_frame`; headings_rad (N,)."""
         headings = None if headings_rad is None else as_array("headings_rad", headings_rad, (None,))
         return self.add_constraints(
-            [Trajectory(first_frame, as_array("positions_m", positions_m, (None, 2)), headings)]
+            [RootTrajectory(first_frame, as_array("positions_m", positions_m, (None, 2)), headings)]
         )
 
     def add_constraints(self, constraints: Iterable[Constraint]) -> Edit:

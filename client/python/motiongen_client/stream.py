@@ -66,9 +66,9 @@ class Stream:
         self._hello_timeout_s = hello_timeout_s
         self._sessions: dict[int, Session] = {}
         self._next_handle = 1
-        self._outbox: list[session_pb2.SessionEvent] = []
+        self._send_queue: list[session_pb2.SessionEvent] = []
         self._ping: service_pb2.Ping | None = None
-        self._outbox_filled = asyncio.Event()
+        self._something_to_send = asyncio.Event()
         self._report_wanted = asyncio.Event()
         self._hello = asyncio.Event()
         self._closing = False
@@ -169,7 +169,7 @@ class Stream:
         for timer in self._timer_tasks:
             timer.cancel()
         await asyncio.gather(*self._timer_tasks, return_exceptions=True)
-        self._outbox_filled.set()
+        self._something_to_send.set()
         if self._call_tasks and self._hello.is_set():
             await asyncio.wait(self._call_tasks, timeout=_CLOSE_GRACE_S)
         if self._call is not None:
@@ -189,8 +189,8 @@ class Stream:
         if event.ByteSize() > self._max_batch_bytes:
             allowed = f"at most {self._max_batch_bytes} bytes in one event; split it"
             raise InvalidInput(event.WhichOneof("event") or "event", f"{event.ByteSize()} bytes", allowed)
-        self._outbox.append(event)
-        self._outbox_filled.set()
+        self._send_queue.append(event)
+        self._something_to_send.set()
 
     def report_soon(self) -> None:
         """Report playheads without waiting for the next regular report."""
@@ -221,16 +221,16 @@ class Stream:
         for session in self._sessions.values():
             session._fail(failure)
         self._sessions.clear()
-        self._outbox_filled.set()  # lets the write loop see that it is over
+        self._something_to_send.set()  # lets the write loop see that it is over
         call.cancel()
 
     async def _write(self, call: _Call, hello: service_pb2.ClientHello) -> None:
         try:
             await call.write(service_pb2.StreamMotionRequest(hello=hello))
             while self._failure is None:
-                await self._outbox_filled.wait()
-                self._outbox_filled.clear()
-                while self._failure is None and (self._outbox or self._ping is not None):
+                await self._something_to_send.wait()
+                self._something_to_send.clear()
+                while self._failure is None and (self._send_queue or self._ping is not None):
                     await call.write(self._next_request())
                 if self._closing:
                     await call.done_writing()
@@ -244,13 +244,13 @@ class Stream:
     def _next_request(self) -> service_pb2.StreamMotionRequest:
         """As many queued events as one message may carry."""
         num_bytes, num_events = 0, 0
-        for event in self._outbox:
+        for event in self._send_queue:
             num_bytes += event.ByteSize() + 8
             if num_events and num_bytes > self._max_batch_bytes:
                 break
             num_events += 1
-        request = service_pb2.StreamMotionRequest(events=self._outbox[:num_events], ping=self._ping)
-        del self._outbox[:num_events]
+        request = service_pb2.StreamMotionRequest(events=self._send_queue[:num_events], ping=self._ping)
+        del self._send_queue[:num_events]
         self._ping = None
         return request
 
@@ -297,4 +297,4 @@ class Stream:
     def _send_ping(self) -> None:
         now_ns = int(asyncio.get_running_loop().time() * 1e9)
         self._ping = convert.ping(now_ns, self.round_trip_s)
-        self._outbox_filled.set()
+        self._something_to_send.set()

@@ -43,7 +43,7 @@ class Waypoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class RootTrajectory:
     """The root on the ground at consecutive frames from `first_frame`.
 
     positions_m: (N, 2) world x, z in metres; headings_rad: (N,) or None, which leaves the facing free.
@@ -99,7 +99,7 @@ class JointTargets:
             object.__setattr__(self, "rotations_quat_wxyz", rotations)
 
 
-Constraint = Waypoint | Trajectory | Keyframe | JointTargets
+Constraint = Waypoint | RootTrajectory | Keyframe | JointTargets
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import Any
 from motiongen_client.client import MotionClient
 from motiongen_client.errors import InvalidInput
 from motiongen_client.motion import Motion, Rig
-from motiongen_client.types import Clip, Constraint, Deviation, Keyframe, Model, SessionOptions, Trajectory
+from motiongen_client.types import Clip, Constraint, Deviation, Keyframe, Model, RootTrajectory, SessionOptions
 from motiongen_tools.ardy_npz import read_ardy_npz, write_ardy_npz
 from motiongen_tools.bvh import write_bvh
 from motiongen_tools.cli_stream import parse_seconds, parse_waypoint
@@ -226,7 +226,7 @@ def _worst(deviations: Sequence[Deviation | None]) -> float | None:
 
 def describe(constraint: Constraint) -> str:
     """A constraint in a few words."""
-    if isinstance(constraint, Trajectory):
+    if isinstance(constraint, RootTrajectory):
         last = constraint.first_frame + len(constraint.positions_m) - 1
         what = "waypoint" if last == constraint.first_frame else "path"
         return f"{what} at frame {constraint.first_frame}" + (f" to {last}" if what == "path" else "")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from motiongen_client.errors import InvalidInput
 from motiongen_client.kinematics import axis_angle_to_quaternion, facing_rad, forward_kinematics, matrix_to_quaternion
 from motiongen_client.motion import Rig
-from motiongen_client.types import Constraint, JointTargets, Keyframe, Trajectory, Waypoint, as_array
+from motiongen_client.types import Constraint, JointTargets, Keyframe, RootTrajectory, Waypoint, as_array
 
 LIMB_TYPES = {
     "left-hand": ("LeftHand", "Hips"),
@@ -155,5 +155,5 @@ class _Entry:
             goes_on = end < len(frames) and frames[end] == frames[end - 1] + 1 and end - begin < self.max_path_frames
             if not goes_on:
                 facing = None if headings is None else headings[begin:end]
-                yield Trajectory(frames[begin], ground[begin:end], facing)
+                yield RootTrajectory(frames[begin], ground[begin:end], facing)
                 begin = end

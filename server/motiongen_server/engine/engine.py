@@ -9,20 +9,21 @@ import threading
 from collections import Counter
 from collections.abc import Iterable
 
-from motiongen_server.engine.admission import Admission
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.costs import CostTable
-from motiongen_server.engine.device import Device, Seat
-from motiongen_server.engine.ladder import EXPENDABLE
+from motiongen_server.engine.event_errors import handle_in_use, not_open, prior_frames_failed
 from motiongen_server.engine.mailbox import Mailbox, refuse_pending
-from motiongen_server.engine.opening import open_session
 from motiongen_server.engine.ports import Clock, Deliver, Inbox, Observe, Runner, SchedulingPolicy
-from motiongen_server.engine.pressure import Pressure
-from motiongen_server.engine.refusals import handle_in_use, not_open, prior_frames_failed
-from motiongen_server.engine.report import StepReport
-from motiongen_server.engine.rounds import Rounds
-from motiongen_server.engine.scheduler import Scheduler
-from motiongen_server.engine.session import SessionState
+from motiongen_server.engine.scheduling.admission import Admission
+from motiongen_server.engine.scheduling.costs import CostTable
+from motiongen_server.engine.scheduling.degradation import EXPENDABLE
+from motiongen_server.engine.scheduling.device import Device, DeviceLease
+from motiongen_server.engine.scheduling.load_monitor import LoadMonitor
+from motiongen_server.engine.scheduling.report import StepReport
+from motiongen_server.engine.scheduling.scheduler import Scheduler
+from motiongen_server.engine.scheduling.step_executor import StepExecutor
+from motiongen_server.engine.session.opening import open_session
+from motiongen_server.engine.session.session import SessionState
+from motiongen_server.engine.timers import Timers
 from motiongen_server.engine.types import (
     Close,
     CloseReason,
@@ -38,13 +39,12 @@ from motiongen_server.engine.types import (
     SessionKey,
     SetPlayState,
 )
-from motiongen_server.engine.wakes import Wakes
 
 _log = logging.getLogger(__name__)
 
 # The longest sleep: it keeps the heartbeat fresh.
 _IDLE_TICK_S = 0.5
-# Of the sessions that may be shed, so many are, each time that the last rung of the ladder did not help.
+# Of the sessions that may be shed, so many are, each time that the last level did not help.
 _SHED_SHARE = 0.05
 
 
@@ -64,11 +64,11 @@ class Engine:
         observe: Observe | None = None,
         inbox: Inbox | None = None,
         scheduler: SchedulingPolicy | None = None,
-        seat: Seat | None = None,
+        lease: DeviceLease | None = None,
     ) -> None:
         """inbox: where events come from, when not from `submit` alone. scheduler: a policy in place of `Scheduler`.
 
-        seat: this engine's at a device that other engines use too; it is left at the end.
+        lease: this engine's at a device that other engines use too; it is left at the end.
         Raises ValueError where the configuration does not fit the runner's model.
         """
         config.check_against(runner.facts)
@@ -84,10 +84,10 @@ class Engine:
                 CostTable.assumed(config.initial_step_s), config.max_rows, max_step_s=config.max_step_s
             )
         self._scheduler: SchedulingPolicy = scheduler
-        self._rounds = Rounds(runner, self._scheduler, clock, config.max_rows, self._fail)
+        self._executor = StepExecutor(runner, self._scheduler, clock, config.max_rows, self._fail)
         self._admission = Admission(runner.facts, config)
-        self._seat = Device().seat() if seat is None else seat
-        self._pressure = Pressure(runner.facts, self._admission, now, config.degrade, self._seat)
+        self._lease = Device().lease() if lease is None else lease
+        self._load_monitor = LoadMonitor(runner.facts, self._admission, now, config.degrade, self._lease)
         self._sessions: dict[SessionKey, SessionState] = {}
         self._present: Counter[Priority] = Counter()
         self._counts: Counter[tuple[Priority, PlayState]] = Counter()
@@ -96,9 +96,9 @@ class Engine:
         self._job_ids = itertools.count(1)
         self._ordinals = itertools.count()
         self._touched: dict[SessionKey, SessionState] = {}
-        self._wakes = Wakes()
-        self._silences = Wakes()
-        self._outbox: list[Output] = []
+        self._timers = Timers()
+        self._silences = Timers()
+        self._send_queue: list[Output] = []
         self._report = StepReport()
         self._heartbeat_at = now
         self._stopping = False
@@ -128,7 +128,7 @@ class Engine:
         self._thread.start()
 
     def submit(self, event: Event) -> Outcome | None:
-        """Hand in an event. The answer comes through `deliver`; only a refusal at the door is returned, at once."""
+        """Hand in an event. The answer comes through `deliver`; only one that is refused here is returned, at once."""
         if isinstance(event, Open):
             refusal = self._admission.reserve(event.spec, event.event_seq)
             if refusal is not None:
@@ -151,7 +151,7 @@ class Engine:
         self._stopping = True
         self._mailbox.ring()
         if self._thread is None:  # it never began, and will not leave by itself
-            self._seat.leave()
+            self._lease.leave()
 
     def join(self, timeout_s: float | None = None) -> bool:
         """Wait for the loop to end. True if it has."""
@@ -165,8 +165,8 @@ class Engine:
     def run(self) -> None:
         """Go round until stopped. An error of the engine itself closes every session; `failure` then holds it."""
         try:
-            while not self._stopping or len(self._rounds):
-                with self._seat:
+            while not self._stopping or len(self._executor):
+                with self._lease:
                     report = self.step()
                 if self._observe is not None:
                     self._observe(report)
@@ -180,7 +180,7 @@ class Engine:
             self._admission.close()
             self._close_all(CloseReason.ENGINE_FAULT, Code.INTERNAL, "the server's engine failed; open a new session")
         finally:
-            self._seat.leave()
+            self._lease.leave()
 
     def step(self) -> StepReport:
         """One round: events in, one denoising step for the most urgent rows, finished windows out."""
@@ -189,14 +189,14 @@ class Engine:
         self._take_events()
         self._wake_sessions(now)
         self._attend_touched()
-        statuses, finished = self._rounds.step(report)
+        statuses, finished = self._executor.step(report)
         for status in statuses:
             self._owners[status.job_id].advance(status.steps_done)
         if finished:
             self._take_in(finished)
         self._attend_touched()
         now = self._clock.now()
-        if now >= self._pressure.due_at:
+        if now >= self._load_monitor.due_at:
             self._measure(now)
             self._flush()
         report.opens += self._admission.take_refused().elements()
@@ -207,7 +207,7 @@ class Engine:
 
     def idle_s(self) -> float:
         """How long the loop may sleep if nothing comes in."""
-        wake_at = min(self._wakes.next_at(), self._silences.next_at(), self._scheduler.wake_at())
+        wake_at = min(self._timers.next_at(), self._silences.next_at(), self._scheduler.wake_at())
         return min(_IDLE_TICK_S, max(0.0, wake_at - self._clock.now()))
 
     # ---- events and sessions ----------------------------------------------------------------------------------------
@@ -220,60 +220,60 @@ class Engine:
                 self._open(event, state)
             elif state is None:
                 if not isinstance(event, Playhead):
-                    self._outbox.append(not_open(event))
+                    self._send_queue.append(not_open(event))
             elif isinstance(event, Close):
                 self._close(state, event.reason, Code.OK, "")
             else:
                 job = state.running.job if state.running else None
                 if isinstance(event, SetPlayState):
                     self._recount(state, -1)
-                    self._outbox += state.apply(event, now, self._report)
+                    self._send_queue += state.apply(event, now, self._report)
                     self._recount(state, 1)
                 else:
-                    self._outbox += state.apply(event, now, self._report)
+                    self._send_queue += state.apply(event, now, self._report)
                 if job is not None and state.running is None:
                     self._discard(job.job_id)
                 self._touched[state.key] = state
 
     def _open(self, event: Open, held: SessionState | None) -> None:
         if held is not None:
-            self._outbox.append(handle_in_use(event))
+            self._send_queue.append(handle_in_use(event))
             self._report.opens.append(Code.ALREADY_EXISTS)
             return
         refusal = self._admission.reserve(event.spec, event.event_seq)
         if refusal is not None:
-            self._outbox.append(refusal)
+            self._send_queue.append(refusal)
             return
         spec = event.spec
-        features = None if spec.prior_rows is None else self._rounds.features(spec.prior_rows)
+        features = None if spec.prior_rows is None else self._executor.features(spec.prior_rows)
         if spec.prior_rows is not None and features is None:
             self._admission.release(spec.session, spec)
-            self._outbox.append(prior_frames_failed(event))
+            self._send_queue.append(prior_frames_failed(event))
             self._report.opens.append(Code.INTERNAL)
             return
         now = self._clock.now()
         state = open_session(spec, event.received_at, next(self._ordinals), self._facts, self._config, now, features)
         self._sessions[state.key] = self._touched[state.key] = state
-        self._outbox.append(state.greeting())
+        self._send_queue.append(state.greeting())
         self._report.opens.append(Code.OK)
         if spec.is_clip:  # it gets all it asked for, late if need be, and says nothing until it ends
             return
         self._present[spec.priority] += 1
         self._recount(state, 1)
         self._silences.ask(state.key, now + self._config.idle_timeout_s)
-        self._outbox += state.set_tier(self._pressure.rung(spec.priority))
+        self._send_queue += state.set_tier(self._load_monitor.level(spec.priority))
 
     def _close(self, state: SessionState, reason: CloseReason, code: Code, message: str) -> None:
         if state.running is not None:
             self._discard(state.running.job.job_id)
-        self._outbox += state.close(reason, code, message)
+        self._send_queue += state.close(reason, code, message)
         self._report.closes.append(reason)
         if not state.spec.is_clip:
             self._present[state.spec.priority] -= 1
             self._recount(state, -1)
         del self._sessions[state.key]
         self._touched.pop(state.key, None)
-        self._wakes.forget(state.key)
+        self._timers.forget(state.key)
         self._silences.forget(state.key)
         self._admission.release(state.key, state.spec)
 
@@ -287,7 +287,7 @@ class Engine:
         self._recounted = True
 
     def _wake_sessions(self, now: float) -> None:
-        for key in self._wakes.due(now):
+        for key in self._timers.due(now):
             self._touched[key] = self._sessions[key]
         for key in self._silences.due(now):
             state, limit = self._sessions[key], self._config.idle_timeout_s
@@ -302,7 +302,7 @@ class Engine:
         now = self._clock.now()
         touched, self._touched = self._touched, {}
         for state in touched.values():
-            self._outbox += state.emit(now, self._report)
+            self._send_queue += state.emit(now, self._report)
             if state.complete:
                 self._close(state, CloseReason.CLIENT, Code.OK, "")
             elif not self._stopping:
@@ -314,14 +314,14 @@ class Engine:
             predicted_s = self._scheduler.predict_s(
                 state.spec.priority, state.deadline(now), state.num_steps, self._facts.guidance_passes
             )
-            job = state.next_window(now, predicted_s * self._seat.stretch, next(self._job_ids))
+            job = state.next_window(now, predicted_s * self._lease.stretch, next(self._job_ids))
             self._owners[job.job_id] = state
-            self._rounds.add(job)
+            self._executor.add(job)
         else:
-            self._wakes.ask(state.key, state.wake_at())
+            self._timers.ask(state.key, state.wake_at())
 
     def _flush(self) -> None:
-        outputs, self._outbox = self._outbox, []
+        outputs, self._send_queue = self._send_queue, []
         if outputs:
             self._deliver(outputs)
 
@@ -329,7 +329,7 @@ class Engine:
 
     def _take_in(self, finished: Iterable[int]) -> None:
         """Decode the windows that are done and give them to their sessions."""
-        results = self._rounds.decode(list(finished), self._report)
+        results = self._executor.decode(list(finished), self._report)
         # What came during the step counts for whether a window is too late: a client may have begun to play.
         self._take_events()
         now = self._clock.now()
@@ -338,16 +338,16 @@ class Engine:
             state = self._owners.pop(result.job_id, None)
             if state is None:
                 continue  # closed or restarted meanwhile, and discarded
-            self._rounds.finish(result.job_id)
+            self._executor.finish(result.job_id)
             job = state.running.job if state.running else None
             misses = len(self._report.deadline_misses)
-            self._outbox += state.accept(result, now, self._report)
+            self._send_queue += state.accept(result, now, self._report)
             self._touched[state.key] = state
             # Only who goes on shows whether the machine keeps up: edits may ask for more than it could ever do.
             if job is not None and job.cause is PlanCause.CONTINUE and job.first_frame and not job.background:
                 due += 1
                 late += len(self._report.deadline_misses) - misses
-        self._pressure.note_windows(now, due, late)
+        self._load_monitor.note_windows(now, due, late)
 
     def _fail(self, job_id: int, message: str) -> None:
         self._close(self._owners[job_id], CloseReason.ENGINE_FAULT, Code.INTERNAL, message)
@@ -355,30 +355,30 @@ class Engine:
     def _discard(self, job_id: int) -> None:
         """Forget a job that runs; its result can reach nobody any more."""
         del self._owners[job_id]
-        self._rounds.discard(job_id)
+        self._executor.discard(job_id)
 
     # ---- load -------------------------------------------------------------------------------------------------------
 
     def _measure(self, now: float) -> None:
         """Take stock of the load; where the machine cannot keep up, or can again, sessions get less, or more."""
-        moved = self._pressure.measure(now, self._rounds.work_s, self._rounds.prices(), self._present)
+        moved = self._load_monitor.measure(now, self._executor.work_s, self._executor.prices(), self._present)
         for priority in moved:
-            rung = self._pressure.rung(priority)
+            level = self._load_monitor.level(priority)
             _log.warning(
                 "the load is %.0f %%: class %s is served %s now, with at most %s steps",
-                100 * self._pressure.load,
+                100 * self._load_monitor.load,
                 priority.name,
-                rung.tier.name,
-                rung.steps or "all",
+                level.tier.name,
+                level.steps or "all",
             )
             for state in self._sessions.values():
                 if state.spec.priority is priority and not state.spec.is_clip:
-                    self._outbox += state.set_tier(rung)
+                    self._send_queue += state.set_tier(level)
                     self._touched[state.key] = state
-        if self._pressure.shed:
+        if self._load_monitor.shed:
             self._shed()
-        self._report.load = self._pressure.load
-        self._report.tiers = {priority: self._pressure.rung(priority).tier for priority in Priority}
+        self._report.load = self._load_monitor.load
+        self._report.tiers = {priority: self._load_monitor.level(priority).tier for priority in Priority}
 
     def _shed(self) -> None:
         """Close some of the least urgent sessions, the newest first."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol, TypeAlias
 
-from motiongen_server.engine.costs import CostTable
-from motiongen_server.engine.report import StepReport
-from motiongen_server.engine.scheduler import ScheduledJob
+from motiongen_server.engine.scheduling.costs import CostTable
+from motiongen_server.engine.scheduling.report import StepReport
+from motiongen_server.engine.scheduling.scheduler import ScheduledJob
 from motiongen_server.engine.types import (
     Event,
     Float32Array,

@@ -8,9 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motiongen_ardy.model import Model
-from motiongen_ardy.representation import ROOT_WIDTH
-from motiongen_ardy.sampling.correct import correct_window
+from motiongen_ardy.core.representation import ROOT_WIDTH
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.sampling.correct import correct_window
 from motiongen_server.runner.row import Row
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from motiongen_ardy.config import FRAMES_PER_TOKEN
-from motiongen_ardy.constraint import limb_chains
-from motiongen_ardy.denoiser.guidance import GuidanceWeights, needed_passes
-from motiongen_ardy.model import Model
-from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_ardy.core.constraint import limb_chains
+from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, needed_passes
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_server.engine.types import ChannelBlock, Guidance, Limb, ModelFacts, RigLayout
 
 MIN_STEPS = 2  # one step alone would tell the model that pure noise is almost clean

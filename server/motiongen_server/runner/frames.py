@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from motiongen_ardy.representation import Representation
-from motiongen_ardy.rotation import matrix_to_quaternion, quaternion_to_matrix
+from motiongen_ardy.core.representation import Representation
+from motiongen_ardy.core.rotation import matrix_to_quaternion, quaternion_to_matrix
 
 
 def wire_rows(layout: Representation, features: Tensor) -> Tensor:

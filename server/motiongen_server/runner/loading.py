@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from motiongen_ardy.checkpoint import load_checkpoint
-from motiongen_ardy.model_card import model_folder, read_model_card
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.checkpoint.model_card import model_folder, read_model_card
 from motiongen_server.runner.precision import choose_precision
 from motiongen_server.runner.torch_runner import TorchRunner
 

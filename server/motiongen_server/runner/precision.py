@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from motiongen_ardy.precision import PRECISIONS
+from motiongen_ardy.model.precision import PRECISIONS
 
 
 def choose_precision(name: str, device: str) -> torch.dtype:

@@ -9,17 +9,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motiongen_ardy.config import FRAMES_PER_TOKEN
-from motiongen_ardy.constraint import Targets
-from motiongen_ardy.denoiser.guidance import GuidanceWeights, Pass, needed_passes
-from motiongen_ardy.model import Model
-from motiongen_ardy.noise import window_noise
-from motiongen_ardy.packed import PackedDenoiser, RowRequest
-from motiongen_ardy.representation import ROOT_WIDTH
-from motiongen_ardy.rollout import local_goals, recentre_tokens, visible_frames
-from motiongen_ardy.sampling.plan import plan_targets
-from motiongen_ardy.sampling.projection import RootProjection, make_projection
-from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.core.representation import ROOT_WIDTH
+from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, Pass, needed_passes
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.noise import window_noise
+from motiongen_ardy.model.packed import PackedDenoiser, RowRequest
+from motiongen_ardy.model.rollout import local_goals, recentre_tokens, visible_frames
+from motiongen_ardy.model.sampling.plan import plan_targets
+from motiongen_ardy.model.sampling.projection import RootProjection, make_projection
+from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_server.engine.types import WindowJob
 from motiongen_server.runner.row import Row
 from motiongen_server.runner.targets import job_targets

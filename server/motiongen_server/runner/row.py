@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from motiongen_ardy.packed import RowConditions
+from motiongen_ardy.model.packed import RowConditions
 from motiongen_server.engine.types import WindowJob
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import torch
 
-from motiongen_ardy.constraint import Targets
-from motiongen_ardy.skeleton import Skeleton
-from motiongen_server.engine.types import VELOCITY_ID, JointTargets, PoseTarget, RootPath, RootTarget, WindowJob
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.core.skeleton import Skeleton
+from motiongen_server.engine.types import VELOCITY_ID, JointTargets, Keyframe, RootTrajectory, Waypoint, WindowJob
 
 
 def job_targets(skeleton: Skeleton, job: WindowJob, stride_frames: int = 1) -> Targets | None:
@@ -18,15 +18,15 @@ def job_targets(skeleton: Skeleton, job: WindowJob, stride_frames: int = 1) -> T
         return None
     targets = Targets(skeleton)
     for constraint in job.constraints:
-        if isinstance(constraint, RootTarget):
+        if isinstance(constraint, Waypoint):
             heading = None if constraint.heading is None else torch.tensor([constraint.heading])
-            targets.add_root([constraint.frame], torch.tensor([[constraint.x, constraint.z]]), heading)
-        elif isinstance(constraint, RootPath):
+            targets.add_waypoints([constraint.frame], torch.tensor([[constraint.x, constraint.z]]), heading)
+        elif isinstance(constraint, RootTrajectory):
             leads = constraint.constraint_id == VELOCITY_ID and stride_frames > 1
             rows = list(range(len(constraint.xz) - 1, -1, -stride_frames if leads else -1))[::-1]
             frames = [constraint.first_frame + row for row in rows]
             headings = None if constraint.heading is None else torch.from_numpy(constraint.heading[rows])
-            targets.add_root(frames, torch.from_numpy(constraint.xz[rows]), headings)
+            targets.add_waypoints(frames, torch.from_numpy(constraint.xz[rows]), headings)
             if leads:
                 targets.planned.update(frames)
                 targets.faced.update(frames)
@@ -37,6 +37,6 @@ def job_targets(skeleton: Skeleton, job: WindowJob, stride_frames: int = 1) -> T
                 turned = [constraint.joints[index] for index in turns]
                 rotations = torch.from_numpy(constraint.rotations)[turns]
                 targets.add_joints(constraint.frame, turned, positions[turns], rotations)
-        elif isinstance(constraint, PoseTarget):
-            targets.add_full_body([constraint.frame], torch.from_numpy(constraint.positions)[None])
+        elif isinstance(constraint, Keyframe):
+            targets.add_keyframes([constraint.frame], torch.from_numpy(constraint.positions)[None])
     return targets

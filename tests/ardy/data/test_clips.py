@@ -9,13 +9,13 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from motiongen_ardy.core.rotation import matrix_from_6d, matrix_to_quaternion, quaternion_to_matrix, rotation_y
+from motiongen_ardy.core.skeleton import forward_kinematics, load_skeleton
 from motiongen_ardy.data.captions import mirror_caption, mirror_content, paraphrases
 from motiongen_ardy.data.dataset import DatasetError, MotionDataset
 from motiongen_ardy.data.mirror import mirror_clip
 from motiongen_ardy.data.resample import resample, resampled_length
 from motiongen_ardy.data.retarget_file import RetargetError, built_in_retargets, read_retarget
-from motiongen_ardy.rotation import matrix_from_6d, matrix_to_quaternion, quaternion_to_matrix, rotation_y
-from motiongen_ardy.skeleton import forward_kinematics, load_skeleton
 from tests.ardy.train.clips import swinging_dataset
 
 CORE = load_skeleton("core27")

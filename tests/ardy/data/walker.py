@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.data.dataset import Clip
 from motiongen_ardy.data.poses import Poses
 from motiongen_ardy.data.replant import replant
-from motiongen_ardy.skeleton import load_skeleton
 
 CORE = load_skeleton("core27")
 FPS = 20.0

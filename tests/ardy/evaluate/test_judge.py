@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 import torch
 
+from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.evaluate.judge import JudgeMissing, TextJudge, frame_dim, judge_frames, load_judge, save_judge
 from motiongen_ardy.evaluate.judge_training import JudgeBatch, contrastive_loss
-from motiongen_ardy.skeleton import load_skeleton
 from motiongen_ardy.train.feature_bank import natural_layout
 
 LAYOUT = natural_layout(load_skeleton("core27"), 20)

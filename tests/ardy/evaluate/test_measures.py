@@ -8,12 +8,12 @@ import pytest
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.evaluate.measures import feet
 from motiongen_ardy.evaluate.measures.matching import frechet_distance, ranks
 from motiongen_ardy.evaluate.measures.posture import frozen_share, lean
 from motiongen_ardy.evaluate.measures.root import ground_speed, is_moving, travel_angle, turn_rate, turned
 from motiongen_ardy.evaluate.measures.smooth import accelerations, seam_jumps
-from motiongen_ardy.skeleton import load_skeleton
 
 FPS = 20
 SKELETON = load_skeleton("core27")
@@ -93,6 +93,14 @@ def test_without_a_lift_all_of_the_way_is_glided() -> None:
     lift = feet.first_lift(SKELETON, positions, 20, FPS)
     assert lift.seconds == pytest.approx(1.95)
     assert lift.glided_m == pytest.approx(1.95, abs=0.06)
+
+
+def test_toes_swivel_only_while_they_are_down() -> None:
+    dragged = statue(21)  # 1 m over the ground
+    assert feet.swivelled(SKELETON, dragged) == pytest.approx(1.0, abs=1e-3)
+    stepped = dragged.clone()
+    stepped[3:18, :, 1] += 0.05
+    assert feet.swivelled(SKELETON, stepped) == pytest.approx(0.2, abs=0.06)
 
 
 def test_a_stop_has_a_time_and_steps() -> None:

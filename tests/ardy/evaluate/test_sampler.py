@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import torch
 
-from motiongen_ardy.checkpoint import load_checkpoint
-from motiongen_ardy.constraint import Targets
-from motiongen_ardy.denoiser.guidance import GuidanceWeights
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.evaluate.sampler import Sampler, Sampling
 from motiongen_ardy.evaluate.take import Steer, Take
-from motiongen_ardy.model import Model
-from motiongen_ardy.rollout import RolloutRequest, rollout
-from motiongen_ardy.sampling.options import GuidanceOptions, SamplingOptions
+from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.rollout import RolloutRequest, rollout
+from motiongen_ardy.model.sampling.options import GuidanceOptions, SamplingOptions
 
 TINY = Path(__file__).parents[2] / "data" / "golden" / "tiny-core27" / "checkpoint"
 TOLERANCE = 2e-4
@@ -52,7 +52,7 @@ def sampler(model: Model) -> Sampler:
 
 def goal(model: Model, frame: int) -> Targets:
     targets = Targets(model.skeleton)
-    targets.add_root([frame], torch.tensor([[0.3, 1.1]]))
+    targets.add_waypoints([frame], torch.tensor([[0.3, 1.1]]))
     return targets
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from motiongen_ardy.core.rotation import matrix_to_quaternion
 from motiongen_ardy.formats.stored import StoredMotion
-from motiongen_ardy.rotation import matrix_to_quaternion
 from motiongen_client.motion import Motion, Rig
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import torch
 
+from motiongen_ardy.core.rotation import axis_angle_to_matrix
+from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.formats.stored import StoredMotion, from_pose
-from motiongen_ardy.rotation import axis_angle_to_matrix
-from motiongen_ardy.skeleton import Skeleton
 
 
 def random_motion(skeleton: Skeleton, num_frames: int, seed: int, fps: int = 20, size: float = 0.7) -> StoredMotion:

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from hypothesis import strategies as st
 
+from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.formats.bvh import read_bvh, write_bvh
 from motiongen_ardy.formats.client_npz import read_client_npz
 from motiongen_ardy.formats.constraints import (
@@ -33,8 +34,7 @@ from motiongen_ardy.formats.g1_csv import (
     write_qpos_csv,
 )
 from motiongen_ardy.formats.npz import read_npz, write_npz
-from motiongen_ardy.formats.root_path import RootPath, read_root_path, write_root_path
-from motiongen_ardy.skeleton import load_skeleton
+from motiongen_ardy.formats.root_points import RootPoints, read_root_points, write_root_points
 from motiongen_tools.npz import write_npz as write_client_npz
 from tests.ardy.formats.client_motion import client_motion
 from tests.ardy.formats.motions import random_motion
@@ -159,7 +159,7 @@ def readers(folder: Path) -> tuple[Reader, ...]:
         RootConstraint((1, 5), torch.ones(2, 2), torch.zeros(2)),
         pose_constraint(people.motion, [1], LIMB_TYPES["left-hand"]),
     ]
-    path = RootPath((1, 2), torch.ones(2, 3))
+    path = RootPoints((1, 2), torch.ones(2, 3))
 
     def read_targets(given: Path) -> object:
         return constraint_targets(CORE, read_constraints(given, CORE))
@@ -167,7 +167,7 @@ def readers(folder: Path) -> tuple[Reader, ...]:
     cells = ("0", "1", "-1", "1e999", "nan", "", "x", ",", "\n", '"', ",".join(["0"] * 36), ",".join(["1"] * 36))
     return (
         Reader("constraints", read_targets, written(lambda to: write_constraints(to, constraints)), json_words()),
-        Reader("root path", read_root_path, written(lambda to: write_root_path(to, path)), json_words()),
+        Reader("root path", read_root_points, written(lambda to: write_root_points(to, path)), json_words()),
         Reader("npz", read_npz, written(lambda to: write_npz(to, people)), npz_words(ARRAY_NAMES)),
         Reader(
             "client npz",

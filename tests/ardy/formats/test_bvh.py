@@ -12,10 +12,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from motiongen_ardy.core.skeleton import load_skeleton, skeleton_names
 from motiongen_ardy.data.bvh import read_bvh as parse_file
 from motiongen_ardy.formats.bvh import euler_zxy, read_bvh, write_bvh
 from motiongen_ardy.formats.errors import FormatError
-from motiongen_ardy.skeleton import load_skeleton, skeleton_names
 from tests.ardy.formats.motions import random_motion
 
 CORE = load_skeleton("core27")

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import torch
 
+from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.formats.client_npz import read_client_npz
 from motiongen_ardy.formats.errors import FormatError
 from motiongen_ardy.formats.files import read_motion, write_motion
-from motiongen_ardy.skeleton import load_skeleton
 from motiongen_tools.npz import write_npz
 from tests.ardy.formats.client_motion import client_motion
 from tests.ardy.formats.motions import random_motion

@@ -13,6 +13,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from motiongen_ardy.core.skeleton import load_skeleton, skeleton_names
 from motiongen_ardy.formats.constraints import (
     LIMB_TYPES,
     PoseConstraint,
@@ -24,7 +25,6 @@ from motiongen_ardy.formats.constraints import (
     write_constraints,
 )
 from motiongen_ardy.formats.errors import FormatError
-from motiongen_ardy.skeleton import load_skeleton, skeleton_names
 from tests.ardy.formats.motions import random_motion
 
 CORE = load_skeleton("core27")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.formats.errors import FormatError
 from motiongen_ardy.formats.g1_csv import (
     controller_columns,
@@ -23,7 +24,6 @@ from motiongen_ardy.formats.g1_csv import (
 )
 from motiongen_ardy.formats.stored import StoredMotion
 from motiongen_ardy.robot.g1 import load_g1
-from motiongen_ardy.skeleton import load_skeleton
 from tests.ardy.formats.motions import random_motion
 from tests.ardy.robot.poses import random_qpos, walking_qpos
 

@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 import torch
 
-from motiongen_ardy.checkpoint import load_checkpoint
-from motiongen_ardy.clip import ClipRequest, generate_clip
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.core.residuals import residuals
 from motiongen_ardy.formats.constraints import RootConstraint, constraint_targets, pose_constraint
 from motiongen_ardy.formats.files import MOTION_FORMATS, read_motion, write_motion
 from motiongen_ardy.formats.stored import StoredMotion
-from motiongen_ardy.noise import window_noise
-from motiongen_ardy.residuals import residuals
-from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_ardy.model.clip import ClipRequest, generate_clip
+from motiongen_ardy.model.noise import window_noise
+from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 
 GOLDEN = Path(__file__).resolve().parents[2] / "data" / "golden"
 

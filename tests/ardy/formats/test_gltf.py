@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 import torch
 
+from motiongen_ardy.core.rotation import quaternion_to_matrix
+from motiongen_ardy.core.skeleton import load_skeleton, skeleton_names
 from motiongen_ardy.formats.errors import FormatError
 from motiongen_ardy.formats.gltf import write_glb
-from motiongen_ardy.rotation import quaternion_to_matrix
-from motiongen_ardy.skeleton import load_skeleton, skeleton_names
 from tests.ardy.formats.motions import random_motion
 
 WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}

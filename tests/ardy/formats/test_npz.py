@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 import torch
 
+from motiongen_ardy.core.skeleton import forward_kinematics, load_skeleton, skeleton_names
 from motiongen_ardy.formats.errors import FormatError
 from motiongen_ardy.formats.npz import read_npz, write_npz
 from motiongen_ardy.formats.stored import StoredMotion
-from motiongen_ardy.skeleton import forward_kinematics, load_skeleton, skeleton_names
 from tests.ardy.formats.motions import random_motion
 
 CORE = load_skeleton("core27")

@@ -13,8 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
+from motiongen_ardy.core.motion import Motion
+from motiongen_ardy.core.rotation import quaternion_to_matrix
+from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.formats.g1_csv import qpos_motion, write_controller_csv, write_qpos_csv
-from motiongen_ardy.motion import Motion
 from motiongen_ardy.robot.g1 import (
     TO_ROBOT,
     RobotError,
@@ -25,8 +27,6 @@ from motiongen_ardy.robot.g1 import (
 )
 from motiongen_ardy.robot.mjcf import g1_mjcf
 from motiongen_ardy.robot.trajectory import controller_trajectory
-from motiongen_ardy.rotation import quaternion_to_matrix
-from motiongen_ardy.skeleton import load_skeleton
 from tests.ardy.robot.poses import random_qpos
 
 ROBOT = load_g1()

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 import torch
 
-from motiongen_ardy.checkpoint import load_checkpoint
-from motiongen_ardy.model import Model
-from motiongen_ardy.noise import window_noise
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.noise import window_noise
+from motiongen_ardy.model.rollout import WindowRequest, generate_window
+from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_ardy.robot.g1 import RobotError, motion_to_qpos, qpos_to_motion
 from motiongen_ardy.robot.seed import history_from_qpos
-from motiongen_ardy.rollout import WindowRequest, generate_window
-from motiongen_ardy.tokenizer.model import ROOT_TOKEN_WIDTH
 from tests.ardy.robot.poses import walking_qpos
 
 GOLDEN = Path(__file__).resolve().parents[2] / "data" / "golden"

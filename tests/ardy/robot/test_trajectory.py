@@ -9,6 +9,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from motiongen_ardy.core.rotation import quaternion_to_matrix
 from motiongen_ardy.robot.g1 import RobotError, load_g1, qpos_to_motion
 from motiongen_ardy.robot.trajectory import (
     clamp_to_range,
@@ -18,7 +19,6 @@ from motiongen_ardy.robot.trajectory import (
     resample_qpos,
     velocities,
 )
-from motiongen_ardy.rotation import quaternion_to_matrix
 from tests.ardy.robot.poses import random_qpos, walking_qpos
 
 ROBOT = load_g1()

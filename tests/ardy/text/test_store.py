@@ -44,12 +44,12 @@ def test_what_is_put_is_found_by_the_next_process(path: Path) -> None:
     )
 )
 def test_every_text_finds_its_own_vector(content: dict[str, list[float]]) -> None:
-    keeper = VectorStore(Path(":memory:"), "any", 4)
+    manager = VectorStore(Path(":memory:"), "any", 4)
     for text, values in content.items():
-        keeper.put(text, np.array(values, np.float32))
+        manager.put(text, np.array(values, np.float32))
     for text, values in content.items():
-        np.testing.assert_array_equal(keeper.get(text), np.array(values, np.float32))
-    keeper.close()
+        np.testing.assert_array_equal(manager.get(text), np.array(values, np.float32))
+    manager.close()
 
 
 @pytest.mark.parametrize(
@@ -64,21 +64,21 @@ def test_another_encoder_precision_or_width_finds_nothing(path: Path, identity: 
 
 
 def test_of_more_than_it_may_hold_the_least_recently_used_go(path: Path) -> None:
-    keeper = store(path, most=10)
+    manager = store(path, most=10)
     for number in range(11):
-        keeper.put(f"prompt {number}", VECTOR)
-    assert [number for number in range(11) if keeper.get(f"prompt {number}") is None] == [0, 1]
-    keeper.close()
+        manager.put(f"prompt {number}", VECTOR)
+    assert [number for number in range(11) if manager.get(f"prompt {number}") is None] == [0, 1]
+    manager.close()
 
 
 def test_two_processes_worth_of_stores_write_at_once(path: Path) -> None:
     stores = [store(path, most=1000) for _ in range(3)]
 
-    def fill(keeper: VectorStore, offset: int) -> None:
+    def fill(manager: VectorStore, offset: int) -> None:
         for number in range(20):
-            keeper.put(f"{offset} {number}", VECTOR * offset)
+            manager.put(f"{offset} {number}", VECTOR * offset)
 
-    threads = [threading.Thread(target=fill, args=(keeper, offset)) for offset, keeper in enumerate(stores)]
+    threads = [threading.Thread(target=fill, args=(manager, offset)) for offset, manager in enumerate(stores)]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -86,33 +86,33 @@ def test_two_processes_worth_of_stores_write_at_once(path: Path) -> None:
     for offset in range(3):
         for number in range(20):
             np.testing.assert_array_equal(stores[0].get(f"{offset} {number}"), VECTOR * offset)
-    for keeper in stores:
-        keeper.close()
+    for manager in stores:
+        manager.close()
 
 
 def test_a_file_that_is_no_database_is_put_aside(path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path.parent.mkdir()
     path.write_bytes(b"not a database, but a letter to my aunt" * 100)
-    keeper = store(path)
-    keeper.put("walk", VECTOR)
-    np.testing.assert_array_equal(keeper.get("walk"), VECTOR)
-    keeper.close()
+    manager = store(path)
+    manager.put("walk", VECTOR)
+    np.testing.assert_array_equal(manager.get("walk"), VECTOR)
+    manager.close()
     assert path.with_name("prompts.db.broken").read_bytes().startswith(b"not a database")
     assert "prompts.db.broken" in caplog.text
 
 
 def test_what_is_damaged_inside_is_not_found(path: Path) -> None:
-    keeper = store(path)
-    keeper.put("short", VECTOR)
-    keeper.put("nan", VECTOR)
-    keeper.put("text", VECTOR)
+    manager = store(path)
+    manager.put("short", VECTOR)
+    manager.put("nan", VECTOR)
+    manager.put("text", VECTOR)
     with sqlite3.connect(path) as other:
         other.execute("UPDATE vectors SET vector = x'0011' WHERE text = 'short'")
         other.execute("UPDATE vectors SET vector = ? WHERE text = 'nan'", (np.full(4, np.nan, "<f4").tobytes(),))
         other.execute("UPDATE vectors SET vector = 'abcdefghijklmnop' WHERE text = 'text'")
     other.close()
-    assert [keeper.get(text) for text in ("short", "nan", "text")] == [None, None, None]
-    keeper.close()
+    assert [manager.get(text) for text in ("short", "nan", "text")] == [None, None, None]
+    manager.close()
 
 
 def test_one_that_another_version_wrote_is_left_alone(path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -120,10 +120,10 @@ def test_one_that_another_version_wrote_is_left_alone(path: Path, caplog: pytest
     with sqlite3.connect(path) as other:
         other.execute("PRAGMA user_version = 99")
     other.close()
-    keeper = store(path)
-    keeper.put("walk", VECTOR)
-    assert keeper.get("walk") is None
-    keeper.close()
+    manager = store(path)
+    manager.put("walk", VECTOR)
+    assert manager.get("walk") is None
+    manager.close()
     assert "another version, 99" in caplog.text
     assert not path.with_name("prompts.db.broken").exists()
 
@@ -131,33 +131,33 @@ def test_one_that_another_version_wrote_is_left_alone(path: Path, caplog: pytest
 def test_where_it_cannot_be_it_forgets_and_says_so_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "file").write_text("in the way")
     with caplog.at_level(logging.WARNING):
-        keeper = store(tmp_path / "file" / "prompts.db")
+        manager = store(tmp_path / "file" / "prompts.db")
         for _ in range(3):
-            keeper.put("walk", VECTOR)
-            assert keeper.get("walk") is None
-        keeper.close()
+            manager.put("walk", VECTOR)
+            assert manager.get("walk") is None
+        manager.close()
     assert len(caplog.records) == 1
 
 
 def test_one_that_breaks_while_it_is_used_forgets_and_says_so_once(
     path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    keeper = store(path)
+    manager = store(path)
     with sqlite3.connect(path) as other:
         other.execute("DROP TABLE vectors")
     other.close()
-    keeper.put("walk", VECTOR)
-    assert keeper.get("walk") is None
-    keeper.close()
+    manager.put("walk", VECTOR)
+    assert manager.get("walk") is None
+    manager.close()
     assert caplog.text.count("cannot be used") == 1
 
 
 def test_what_an_encoder_was_is_known_after_the_process(path: Path) -> None:
     assert known_encoder(path, "grpc:here:1") is None
     for identity in ("llm2vec-01-float32", "llm2vec-02-float32"):
-        keeper = store(path, identity)
-        keeper.note_encoder("grpc:here:1")
-        keeper.close()
+        manager = store(path, identity)
+        manager.note_encoder("grpc:here:1")
+        manager.close()
     assert known_encoder(path, "grpc:here:1") == ("llm2vec-02-float32", 4)
     assert known_encoder(path, "grpc:there:1") is None
     path.write_bytes(b"a letter")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import torch
 
+from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.data.dataset import Clip, MotionDataset
-from motiongen_ardy.skeleton import load_skeleton
 
 
 def swinging_clip(number: int, num_frames: int) -> Clip:

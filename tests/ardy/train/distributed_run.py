@@ -6,8 +6,8 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from motiongen_ardy.checkpoint import load_tokenizer
-from motiongen_ardy.config import TokenizerConfig, TransformerConfig
+from motiongen_ardy.checkpoint.checkpoint import load_tokenizer
+from motiongen_ardy.model.config import TokenizerConfig, TransformerConfig
 from motiongen_ardy.train.denoiser import denoiser_of, train_denoiser
 from motiongen_ardy.train.loop import LoopSettings
 from motiongen_ardy.train.recipe import MINI_DENOISER

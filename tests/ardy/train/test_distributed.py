@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from motiongen_ardy.checkpoint import load_checkpoint
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 
 ROOT = Path(__file__).resolve().parents[3]
 

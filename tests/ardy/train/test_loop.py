@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 import torch
 
-from motiongen_ardy.checkpoint import load_checkpoint, load_tokenizer
-from motiongen_ardy.config import TokenizerConfig, TransformerConfig
-from motiongen_ardy.denoiser.guidance import GuidanceWeights
-from motiongen_ardy.rollout import RolloutRequest, rollout
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint, load_tokenizer
+from motiongen_ardy.model.config import TokenizerConfig, TransformerConfig
+from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
+from motiongen_ardy.model.rollout import RolloutRequest, rollout
 from motiongen_ardy.train.denoiser import denoiser_of, train_denoiser
 from motiongen_ardy.train.loop import LoopSettings
 from motiongen_ardy.train.recipe import MINI_DENOISER

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from motiongen_ardy.config import ConfigError
+from motiongen_ardy.model.config import ConfigError
 from motiongen_ardy.train.recipe import MINI_DENOISER, MINI_TOKENIZER, Recipe, read_recipe
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from motiongen_ardy.constraint import Targets
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.data.dataset import Segment
-from motiongen_ardy.representation import Representation
 from motiongen_ardy.train.caption_spans import caption_spans
 from motiongen_ardy.train.constraint_sampling import FORMS, ConstraintChances, ConstraintSampler, WindowSpans
 from motiongen_ardy.train.feature_bank import FeatureBank, build_feature_bank, measure_stats, natural_layout
@@ -127,7 +127,7 @@ def only(form: str) -> ConstraintChances:
 
 
 def columns_at_run_time(form: str, layout: Representation) -> list[torch.Tensor] | None:
-    """The masks (D) that `motiongen_ardy.constraint` fills for one frame of a form; None where many are possible."""
+    """The masks (D) that `motiongen_ardy.core.constraint` fills for a frame of a form; None where many are possible."""
     skeleton = layout.skeleton
     positions = torch.randn(1, skeleton.num_joints, 3)
     rotations = torch.eye(3).expand(1, skeleton.num_joints, 3, 3)
@@ -139,11 +139,11 @@ def columns_at_run_time(form: str, layout: Representation) -> list[torch.Tensor]
 
     if form in ("waypoints", "trajectory"):
         return [
-            mask(lambda targets: targets.add_root([0], torch.ones(1, 2))),
-            mask(lambda targets: targets.add_root([0], torch.ones(1, 2), torch.zeros(1))),
+            mask(lambda targets: targets.add_waypoints([0], torch.ones(1, 2))),
+            mask(lambda targets: targets.add_waypoints([0], torch.ones(1, 2), torch.zeros(1))),
         ]
     if form in ("keyframes", "keyframe_block"):
-        return [mask(lambda targets: targets.add_full_body([0], positions))]
+        return [mask(lambda targets: targets.add_keyframes([0], positions))]
     if form not in ("planted_feet", "end_effectors"):
         return None
     limbs = ("LeftFoot", "RightFoot") if form == "planted_feet" else ("LeftHand", "RightHand", "LeftFoot", "RightFoot")

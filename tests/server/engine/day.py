@@ -7,9 +7,9 @@ from collections import Counter
 from collections.abc import Sequence
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.costs import CostTable
 from motiongen_server.engine.ports import OutOfMemory
-from motiongen_server.engine.types import Code, Priority, RootTarget
+from motiongen_server.engine.scheduling.costs import CostTable
+from motiongen_server.engine.types import Code, Priority, Waypoint
 from tests.server.engine.stage import Stage, prompt
 from tests.server.engine.viewer import Viewer
 from tests.server.engine.watched import WatchedScheduler
@@ -55,7 +55,7 @@ class Crowd:
                 self.stage.set_prompts(viewer, prompt(3, 2, viewer.shown + self.random.randrange(90)))
             case 6 | 7:
                 frame = max(0, viewer.shown + self.random.randrange(-5, 250))
-                self.stage.set_constraints(viewer, RootTarget(self.random.randrange(4), frame, 0.0, 0.0))
+                self.stage.set_constraints(viewer, Waypoint(self.random.randrange(4), frame, 0.0, 0.0))
             case 8:
                 self.stage.pause(viewer, self.random.random() < 0.5)
             case 9:
@@ -125,7 +125,7 @@ class Day:
         stage.run(5.0)
         # A pose that is held is held on for a while, and the edits of its session wait.
         limit_at = stage.clock.now() + 400.0
-        while any(stage.engine._pressure.rung(priority).hold for priority in Priority):
+        while any(stage.engine._load_monitor.level(priority).hold for priority in Priority):
             assert stage.clock.now() < limit_at, "held for ever"
             stage.run(1.0)
         stage.run(5.0)

@@ -12,7 +12,7 @@ import numpy as np
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.ports import SchedulingPolicy
-from motiongen_server.engine.report import StepReport
+from motiongen_server.engine.scheduling.report import StepReport
 from motiongen_server.engine.types import (
     Close,
     Code,

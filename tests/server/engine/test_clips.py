@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.types import CloseReason, Code, Priority, RootTarget, SessionKey
+from motiongen_server.engine.types import CloseReason, Code, Priority, SessionKey, Waypoint
 from tests.server.engine.fakes import CONSTRAINTS, FRAME, PROMPT, ROW_WIDTH, SEED
 from tests.server.engine.stage import Stage, prompt
 
@@ -54,7 +54,7 @@ def test_samples_and_sessions_share_steps() -> None:
 
 def test_prompts_change_at_their_frame_and_constraints_are_seen() -> None:
     stage = Stage()
-    goal = RootTarget(1, 100, 0.0, 1.0)
+    goal = Waypoint(1, 100, 0.0, 1.0)
     prompts = (prompt(3, 1, 0, 50), prompt(7, 2, 50, None))
     clip = stage.open_clip(1, 120, prompts=prompts, constraints=(goal,))
     stage.run(1.0)

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motiongen_server.engine.conditions import Conditions, edit_prompts
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.edits import edited
 from motiongen_server.engine.locomotion import direction_of, gait_of
+from motiongen_server.engine.session.conditions import Conditions, edit_prompts
+from motiongen_server.engine.session.edits import edited
+from motiongen_server.engine.session.velocity import Velocity
 from motiongen_server.engine.types import Direction, Gait, SessionKey, SetPrompts, SetVelocity
-from motiongen_server.engine.velocity import Velocity
 from tests.server.engine.stage import Stage, prompt
 
 KEY = SessionKey(1, 1)

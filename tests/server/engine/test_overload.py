@@ -6,7 +6,7 @@ import pytest
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.ports import DeviceLost, OutOfMemory
-from motiongen_server.engine.session import SessionState
+from motiongen_server.engine.session.session import SessionState
 from motiongen_server.engine.types import (
     Close,
     CloseReason,
@@ -199,7 +199,7 @@ def test_wake_ups_do_not_pile_up() -> None:
         stage.set_prompts(viewers[0], prompt(1))
         for viewer in viewers:
             stage.report(viewer)
-    assert len(stage.engine._wakes) <= 2 * len(viewers) + 64
+    assert len(stage.engine._timers) <= 2 * len(viewers) + 64
 
 
 def test_sessions_are_counted_as_they_come_change_and_go() -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from motiongen_server.engine.costs import CostTable
-from motiongen_server.engine.scheduler import DEFAULT_SHARES, ScheduledJob, Scheduler
+from motiongen_server.engine.scheduling.costs import CostTable
+from motiongen_server.engine.scheduling.scheduler import DEFAULT_SHARES, ScheduledJob, Scheduler
 from motiongen_server.engine.types import Priority, WindowJob
 
 

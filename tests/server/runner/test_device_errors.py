@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from motiongen_ardy.checkpoint import load_checkpoint
-from motiongen_ardy.model import Model
-from motiongen_ardy.packed import PackedDenoiser
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.packed import PackedDenoiser
 from motiongen_server.engine.ports import DeviceLost, OutOfMemory
 from motiongen_server.runner import TorchRunner
 from motiongen_server.runner.device_errors import device_errors

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from motiongen_ardy.checkpoint import load_checkpoint
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_server.engine.types import WindowJob, WindowResult
 from motiongen_server.runner import TorchRunner
 from tests.parity.conftest import TOLERANCE, make_job

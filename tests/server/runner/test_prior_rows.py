@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from motiongen_ardy.checkpoint import load_checkpoint
-from motiongen_ardy.rotation import quaternion_to_matrix
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.core.rotation import quaternion_to_matrix
 from motiongen_server.runner import TorchRunner
 from motiongen_server.runner.frames import wire_rows
 from tests.conftest import ROOT

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from motiongen_tools.bench.book import EVENT, GENERATOR, LOOP_LAG, OPEN, SEND_LAG, Book
 from motiongen_tools.bench.load import Load
+from motiongen_tools.bench.recorder import EVENT, GENERATOR, LOOP_LAG, OPEN, SEND_LAG, Recorder
 from motiongen_tools.bench.result import Result, Standard
 from motiongen_tools.bench.scenario import Scenario, load_scenario
 
@@ -24,19 +24,19 @@ def make_result(
     load = Load("localhost:1", played, characters, SECONDS, seed=1)
     schedule = load.schedule()
     phases = schedule.phases
-    book = load.new_book(phases)
+    recorder = load.new_book(phases)
     for group in played.groups:
-        book.add("due", group.name, phases.measure_from_s, 1000)
-        book.record(OPEN, group.name, 0.02)
+        recorder.add("due", group.name, phases.measure_from_s, 1000)
+        recorder.record(OPEN, group.name, 0.02)
         for milliseconds in range(1, 101):
-            book.record(EVENT, group.name, milliseconds / 1000)
-    book.add("missed", played.groups[-1].name, phases.measure_from_s, missed)
-    book.add("missed", played.groups[-1].name, phases.measure_from_s - 1, 500)  # while warming up
-    book.add("underruns", played.groups[0].name, phases.measure_from_s, hero_underruns)
+            recorder.record(EVENT, group.name, milliseconds / 1000)
+    recorder.add("missed", played.groups[-1].name, phases.measure_from_s, missed)
+    recorder.add("missed", played.groups[-1].name, phases.measure_from_s - 1, 500)  # while warming up
+    recorder.add("underruns", played.groups[0].name, phases.measure_from_s, hero_underruns)
     for what in (SEND_LAG, LOOP_LAG):
         for _ in range(100):
-            book.record(what, GENERATOR, lag_ms / 1000)
-    book.counts.update(counts or {})
+            recorder.record(what, GENERATOR, lag_ms / 1000)
+    recorder.counts.update(counts or {})
     return Result(
         started_at="2026-01-01T00:00:00+00:00",
         load=load,
@@ -45,16 +45,16 @@ def make_result(
         server={"address": "localhost:1"},
         machine={"processor": "a <fast> one"},
         streams=1,
-        book=book,
+        recorder=recorder,
         generator_cores=(0.1,),
         server_use=None,
         standard=Standard(),
     )
 
 
-def book_with(*seconds: float) -> Book:
+def book_with(*seconds: float) -> Recorder:
     """Events that took so long, of one group."""
-    book = Book(("crowd",), 10)
+    recorder = Recorder(("crowd",), 10)
     for each in seconds:
-        book.record(EVENT, "crowd", each)
-    return book
+        recorder.record(EVENT, "crowd", each)
+    return recorder

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motiongen.v1 import motion_pb2, session_pb2
-from motiongen_tools.bench.book import ANSWER, EVENT, OPEN, SCREEN, Book
 from motiongen_tools.bench.character import START_GRACE_S, Character
+from motiongen_tools.bench.recorder import ANSWER, EVENT, OPEN, SCREEN, Recorder
 from motiongen_tools.bench.schedule import CharacterPlan, Phases
 
 FPS = 20
@@ -23,9 +23,9 @@ class Table:
     """A character that opened at 0, and a server to play it with."""
 
     def __init__(self, close_s: float = math.inf) -> None:
-        self.book = Book(("crowd",), 15)
+        self.recorder = Recorder(("crowd",), 15)
         self.character = Character(
-            1, CharacterPlan(0, 0, 0.0, close_s, 5, 0), "crowd", FPS, NO_JITTER, PHASES, self.book
+            1, CharacterPlan(0, 0, 0.0, close_s, 5, 0), "crowd", FPS, NO_JITTER, PHASES, self.recorder
         )
         self.character.open_sent = True
         self.plan = 0
@@ -41,7 +41,7 @@ class Table:
         self.character.take_chunk(chunk, now_s)
 
     def total(self, what: str) -> float:
-        return self.book.total(what, 0, 15)
+        return self.recorder.total(what, 0, 15)
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def test_frames_in_time_are_not_missed(table: Table) -> None:
     table.character.end(9.0, as_planned=True)
     assert table.total("missed") == table.total("underruns") == 0
     assert table.total("due") == pytest.approx(8.9 * FPS)
-    assert table.book.histogram(OPEN).get_max_value() == pytest.approx(100_000, rel=0.01)
+    assert table.recorder.histogram(OPEN).get_max_value() == pytest.approx(100_000, rel=0.01)
 
 
 def test_every_frame_time_without_a_frame_is_missed_and_playback_goes_on_from_there(table: Table) -> None:
@@ -75,7 +75,7 @@ def test_one_that_never_starts_misses_everything_after_a_grace(table: Table) -> 
     table.character.end(11.0, as_planned=True)
     assert table.total("missed") == pytest.approx((11.0 - START_GRACE_S) * FPS, abs=1)
     assert table.total("due") == pytest.approx((11.0 - START_GRACE_S) * FPS)
-    assert table.book.counts["characters_without_a_frame"] == 1
+    assert table.recorder.counts["characters_without_a_frame"] == 1
 
 
 def test_one_that_is_lost_misses_what_it_would_have_played() -> None:
@@ -95,12 +95,12 @@ def test_an_edit_is_measured_from_its_intended_moment(table: Table) -> None:
     table.character.take_outcome(session_pb2.EditOutcome(event_seq=seq, effective_frame=16), 2.7)
     table.send_frames(16, 8, 2.75)
     table.character.look(2.79)  # frame 16 is due at 2.8
-    assert table.book.histogram(SCREEN).get_total_count() == 0
+    assert table.recorder.histogram(SCREEN).get_total_count() == 0
     table.character.look(2.9)
     for what, seconds in ((ANSWER, 0.2), (EVENT, 0.25), (SCREEN, 0.3)):
-        assert table.book.histogram(what).get_max_value() == pytest.approx(seconds * 1e6, rel=0.01), what
-    assert table.book.counts["frames_superseded"] == 24
-    assert table.book.counts["replans"] == 1
+        assert table.recorder.histogram(what).get_max_value() == pytest.approx(seconds * 1e6, rel=0.01), what
+    assert table.recorder.counts["frames_superseded"] == 24
+    assert table.recorder.counts["replans"] == 1
 
 
 def test_an_answer_may_come_after_the_frames(table: Table) -> None:
@@ -113,9 +113,9 @@ def test_an_answer_may_come_after_the_frames(table: Table) -> None:
     table.character.take_outcome(session_pb2.EditOutcome(event_seq=seq, effective_frame=20), 2.9)
     table.character.give_up_edits(15.0)
     for what, seconds in ((EVENT, 0.1), (ANSWER, 0.4)):
-        assert table.book.histogram(what).get_total_count() == 1
-        assert table.book.histogram(what).get_max_value() == pytest.approx(seconds * 1e6, rel=0.01), what
-    assert table.book.counts["edits_unanswered"] == 0
+        assert table.recorder.histogram(what).get_total_count() == 1
+        assert table.recorder.histogram(what).get_max_value() == pytest.approx(seconds * 1e6, rel=0.01), what
+    assert table.recorder.counts["edits_unanswered"] == 0
 
 
 def test_edits_that_can_show_nothing_are_counted_apart(table: Table) -> None:
@@ -126,36 +126,36 @@ def test_edits_that_can_show_nothing_are_counted_apart(table: Table) -> None:
     table.character.take_outcome(session_pb2.EditOutcome(event_seq=beyond, effective_frame=90), 2.6)
     table.character.take_outcome(session_pb2.EditOutcome(event_seq=refused, code=3), 2.6)
     table.character.give_up_edits(15.0)
-    assert table.book.counts["edits_that_changed_nothing"] == 1
-    assert table.book.counts["edits_beyond_the_plan"] == 1
-    assert table.book.histogram(EVENT).get_total_count() == 0
-    assert table.book.histogram(ANSWER).get_total_count() == 3
+    assert table.recorder.counts["edits_that_changed_nothing"] == 1
+    assert table.recorder.counts["edits_beyond_the_plan"] == 1
+    assert table.recorder.histogram(EVENT).get_total_count() == 0
+    assert table.recorder.histogram(ANSWER).get_total_count() == 3
 
 
 def test_an_edit_without_an_answer_has_waited_to_the_end(table: Table) -> None:
     table.character.take_seq(intended_s=3.0)
     table.character.take_seq(intended_s=13.0)  # after measuring
     table.character.give_up_edits(15.0)
-    assert table.book.counts["edits_unanswered"] == 1
-    assert table.book.histogram(EVENT).get_max_value() == pytest.approx(12e6, rel=0.01)
+    assert table.recorder.counts["edits_unanswered"] == 1
+    assert table.recorder.histogram(EVENT).get_max_value() == pytest.approx(12e6, rel=0.01)
 
 
 def test_frames_out_of_order_are_a_breach(table: Table) -> None:
     table.send_plan(0, 2.0)
     table.send_frames(0, 8, 2.0)
     table.send_frames(16, 8, 2.1)
-    assert table.book.counts["protocol_breaches"] == 1
+    assert table.recorder.counts["protocol_breaches"] == 1
     table.send_plan(24, 2.2)
     table.plan += 1
     table.send_frames(24, 8, 2.2)
-    assert table.book.counts["protocol_breaches"] == 2
+    assert table.recorder.counts["protocol_breaches"] == 2
 
 
 def test_a_plan_below_what_was_shown_is_counted(table: Table) -> None:
     table.send_plan(0, 2.0)
     table.send_frames(0, 40, 2.0)
     table.send_plan(4, 2.5, [9])  # frame 10 is on screen
-    assert table.book.counts["shown_frames_replaced"] == 1
+    assert table.recorder.counts["shown_frames_replaced"] == 1
 
 
 @settings(deadline=None)

@@ -13,9 +13,9 @@ import pytest
 
 from motiongen_client import MotionClient, convert
 from motiongen_client.errors import ServerUnavailable
-from motiongen_tools.bench.book import ANSWER, EVENT, LATENCIES, Book
 from motiongen_tools.bench.generator import Generator
 from motiongen_tools.bench.load import Load, Progress, Report
+from motiongen_tools.bench.recorder import ANSWER, EVENT, LATENCIES, Recorder
 from motiongen_tools.bench.scenario import load_scenario
 from motiongen_tools.bench.terminal import LATENCY_NAMES
 from tests.client.fake_server import FakeServer, FakeStream, catalog
@@ -32,7 +32,7 @@ def load(server: FakeServer, short_scenario: Path) -> Load:
     return Load(server.address, load_scenario(str(short_scenario)), characters=6, seconds=1, seed=4)
 
 
-async def play(load: Load, at_each_tell: object = None) -> tuple[Book, Report, list[Progress]]:
+async def play(load: Load, at_each_tell: object = None) -> tuple[Recorder, Report, list[Progress]]:
     """The whole load in this process."""
     async with MotionClient(load.address) as client:
         generator = Generator(load, client.catalog, 0)
@@ -45,9 +45,9 @@ async def play(load: Load, at_each_tell: object = None) -> tuple[Book, Report, l
             at_each_tell(progress)
 
     report = await generator.play(time.monotonic() + 0.05, tell)
-    book = load.new_book(load.schedule().phases)
-    book.merge(report.book)
-    return book, report, told
+    recorder = load.new_book(load.schedule().phases)
+    recorder.merge(report.recorder)
+    return recorder, report, told
 
 
 def edits_received(streams: list[FakeStream]) -> int:
@@ -57,35 +57,39 @@ def edits_received(streams: list[FakeStream]) -> int:
 
 async def test_what_was_intended_is_sent_and_what_comes_is_booked(server: FakeServer, load: Load) -> None:
     schedule = load.schedule()
-    book, report, told = await play(load)
-    end_s = len(book.seconds["edits"]["near"])
-    sent, skipped = book.total("edits", 0, end_s), book.counts["events_of_characters_that_are_not_there"]
+    recorder, report, told = await play(load)
+    end_s = len(recorder.seconds["edits"]["near"])
+    sent, skipped = recorder.total("edits", 0, end_s), recorder.counts["events_of_characters_that_are_not_there"]
     assert sent == edits_received(server.streams) > 10
     assert sent + skipped == len(schedule.edit_at_s)
     assert skipped == 0
-    assert book.total("opens", 0, end_s) == len(schedule.characters)
-    assert load.characters <= book.counts["sessions_opened"] <= len(schedule.characters)  # the last may come too late
+    assert recorder.total("opens", 0, end_s) == len(schedule.characters)
+    assert (
+        load.characters <= recorder.counts["sessions_opened"] <= len(schedule.characters)
+    )  # the last may come too late
     assert report.streams == len(server.streams) == math.ceil(schedule.most_at_once() / 4)
-    assert book.histogram(ANSWER).get_total_count() > 0
-    assert book.counts["protocol_breaches"] == 0
-    assert book.counts["streams_lost"] == 0
+    assert recorder.histogram(ANSWER).get_total_count() > 0
+    assert recorder.counts["protocol_breaches"] == 0
+    assert recorder.counts["streams_lost"] == 0
     assert max(progress.playing for progress in told) > 0
 
 
 async def test_refusals_are_counted_and_the_rest_goes_on(server: FakeServer, load: Load) -> None:
     server.refuse = lambda event: "CONSTRAINT_IN_THE_PAST" if event.WhichOneof("event") == "edit_constraints" else ""
-    book, _, _ = await play(load)
-    assert book.counts["refused edit: CONSTRAINT_IN_THE_PAST"] > 0
-    assert book.histogram(EVENT, "passing").get_total_count() == 0
-    assert book.histogram(EVENT, "near").get_total_count() > 0
+    recorder, _, _ = await play(load)
+    assert recorder.counts["refused edit: CONSTRAINT_IN_THE_PAST"] > 0
+    assert recorder.histogram(EVENT, "passing").get_total_count() == 0
+    assert recorder.histogram(EVENT, "near").get_total_count() > 0
 
 
 async def test_a_refused_open_ends_the_character(server: FakeServer, load: Load) -> None:
     server.refuse = lambda event: "SERVER_FULL"
-    book, _, _ = await play(load)
-    assert book.counts["refused open: SERVER_FULL"] == len(load.schedule().characters)
-    assert book.total("due", 0, 3) == 0
-    assert book.histogram(EVENT).get_total_count() == 0
+    recorder, _, _ = await play(load)
+    # how many come before the end, and are answered before it, is up to the machine
+    assert load.characters <= recorder.counts["refused open: SERVER_FULL"] <= len(load.schedule().characters)
+    assert recorder.counts["sessions_opened"] == 0
+    assert recorder.total("due", 0, 3) == 0
+    assert recorder.histogram(EVENT).get_total_count() == 0
 
 
 async def test_a_lost_stream_is_missed_frames_and_no_crash(server: FakeServer, load: Load) -> None:
@@ -94,11 +98,11 @@ async def test_a_lost_stream_is_missed_frames_and_no_crash(server: FakeServer, l
             for stream in server.streams:
                 stream.fail(grpc.StatusCode.UNAVAILABLE)
 
-    book, _, _ = await play(load, lose)
-    assert book.counts["streams_lost"] == len(server.streams)
+    recorder, _, _ = await play(load, lose)
+    assert recorder.counts["streams_lost"] == len(server.streams)
     # gRPC says INTERNAL of a call that it loses in the middle of a write, so the status is not always the server's
-    assert sum(n for name, n in book.counts.items() if name.startswith("stream_lost: ")) == len(server.streams)
-    assert book.counts["sessions_lost: STREAM_LOST"] > 0
+    assert sum(n for name, n in recorder.counts.items() if name.startswith("stream_lost: ")) == len(server.streams)
+    assert recorder.counts["sessions_lost: STREAM_LOST"] > 0
 
 
 def test_processes_share_a_load_without_overlap(load: Load) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from motiongen_tools.bench.book import EVENT
+from motiongen_tools.bench.recorder import EVENT
 from tests.tools.bench.made_up import SECONDS, make_result
 
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.evaluate.measures.root import MOVING_M_S, ground_speed, smoothed
-from motiongen_ardy.skeleton import Skeleton
 
 LIFT_M = 0.025
 LOW_M = 0.05
@@ -111,6 +111,17 @@ def stop(skeleton: Skeleton, positions: Tensor, from_frame: int, fps: int) -> tu
     rest = torch.full((2,), float(foot_joints(skeleton, positions)[:, [1, 3], 1].quantile(0.1)))
     up = lifted(skeleton, positions[from_frame : from_frame + count + 1], rest)
     return count / fps, int((up[1:] & ~up[:-1]).sum()) if count else 0
+
+
+def swivelled(skeleton: Skeleton, positions: Tensor) -> float:
+    """Metres that toes go over the ground while they are not lifted, the mean of both: 0 for who turns in steps.
+
+    The height of rest is each toe's own lowest tenth.
+    """
+    toes = foot_joints(skeleton, positions)[:, [1, 3]]
+    low = ~lifted(skeleton, positions, toes[..., 1].quantile(0.1, dim=0))
+    steps = (toes[1:] - toes[:-1])[..., [0, 2]].norm(dim=-1)
+    return float((steps * (low[1:] & low[:-1])).sum(dim=0).mean())
 
 
 def foot_trace(skeleton: Skeleton, positions: Tensor) -> Tensor:

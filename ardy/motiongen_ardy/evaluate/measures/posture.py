@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from motiongen_ardy.skeleton import Skeleton
+from motiongen_ardy.core.skeleton import Skeleton
 
 STILL_M_S = 0.02
 

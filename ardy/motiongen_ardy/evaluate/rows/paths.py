@@ -8,9 +8,10 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from motiongen_ardy.constraint import Targets
+from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.evaluate.cases import HISTORY, MOVING, STANDING, Case
 from motiongen_ardy.evaluate.context import Context, Exhibit
+from motiongen_ardy.evaluate.measures.feet import swivelled
 from motiongen_ardy.evaluate.measures.root import turned
 from motiongen_ardy.evaluate.rows.waypoints import way
 from motiongen_ardy.evaluate.take import Result, Take, direction
@@ -26,7 +27,7 @@ def path_take(
     """A case told its ground position (K, 2), and perhaps its heading (K), at each frame that follows."""
     targets = Targets(context.skeleton)
     frames = range(HISTORY, HISTORY + len(ground))
-    targets.add_root(frames, ground.float(), None if heading is None else heading.float())
+    targets.add_waypoints(frames, ground.float(), None if heading is None else heading.float())
     history, end = case.history, HISTORY + len(ground)
     return Take(f"{case.id} {name}", seed, end, ((0, prompt),), case.group, history, targets)
 
@@ -138,7 +139,7 @@ def _turns(context: Context) -> None:
             frame = HISTORY - 1 + context.frames(1.0 + off / 90)
             targets = Targets(context.skeleton)
             side = 1 if number % 2 else -1
-            targets.add_root([frame], torch.zeros(1, 2), torch.tensor([facing + side * math.radians(off)]))
+            targets.add_waypoints([frame], torch.zeros(1, 2), torch.tensor([facing + side * math.radians(off)]))
             group += [
                 Take(
                     f"{case.id} turn {off}",
@@ -157,5 +158,15 @@ def _turns(context: Context) -> None:
         done = [next(results) for _ in group]
         row = f"turn on the spot by {off} in {1.0 + off / 90:g} s"
         context.add_goal("heading", row, "degrees", done, measure, "heading", from_standing=True)
+        slid = f"turn on the spot by {off}: toes slide"
+        context.add_goal(
+            "heading",
+            slid,
+            "m",
+            done,
+            lambda one: swivelled(context.skeleton, one.positions[HISTORY - 1 :]),
+            "glided",
+            from_standing=True,
+        )
         if done:
             context.show("heading", [Exhibit(f"{row}: {measure(done[0]):.0f} degrees off", done[0])])

@@ -8,11 +8,11 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from motiongen_ardy.constraint import Targets, limb_chains
+from motiongen_ardy.core.constraint import Targets, limb_chains
+from motiongen_ardy.core.rotation import rotation_vector, rotation_y
 from motiongen_ardy.evaluate.cases import HISTORY, Case
 from motiongen_ardy.evaluate.context import Context, Exhibit
 from motiongen_ardy.evaluate.take import Result, Take
-from motiongen_ardy.rotation import rotation_vector, rotation_y
 
 AHEAD = 30
 HEAD_TURN_DEG = 45
@@ -36,7 +36,7 @@ def add(context: Context) -> None:
             targets = Targets(context.skeleton)
             pose, turns = case.motion.positions[[frame]], case.motion.rotations[[frame]]
             if name == "keyframe, body":
-                targets.add_full_body([frame], pose)
+                targets.add_keyframes([frame], pose)
             elif name in limbs:
                 asked = [0, *(joint for limb in limbs[name] for joint in chains[limb])]
                 first = [chains[limb][0] for limb in limbs[name]]

@@ -6,7 +6,7 @@ import math
 
 from torch import Tensor
 
-from motiongen_ardy.constraint import Targets
+from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.evaluate.cases import HISTORY, MOVING, Case
 from motiongen_ardy.evaluate.context import Context, Exhibit
 from motiongen_ardy.evaluate.measures.root import travel_angle
@@ -43,7 +43,7 @@ def way(case: Case, context: Context) -> tuple[float, float]:
 def waypoint_take(context: Context, case: Case, name: str, seed: int, goal: Tensor, frame: int, prompt: str) -> Take:
     """A case that goes on to a ground position (2) at a frame."""
     targets = Targets(context.skeleton)
-    targets.add_root([frame], goal[None].float())
+    targets.add_waypoints([frame], goal[None].float())
     return Take(f"{case.id} {name}", seed, frame + 1, ((0, prompt),), case.group, case.history, targets)
 
 

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 from motiongen.v1 import motion_pb2, session_pb2
-from motiongen_tools.bench.book import ANSWER, EVENT, LATENESS, OPEN, SCREEN, SLACK, Book
+from motiongen_tools.bench.recorder import ANSWER, EVENT, LATENESS, OPEN, SCREEN, SLACK, Recorder
 from motiongen_tools.bench.schedule import CharacterPlan, Phases
 
 START_GRACE_S = 1.0  # a character that shows nothing so long after its intended open misses frames
@@ -47,9 +47,27 @@ class Character:
     """Playback and books of one character. All times are seconds from the start of the run."""
 
     __slots__ = (
-        "_book", "_due_from_s", "_edits", "_epoch_s", "_frame_s", "_group", "_jitter", "_phases", "_plan_number",
-        "_showing", "_shown_to", "buffered_to", "committed_to", "ended", "handle", "missed", "next_seq", "open_sent",
-        "opened", "plan", "started",
+        "_due_from_s",
+        "_edits",
+        "_epoch_s",
+        "_frame_s",
+        "_group",
+        "_jitter",
+        "_phases",
+        "_plan_number",
+        "_recorder",
+        "_showing",
+        "_shown_to",
+        "buffered_to",
+        "committed_to",
+        "ended",
+        "handle",
+        "missed",
+        "next_seq",
+        "open_sent",
+        "opened",
+        "plan",
+        "started",
     )  # fmt: skip
 
     def __init__(
@@ -60,7 +78,7 @@ class Character:
         fps: int,
         jitter: tuple[float, ...],
         phases: Phases,
-        book: Book,
+        recorder: Recorder,
     ) -> None:
         self.handle = handle
         self.plan = plan
@@ -68,7 +86,7 @@ class Character:
         self._frame_s = 1 / fps
         self._jitter = jitter
         self._phases = phases
-        self._book = book
+        self._recorder = recorder
         self.open_sent = self.opened = self.started = self.ended = False
         self.next_seq = 1
         self.buffered_to = self.committed_to = 0
@@ -115,7 +133,7 @@ class Character:
     def take_notice(self, notice: session_pb2.PlanNotice, now_s: float) -> None:
         """Drop what the plan replaces, and note which edits it holds."""
         self._plan_number = notice.plan
-        counts = self._book.counts
+        counts = self._recorder.counts
         counts["plans"] += 1
         if notice.cause != _CONTINUE:
             counts["replans"] += 1
@@ -135,10 +153,10 @@ class Character:
         """Frames have come: were they there when they were due?"""
         first, end = chunk.first_frame, chunk.first_frame + chunk.frame_count
         if chunk.plan != self._plan_number or first != self.buffered_to:
-            self._book.counts["protocol_breaches"] += 1  # of another plan, or with a gap or overlap
+            self._recorder.counts["protocol_breaches"] += 1  # of another plan, or with a gap or overlap
             if chunk.plan != self._plan_number:
                 return
-        self._book.add("frames", self._group, now_s, chunk.frame_count)
+        self._recorder.add("frames", self._group, now_s, chunk.frame_count)
         if not self.started:
             self._start(first, now_s)
         needed = max(first, self._shown_to)
@@ -156,7 +174,7 @@ class Character:
             return
         self._record(ANSWER, edit.intended_s, now_s)
         edit.answered = True
-        counts = self._book.counts
+        counts = self._recorder.counts
         if outcome.code:
             del self._edits[outcome.event_seq]
         elif not outcome.HasField("effective_frame"):
@@ -186,10 +204,10 @@ class Character:
         self.look(now_s)
         end_s = now_s if as_planned else min(self.plan.close_s, self._phases.end_s)
         self._count_missed(self._due_s(self.buffered_to) if self.started else self._due_from_s, end_s)
-        self._book.add_span("due", self._group, self._due_from_s, end_s, 1 / self._frame_s)
+        self._recorder.add_span("due", self._group, self._due_from_s, end_s, 1 / self._frame_s)
         if not self.started:
-            self._book.counts["characters_without_a_frame"] += 1
-            self._book.record(OPEN, self._group, now_s - self.plan.open_s)
+            self._recorder.counts["characters_without_a_frame"] += 1
+            self._recorder.record(OPEN, self._group, now_s - self.plan.open_s)
 
     def give_up_edits(self, now_s: float) -> None:
         """The run is over: what still waits has waited at least so long; leaving it out would flatter the server."""
@@ -197,7 +215,7 @@ class Character:
             if edit.changed:
                 continue
             if self._phases.measure_from_s <= edit.intended_s < self._phases.measure_to_s:
-                self._book.counts["edits_unanswered"] += 1
+                self._recorder.counts["edits_unanswered"] += 1
                 self._record(EVENT, edit.intended_s, now_s)
         self._edits.clear()
 
@@ -205,7 +223,7 @@ class Character:
         """The character leaves as planned, before its last edits could be answered."""
         cut_off = sum(not edit.changed for edit in self._edits.values())
         if cut_off:
-            self._book.counts["edits_cut_off_by_a_close"] += cut_off
+            self._recorder.counts["edits_cut_off_by_a_close"] += cut_off
         self._edits.clear()
 
     def refused(self) -> None:
@@ -221,7 +239,7 @@ class Character:
 
     def _start(self, first: int, now_s: float) -> None:
         self.started = True
-        self._book.record(OPEN, self._group, now_s - self.plan.open_s)
+        self._recorder.record(OPEN, self._group, now_s - self.plan.open_s)
         self._count_missed(self._due_from_s, now_s)
         self._due_from_s = min(self._due_from_s, now_s)
         self._epoch_s = now_s - first * self._frame_s
@@ -231,12 +249,12 @@ class Character:
         due_s = self._due_s(frame)
         in_window = self._phases.measure_from_s <= now_s < self._phases.measure_to_s
         if in_window:
-            self._book.record(LATENESS, self._group, max(now_s - due_s, 0.0))
-            self._book.record(SLACK, self._group, max(due_s - now_s, 0.0))
+            self._recorder.record(LATENESS, self._group, max(now_s - due_s, 0.0))
+            self._recorder.record(SLACK, self._group, max(due_s - now_s, 0.0))
         if now_s > due_s:
             self.look(now_s)
             if in_window:
-                self._book.counts["late_chunks"] += 1
+                self._recorder.counts["late_chunks"] += 1
             held = self._count_missed(due_s, now_s)
             self.missed += held
             self._epoch_s += held * self._frame_s
@@ -246,9 +264,9 @@ class Character:
         if now_s <= due_s:
             return 0
         held = math.floor((now_s - due_s) / self._frame_s) + 1
-        self._book.add("underruns", self._group, due_s)
+        self._recorder.add("underruns", self._group, due_s)
         for number in range(held):
-            self._book.add("missed", self._group, due_s + number * self._frame_s)
+            self._recorder.add("missed", self._group, due_s + number * self._frame_s)
         return held
 
     def _find_changed(self, end: int, now_s: float) -> None:
@@ -270,7 +288,7 @@ class Character:
 
     def _record(self, what: str, intended_s: float, now_s: float) -> None:
         if self._phases.measure_from_s <= intended_s < self._phases.measure_to_s:
-            self._book.record(what, self._group, now_s - intended_s)
+            self._recorder.record(what, self._group, now_s - intended_s)
 
 
 def make_jitter() -> tuple[float, ...]:

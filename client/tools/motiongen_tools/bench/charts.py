@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from motiongen_client.errors import MissingExtra
-from motiongen_tools.bench.book import ALL, ANSWER, EVENT, GENERATOR, GENERATOR_LAGS, LATENESS, OPEN, SCREEN, SLACK
+from motiongen_tools.bench.recorder import ALL, ANSWER, EVENT, GENERATOR, GENERATOR_LAGS, LATENESS, OPEN, SCREEN, SLACK
 from motiongen_tools.bench.result import Result
 from motiongen_tools.bench.search import Found
 from motiongen_tools.bench.terminal import LATENCY_NAMES
@@ -34,12 +34,12 @@ def draw_run(result: Result) -> Figure:
     figure = _new_figure((13.5, 10.5))
     grid = figure.add_gridspec(3, 2, height_ratios=[1, 1, 1.05])
     groups = result.groups()
-    events = [(group, result.book.histogram(EVENT, group)) for group in groups]
+    events = [(group, result.recorder.histogram(EVENT, group)) for group in groups]
     _percentiles(figure.add_subplot(grid[0, 0]), LATENCY_NAMES[EVENT], events)
-    others = [(LATENCY_NAMES[what], result.book.histogram(what)) for what in (OPEN, SCREEN, ANSWER)]
+    others = [(LATENCY_NAMES[what], result.recorder.histogram(what)) for what in (OPEN, SCREEN, ANSWER)]
     _percentiles(figure.add_subplot(grid[0, 1]), "other latencies", others)
     _earliness(figure.add_subplot(grid[1, 0]), result)
-    lags = [(what.replace("_", " "), result.book.histogram(what, GENERATOR)) for what in GENERATOR_LAGS]
+    lags = [(what.replace("_", " "), result.recorder.histogram(what, GENERATOR)) for what in GENERATOR_LAGS]
     axes = figure.add_subplot(grid[1, 1])
     _percentiles(axes, "lag of the load itself", lags)
     axes.axhline(result.standard.max_lag_ms, color=_RED, linewidth=1, linestyle=(0, (4, 3)))
@@ -135,7 +135,7 @@ def _percentiles(axes: Axes, title: str, named: Sequence[tuple[str, HdrHistogram
 
 def _earliness(axes: Axes, result: Result) -> None:
     """How long before playback needed them chunks came; to the left of 0, how long after."""
-    early, late = result.book.histogram(SLACK), result.book.histogram(LATENESS)
+    early, late = result.recorder.histogram(SLACK), result.recorder.histogram(LATENESS)
     values = [
         (item.value_iterated_to / 1000, item.count_at_value_iterated_to) for item in early.get_recorded_iterator()
     ]
@@ -159,7 +159,7 @@ def _earliness(axes: Axes, result: Result) -> None:
 def _by_second(axes: Axes, result: Result) -> None:
     """Frames due, received and missed, and edits, over the run; what was not measured is grey."""
     phases = result.phases
-    rows = {name: list(result.book.by_second(name)) for name in ("due", "frames", "missed", "edits")}
+    rows = {name: list(result.recorder.by_second(name)) for name in ("due", "frames", "missed", "edits")}
     seconds = range(len(rows["due"]))
     axes.axvspan(0, phases.measure_from_s, color=_GRID, linewidth=0)
     axes.axvspan(phases.measure_to_s, len(seconds), color=_GRID, linewidth=0)

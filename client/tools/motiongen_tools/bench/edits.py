@@ -63,8 +63,8 @@ def _waypoints(seed: int, rule: EditRule, number: int, first: int, rig: Rig) -> 
         frame = first + index * rule.spacing_frames
         along_m = rule.speed_m_s * frame / rig.frame_rate_hz
         aside_m = 0.5 * math.sin(phase + along_m / 2)
-        root = motion_pb2.RootPose(x=aside_m, z=along_m)
-        edit.upsert.append(motion_pb2.Constraint(constraint_id=index + 1, frame=frame, root=root))
+        root = motion_pb2.Waypoint(x=aside_m, z=along_m)
+        edit.upsert.append(motion_pb2.Constraint(constraint_id=index + 1, frame=frame, waypoint=root))
     return edit
 
 

@@ -12,10 +12,10 @@ import numpy as np
 
 from motiongen_client.types import Catalog
 from motiongen_tools.bench import edits
-from motiongen_tools.bench.book import GENERATOR, LOOP_LAG, SEND_LAG
 from motiongen_tools.bench.character import Character, make_jitter
-from motiongen_tools.bench.lane import Lane, report
 from motiongen_tools.bench.load import Load, Progress, Report
+from motiongen_tools.bench.recorder import GENERATOR, LOOP_LAG, SEND_LAG
+from motiongen_tools.bench.stream_client import StreamClient, report
 
 _TICK_S = 0.025
 _LEAST_SLEEP_S = 0.001  # several events of one millisecond share a wake-up
@@ -34,7 +34,7 @@ class Generator:
         self._schedule = load.schedule()
         self._phases = self._schedule.phases
         self._groups = load.scenario.groups
-        self._book = load.new_book(self._phases)
+        self._recorder = load.new_book(self._phases)
         self._started_at_s = math.nan  # on time.monotonic
         self._cpu_from_s: float | None = None
         self._cpu_to_s: float | None = None
@@ -48,22 +48,22 @@ class Generator:
         num_lanes = max(math.ceil(most / at_once), load.processes)
         fps, jitter = self._catalog.rigs[0].frame_rate_hz, make_jitter()
         max_bytes = self._catalog.limits.max_request_bytes
-        self._lanes: list[Lane] = []
-        self._lane_of: dict[int, Lane] = {}
+        self._lanes: list[StreamClient] = []
+        self._lane_of: dict[int, StreamClient] = {}
         self._character_of: dict[int, Character] = {}
         for index in range(self._process, num_lanes, load.processes):
-            lane = Lane(load.address, max_bytes, self._now_s, self._book)
-            self._lanes.append(lane)
+            stream_client = StreamClient(load.address, max_bytes, self._now_s, self._recorder)
+            self._lanes.append(stream_client)
             members = []
             for plan in schedule.characters[index::num_lanes]:
                 group = self._groups[plan.group].name
                 handle = _HANDLES_FROM + plan.number // num_lanes
-                character = Character(handle, plan, group, fps, jitter, self._phases, self._book)
-                self._lane_of[plan.number], self._character_of[plan.number] = lane, character
+                character = Character(handle, plan, group, fps, jitter, self._phases, self._recorder)
+                self._lane_of[plan.number], self._character_of[plan.number] = stream_client, character
                 members.append((character, group))
-            lane.adopt(members)
+            stream_client.adopt(members)
         self._num_slices = max(1, round(1 / (load.scenario.report_hz * _TICK_S)))
-        self._slices: list[list[tuple[Lane, Character]]] = [[] for _ in range(self._num_slices)]
+        self._slices: list[list[tuple[StreamClient, Character]]] = [[] for _ in range(self._num_slices)]
         for number, character in self._character_of.items():
             self._slices[number % self._num_slices].append((self._lane_of[number], character))
         self._intents = self._draw_up()
@@ -88,7 +88,7 @@ class Generator:
     async def connect(self) -> None:
         """Open the streams. Raises ServerUnavailable."""
         self._started_at_s = time.monotonic()
-        await asyncio.gather(*(lane.start() for lane in self._lanes))
+        await asyncio.gather(*(stream_client.start() for stream_client in self._lanes))
 
     async def play(self, start_at_s: float, tell: Callable[[Progress], None]) -> Report:
         """Play the schedule from the moment start_at_s of time.monotonic. tell: called once a second."""
@@ -107,10 +107,10 @@ class Generator:
             character.look(end_s)
             character.give_up_edits(end_s)
             character.end(end_s, as_planned=True)
-        await asyncio.gather(*(lane.stop() for lane in self._lanes))
+        await asyncio.gather(*(stream_client.stop() for stream_client in self._lanes))
         return Report(
             process=self._process,
-            book=self._book.pack(),
+            recorder=self._recorder.pack(),
             cpu_s=(self._cpu_to_s or time.process_time()) - (self._cpu_from_s or time.process_time()),
             streams=len(self._lanes),
         )
@@ -132,47 +132,47 @@ class Generator:
                 self._note_cpu(now_s)
                 if now_s >= next_ping_s:
                     next_ping_s = now_s + _PING_PERIOD_S
-                    for lane in self._lanes:
-                        lane.put_ping()
+                    for stream_client in self._lanes:
+                        stream_client.put_ping()
                 if now_s >= next_tell_s:
                     next_tell_s = now_s + 1.0
                     tell(self._progress(now_s))
-            for lane in self._lanes:
-                lane.flush()
+            for stream_client in self._lanes:
+                stream_client.flush()
             if now_s >= self._phases.end_s:
                 return
             next_s = min(ticks * _TICK_S, intents[position][0] if position < len(intents) else math.inf)
             await asyncio.sleep(max(next_s - self._now_s(), _LEAST_SLEEP_S))
 
     def _act(self, intended_s: float, number: int, rule: int, value: int) -> None:
-        character, lane = self._character_of[number], self._lane_of[number]
+        character, stream_client = self._character_of[number], self._lane_of[number]
         group = self._groups[character.plan.group]
         now_s = self._now_s()
         if rule == _OPEN:
-            if lane.lost:
-                self._book.counts["opens_not_sent"] += 1
+            if stream_client.lost:
+                self._recorder.counts["opens_not_sent"] += 1
                 return
             character.open_sent = True
-            lane.put(edits.open_event(character, group, self._load.denoise_steps))
-            self._book.add("opens", group.name, intended_s)
+            stream_client.put(edits.open_event(character, group, self._load.denoise_steps))
+            self._recorder.add("opens", group.name, intended_s)
         elif not character.is_live:
-            self._book.counts["events_of_characters_that_are_not_there"] += 1
+            self._recorder.counts["events_of_characters_that_are_not_there"] += 1
             return
         elif rule == _CLOSE:
-            lane.put(edits.close_event(character))
+            stream_client.put(edits.close_event(character))
             character.drop_edits()
             character.end(now_s, as_planned=True)
         else:
             told = group.edits[rule]
-            lane.put(edits.edit_event(character, group, told, value, intended_s, now_s, self._catalog))
-            self._book.add("edits", group.name, intended_s)
+            stream_client.put(edits.edit_event(character, group, told, value, intended_s, now_s, self._catalog))
+            self._recorder.add("edits", group.name, intended_s)
         self._record_lag(SEND_LAG, now_s, now_s - intended_s)
 
-    def _report_playheads(self, members: list[tuple[Lane, Character]], now_s: float) -> None:
-        for lane, character in members:
+    def _report_playheads(self, members: list[tuple[StreamClient, Character]], now_s: float) -> None:
+        for stream_client, character in members:
             if character.is_playing:
                 character.look(now_s)
-                lane.put(report(character, now_s))
+                stream_client.put(report(character, now_s))
 
     async def _probe(self) -> None:
         """How late the event loop wakes who sleeps."""
@@ -184,7 +184,7 @@ class Generator:
 
     def _record_lag(self, what: str, now_s: float, lag_s: float) -> None:
         if self._phases.measure_from_s <= now_s < self._phases.measure_to_s:
-            self._book.record(what, GENERATOR, max(lag_s, 0.0))
+            self._recorder.record(what, GENERATOR, max(lag_s, 0.0))
 
     def _note_cpu(self, now_s: float) -> None:
         if self._cpu_from_s is None and now_s >= self._phases.measure_from_s:
@@ -198,9 +198,9 @@ class Generator:
             process=self._process,
             at_s=now_s,
             playing=sum(character.is_playing for character in self._character_of.values()),
-            missed=round(self._book.total("missed", second - 1, second)) if second else 0,
-            edits=round(self._book.total("edits", 0, second + 1)),
-            refused=round(self._book.total("refused", 0, second + 1)),
+            missed=round(self._recorder.total("missed", second - 1, second)) if second else 0,
+            edits=round(self._recorder.total("edits", 0, second + 1)),
+            refused=round(self._recorder.total("refused", 0, second + 1)),
         )
 
 

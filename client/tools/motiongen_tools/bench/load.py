@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from motiongen_tools.bench.book import Book, PackedBook
+from motiongen_tools.bench.recorder import PackedBook, Recorder
 from motiongen_tools.bench.scenario import Scenario
 from motiongen_tools.bench.schedule import Phases, Schedule, make_schedule
 
@@ -28,8 +28,8 @@ class Load:
     def schedule(self) -> Schedule:
         return make_schedule(self.scenario, self.characters, self.seconds, self.seed)
 
-    def new_book(self, phases: Phases) -> Book:
-        return Book(tuple(group.name for group in self.scenario.groups), math.ceil(phases.end_s))
+    def new_book(self, phases: Phases) -> Recorder:
+        return Recorder(tuple(group.name for group in self.scenario.groups), math.ceil(phases.end_s))
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,6 @@ class Report:
     """What one process brings home. cpu_s: its own, while measuring. streams: calls it held."""
 
     process: int
-    book: PackedBook
+    recorder: PackedBook
     cpu_s: float
     streams: int

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from motiongen_client.types import Priority
-from motiongen_tools.bench.book import (
+from motiongen_tools.bench.load import Load, Report
+from motiongen_tools.bench.recorder import (
     ALL,
     BY_SECOND,
     EVENT,
@@ -19,10 +20,9 @@ from motiongen_tools.bench.book import (
     GENERATOR_LAGS,
     LATENCIES,
     VOIDING_LAGS,
-    Book,
+    Recorder,
     summary_ms,
 )
-from motiongen_tools.bench.load import Load, Report
 from motiongen_tools.bench.schedule import Phases
 from motiongen_tools.bench.server_use import ServerUse
 
@@ -67,13 +67,13 @@ class Result:
     server: dict[str, str]
     machine: dict[str, str]
     streams: int
-    book: Book
+    recorder: Recorder
     generator_cores: tuple[float, ...]
     server_use: ServerUse | None
     standard: Standard
 
     def figures(self, group: str = ALL) -> Figures:
-        sums = {name: self.book.total(name, *self._measured, group) for name in BY_SECOND}
+        sums = {name: self.recorder.total(name, *self._measured, group) for name in BY_SECOND}
         due, missed, seconds = sums["due"], sums["missed"], self.phases.measure_s
         return Figures(
             due=round(due),
@@ -88,7 +88,7 @@ class Result:
         )
 
     def latency_ms(self, what: str, group: str = ALL) -> dict[str, float]:
-        return summary_ms(self.book.histogram(what, group))
+        return summary_ms(self.recorder.histogram(what, group))
 
     def void_reasons(self) -> list[str]:
         """Why the figures do not count: the generator was late itself. Empty when they do."""
@@ -117,7 +117,7 @@ class Result:
 
     def counts(self) -> list[tuple[str, int]]:
         """What was counted in the whole run, by name."""
-        return sorted(self.book.counts.items())
+        return sorted(self.recorder.counts.items())
 
     def groups(self) -> list[str]:
         """`all`, and each group where there are several."""
@@ -165,10 +165,10 @@ class Result:
             "figures": {group: asdict(self.figures(group)) for group in groups},
             "latencies_ms": {what: {group: self.latency_ms(what, group) for group in groups} for what in LATENCIES},
             "counts": dict(self.counts()),
-            "by_second": {name: [round(value, 3) for value in self.book.by_second(name)] for name in BY_SECOND},
+            "by_second": {name: [round(value, 3) for value in self.recorder.by_second(name)] for name in BY_SECOND},
             "histograms": {
                 f"{what}/{group}": encoded.decode()
-                for (what, group), encoded in sorted(self.book.pack().histograms.items())
+                for (what, group), encoded in sorted(self.recorder.pack().histograms.items())
             },
         }
 
@@ -187,11 +187,11 @@ _COUNTED_AGAINST = (
 )
 
 
-def merge_reports(book: Book, reports: Sequence[Report]) -> Book:
+def merge_reports(recorder: Recorder, reports: Sequence[Report]) -> Recorder:
     """All that the processes measured, in one book."""
     for report in reports:
-        book.merge(report.book)
-    return book
+        recorder.merge(report.recorder)
+    return recorder
 
 
 def machine_facts() -> dict[str, str]:

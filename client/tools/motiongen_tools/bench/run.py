@@ -41,7 +41,7 @@ async def run_load(
         server=_server_facts(load, catalog.models[0]),
         machine=machine_facts(),
         streams=sum(report.streams for report in reports),
-        book=merge_reports(load.new_book(schedule.phases), reports),
+        recorder=merge_reports(load.new_book(schedule.phases), reports),
         generator_cores=tuple(report.cpu_s / schedule.phases.measure_s for report in reports),
         server_use=use,
         standard=standard,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field, replace
 
-from motiongen_tools.bench.book import EVENT
 from motiongen_tools.bench.load import Load
+from motiongen_tools.bench.recorder import EVENT
 from motiongen_tools.bench.result import Result
 
 _MOST_CHARACTERS = 1_000_000

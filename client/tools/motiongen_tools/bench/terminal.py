@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from motiongen_tools.bench.book import ALL, ANSWER, EVENT, GENERATOR, GENERATOR_LAGS, OPEN, SCREEN
 from motiongen_tools.bench.load import Load, Progress
+from motiongen_tools.bench.recorder import ALL, ANSWER, EVENT, GENERATOR, GENERATOR_LAGS, OPEN, SCREEN
 from motiongen_tools.bench.result import Result
 from motiongen_tools.bench.search import Found, Trial
 from motiongen_tools.console import make_progress, make_table

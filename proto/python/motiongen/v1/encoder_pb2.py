@@ -25,14 +25,14 @@ _sym_db = _symbol_database.Default()
 from motiongen.v1 import motion_pb2 as motiongen_dot_v1_dot_motion__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1amotiongen/v1/encoder.proto\x12\x0cmotiongen.v1\x1a\x19motiongen/v1/motion.proto\"\x17\n\x15GetTextEncoderRequest\"h\n\x16GetTextEncoderResponse\x12\x14\n\x0ctext_encoder\x18\x01 \x01(\t\x12\r\n\x05width\x18\x02 \x01(\r\x12\x11\n\tmax_texts\x18\x03 \x01(\r\x12\x16\n\x0emax_characters\x18\x04 \x01(\r\"9\n\x12\x45ncodeTextsRequest\x12\r\n\x05texts\x18\x01 \x03(\t\x12\x14\n\x0ctext_encoder\x18\x02 \x01(\t\"F\n\x13\x45ncodeTextsResponse\x12/\n\nembeddings\x18\x01 \x03(\x0b\x32\x1b.motiongen.v1.TextEmbedding2\xc5\x01\n\x12TextEncoderService\x12[\n\x0eGetTextEncoder\x12#.motiongen.v1.GetTextEncoderRequest\x1a$.motiongen.v1.GetTextEncoderResponse\x12R\n\x0b\x45ncodeTexts\x12 .motiongen.v1.EncodeTextsRequest\x1a!.motiongen.v1.EncodeTextsResponseB\x03\xf8\x01\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1amotiongen/v1/encoder.proto\x12\x0cmotiongen.v1\x1a\x19motiongen/v1/motion.proto\"\x17\n\x15GetTextEncoderRequest\"h\n\x16GetTextEncoderResponse\x12\x14\n\x0ctext_encoder\x18\x01 \x01(\t\x12\r\n\x05width\x18\x02 \x01(\r\x12\x11\n\tmax_texts\x18\x03 \x01(\r\x12\x16\n\x0emax_characters\x18\x04 \x01(\r\"9\n\x12\x45ncodeTextsRequest\x12\r\n\x05texts\x18\x01 \x03(\t\x12\x14\n\x0ctext_encoder\x18\x02 \x01(\t\"F\n\x13\x45ncodeTextsResponse\x12/\n\nembeddings\x18\x01 \x03(\x0b\x32\x1b.motiongen.v1.TextEmbedding2\xc5\x01\n\x12TextEncoderService\x12[\n\x0eGetTextEncoder\x12#.motiongen.v1.GetTextEncoderRequest\x1a$.motiongen.v1.GetTextEncoderResponse\x12R\n\x0b\x45ncodeTexts\x12 .motiongen.v1.EncodeTextsRequest\x1a!.motiongen.v1.EncodeTextsResponseB<\n\x0cmotiongen.v1P\x01Z\x18motiongen/v1;motiongenv1\xf8\x01\x01\xaa\x02\x0cMotiongen.V1b\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'motiongen.v1.encoder_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   _globals['DESCRIPTOR']._loaded_options = None
-  _globals['DESCRIPTOR']._serialized_options = b'\370\001\001'
+  _globals['DESCRIPTOR']._serialized_options = b'\n\014motiongen.v1P\001Z\030motiongen/v1;motiongenv1\370\001\001\252\002\014Motiongen.V1'
   _globals['_GETTEXTENCODERREQUEST']._serialized_start=71
   _globals['_GETTEXTENCODERREQUEST']._serialized_end=94
   _globals['_GETTEXTENCODERRESPONSE']._serialized_start=96

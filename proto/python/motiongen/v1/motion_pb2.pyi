@@ -74,22 +74,22 @@ class TextEmbedding(_message.Message):
     def __init__(self, text_encoder: _Optional[str] = ..., values: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Constraint(_message.Message):
-    __slots__ = ("constraint_id", "frame", "root", "joints", "pose", "trajectory")
+    __slots__ = ("constraint_id", "frame", "waypoint", "joint_targets", "keyframe", "root_trajectory")
     CONSTRAINT_ID_FIELD_NUMBER: _ClassVar[int]
     FRAME_FIELD_NUMBER: _ClassVar[int]
-    ROOT_FIELD_NUMBER: _ClassVar[int]
-    JOINTS_FIELD_NUMBER: _ClassVar[int]
-    POSE_FIELD_NUMBER: _ClassVar[int]
-    TRAJECTORY_FIELD_NUMBER: _ClassVar[int]
+    WAYPOINT_FIELD_NUMBER: _ClassVar[int]
+    JOINT_TARGETS_FIELD_NUMBER: _ClassVar[int]
+    KEYFRAME_FIELD_NUMBER: _ClassVar[int]
+    ROOT_TRAJECTORY_FIELD_NUMBER: _ClassVar[int]
     constraint_id: int
     frame: int
-    root: RootPose
-    joints: JointTargets
-    pose: FullPose
-    trajectory: RootTrajectory
-    def __init__(self, constraint_id: _Optional[int] = ..., frame: _Optional[int] = ..., root: _Optional[_Union[RootPose, _Mapping]] = ..., joints: _Optional[_Union[JointTargets, _Mapping]] = ..., pose: _Optional[_Union[FullPose, _Mapping]] = ..., trajectory: _Optional[_Union[RootTrajectory, _Mapping]] = ...) -> None: ...
+    waypoint: Waypoint
+    joint_targets: JointTargets
+    keyframe: Keyframe
+    root_trajectory: RootTrajectory
+    def __init__(self, constraint_id: _Optional[int] = ..., frame: _Optional[int] = ..., waypoint: _Optional[_Union[Waypoint, _Mapping]] = ..., joint_targets: _Optional[_Union[JointTargets, _Mapping]] = ..., keyframe: _Optional[_Union[Keyframe, _Mapping]] = ..., root_trajectory: _Optional[_Union[RootTrajectory, _Mapping]] = ...) -> None: ...
 
-class RootPose(_message.Message):
+class Waypoint(_message.Message):
     __slots__ = ("x", "z", "heading")
     X_FIELD_NUMBER: _ClassVar[int]
     Z_FIELD_NUMBER: _ClassVar[int]
@@ -109,7 +109,7 @@ class JointTargets(_message.Message):
     rotations: _containers.RepeatedScalarFieldContainer[float]
     def __init__(self, joints: _Optional[_Iterable[int]] = ..., positions: _Optional[_Iterable[float]] = ..., rotations: _Optional[_Iterable[float]] = ...) -> None: ...
 
-class FullPose(_message.Message):
+class Keyframe(_message.Message):
     __slots__ = ("positions",)
     POSITIONS_FIELD_NUMBER: _ClassVar[int]
     positions: _containers.RepeatedScalarFieldContainer[float]

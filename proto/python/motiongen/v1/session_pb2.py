@@ -26,54 +26,56 @@ from google.protobuf import duration_pb2 as google_dot_protobuf_dot_duration__pb
 from motiongen.v1 import motion_pb2 as motiongen_dot_v1_dot_motion__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1amotiongen/v1/session.proto\x12\x0cmotiongen.v1\x1a\x1egoogle/protobuf/duration.proto\x1a\x19motiongen/v1/motion.proto\"\x96\x03\n\x0cSessionEvent\x12\x0f\n\x07session\x18\x01 \x01(\r\x12\x11\n\tevent_seq\x18\x02 \x01(\x04\x12)\n\x04open\x18\n \x01(\x0b\x32\x19.motiongen.v1.OpenSessionH\x00\x12\x31\n\x0c\x65\x64it_prompts\x18\x0c \x01(\x0b\x32\x19.motiongen.v1.EditPromptsH\x00\x12\x39\n\x10\x65\x64it_constraints\x18\r \x01(\x0b\x32\x1d.motiongen.v1.EditConstraintsH\x00\x12\x31\n\x0cset_velocity\x18\x0e \x01(\x0b\x32\x19.motiongen.v1.SetVelocityH\x00\x12*\n\x08playhead\x18\x0f \x01(\x0b\x32\x16.motiongen.v1.PlayheadH\x00\x12\x34\n\x0eset_play_state\x18\x10 \x01(\x0b\x32\x1a.motiongen.v1.SetPlayStateH\x00\x12+\n\x05\x63lose\x18\x12 \x01(\x0b\x32\x1a.motiongen.v1.CloseSessionH\x00\x42\x07\n\x05\x65vent\"\x97\x04\n\x0bOpenSession\x12\x12\n\nrequest_id\x18\x01 \x01(\t\x12\x0e\n\x06rig_id\x18\x02 \x01(\t\x12\x10\n\x08model_id\x18\x03 \x01(\t\x12\x11\n\x04seed\x18\x04 \x01(\x06H\x00\x88\x01\x01\x12-\n\x08priority\x18\x05 \x01(\x0e\x32\x1b.motiongen.v1.PriorityClass\x12\x18\n\x10lookahead_frames\x18\x06 \x01(\r\x12.\n\x0cprior_frames\x18\x07 \x01(\x0b\x32\x18.motiongen.v1.FrameChunk\x12-\n\x0bscalar_type\x18\t \x01(\x0e\x32\x18.motiongen.v1.ScalarType\x12)\n\x07prompts\x18\n \x03(\x0b\x32\x18.motiongen.v1.PromptSpan\x12-\n\x0b\x63onstraints\x18\x0b \x03(\x0b\x32\x18.motiongen.v1.Constraint\x12,\n\x0cinitial_root\x18\x0c \x01(\x0b\x32\x16.motiongen.v1.RootPose\x12\x1a\n\rdenoise_steps\x18\r \x01(\rH\x01\x88\x01\x01\x12(\n\x08guidance\x18\x0e \x01(\x0b\x32\x16.motiongen.v1.Guidance\x12\x1b\n\x0ehistory_frames\x18\x0f \x01(\rH\x02\x88\x01\x01\x42\x07\n\x05_seedB\x10\n\x0e_denoise_stepsB\x11\n\x0f_history_frames\"N\n\x08Guidance\x12\x11\n\x04text\x18\x01 \x01(\x02H\x00\x88\x01\x01\x12\x17\n\nconstraint\x18\x02 \x01(\x02H\x01\x88\x01\x01\x42\x07\n\x05_textB\r\n\x0b_constraint\"G\n\x0b\x45\x64itPrompts\x12(\n\x06upsert\x18\x01 \x03(\x0b\x32\x18.motiongen.v1.PromptSpan\x12\x0e\n\x06remove\x18\x02 \x03(\r\"Z\n\x0f\x45\x64itConstraints\x12(\n\x06upsert\x18\x01 \x03(\x0b\x32\x18.motiongen.v1.Constraint\x12\x0e\n\x06remove\x18\x02 \x03(\r\x12\r\n\x05\x63lear\x18\x03 \x01(\x08\"o\n\x0bSetVelocity\x12\t\n\x01x\x18\x01 \x01(\x02\x12\t\n\x01z\x18\x02 \x01(\x02\x12\x14\n\x07heading\x18\x03 \x01(\x02H\x00\x88\x01\x01\x12\x13\n\x0bhold_frames\x18\x04 \x01(\r\x12\x13\n\x0bkeep_prompt\x18\x05 \x01(\x08\x42\n\n\x08_heading\"A\n\x08Playhead\x12\r\n\x05\x66rame\x18\x01 \x01(\x04\x12\x13\n\x0b\x62uffered_to\x18\x02 \x01(\x04\x12\x11\n\tunderruns\x18\x03 \x01(\r\"6\n\x0cSetPlayState\x12&\n\x05state\x18\x01 \x01(\x0e\x32\x17.motiongen.v1.PlayState\"\x0e\n\x0c\x43loseSession\"\xd5\x02\n\rSessionUpdate\x12\x0f\n\x07session\x18\x01 \x01(\r\x12\x13\n\x0b\x61pplied_seq\x18\x02 \x01(\x04\x12-\n\x06opened\x18\n \x01(\x0b\x32\x1b.motiongen.v1.SessionOpenedH\x00\x12)\n\x05\x63hunk\x18\x0b \x01(\x0b\x32\x18.motiongen.v1.FrameChunkH\x00\x12(\n\x04plan\x18\x0c \x01(\x0b\x32\x18.motiongen.v1.PlanNoticeH\x00\x12,\n\x07outcome\x18\r \x01(\x0b\x32\x19.motiongen.v1.EditOutcomeH\x00\x12\x33\n\rservice_level\x18\x0e \x01(\x0b\x32\x1a.motiongen.v1.ServiceLevelH\x00\x12-\n\x06\x63losed\x18\x0f \x01(\x0b\x32\x1b.motiongen.v1.SessionClosedH\x00\x42\x08\n\x06update\"\xac\x02\n\rSessionOpened\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12\x0c\n\x04seed\x18\x03 \x01(\x06\x12\x13\n\x0bstart_frame\x18\x04 \x01(\x04\x12\x0e\n\x06rig_id\x18\x06 \x01(\t\x12\x10\n\x08model_id\x18\x07 \x01(\t\x12\x12\n\nframe_rate\x18\x08 \x01(\r\x12\x18\n\x10lookahead_frames\x18\t \x01(\r\x12 \n\x18\x63ommitted_horizon_frames\x18\n \x01(\r\x12\x15\n\rdenoise_steps\x18\x0b \x01(\r\x12-\n\x0bscalar_type\x18\x0c \x01(\x0e\x32\x18.motiongen.v1.ScalarType\x12,\n\x08warnings\x18\r \x03(\x0b\x32\x1a.motiongen.v1.EventWarning\"j\n\nPlanNotice\x12\x0c\n\x04plan\x18\x01 \x01(\r\x12\x12\n\nvalid_from\x18\x02 \x01(\x04\x12&\n\x05\x63\x61use\x18\x03 \x01(\x0e\x32\x17.motiongen.v1.PlanCause\x12\x12\n\nevent_seqs\x18\x04 \x03(\x04\"\xff\x01\n\x0b\x45\x64itOutcome\x12\x11\n\tevent_seq\x18\x01 \x01(\x04\x12\x0c\n\x04\x63ode\x18\x02 \x01(\x05\x12\x0e\n\x06reason\x18\x03 \x01(\t\x12\x0f\n\x07message\x18\x04 \x01(\t\x12\x1c\n\x0f\x65\x66\x66\x65\x63tive_frame\x18\x05 \x01(\x04H\x00\x88\x01\x01\x12\r\n\x05\x66ield\x18\x06 \x01(\t\x12\x0f\n\x07\x61llowed\x18\x07 \x01(\t\x12.\n\x0bretry_after\x18\x08 \x01(\x0b\x32\x19.google.protobuf.Duration\x12,\n\x08warnings\x18\t \x03(\x0b\x32\x1a.motiongen.v1.EventWarningB\x12\n\x10_effective_frame\">\n\x0c\x45ventWarning\x12\x0e\n\x06reason\x18\x01 \x01(\t\x12\x0f\n\x07message\x18\x02 \x01(\t\x12\r\n\x05\x66ield\x18\x03 \x01(\t\"N\n\x0cServiceLevel\x12\'\n\x04tier\x18\x01 \x01(\x0e\x32\x19.motiongen.v1.ServiceTier\x12\x15\n\rdenoise_steps\x18\x02 \x01(\r\"~\n\rSessionClosed\x12)\n\x06reason\x18\x01 \x01(\x0e\x32\x19.motiongen.v1.CloseReason\x12\x0c\n\x04\x63ode\x18\x02 \x01(\x05\x12\x0f\n\x07message\x18\x03 \x01(\t\x12\x0e\n\x06\x66rames\x18\x04 \x01(\x04\x12\x13\n\x0blate_frames\x18\x05 \x01(\x04*\x95\x01\n\rPriorityClass\x12\x1e\n\x1aPRIORITY_CLASS_UNSPECIFIED\x10\x00\x12\x17\n\x13PRIORITY_CLASS_HERO\x10\x01\x12\x17\n\x13PRIORITY_CLASS_NEAR\x10\x02\x12\x18\n\x14PRIORITY_CLASS_CROWD\x10\x03\x12\x18\n\x14PRIORITY_CLASS_BATCH\x10\x04*V\n\tPlayState\x12\x1a\n\x16PLAY_STATE_UNSPECIFIED\x10\x00\x12\x16\n\x12PLAY_STATE_PLAYING\x10\x01\x12\x15\n\x11PLAY_STATE_PAUSED\x10\x02*n\n\tPlanCause\x12\x1a\n\x16PLAN_CAUSE_UNSPECIFIED\x10\x00\x12\x17\n\x13PLAN_CAUSE_CONTINUE\x10\x01\x12\x13\n\x0fPLAN_CAUSE_EDIT\x10\x02\x12\x17\n\x13PLAN_CAUSE_FALLBACK\x10\x05*\xb3\x01\n\x0bServiceTier\x12\x1c\n\x18SERVICE_TIER_UNSPECIFIED\x10\x00\x12\x15\n\x11SERVICE_TIER_FULL\x10\x01\x12\x1c\n\x18SERVICE_TIER_FEWER_STEPS\x10\x02\x12\x1c\n\x18SERVICE_TIER_NO_GUIDANCE\x10\x03\x12\x1c\n\x18SERVICE_TIER_SMALL_MODEL\x10\x04\x12\x15\n\x11SERVICE_TIER_HOLD\x10\x05*\xee\x01\n\x0b\x43loseReason\x12\x1c\n\x18\x43LOSE_REASON_UNSPECIFIED\x10\x00\x12\x17\n\x13\x43LOSE_REASON_CLIENT\x10\x01\x12\x15\n\x11\x43LOSE_REASON_IDLE\x10\x02\x12\x1c\n\x18\x43LOSE_REASON_SLOW_READER\x10\x03\x12\x18\n\x14\x43LOSE_REASON_DRAINED\x10\x05\x12\x1d\n\x19\x43LOSE_REASON_ENGINE_FAULT\x10\x06\x12\x19\n\x15\x43LOSE_REASON_OVERLOAD\x10\x08\x12\x1f\n\x1b\x43LOSE_REASON_MODEL_UNLOADED\x10\tB\x03\xf8\x01\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1amotiongen/v1/session.proto\x12\x0cmotiongen.v1\x1a\x1egoogle/protobuf/duration.proto\x1a\x19motiongen/v1/motion.proto\"\x96\x03\n\x0cSessionEvent\x12\x0f\n\x07session\x18\x01 \x01(\r\x12\x11\n\tevent_seq\x18\x02 \x01(\x04\x12)\n\x04open\x18\n \x01(\x0b\x32\x19.motiongen.v1.OpenSessionH\x00\x12\x31\n\x0c\x65\x64it_prompts\x18\x0c \x01(\x0b\x32\x19.motiongen.v1.EditPromptsH\x00\x12\x39\n\x10\x65\x64it_constraints\x18\r \x01(\x0b\x32\x1d.motiongen.v1.EditConstraintsH\x00\x12\x31\n\x0cset_velocity\x18\x0e \x01(\x0b\x32\x19.motiongen.v1.SetVelocityH\x00\x12*\n\x08playhead\x18\x0f \x01(\x0b\x32\x16.motiongen.v1.PlayheadH\x00\x12\x34\n\x0eset_play_state\x18\x10 \x01(\x0b\x32\x1a.motiongen.v1.SetPlayStateH\x00\x12+\n\x05\x63lose\x18\x12 \x01(\x0b\x32\x1a.motiongen.v1.CloseSessionH\x00\x42\x07\n\x05\x65vent\"\x96\x04\n\x0bOpenSession\x12\x12\n\nrequest_id\x18\x01 \x01(\t\x12\x0e\n\x06rig_id\x18\x02 \x01(\t\x12\x10\n\x08model_id\x18\x03 \x01(\t\x12\x11\n\x04seed\x18\x04 \x01(\x06H\x00\x88\x01\x01\x12-\n\x08priority\x18\x05 \x01(\x0e\x32\x1b.motiongen.v1.PriorityClass\x12\x18\n\x10lookahead_frames\x18\x06 \x01(\r\x12.\n\x0cprior_frames\x18\x07 \x01(\x0b\x32\x18.motiongen.v1.FrameChunk\x12-\n\x0bscalar_type\x18\t \x01(\x0e\x32\x18.motiongen.v1.ScalarType\x12)\n\x07prompts\x18\n \x03(\x0b\x32\x18.motiongen.v1.PromptSpan\x12-\n\x0b\x63onstraints\x18\x0b \x03(\x0b\x32\x18.motiongen.v1.Constraint\x12+\n\nstart_pose\x18\x0c \x01(\x0b\x32\x17.motiongen.v1.StartPose\x12\x1a\n\rdenoise_steps\x18\r \x01(\rH\x01\x88\x01\x01\x12(\n\x08guidance\x18\x0e \x01(\x0b\x32\x16.motiongen.v1.Guidance\x12\x1b\n\x0ehistory_frames\x18\x0f \x01(\rH\x02\x88\x01\x01\x42\x07\n\x05_seedB\x10\n\x0e_denoise_stepsB\x11\n\x0f_history_frames\"C\n\tStartPose\x12\t\n\x01x\x18\x01 \x01(\x02\x12\t\n\x01z\x18\x02 \x01(\x02\x12\x14\n\x07heading\x18\x03 \x01(\x02H\x00\x88\x01\x01\x42\n\n\x08_heading\"N\n\x08Guidance\x12\x11\n\x04text\x18\x01 \x01(\x02H\x00\x88\x01\x01\x12\x17\n\nconstraint\x18\x02 \x01(\x02H\x01\x88\x01\x01\x42\x07\n\x05_textB\r\n\x0b_constraint\"G\n\x0b\x45\x64itPrompts\x12(\n\x06upsert\x18\x01 \x03(\x0b\x32\x18.motiongen.v1.PromptSpan\x12\x0e\n\x06remove\x18\x02 \x03(\r\"Z\n\x0f\x45\x64itConstraints\x12(\n\x06upsert\x18\x01 \x03(\x0b\x32\x18.motiongen.v1.Constraint\x12\x0e\n\x06remove\x18\x02 \x03(\r\x12\r\n\x05\x63lear\x18\x03 \x01(\x08\"o\n\x0bSetVelocity\x12\t\n\x01x\x18\x01 \x01(\x02\x12\t\n\x01z\x18\x02 \x01(\x02\x12\x14\n\x07heading\x18\x03 \x01(\x02H\x00\x88\x01\x01\x12\x13\n\x0bhold_frames\x18\x04 \x01(\r\x12\x13\n\x0bkeep_prompt\x18\x05 \x01(\x08\x42\n\n\x08_heading\"A\n\x08Playhead\x12\r\n\x05\x66rame\x18\x01 \x01(\x04\x12\x13\n\x0b\x62uffered_to\x18\x02 \x01(\x04\x12\x11\n\tunderruns\x18\x03 \x01(\r\"6\n\x0cSetPlayState\x12&\n\x05state\x18\x01 \x01(\x0e\x32\x17.motiongen.v1.PlayState\"\x0e\n\x0c\x43loseSession\"\xd5\x02\n\rSessionUpdate\x12\x0f\n\x07session\x18\x01 \x01(\r\x12\x13\n\x0b\x61pplied_seq\x18\x02 \x01(\x04\x12-\n\x06opened\x18\n \x01(\x0b\x32\x1b.motiongen.v1.SessionOpenedH\x00\x12)\n\x05\x63hunk\x18\x0b \x01(\x0b\x32\x18.motiongen.v1.FrameChunkH\x00\x12(\n\x04plan\x18\x0c \x01(\x0b\x32\x18.motiongen.v1.PlanNoticeH\x00\x12,\n\x07outcome\x18\r \x01(\x0b\x32\x19.motiongen.v1.EditOutcomeH\x00\x12\x33\n\rservice_level\x18\x0e \x01(\x0b\x32\x1a.motiongen.v1.ServiceLevelH\x00\x12-\n\x06\x63losed\x18\x0f \x01(\x0b\x32\x1b.motiongen.v1.SessionClosedH\x00\x42\x08\n\x06update\"\xac\x02\n\rSessionOpened\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12\x0c\n\x04seed\x18\x03 \x01(\x06\x12\x13\n\x0bstart_frame\x18\x04 \x01(\x04\x12\x0e\n\x06rig_id\x18\x06 \x01(\t\x12\x10\n\x08model_id\x18\x07 \x01(\t\x12\x12\n\nframe_rate\x18\x08 \x01(\r\x12\x18\n\x10lookahead_frames\x18\t \x01(\r\x12 \n\x18\x63ommitted_horizon_frames\x18\n \x01(\r\x12\x15\n\rdenoise_steps\x18\x0b \x01(\r\x12-\n\x0bscalar_type\x18\x0c \x01(\x0e\x32\x18.motiongen.v1.ScalarType\x12,\n\x08warnings\x18\r \x03(\x0b\x32\x1a.motiongen.v1.EventWarning\"j\n\nPlanNotice\x12\x0c\n\x04plan\x18\x01 \x01(\r\x12\x12\n\nvalid_from\x18\x02 \x01(\x04\x12&\n\x05\x63\x61use\x18\x03 \x01(\x0e\x32\x17.motiongen.v1.PlanCause\x12\x12\n\nevent_seqs\x18\x04 \x03(\x04\"\xff\x01\n\x0b\x45\x64itOutcome\x12\x11\n\tevent_seq\x18\x01 \x01(\x04\x12\x0c\n\x04\x63ode\x18\x02 \x01(\x05\x12\x0e\n\x06reason\x18\x03 \x01(\t\x12\x0f\n\x07message\x18\x04 \x01(\t\x12\x1c\n\x0f\x65\x66\x66\x65\x63tive_frame\x18\x05 \x01(\x04H\x00\x88\x01\x01\x12\r\n\x05\x66ield\x18\x06 \x01(\t\x12\x0f\n\x07\x61llowed\x18\x07 \x01(\t\x12.\n\x0bretry_after\x18\x08 \x01(\x0b\x32\x19.google.protobuf.Duration\x12,\n\x08warnings\x18\t \x03(\x0b\x32\x1a.motiongen.v1.EventWarningB\x12\n\x10_effective_frame\">\n\x0c\x45ventWarning\x12\x0e\n\x06reason\x18\x01 \x01(\t\x12\x0f\n\x07message\x18\x02 \x01(\t\x12\r\n\x05\x66ield\x18\x03 \x01(\t\"N\n\x0cServiceLevel\x12\'\n\x04tier\x18\x01 \x01(\x0e\x32\x19.motiongen.v1.ServiceTier\x12\x15\n\rdenoise_steps\x18\x02 \x01(\r\"~\n\rSessionClosed\x12)\n\x06reason\x18\x01 \x01(\x0e\x32\x19.motiongen.v1.CloseReason\x12\x0c\n\x04\x63ode\x18\x02 \x01(\x05\x12\x0f\n\x07message\x18\x03 \x01(\t\x12\x0e\n\x06\x66rames\x18\x04 \x01(\x04\x12\x13\n\x0blate_frames\x18\x05 \x01(\x04*\x95\x01\n\rPriorityClass\x12\x1e\n\x1aPRIORITY_CLASS_UNSPECIFIED\x10\x00\x12\x17\n\x13PRIORITY_CLASS_HERO\x10\x01\x12\x17\n\x13PRIORITY_CLASS_NEAR\x10\x02\x12\x18\n\x14PRIORITY_CLASS_CROWD\x10\x03\x12\x18\n\x14PRIORITY_CLASS_BATCH\x10\x04*V\n\tPlayState\x12\x1a\n\x16PLAY_STATE_UNSPECIFIED\x10\x00\x12\x16\n\x12PLAY_STATE_PLAYING\x10\x01\x12\x15\n\x11PLAY_STATE_PAUSED\x10\x02*n\n\tPlanCause\x12\x1a\n\x16PLAN_CAUSE_UNSPECIFIED\x10\x00\x12\x17\n\x13PLAN_CAUSE_CONTINUE\x10\x01\x12\x13\n\x0fPLAN_CAUSE_EDIT\x10\x02\x12\x17\n\x13PLAN_CAUSE_FALLBACK\x10\x05*\xb3\x01\n\x0bServiceTier\x12\x1c\n\x18SERVICE_TIER_UNSPECIFIED\x10\x00\x12\x15\n\x11SERVICE_TIER_FULL\x10\x01\x12\x1c\n\x18SERVICE_TIER_FEWER_STEPS\x10\x02\x12\x1c\n\x18SERVICE_TIER_NO_GUIDANCE\x10\x03\x12\x1c\n\x18SERVICE_TIER_SMALL_MODEL\x10\x04\x12\x15\n\x11SERVICE_TIER_HOLD\x10\x05*\xee\x01\n\x0b\x43loseReason\x12\x1c\n\x18\x43LOSE_REASON_UNSPECIFIED\x10\x00\x12\x17\n\x13\x43LOSE_REASON_CLIENT\x10\x01\x12\x15\n\x11\x43LOSE_REASON_IDLE\x10\x02\x12\x1c\n\x18\x43LOSE_REASON_SLOW_READER\x10\x03\x12\x18\n\x14\x43LOSE_REASON_DRAINED\x10\x05\x12\x1d\n\x19\x43LOSE_REASON_ENGINE_FAULT\x10\x06\x12\x19\n\x15\x43LOSE_REASON_OVERLOAD\x10\x08\x12\x1f\n\x1b\x43LOSE_REASON_MODEL_UNLOADED\x10\tB<\n\x0cmotiongen.v1P\x01Z\x18motiongen/v1;motiongenv1\xf8\x01\x01\xaa\x02\x0cMotiongen.V1b\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'motiongen.v1.session_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   _globals['DESCRIPTOR']._loaded_options = None
-  _globals['DESCRIPTOR']._serialized_options = b'\370\001\001'
-  _globals['_PRIORITYCLASS']._serialized_start=2833
-  _globals['_PRIORITYCLASS']._serialized_end=2982
-  _globals['_PLAYSTATE']._serialized_start=2984
-  _globals['_PLAYSTATE']._serialized_end=3070
-  _globals['_PLANCAUSE']._serialized_start=3072
-  _globals['_PLANCAUSE']._serialized_end=3182
-  _globals['_SERVICETIER']._serialized_start=3185
-  _globals['_SERVICETIER']._serialized_end=3364
-  _globals['_CLOSEREASON']._serialized_start=3367
-  _globals['_CLOSEREASON']._serialized_end=3605
+  _globals['DESCRIPTOR']._serialized_options = b'\n\014motiongen.v1P\001Z\030motiongen/v1;motiongenv1\370\001\001\252\002\014Motiongen.V1'
+  _globals['_PRIORITYCLASS']._serialized_start=2901
+  _globals['_PRIORITYCLASS']._serialized_end=3050
+  _globals['_PLAYSTATE']._serialized_start=3052
+  _globals['_PLAYSTATE']._serialized_end=3138
+  _globals['_PLANCAUSE']._serialized_start=3140
+  _globals['_PLANCAUSE']._serialized_end=3250
+  _globals['_SERVICETIER']._serialized_start=3253
+  _globals['_SERVICETIER']._serialized_end=3432
+  _globals['_CLOSEREASON']._serialized_start=3435
+  _globals['_CLOSEREASON']._serialized_end=3673
   _globals['_SESSIONEVENT']._serialized_start=104
   _globals['_SESSIONEVENT']._serialized_end=510
   _globals['_OPENSESSION']._serialized_start=513
-  _globals['_OPENSESSION']._serialized_end=1048
-  _globals['_GUIDANCE']._serialized_start=1050
-  _globals['_GUIDANCE']._serialized_end=1128
-  _globals['_EDITPROMPTS']._serialized_start=1130
-  _globals['_EDITPROMPTS']._serialized_end=1201
-  _globals['_EDITCONSTRAINTS']._serialized_start=1203
-  _globals['_EDITCONSTRAINTS']._serialized_end=1293
-  _globals['_SETVELOCITY']._serialized_start=1295
-  _globals['_SETVELOCITY']._serialized_end=1406
-  _globals['_PLAYHEAD']._serialized_start=1408
-  _globals['_PLAYHEAD']._serialized_end=1473
-  _globals['_SETPLAYSTATE']._serialized_start=1475
-  _globals['_SETPLAYSTATE']._serialized_end=1529
-  _globals['_CLOSESESSION']._serialized_start=1531
-  _globals['_CLOSESESSION']._serialized_end=1545
-  _globals['_SESSIONUPDATE']._serialized_start=1548
-  _globals['_SESSIONUPDATE']._serialized_end=1889
-  _globals['_SESSIONOPENED']._serialized_start=1892
-  _globals['_SESSIONOPENED']._serialized_end=2192
-  _globals['_PLANNOTICE']._serialized_start=2194
-  _globals['_PLANNOTICE']._serialized_end=2300
-  _globals['_EDITOUTCOME']._serialized_start=2303
-  _globals['_EDITOUTCOME']._serialized_end=2558
-  _globals['_EVENTWARNING']._serialized_start=2560
-  _globals['_EVENTWARNING']._serialized_end=2622
-  _globals['_SERVICELEVEL']._serialized_start=2624
-  _globals['_SERVICELEVEL']._serialized_end=2702
-  _globals['_SESSIONCLOSED']._serialized_start=2704
-  _globals['_SESSIONCLOSED']._serialized_end=2830
+  _globals['_OPENSESSION']._serialized_end=1047
+  _globals['_STARTPOSE']._serialized_start=1049
+  _globals['_STARTPOSE']._serialized_end=1116
+  _globals['_GUIDANCE']._serialized_start=1118
+  _globals['_GUIDANCE']._serialized_end=1196
+  _globals['_EDITPROMPTS']._serialized_start=1198
+  _globals['_EDITPROMPTS']._serialized_end=1269
+  _globals['_EDITCONSTRAINTS']._serialized_start=1271
+  _globals['_EDITCONSTRAINTS']._serialized_end=1361
+  _globals['_SETVELOCITY']._serialized_start=1363
+  _globals['_SETVELOCITY']._serialized_end=1474
+  _globals['_PLAYHEAD']._serialized_start=1476
+  _globals['_PLAYHEAD']._serialized_end=1541
+  _globals['_SETPLAYSTATE']._serialized_start=1543
+  _globals['_SETPLAYSTATE']._serialized_end=1597
+  _globals['_CLOSESESSION']._serialized_start=1599
+  _globals['_CLOSESESSION']._serialized_end=1613
+  _globals['_SESSIONUPDATE']._serialized_start=1616
+  _globals['_SESSIONUPDATE']._serialized_end=1957
+  _globals['_SESSIONOPENED']._serialized_start=1960
+  _globals['_SESSIONOPENED']._serialized_end=2260
+  _globals['_PLANNOTICE']._serialized_start=2262
+  _globals['_PLANNOTICE']._serialized_end=2368
+  _globals['_EDITOUTCOME']._serialized_start=2371
+  _globals['_EDITOUTCOME']._serialized_end=2626
+  _globals['_EVENTWARNING']._serialized_start=2628
+  _globals['_EVENTWARNING']._serialized_end=2690
+  _globals['_SERVICELEVEL']._serialized_start=2692
+  _globals['_SERVICELEVEL']._serialized_end=2770
+  _globals['_SESSIONCLOSED']._serialized_start=2772
+  _globals['_SESSIONCLOSED']._serialized_end=2898
 # @@protoc_insertion_point(module_scope)

@@ -98,7 +98,7 @@ class SessionEvent(_message.Message):
     def __init__(self, session: _Optional[int] = ..., event_seq: _Optional[int] = ..., open: _Optional[_Union[OpenSession, _Mapping]] = ..., edit_prompts: _Optional[_Union[EditPrompts, _Mapping]] = ..., edit_constraints: _Optional[_Union[EditConstraints, _Mapping]] = ..., set_velocity: _Optional[_Union[SetVelocity, _Mapping]] = ..., playhead: _Optional[_Union[Playhead, _Mapping]] = ..., set_play_state: _Optional[_Union[SetPlayState, _Mapping]] = ..., close: _Optional[_Union[CloseSession, _Mapping]] = ...) -> None: ...
 
 class OpenSession(_message.Message):
-    __slots__ = ("request_id", "rig_id", "model_id", "seed", "priority", "lookahead_frames", "prior_frames", "scalar_type", "prompts", "constraints", "initial_root", "denoise_steps", "guidance", "history_frames")
+    __slots__ = ("request_id", "rig_id", "model_id", "seed", "priority", "lookahead_frames", "prior_frames", "scalar_type", "prompts", "constraints", "start_pose", "denoise_steps", "guidance", "history_frames")
     REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
     RIG_ID_FIELD_NUMBER: _ClassVar[int]
     MODEL_ID_FIELD_NUMBER: _ClassVar[int]
@@ -109,7 +109,7 @@ class OpenSession(_message.Message):
     SCALAR_TYPE_FIELD_NUMBER: _ClassVar[int]
     PROMPTS_FIELD_NUMBER: _ClassVar[int]
     CONSTRAINTS_FIELD_NUMBER: _ClassVar[int]
-    INITIAL_ROOT_FIELD_NUMBER: _ClassVar[int]
+    START_POSE_FIELD_NUMBER: _ClassVar[int]
     DENOISE_STEPS_FIELD_NUMBER: _ClassVar[int]
     GUIDANCE_FIELD_NUMBER: _ClassVar[int]
     HISTORY_FRAMES_FIELD_NUMBER: _ClassVar[int]
@@ -123,11 +123,21 @@ class OpenSession(_message.Message):
     scalar_type: _motion_pb2.ScalarType
     prompts: _containers.RepeatedCompositeFieldContainer[_motion_pb2.PromptSpan]
     constraints: _containers.RepeatedCompositeFieldContainer[_motion_pb2.Constraint]
-    initial_root: _motion_pb2.RootPose
+    start_pose: StartPose
     denoise_steps: int
     guidance: Guidance
     history_frames: int
-    def __init__(self, request_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., seed: _Optional[int] = ..., priority: _Optional[_Union[PriorityClass, str]] = ..., lookahead_frames: _Optional[int] = ..., prior_frames: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., prompts: _Optional[_Iterable[_Union[_motion_pb2.PromptSpan, _Mapping]]] = ..., constraints: _Optional[_Iterable[_Union[_motion_pb2.Constraint, _Mapping]]] = ..., initial_root: _Optional[_Union[_motion_pb2.RootPose, _Mapping]] = ..., denoise_steps: _Optional[int] = ..., guidance: _Optional[_Union[Guidance, _Mapping]] = ..., history_frames: _Optional[int] = ...) -> None: ...
+    def __init__(self, request_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., seed: _Optional[int] = ..., priority: _Optional[_Union[PriorityClass, str]] = ..., lookahead_frames: _Optional[int] = ..., prior_frames: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., prompts: _Optional[_Iterable[_Union[_motion_pb2.PromptSpan, _Mapping]]] = ..., constraints: _Optional[_Iterable[_Union[_motion_pb2.Constraint, _Mapping]]] = ..., start_pose: _Optional[_Union[StartPose, _Mapping]] = ..., denoise_steps: _Optional[int] = ..., guidance: _Optional[_Union[Guidance, _Mapping]] = ..., history_frames: _Optional[int] = ...) -> None: ...
+
+class StartPose(_message.Message):
+    __slots__ = ("x", "z", "heading")
+    X_FIELD_NUMBER: _ClassVar[int]
+    Z_FIELD_NUMBER: _ClassVar[int]
+    HEADING_FIELD_NUMBER: _ClassVar[int]
+    x: float
+    z: float
+    heading: float
+    def __init__(self, x: _Optional[float] = ..., z: _Optional[float] = ..., heading: _Optional[float] = ...) -> None: ...
 
 class Guidance(_message.Message):
     __slots__ = ("text", "constraint")

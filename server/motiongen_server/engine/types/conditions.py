@@ -29,7 +29,7 @@ class Prompt:
 
 
 @dataclass(frozen=True, slots=True)
-class RootTarget:
+class Waypoint:
     """A waypoint: the root's ground position at one frame, heading optional."""
 
     constraint_id: int
@@ -48,7 +48,7 @@ class RootTarget:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RootPath:
+class RootTrajectory:
     """A root trajectory: ground positions at consecutive frames. xz: (T, 2); heading: (T,) or None."""
 
     constraint_id: int
@@ -91,7 +91,7 @@ class JointTargets:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PoseTarget:
+class Keyframe:
     """A keyframe: the world positions of all joints at one frame. positions: (J, 3)."""
 
     constraint_id: int
@@ -107,4 +107,4 @@ class PoseTarget:
         return self.frame
 
 
-Constraint: TypeAlias = RootTarget | RootPath | JointTargets | PoseTarget
+Constraint: TypeAlias = Waypoint | RootTrajectory | JointTargets | Keyframe

@@ -9,6 +9,10 @@ from motiongen_server.engine.types.spec import Guidance
 
 RELEASED_GUIDANCE = Guidance(2.0, 2.0)
 
+# the names of blocks that the server itself reads
+ROOT_BLOCK = "root_translation_m"
+ROTATION_BLOCK = "joint_rotation_quat_wxyz"
+
 
 @dataclass(frozen=True, slots=True)
 class ChannelBlock:

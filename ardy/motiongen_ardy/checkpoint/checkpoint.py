@@ -1,0 +1,260 @@
+"""A checkpoint folder: weights, config and statistics in the released layout, read and written without pickle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import torch
+from torch import Tensor, nn
+
+from motiongen_ardy.checkpoint.config import (
+    DENOISER_FILE,
+    MOTION_STATS,
+    TOKENIZER_FILE,
+    FolderLayout,
+    read_model_config,
+    read_tokenizer_config,
+)
+from motiongen_ardy.checkpoint.config_writer import write_model_config, write_tokenizer_config
+from motiongen_ardy.checkpoint.files import CheckpointError, TensorFile, path_inside, read_yaml
+from motiongen_ardy.checkpoint.sampling_file import SAMPLING_FILE, read_options, write_options
+from motiongen_ardy.checkpoint.stats import load_stats, save_stats
+from motiongen_ardy.core.problems import Problems
+from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH, Representation
+from motiongen_ardy.core.skeleton import load_skeleton
+from motiongen_ardy.core.stats import Stats
+from motiongen_ardy.model.config import ConfigError, ModelConfig
+from motiongen_ardy.model.model import Model, build_model
+from motiongen_ardy.model.precision import PRECISIONS, matrix_names, set_precision
+from motiongen_ardy.model.sampling.limbs import arms
+from motiongen_ardy.model.sampling.options import SamplingOptions, released_options
+from motiongen_ardy.model.tokenizer import Tokenizer, build_tokenizer
+
+CONFIG_FILE = "config.yaml"
+PART = TypeVar("PART")
+
+
+def load_checkpoint(
+    folder: str | Path, device: str | torch.device = "cpu", dtype: torch.dtype = torch.float32
+) -> Model:
+    """The model of a checkpoint folder, in evaluation mode, on `device`.
+
+    dtype: float32 or bfloat16, of the weight matrices (`motiongen_ardy.model.precision`). Raises CheckpointError with
+    everything that is wrong: files missing, unreadable or outside the folder, config keys and values, tensors
+    missing, extra, misshapen or not finite, statistics. Nothing in the folder is executed, and no memory is taken for
+    tensors before config, header and file size agree.
+    """
+    check_precision(dtype)
+    folder = Path(folder)
+    config, layout = _read_config(folder, read_model_config)
+    problems: list[str] = []
+    feature_dim = load_skeleton(config.skeleton).feature_dim
+    stats = _collect(problems, lambda: _read_stats(folder, layout.motion_stats, feature_dim + LOCAL_ROOT_WIDTH))
+    with torch.device("meta"):
+        model = _built(folder, lambda: build_model(config, stats or _identity_stats(feature_dim + LOCAL_ROOT_WIDTH)))
+    sampling = _collect(problems, lambda: _read_sampling(folder, config))
+    model.sampling = sampling or model.sampling
+    fill_denoiser = _collect(problems, lambda: _prepare(model.denoiser, folder, layout.denoiser, _denoiser_name, dtype))
+    fill_tokenizer = None
+    if model.tokenizer is not None:
+        fill_tokenizer = _prepare_tokenizer(model.tokenizer, folder, layout, dtype, problems)
+    for fill in (fill_denoiser, fill_tokenizer) if not problems else ():
+        if fill is not None:
+            _collect(problems, fill)
+    if problems:
+        raise CheckpointError(problems)
+    return model.to(device).eval().requires_grad_(False)
+
+
+def load_tokenizer(
+    folder: str | Path, device: str | torch.device = "cpu", dtype: torch.dtype = torch.float32
+) -> Tokenizer:
+    """The tokenizer of a checkpoint folder, which may lack a denoiser. Raises as `load_checkpoint` does."""
+    check_precision(dtype)
+    folder = Path(folder)
+    config, skeleton_name, fps, layout = _read_config(folder, read_tokenizer_config)
+    skeleton = load_skeleton(skeleton_name)
+    width = skeleton.feature_dim + LOCAL_ROOT_WIDTH
+    problems: list[str] = []
+    stats = _collect(problems, lambda: _read_stats(folder, layout.motion_stats, width))
+    with torch.device("meta"):
+        features = Representation(skeleton, fps, stats or _identity_stats(width))
+        tokenizer = _built(folder, lambda: build_tokenizer(config, features))
+    fill = _prepare_tokenizer(tokenizer, folder, layout, dtype, problems)
+    if fill is not None and not problems:
+        _collect(problems, fill)
+    if problems:
+        raise CheckpointError(problems)
+    return tokenizer.to(device).eval().requires_grad_(False)
+
+
+def save_checkpoint(model: Model, folder: str | Path) -> None:
+    """Write a model as a checkpoint folder that `load_checkpoint`, and the public ARDY loader, can read."""
+    folder = Path(folder)
+    _write_yaml(write_model_config(model.config), folder / CONFIG_FILE)
+    denoiser = {
+        f"denoiser.{'backbone.' if name.startswith(('root_model.', 'body_model.')) else ''}{name}": tensor
+        for name, tensor in _plain_tensors(model.denoiser).items()
+    }
+    _write_tensors(denoiser, folder / DENOISER_FILE)
+    save_stats(model.representation.stats, folder / MOTION_STATS)
+    if model.sampling != released_options(model.config.guidance):
+        _write_yaml(write_options(model.sampling), folder / SAMPLING_FILE)
+    else:
+        (folder / SAMPLING_FILE).unlink(missing_ok=True)
+    if model.tokenizer is not None:
+        _write_tokenizer_files(model.tokenizer, folder)
+
+
+def save_tokenizer(tokenizer: Tokenizer, folder: str | Path) -> None:
+    """Write a folder that `load_tokenizer` can read: a checkpoint without a denoiser."""
+    folder = Path(folder)
+    layout = tokenizer.representation
+    _write_yaml(write_tokenizer_config(tokenizer.config, layout.skeleton.name, layout.fps), folder / CONFIG_FILE)
+    save_stats(layout.stats, folder / MOTION_STATS)
+    _write_tokenizer_files(tokenizer, folder)
+
+
+def check_precision(dtype: torch.dtype) -> None:
+    """Raise ConfigError for a type that weights cannot be held in."""
+    if dtype not in PRECISIONS.values():
+        raise ConfigError(f"dtype is {dtype}; weights are held as {' or '.join(PRECISIONS)}")
+
+
+# ---- reading --------------------------------------------------------------------------------------------------------
+
+
+def _collect(problems: list[str], read: Callable[[], PART]) -> PART | None:
+    """What `read` returns; None, with its problems noted, if it refuses."""
+    try:
+        return read()
+    except Problems as error:
+        problems += error.problems
+        return None
+
+
+def _read_config(folder: Path, read: Callable[[object], PART]) -> PART:
+    content = read_yaml(path_inside(folder, CONFIG_FILE))
+    return _built(folder, lambda: read(content))
+
+
+def _read_sampling(folder: Path, config: ModelConfig) -> SamplingOptions:
+    """What `sampling.yaml` says, as released where there is none. Raises CheckpointError."""
+    path = path_inside(folder, SAMPLING_FILE)
+    if not path.exists():
+        return released_options(config.guidance)
+    try:
+        options = read_options(read_yaml(path), config.guidance)
+        if options.clean_feet or options.reach_joints:
+            arms(load_skeleton(config.skeleton))
+        return options
+    except ConfigError as error:
+        raise CheckpointError([f"{path}: {problem}" for problem in error.problems]) from error
+
+
+def _built(folder: Path, build: Callable[[], PART]) -> PART:
+    """What is built from a folder's configuration; where that cannot be, CheckpointError names the file."""
+    try:
+        return build()
+    except ConfigError as error:
+        raise CheckpointError([f"{folder / CONFIG_FILE}: {problem}" for problem in error.problems]) from error
+
+
+def _read_stats(folder: Path, relative: str, width: int) -> Stats:
+    for name in ("mean.npy", "std.npy"):
+        path_inside(folder, f"{relative}/{name}")
+    return load_stats(folder / relative, width)
+
+
+def _identity_stats(width: int) -> Stats:
+    return Stats(torch.zeros(width, device="cpu"), torch.ones(width, device="cpu"))
+
+
+def _prepare_tokenizer(
+    tokenizer: Tokenizer, folder: Path, layout: FolderLayout, dtype: torch.dtype, problems: list[str]
+) -> Callable[[], None] | None:
+    """Give a tokenizer its statistics and check its tensors; what is wrong goes to `problems`."""
+    width = tokenizer.config.latent_dim
+    for name in ("post", "pre"):
+        relative = f"{layout.latent_stats}/{name}_quantization"
+        stats = _collect(problems, lambda relative=relative: _read_stats(folder, relative, width))
+        setattr(tokenizer, f"{name}_stats", stats or _identity_stats(width))
+    return _collect(problems, lambda: _prepare(tokenizer, folder, layout.tokenizer, _tokenizer_name, dtype))
+
+
+def _prepare(
+    module: nn.Module, folder: Path, relative: str, name_of: Callable[[str], str | None], dtype: torch.dtype
+) -> Callable[[], None]:
+    """Check a file's header against a module without tensors; returns what then reads them into the module.
+
+    name_of: our name of a tensor in the file, None for one that is not the module's.
+    """
+    file = TensorFile(path_inside(folder, relative))
+    stored: dict[str, str] = {}
+    problems = []
+    for name in file.entries:
+        ours = name_of(name)
+        if ours in stored:
+            problems.append(f"{name!r} and {stored[ours]!r} are both {ours}")
+        elif ours is not None:
+            stored[ours] = name
+    expected = {name: tuple(tensor.shape) for name, tensor in module.state_dict().items()}
+    for name in sorted(expected.keys() | stored.keys()):
+        shape = file.entries[stored[name]].shape if name in stored else None
+        if shape is None:
+            problems.append(f"missing {name} {expected[name]}")
+        elif name not in expected:
+            problems.append(f"extra {name[:200]} {shape}")
+        elif shape != expected[name]:
+            problems.append(f"{name} is {shape}, expected {expected[name]}")
+    if problems:
+        raise CheckpointError([f"{file.path}: {problem}" for problem in problems])
+    return lambda: _fill(module, file, stored, dtype)
+
+
+def _fill(module: nn.Module, file: TensorFile, stored: dict[str, str], dtype: torch.dtype) -> None:
+    matrices = matrix_names(module)
+    read = file.read({stored[name]: dtype if name in matrices else torch.float32 for name in stored})
+    tensors = {name: read.pop(stored[name]) for name in stored}
+    broken = [name for name, tensor in tensors.items() if not bool(tensor.isfinite().all())]
+    if broken:
+        raise CheckpointError([f"{file.path}: {name} holds NaN or infinite numbers" for name in sorted(broken)])
+    module.load_state_dict(tensors, assign=True)
+    set_precision(module, dtype)
+
+
+def _denoiser_name(name: str) -> str | None:
+    return name.replace("denoiser.", "").replace("backbone.", "") if name.startswith("denoiser") else None
+
+
+def _tokenizer_name(name: str) -> str | None:
+    return name.removeprefix("pose_net.") if name.startswith("pose_net") else None
+
+
+# ---- writing --------------------------------------------------------------------------------------------------------
+
+
+def _write_tokenizer_files(tokenizer: Tokenizer, folder: Path) -> None:
+    tensors = {f"pose_net.{name}": tensor for name, tensor in _plain_tensors(tokenizer).items()}
+    _write_tensors(tensors, folder / TOKENIZER_FILE)
+    save_stats(tokenizer.post_stats, folder / "stats" / "post_quantization")
+    save_stats(tokenizer.pre_stats, folder / "stats" / "pre_quantization")
+
+
+def _write_tensors(tensors: dict[str, Tensor], path: Path) -> None:
+    from safetensors.torch import save_file
+
+    save_file(tensors, path)
+
+
+def _write_yaml(content: dict[str, object], path: Path) -> None:
+    import yaml
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+
+
+def _plain_tensors(module: nn.Module) -> dict[str, Tensor]:
+    return {name: tensor.detach().cpu().float().contiguous() for name, tensor in module.state_dict().items()}

@@ -1,0 +1,248 @@
+"""The files of a checkpoint folder, read with suspicion: inside the folder, bounded, and nothing in them is run."""
+
+from __future__ import annotations
+
+import json
+import math
+import stat
+import struct
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
+
+from motiongen_ardy.core.problems import Problems
+
+if TYPE_CHECKING:
+    import yaml
+
+MAX_CONFIG_BYTES = 64 << 10
+MAX_CONFIG_NODES = 10_000
+MAX_CONFIG_DEPTH = 32
+MAX_HEADER_BYTES = 1 << 20
+WEIGHT_TYPES = {"F64": torch.float64, "F32": torch.float32, "F16": torch.float16, "BF16": torch.bfloat16}
+
+
+class CheckpointError(Problems):
+    """Raised for a folder that is not a complete, consistent checkpoint; it lists everything that is wrong."""
+
+
+def path_inside(folder: Path, relative: str) -> Path:
+    """The path of a file of the folder. Raises CheckpointError for one that leads out of it, by name or by link.
+
+    In a cache of huggingface_hub files are links to the same repository's `blobs`, so there the repository counts.
+    """
+    if PurePosixPath(relative).is_absolute() or ".." in PurePosixPath(relative).parts or "\0" in relative:
+        raise CheckpointError(
+            f"the path {relative[:200]!r} leads out of the checkpoint folder; give one relative to it"
+        )
+    path, home = folder / relative, folder.resolve()
+    if home.parent.name == "snapshots" and (home.parent.parent / "blobs").is_dir():
+        home = home.parent.parent
+    try:
+        if not path.resolve().is_relative_to(home):
+            raise CheckpointError(f"{path} is a link out of the checkpoint folder; put the file itself there")
+    except (OSError, RuntimeError) as error:  # a link to itself
+        raise CheckpointError(f"{path} cannot be followed: {error}") from error
+    return path
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """The content of a regular file of at most `most` bytes. Raises CheckpointError for anything else."""
+    size = file_size(path)
+    if size > most:
+        raise CheckpointError(f"{path} has {size} bytes; a file of that name is never larger than {most}")
+    try:
+        with path.open("rb") as file:
+            return file.read(most + 1)
+    except OSError as error:
+        raise CheckpointError(f"{path} cannot be read: {error.strerror}") from error
+
+
+def file_size(path: Path) -> int:
+    """Bytes of a regular file. Raises CheckpointError when it is missing or a folder, pipe or device."""
+    try:
+        status = path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        raise CheckpointError(f"{path} is missing; the checkpoint is not complete") from None
+    except OSError as error:
+        raise CheckpointError(f"{path} cannot be read: {error.strerror}") from error
+    if not stat.S_ISREG(status.st_mode):
+        raise CheckpointError(f"{path} is not a regular file")
+    return status.st_size
+
+
+# ---- YAML -----------------------------------------------------------------------------------------------------------
+
+
+def read_yaml(path: Path) -> object:
+    """The content of a YAML file: mappings, lists and scalars. Anchors are fine, tags other than YAML's own are not.
+
+    Raises CheckpointError for what is not YAML, for keys given twice, for a file that grows beyond MAX_CONFIG_NODES
+    when its anchors are followed, and for one that contains itself.
+    """
+    import yaml
+
+    text = read_bytes(path, MAX_CONFIG_BYTES)
+    try:
+        loader = yaml.SafeLoader(text)
+        try:
+            root = loader.get_single_node()
+            if root is None:
+                raise CheckpointError(f"{path} is empty; it must describe a model")
+            _check_nodes(root, path)
+            return loader.construct_document(root)
+        finally:
+            loader.dispose()
+    except CheckpointError:
+        raise
+    except RecursionError as error:
+        raise CheckpointError(f"{path} is nested too deeply; a model's configuration has a few levels") from error
+    except (yaml.YAMLError, ValueError, OverflowError, AttributeError, TypeError) as error:
+        # besides YAMLError: what PyYAML's own constructors raise for malformed numbers, dates and sets
+        raise CheckpointError(f"{path} is not readable YAML: {str(error)[:500]}") from error
+
+
+def _check_nodes(root: yaml.Node, path: Path) -> None:
+    """Count nodes as often as anchors repeat them, before anything is built from them."""
+    from yaml import MappingNode, SequenceNode
+
+    budget = MAX_CONFIG_NODES
+    pending: list[tuple[yaml.Node, int]] = [(root, 1)]
+    while pending:
+        node, depth = pending.pop()
+        budget -= 1
+        if budget < 0 or depth > MAX_CONFIG_DEPTH:
+            raise CheckpointError(
+                f"{path} is too large when its anchors are followed (more than {MAX_CONFIG_NODES} entries or "
+                f"{MAX_CONFIG_DEPTH} levels); that is not a model configuration"
+            )
+        if isinstance(node, SequenceNode):
+            pending += [(child, depth + 1) for child in node.value]
+        elif isinstance(node, MappingNode):
+            keys = Counter(str(key.value) for key, _ in node.value)
+            twice = sorted(key[:60] for key, count in keys.items() if count > 1)
+            if twice:
+                raise CheckpointError(f"{path} gives the keys {', '.join(twice)} twice in one mapping")
+            pending += [(child, depth + 1) for pair in node.value for child in pair]
+
+
+# ---- safetensors ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class TensorEntry:
+    """One tensor of a safetensors header: its type as written there, its shape, its bytes from start to end."""
+
+    dtype: str
+    shape: tuple[int, ...]
+    start: int
+    end: int
+
+
+class TensorFile:
+    """A safetensors file whose header has been checked against the file's size; tensors are read one at a time."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises CheckpointError listing everything that is wrong with the header."""
+        self.path = path
+        size = file_size(path)
+        try:
+            with path.open("rb") as file:
+                length_bytes = file.read(8)
+                length = struct.unpack("<Q", length_bytes)[0] if len(length_bytes) == 8 else 0
+                if not 2 <= length <= min(MAX_HEADER_BYTES, size - 8):
+                    raise CheckpointError(
+                        f"{path} is not a safetensors file: it claims a header of {length} bytes and has {size} in all"
+                    )
+                header = file.read(length)
+        except OSError as error:
+            raise CheckpointError(f"{path} cannot be read: {error.strerror}") from error
+        self._data_start = 8 + length
+        self.entries = self._parse(header, size - self._data_start)
+
+    def _parse(self, header: bytes, data_bytes: int) -> dict[str, TensorEntry]:
+        try:
+            listed = json.loads(header, object_pairs_hook=_refuse_twice)
+        except (ValueError, RecursionError) as error:
+            raise CheckpointError(
+                f"{self.path} is not a safetensors file: its header is not JSON ({str(error)[:200]})"
+            ) from error
+        if not isinstance(listed, dict):
+            raise CheckpointError(f"{self.path} is not a safetensors file: its header is no JSON object")
+        listed.pop("__metadata__", None)
+        problems: list[str] = []
+        entries: dict[str, TensorEntry] = {}
+        for name, fields in listed.items():
+            entry = _tensor_entry(fields)
+            if isinstance(entry, str):
+                problems.append(f"{name[:200]!r} {entry}")
+            else:
+                entries[name] = entry
+        problems += [] if problems else _range_problems(entries, data_bytes)
+        if problems:
+            raise CheckpointError([f"{self.path}: {problem}" for problem in problems])
+        return entries
+
+    def read(self, wanted: Mapping[str, torch.dtype]) -> dict[str, Tensor]:
+        """The named tensors, each as the given floating-point type. Raises CheckpointError if the file has shrunk."""
+        tensors: dict[str, Tensor] = {}
+        try:
+            with self.path.open("rb") as file:
+                for name, dtype in sorted(wanted.items(), key=lambda item: self.entries[item[0]].start):
+                    entry = self.entries[name]
+                    # Into memory of torch's own, which is aligned as products like it; they round alike on it, too.
+                    content = torch.empty(entry.end - entry.start, dtype=torch.uint8)
+                    file.seek(self._data_start + entry.start)
+                    if file.readinto(memoryview(content.numpy())) != len(content):
+                        raise CheckpointError(f"{self.path} ends within {name!r}; it has changed while it was read")
+                    tensors[name] = content.view(WEIGHT_TYPES[entry.dtype]).reshape(entry.shape).to(dtype)
+        except OSError as error:
+            raise CheckpointError(f"{self.path} cannot be read: {error.strerror}") from error
+        return tensors
+
+
+def _refuse_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    mapping = dict(pairs)
+    if len(mapping) != len(pairs):
+        raise ValueError("a name is given twice")
+    return mapping
+
+
+def _tensor_entry(fields: object) -> TensorEntry | str:
+    """The entry, or what is wrong with it."""
+    if not isinstance(fields, dict) or fields.keys() != {"dtype", "shape", "data_offsets"}:
+        return "is not described by dtype, shape and data_offsets"
+    dtype, shape, offsets = fields["dtype"], fields["shape"], fields["data_offsets"]
+    if not isinstance(dtype, str) or dtype not in WEIGHT_TYPES:
+        return f"has the type {str(dtype)[:40]!r}; weights must be one of {', '.join(WEIGHT_TYPES)}"
+    if not _counts(shape) or len(shape) > 8:
+        return f"has the shape {str(shape)[:80]}"
+    if not _counts(offsets) or len(offsets) != 2:
+        return f"has the data_offsets {str(offsets)[:80]}"
+    needed = math.prod(shape) * WEIGHT_TYPES[dtype].itemsize
+    if offsets[1] - offsets[0] != needed:
+        return f"lies in bytes {offsets[0]} to {offsets[1]}, but {dtype} {tuple(shape)} takes {needed}"
+    return TensorEntry(dtype, tuple(shape), offsets[0], offsets[1])
+
+
+def _counts(value: object) -> bool:
+    return isinstance(value, list) and all(type(number) is int and 0 <= number < 1 << 62 for number in value)
+
+
+def _range_problems(entries: Mapping[str, TensorEntry], data_bytes: int) -> list[str]:
+    """Tensors must fill the data without overlap or gap, as the format demands."""
+    problems = []
+    position = 0
+    for name, entry in sorted(entries.items(), key=lambda item: (item[1].start, item[1].end)):
+        if entry.start != position:
+            kind = "overlaps the tensor before it" if entry.start < position else "leaves a gap before it"
+            problems.append(f"{name[:200]!r} in bytes {entry.start} to {entry.end} {kind} (expected {position})")
+        position = max(position, entry.end)
+    if position != data_bytes and not problems:
+        problems.append(f"its tensors take {position} bytes, but {data_bytes} follow the header; it is cut or too long")
+    return problems

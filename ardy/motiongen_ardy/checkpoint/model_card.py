@@ -1,0 +1,117 @@
+"""A model by its name: which folder it lies in, and what its card says of licence and attribution."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+from motiongen_ardy.checkpoint.hub import fetch_checkpoint
+from motiongen_ardy.checkpoint.released import NICKNAMES, RELEASED, RELEASED_BY
+
+CARD_FILES = ("MODEL_CARD.md", "README.md")
+MAX_CARD_BYTES = 1 << 20
+BUILT_IN_MODEL = "motiongen-mini"
+CHECKPOINTS_DIR = "CHECKPOINTS_DIR"
+REPOSITORY = re.compile(r"[A-Za-z0-9][\w.-]{0,95}/[A-Za-z0-9][\w.-]{0,95}", re.ASCII)
+REVISION = re.compile(r"[A-Za-z0-9][\w./-]{0,199}", re.ASCII)
+
+
+class UnknownModel(ValueError):
+    """Raised for a name that stands for no model; the message lists what is known."""
+
+
+@dataclass(frozen=True)
+class ModelCard:
+    """model_id: the name to ask for; licence: of the weights, "unknown" where the folder has no card."""
+
+    model_id: str
+    licence: str
+    attribution: str
+
+
+def built_in_models() -> tuple[str, ...]:
+    """The names of the models that come with the package."""
+    folder = Path(str(resources.files("motiongen_ardy") / "pretrained"))
+    return tuple(sorted(path.parent.name for path in folder.glob("*/config.yaml")))
+
+
+def model_folder(name: str) -> Path:
+    """The checkpoint folder that a name stands for, downloaded where it must be.
+
+    In this order: a built-in model; a folder; a folder of `$CHECKPOINTS_DIR`; a released model by nickname or full
+    name; a repository `owner/name` of the Hugging Face hub. The last two may end in `@revision` (commit, tag or
+    branch), which asks the hub or its cache for exactly that. Raises UnknownModel, and HubError where the hub fails.
+    """
+    if name in built_in_models():
+        return Path(str(resources.files("motiongen_ardy") / "pretrained" / name))
+    if name and (Path(name).expanduser() / "config.yaml").is_file():
+        return Path(name).expanduser()
+    given, at, revision = name.partition("@")
+    full_name = NICKNAMES.get(given, given)
+    local = None if at or not _is_one_name(full_name) else _local_checkpoint(full_name)
+    if local is not None:
+        return local
+    repository = f"{RELEASED_BY}/{full_name}" if full_name in RELEASED else given
+    fits = REPOSITORY.fullmatch(repository) and ".." not in repository
+    if not fits or (at and not REVISION.fullmatch(revision)) or Path(given).expanduser().exists():
+        raise UnknownModel(_what_is_known(name))
+    return fetch_checkpoint(repository, revision or None)
+
+
+def _is_one_name(name: str) -> bool:
+    return bool(name) and name not in (".", "..") and not set(name) & set("/\\\0")
+
+
+def _local_checkpoint(full_name: str) -> Path | None:
+    """The folder of that name in `$CHECKPOINTS_DIR`; None where there is none."""
+    home = os.environ.get(CHECKPOINTS_DIR)
+    folder = Path(home).expanduser() / full_name if home else None
+    return folder if folder is not None and (folder / "config.yaml").is_file() else None
+
+
+def _what_is_known(name: str) -> str:
+    folder = Path(name).expanduser() if name and "\0" not in name else None
+    if folder is not None and folder.is_dir():
+        return f"the folder {name!r} holds no config.yaml; a checkpoint folder does"
+    return (
+        f"no model {name[:200]!r}; give a built-in model ({', '.join(built_in_models()) or 'none'}), a released one "
+        f"({', '.join(NICKNAMES)}, or its full name), a checkpoint folder, a folder's name in ${CHECKPOINTS_DIR}, "
+        "or a repository owner/name[@revision] of the Hugging Face hub"
+    )
+
+
+def read_model_card(folder: Path) -> ModelCard:
+    """What the front matter of a folder's card says; a folder without a card gets its own name and no licence."""
+    front = next((front for name in CARD_FILES if (front := _front_matter(folder / name))), {})
+    licence = front.get("licence") or front.get("license_name") or front.get("license")
+    return ModelCard(
+        model_id=str(front.get("name") or _own_name(folder)),
+        licence=str(licence or "unknown"),
+        attribution=str(front.get("attribution", "")),
+    )
+
+
+def _own_name(folder: Path) -> str:
+    """A folder's name; in the hub's cache, where that is a commit, the repository's."""
+    folder = folder.resolve()
+    repository = folder.parent.parent.name
+    if folder.parent.name == "snapshots" and repository.startswith("models--"):
+        return repository.rpartition("--")[2]
+    return folder.name
+
+
+def _front_matter(path: Path) -> dict[str, object]:
+    """The YAML between the first two lines of dashes; empty where there is none that can be read."""
+    import yaml
+
+    try:
+        if not path.is_file() or path.stat().st_size > MAX_CARD_BYTES:
+            return {}
+        parts = path.read_text(encoding="utf-8").split("---", 2)
+        loaded = yaml.safe_load(parts[1]) if len(parts) == 3 and not parts[0].strip() else None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, ValueError, RecursionError):
+        return {}
+    return loaded if isinstance(loaded, dict) else {}

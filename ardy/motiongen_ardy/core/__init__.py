@@ -1,0 +1,1 @@
+"""What motion is: skeletons, rotations, motion, features and their scales, constraints."""

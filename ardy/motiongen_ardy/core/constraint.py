@@ -1,0 +1,204 @@
+"""Constraints: waypoint, root trajectory, keyframe, end effector -> observed features and mask.
+
+World units: metres, radians, global rotations. Velocities and contacts are never constrained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import torch
+from torch import Tensor
+
+from motiongen_ardy.core.representation import Representation, heading_angle
+from motiongen_ardy.core.rotation import matrix_to_6d
+from motiongen_ardy.core.skeleton import Skeleton
+
+
+class ConstraintError(ValueError):
+    """Raised for a constraint that has no meaning; the message says what was given and what is allowed."""
+
+
+def limb_chains(skeleton: Skeleton) -> Mapping[str, tuple[int, ...]]:
+    """The joint chains that end-effector constraints can name."""
+    return {
+        "LeftHand": skeleton.left_hand,
+        "RightHand": skeleton.right_hand,
+        "LeftFoot": skeleton.left_foot,
+        "RightFoot": skeleton.right_foot,
+        "Hips": (0,),
+    }
+
+
+def require_numbers(what: str, values: Tensor, shape: tuple[int, ...]) -> None:
+    """Raise ConstraintError unless values are finite and of that shape."""
+    if values.shape != shape:
+        raise ConstraintError(f"{what} have shape {tuple(values.shape)}; give {shape}")
+    if not values.isfinite().all():
+        raise ConstraintError(f"{what} hold NaN or infinite numbers; every one must be finite")
+
+
+class Targets:
+    """What features shall be at which frames, gathered from constraints; of two that disagree, the later one holds.
+
+    Frames are absolute; `fill` is told which of them it is to lay out, and leaves the others alone. The groups are
+    independent: a waypoint overrides the ground position of an earlier keyframe at its frame but not its pose.
+    planned, faced: frames whose ground position, and whose heading, nobody asked for, but which lead to what was asked:
+    the root may sway about them.
+    """
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        self.skeleton = skeleton
+        self.ground: dict[int, Tensor] = {}
+        self.height: dict[int, Tensor] = {}
+        self.heading: dict[int, Tensor] = {}
+        self.positions: dict[tuple[int, int], Tensor] = {}
+        self.rotations: dict[tuple[int, int], Tensor] = {}
+        self.planned: set[int] = set()
+        self.faced: set[int] = set()
+
+    @property
+    def frames(self) -> set[int]:
+        """Every frame that has a target."""
+        jointwise = {frame for frame, _ in (*self.positions, *self.rotations)}
+        return {*self.ground, *self.height, *self.heading, *jointwise}
+
+    def add_waypoints(self, frames: Sequence[int], ground: Tensor, heading: Tensor | None = None) -> None:
+        """Waypoints or a root trajectory. ground: (K, 2) x and z in metres; heading: (K) radians, or None."""
+        require_numbers("ground positions", ground, (len(frames), 2))
+        if heading is not None:
+            require_numbers("headings", heading, (len(frames),))
+        self.ground.update(zip(frames, ground.unbind(), strict=True))
+        self.planned.difference_update(frames)
+        if heading is not None:
+            self.add_heading(frames, heading)
+
+    def add_heading(self, frames: Sequence[int], heading: Tensor) -> None:
+        """The root's facing alone. heading: (K) radians."""
+        require_numbers("headings", heading, (len(frames),))
+        self.heading.update(zip(frames, torch.stack([heading.cos(), heading.sin()], dim=-1).unbind(), strict=True))
+        self.faced.difference_update(frames)
+
+    def copy(self) -> Targets:
+        """The same targets, to be changed apart from these."""
+        other = Targets(self.skeleton)
+        for name in ("ground", "height", "heading", "positions", "rotations", "planned", "faced"):
+            setattr(other, name, getattr(self, name).copy())
+        return other
+
+    def _add_pose_root(self, frames: Sequence[int], positions: Tensor, ground: Tensor | None) -> None:
+        angle = heading_angle(self.skeleton, positions)
+        self.add_waypoints(frames, positions[:, 0, [0, 2]] if ground is None else ground, angle)
+        for row, frame in enumerate(frames):
+            self.height[frame] = positions[row, 0, 1]
+
+    def add_keyframes(self, frames: Sequence[int], positions: Tensor, ground: Tensor | None = None) -> None:
+        """Keyframes. positions: (K, J, 3) of all joints; ground: (K, 2), where the root shall be if elsewhere."""
+        require_numbers("joint positions", positions, (len(frames), self.skeleton.num_joints, 3))
+        self._add_pose_root(frames, positions, ground)
+        for row, frame in enumerate(frames):
+            for joint in range(self.skeleton.num_joints):
+                self.positions[frame, joint] = positions[row, joint]
+
+    def add_end_effectors(
+        self,
+        frames: Sequence[int],
+        limbs: Sequence[str],
+        positions: Tensor,
+        rotations: Tensor,
+        ground: Tensor | None = None,
+    ) -> None:
+        """Limbs of whole poses: positions of each chain's joints, rotation of its first, and the root's ground,
+        height and heading. limbs: names out of `limb_chains`; positions: (K, J, 3); rotations: (K, J, 3, 3) global.
+        """
+        require_numbers("joint positions", positions, (len(frames), self.skeleton.num_joints, 3))
+        require_numbers("joint rotations", rotations, (len(frames), self.skeleton.num_joints, 3, 3))
+        chains = limb_chains(self.skeleton)
+        if not limbs or not all(name in chains for name in limbs):
+            raise ConstraintError(f"end effectors are {list(limbs)}; name one or more of {', '.join(chains)}")
+        self._add_pose_root(frames, positions, ground)
+        for row, frame in enumerate(frames):
+            for name in limbs:
+                for joint in chains[name]:
+                    self.positions[frame, joint] = positions[row, joint]
+                first = chains[name][0]
+                self.rotations[frame, first] = rotations[row, first]
+
+    def add_joints(self, frame: int, joints: Sequence[int], positions: Tensor, rotations: Tensor | None = None) -> None:
+        """Any joints at one frame. positions: (K, 3) world; rotations: (K, 3, 3) global, or None.
+
+        The root joint among them also sets the root's ground position and height, but no heading.
+        """
+        require_numbers("joint positions", positions, (len(joints), 3))
+        if rotations is not None:
+            require_numbers("joint rotations", rotations, (len(joints), 3, 3))
+        if not all(0 <= joint < self.skeleton.num_joints for joint in joints):
+            raise ConstraintError(
+                f"joints {list(joints)} are not all in 0..{self.skeleton.num_joints - 1} of {self.skeleton.name}"
+            )
+        for row, joint in enumerate(joints):
+            self.positions[frame, joint] = positions[row]
+            if rotations is not None:
+                self.rotations[frame, joint] = rotations[row]
+            if joint == 0:
+                self.ground[frame] = positions[row, [0, 2]]
+                self.height[frame] = positions[row, 1]
+
+    def fill(self, layout: Representation, first_frame: int, num_frames: int) -> tuple[Tensor, Tensor]:
+        """Observed features in natural units and mask, each (num_frames, D), of frames from first_frame on.
+
+        Raises ConstraintError where joints are constrained without the root joint, or without its ground position.
+        """
+        observed = torch.zeros(num_frames, layout.feature_dim)
+        mask = torch.zeros(num_frames, layout.feature_dim)
+        end = first_frame + num_frames
+        rotation, position = layout.rotation_block.start, layout.position_block.start
+
+        def put(columns: Sequence[int], entries: Mapping[tuple[int, int], Tensor]) -> None:
+            """Values (k) by (frame, offset), into columns (k) that the offset is added to."""
+            inside = [key for key in entries if first_frame <= key[0] < end]
+            if inside:
+                rows = torch.tensor([frame - first_frame for frame, _ in inside])[:, None]
+                where = torch.tensor([offset for _, offset in inside])[:, None] + torch.tensor(columns)
+                observed[rows, where] = torch.stack([entries[key] for key in inside])
+                mask[rows, where] = 1
+
+        put([0, 2], {(frame, 0): ground for frame, ground in self.ground.items()})
+        put([1], {(frame, 0): height[None] for frame, height in self.height.items()})
+        put([0, 1], {(frame, layout.heading_block.start): heading for frame, heading in self.heading.items()})
+        put(
+            range(6),
+            {(frame, rotation + 6 * joint): matrix_to_6d(turn) for (frame, joint), turn in self.rotations.items()},
+        )
+        put(
+            range(3),
+            {
+                (frame, position + 3 * (joint - 1)): self._relative_position(frame, joint)
+                for frame, joint in self.positions
+                if joint > 0
+            },
+        )
+        return observed, mask
+
+    def _relative_position(self, frame: int, joint: int) -> Tensor:
+        """A joint's position (3) from the ground below the root."""
+        root = self.positions.get((frame, 0))
+        if root is None or frame not in self.ground:
+            raise ConstraintError(
+                f"frame {frame} constrains joint {self.skeleton.joint_names[joint]} but not where the root is;"
+                f" give the position of {self.skeleton.joint_names[0]} at that frame too"
+            )
+        return self.positions[frame, joint] - root * root.new_tensor([1.0, 0.0, 1.0])
+
+    def planned_frames(self, first_frame: int, num_frames: int) -> Tensor:
+        """(num_frames, 2) bool of frames from first_frame on: whose ground position, whose heading was only planned."""
+        flags = torch.zeros(num_frames, 2, dtype=torch.bool)
+        for column, frames in enumerate((self.planned, self.faced)):
+            flags[[frame - first_frame for frame in frames if 0 <= frame - first_frame < num_frames], column] = True
+        return flags
+
+    def observe(self, layout: Representation, first_frame: int, num_frames: int) -> tuple[Tensor, Tensor]:
+        """As `fill`, on the layout's device, the observed features normalised and zero where the mask is zero."""
+        device = layout.stats.mean.device
+        observed, mask = (part.to(device) for part in self.fill(layout, first_frame, num_frames))
+        return layout.normalize(observed) * mask, mask

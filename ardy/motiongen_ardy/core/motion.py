@@ -1,0 +1,55 @@
+"""Motion: what people mean by motion, in metres and radians."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Poses over time; every tensor may have leading batch dimensions.
+
+    local_rotations: (..., T, J, 3, 3), parent-relative; joint 0 carries the root's world rotation.
+    root_positions: (..., T, 3), metres.
+    foot_contacts: (..., T, 4) bool: left heel, left toe, right heel, right toe.
+    fps: frames a second.
+    """
+
+    local_rotations: Tensor
+    root_positions: Tensor
+    foot_contacts: Tensor
+    fps: int
+
+    @property
+    def num_frames(self) -> int:
+        return int(self.root_positions.shape[-2])
+
+    def positions(self, skeleton: Skeleton) -> Tensor:
+        """World joint positions (..., T, J, 3), metres."""
+        return forward_kinematics(skeleton, self.local_rotations, self.root_positions)[1]
+
+    def frames(self, first: int, end: int) -> Motion:
+        """The frames first..end-1."""
+        return Motion(
+            self.local_rotations[..., first:end, :, :, :],
+            self.root_positions[..., first:end, :],
+            self.foot_contacts[..., first:end, :],
+            self.fps,
+        )
+
+
+def concatenate(parts: list[Motion]) -> Motion:
+    """Parts one after another in time. Raises ValueError for an empty list."""
+    if not parts:
+        raise ValueError("no motion to concatenate; give at least one part")
+    return Motion(
+        torch.cat([part.local_rotations for part in parts], dim=-4),
+        torch.cat([part.root_positions for part in parts], dim=-2),
+        torch.cat([part.foot_contacts for part in parts], dim=-2),
+        parts[0].fps,
+    )

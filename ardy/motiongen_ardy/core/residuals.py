@@ -1,0 +1,106 @@
+"""How far motion is from what constraints asked of it: metres, and radians of heading and of rotation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.core.motion import Motion
+from motiongen_ardy.core.representation import heading_angle
+from motiongen_ardy.core.rotation import rotation_vector
+from motiongen_ardy.core.skeleton import forward_kinematics
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """The mean and the worst of one kind of error over everything that was asked."""
+
+    mean: float
+    worst: float
+
+
+@dataclass(frozen=True)
+class Residual:
+    """The errors of one constraint. None: it asks nothing of that kind, in the frames that there are.
+
+    num_frames: its frames within the motion. position_m: distance of the root, over the ground only where no height is
+    asked, and of constrained joints. heading_rad: of the facing. rotation_rad: of global rotations. Both in 0..pi.
+    """
+
+    num_frames: int
+    position_m: Deviation | None
+    heading_rad: Deviation | None
+    rotation_rad: Deviation | None
+
+
+def residuals(motion: Motion, constraints: Iterable[Targets], first_frame: int = 0) -> list[Residual]:
+    """The residual of each constraint, given as its targets, in the order of `constraints`.
+
+    motion: (T) of the targets' skeleton, its row 0 being frame first_frame. Each is measured alone: what a later
+    constraint overrides counts all the same.
+    """
+    posed: tuple[Tensor, Tensor] | None = None
+    measured = []
+    for targets in constraints:
+        if posed is None:
+            local, root = motion.local_rotations.double(), motion.root_positions.double()
+            posed = forward_kinematics(targets.skeleton, local, root)
+        measured.append(_residual(targets, *posed, first_frame))
+    return measured
+
+
+def _residual(targets: Targets, rotations: Tensor, positions: Tensor, first_frame: int) -> Residual:
+    """rotations: (T, J, 3, 3) global; positions: (T, J, 3) metres."""
+    end = first_frame + len(positions)
+    frames = [frame for frame in targets.frames if first_frame <= frame < end]
+    there = set(frames)
+    roots = [frame for frame in targets.ground if frame in there]
+    joints = [(frame, joint) for frame, joint in targets.positions if joint and frame in there]
+    turned = [key for key in targets.rotations if key[0] in there]
+    facing = [frame for frame in targets.heading if frame in there]
+
+    def found(values: Tensor, keys: list[tuple[int, int]]) -> Tensor:
+        return values[[frame - first_frame for frame, _ in keys], [joint for _, joint in keys]]
+
+    distances, headings, turns = [], [], []
+    if roots:
+        root = found(positions, [(frame, 0) for frame in roots])
+        ground = torch.stack([targets.ground[frame] for frame in roots]).double()
+        height = torch.stack([targets.height.get(frame, root[row, 1]).double() for row, frame in enumerate(roots)])
+        distances.append((root - torch.stack([ground[:, 0], height, ground[:, 1]], dim=1)).norm(dim=-1))
+    if joints:
+        asked = torch.stack([_asked_position(targets, *key) for key in joints]).double()
+        distances.append((found(positions, joints) - asked).norm(dim=-1))
+    if facing:
+        asked = torch.stack([targets.heading[frame] for frame in facing]).double()
+        posed = heading_angle(targets.skeleton, positions[[frame - first_frame for frame in facing]])
+        difference = posed - torch.atan2(asked[:, 1], asked[:, 0])
+        headings.append(torch.atan2(difference.sin(), difference.cos()).abs())
+    if turned:
+        asked = torch.stack([targets.rotations[key] for key in turned]).double()
+        turns.append(rotation_vector(asked.transpose(-1, -2) @ found(rotations, turned)).norm(dim=-1))
+    return Residual(len(frames), _deviation(distances), _deviation(headings), _deviation(turns))
+
+
+def _asked_position(targets: Targets, frame: int, joint: int) -> Tensor:
+    """Where (3) a joint shall be: as far from the root as in its own pose, whose root may be asked elsewhere."""
+    position, root, ground = (
+        targets.positions[frame, joint],
+        targets.positions.get((frame, 0)),
+        targets.ground.get(frame),
+    )
+    if root is None or ground is None:
+        return position
+    shift = ground - root[[0, 2]]
+    return position + torch.stack([shift[0], shift.new_zeros(()), shift[1]])
+
+
+def _deviation(errors: Sequence[Tensor]) -> Deviation | None:
+    if not errors:
+        return None
+    values = torch.cat(list(errors))
+    return Deviation(float(values.mean()), float(values.max()))

@@ -1,0 +1,163 @@
+"""Skeletons: joints, parents, neutral pose, and forward kinematics.
+
+Joint 0 is the root and parents precede their children. Positions are metres, right-handed, +Y up, +Z forward; a
+rotation matrix acts on column vectors. The four skeletons live as JSON in ``ardy/motiongen_ardy/skeletons/``.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from importlib import resources
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from motiongen_ardy.core.constants import constant, index
+
+
+class UnknownSkeleton(ValueError):
+    """Raised for a skeleton name that is not one of `skeleton_names()`."""
+
+
+class UnknownJoint(ValueError):
+    """Raised for a joint name that the skeleton does not have."""
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """A joint tree with a neutral pose.
+
+    neutral_joints: (J, 3) float64, metres, relative to the root joint.
+    hip_joints: the (right, left) hip joint indices, from which the heading of a pose is read.
+    foot and hand chains: joint indices, proximal first (ankle then toe base; hand then hand end).
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    parents: tuple[int, ...]
+    neutral_joints: np.ndarray
+    hip_joints: tuple[int, int]
+    left_foot: tuple[int, ...]
+    right_foot: tuple[int, ...]
+    left_hand: tuple[int, ...]
+    right_hand: tuple[int, ...]
+
+    @property
+    def num_joints(self) -> int:
+        return len(self.joint_names)
+
+    @property
+    def feature_dim(self) -> int:
+        """Width D of one feature frame: 3 + 2 + 3(J-1) + 6J + 3J + 4."""
+        return 12 * self.num_joints + 6
+
+    @property
+    def contact_joints(self) -> tuple[int, int, int, int]:
+        """The joints of the four contact labels: left heel, left toe, right heel, right toe."""
+        return (self.left_foot[0], self.left_foot[1], self.right_foot[0], self.right_foot[1])
+
+    @cached_property
+    def offsets(self) -> np.ndarray:
+        """(J, 3) float64 metres: each joint's neutral position relative to its parent; zero for the root."""
+        parents = np.maximum(self.parents, 0)
+        offsets: np.ndarray = self.neutral_joints - self.neutral_joints[parents]
+        return offsets
+
+    @cached_property
+    def offset_rows(self) -> tuple[tuple[float, ...], ...]:
+        """`offsets` as nested tuples, which can name a constant on a device."""
+        return tuple(tuple(float(number) for number in row) for row in self.offsets)
+
+    @cached_property
+    def chain_rows(self) -> tuple[tuple[float, ...], ...]:
+        """Row j has a 1 for joint j and each of its ancestors, else 0."""
+        rows: list[list[float]] = []
+        for joint, parent in enumerate(self.parents):
+            row = list(rows[parent]) if parent >= 0 else [0.0] * self.num_joints
+            row[joint] = 1.0
+            rows.append(row)
+        return tuple(tuple(row) for row in rows)
+
+    def index(self, joint_name: str) -> int:
+        """The index of a joint. Raises UnknownJoint, which lists the names there are."""
+        try:
+            return self.joint_names.index(joint_name)
+        except ValueError:
+            raise UnknownJoint(
+                f"skeleton {self.name} has no joint {joint_name!r}; its joints are {', '.join(self.joint_names)}"
+            ) from None
+
+
+def skeleton_names() -> tuple[str, ...]:
+    """The names that `load_skeleton` knows."""
+    folder = resources.files("motiongen_ardy") / "skeletons"
+    return tuple(sorted(entry.name[: -len(".json")] for entry in folder.iterdir() if entry.name.endswith(".json")))
+
+
+@lru_cache
+def load_skeleton(name: str) -> Skeleton:
+    """The skeleton called `name`, for example "core27". Raises UnknownSkeleton, which lists the names there are."""
+    if name not in skeleton_names():
+        raise UnknownSkeleton(f"no skeleton {name!r}; known skeletons are {', '.join(skeleton_names())}")
+    facts = json.loads((resources.files("motiongen_ardy") / "skeletons" / f"{name}.json").read_text(encoding="utf-8"))
+    joint_names = tuple(facts["joint_names"])
+    neutral = np.asarray(facts["neutral_joints_m"], dtype=np.float64)
+
+    def indices(key: str) -> tuple[int, ...]:
+        return tuple(joint_names.index(joint) for joint in facts[key])
+
+    right_hip, left_hip = indices("hip_joints_right_left")
+    return Skeleton(
+        name=facts["name"],
+        joint_names=joint_names,
+        parents=tuple(facts["parents"]),
+        neutral_joints=neutral - neutral[0],
+        hip_joints=(right_hip, left_hip),
+        left_foot=indices("left_foot_chain"),
+        right_foot=indices("right_foot_chain"),
+        left_hand=indices("left_hand_chain"),
+        right_hand=indices("right_hand_chain"),
+    )
+
+
+def forward_kinematics(skeleton: Skeleton, local_rotations: Tensor, root_positions: Tensor) -> tuple[Tensor, Tensor]:
+    """Global rotations and world positions of all joints.
+
+    local_rotations: (..., J, 3, 3) parent-relative; root_positions: (..., 3) metres.
+    Returns global rotations (..., J, 3, 3) and positions (..., J, 3) in metres. For a joint j with parent a:
+    G_j = G_a R_j and q_j = q_a + G_a (n_j - n_a).
+    """
+    offsets = constant(skeleton.offset_rows, local_rotations.dtype, local_rotations.device)
+    rotations: list[Tensor] = [local_rotations[..., 0, :, :]]
+    positions: list[Tensor] = [torch.zeros_like(root_positions)]
+    for joint in range(1, skeleton.num_joints):
+        parent = skeleton.parents[joint]
+        rotations.append(rotations[parent] @ local_rotations[..., joint, :, :])
+        positions.append(positions[parent] + rotations[parent] @ offsets[joint])
+    return torch.stack(rotations, dim=-3), torch.stack(positions, dim=-2) + root_positions.unsqueeze(-2)
+
+
+def positions_from_global(skeleton: Skeleton, global_rotations: Tensor, root_positions: Tensor) -> Tensor:
+    """World positions (..., J, 3) in metres from global rotations (..., J, 3, 3) and root positions (..., 3).
+
+    The same as `forward_kinematics` of the matching local rotations, without a chain of matrix products, which makes
+    it the form for losses.
+    """
+    parents = index(tuple(max(parent, 0) for parent in skeleton.parents), global_rotations.device)
+    offsets = constant(skeleton.offset_rows, global_rotations.dtype, global_rotations.device)
+    bones = (global_rotations.index_select(-3, parents) @ offsets.unsqueeze(-1)).squeeze(-1)
+    bones = torch.cat([root_positions.unsqueeze(-2), bones[..., 1:, :]], dim=-2)
+    # A joint's position is the sum of the bones that lead to it.
+    chains = constant(skeleton.chain_rows, bones.dtype, bones.device)
+    return chains @ bones
+
+
+def global_to_local(skeleton: Skeleton, global_rotations: Tensor) -> Tensor:
+    """Parent-relative rotations from global ones, both (..., J, 3, 3): R_0 = G_0, R_j = G_a^T G_j."""
+    parents = index(tuple(skeleton.parents[1:]), global_rotations.device)
+    parent_rotations = global_rotations.index_select(-3, parents)
+    children = parent_rotations.transpose(-1, -2) @ global_rotations[..., 1:, :, :]
+    return torch.cat([global_rotations[..., :1, :, :], children], dim=-3)

@@ -1,0 +1,55 @@
+"""Means and scales of features and latents: normalize, denormalize."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from motiongen_ardy.core.problems import Problems
+
+VARIANCE_FLOOR = 1e-5
+
+
+class StatsError(Problems):
+    """Raised for statistics that are missing, of the wrong length, or not finite; it lists everything that is wrong."""
+
+
+class Stats(nn.Module):
+    """Mean and scale of a vector; scale = sqrt(std^2 + 1e-5), evaluated in float32.
+
+    It is a module only so that `.to(device)` carries it along; it has no tensors in a state dict.
+    """
+
+    mean: Tensor
+    scale: Tensor
+    std: Tensor
+
+    def __init__(self, mean: Tensor, std: Tensor) -> None:
+        super().__init__()
+        mean, std = mean.float(), std.float()
+        if mean.shape != std.shape or mean.dim() != 1:
+            raise StatsError(f"mean has shape {tuple(mean.shape)} and std {tuple(std.shape)}; give two equal vectors")
+        if not (torch.isfinite(mean).all() and torch.isfinite(std).all()):
+            raise StatsError("statistics hold NaN or infinite numbers; every mean and std must be finite")
+        self.register_buffer("mean", mean, persistent=False)
+        self.register_buffer("std", std, persistent=False)
+        self.register_buffer("scale", torch.sqrt(std.square() + VARIANCE_FLOOR), persistent=False)
+
+    @property
+    def width(self) -> int:
+        return int(self.mean.shape[0])
+
+    def normalize(self, values: Tensor) -> Tensor:
+        """(..., width) in natural units -> (values - mean) / scale."""
+        return (values - self.mean) / self.scale
+
+    def denormalize(self, values: Tensor) -> Tensor:
+        """(..., width) normalised -> values * scale + mean."""
+        return values * self.scale + self.mean
+
+    def select(self, *ranges: tuple[int, int]) -> Stats:
+        """The statistics of the entries in the given half-open ranges, in that order."""
+        return Stats(
+            torch.cat([self.mean[start:end] for start, end in ranges]),
+            torch.cat([self.std[start:end] for start, end in ranges]),
+        )

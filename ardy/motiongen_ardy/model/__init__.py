@@ -1,0 +1,1 @@
+"""The model and how it generates: configuration, diffusion, tokenizer, denoiser, windows, rollout."""

@@ -1,0 +1,137 @@
+"""Frozen configurations of every model part, checked where they are built."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from motiongen_ardy.core.problems import Problems
+
+FRAMES_PER_TOKEN = 4
+
+GuidanceMode = Literal["none", "regular", "separated"]
+TokenizerKind = Literal["fsq", "ae", "vae"]
+PositionMode = Literal["learned_prefix_zero_at_first_generation", "default"]
+
+
+class ConfigError(Problems):
+    """Raised for a configuration that cannot be built; each problem names the key, the value and what is allowed."""
+
+
+def require_positive(owner: str, **values: int) -> None:
+    """Raise ConfigError for the first of `values` that is not a positive whole number."""
+    for key, value in values.items():
+        if value < 1:
+            raise ConfigError(f"{owner}.{key} is {value}; it must be at least 1")
+
+
+def require_one_of(owner: str, key: str, value: str, allowed: tuple[str, ...]) -> None:
+    """Raise ConfigError unless `value` is one of `allowed`."""
+    if value not in allowed:
+        raise ConfigError(f"{owner}.{key} is {value!r}; it must be one of {', '.join(allowed)}")
+
+
+@dataclass(frozen=True)
+class TransformerConfig:
+    """One transformer: its width, feed-forward width, depth and heads."""
+
+    width: int
+    feed_forward: int
+    num_layers: int
+    num_heads: int
+    activation: str = "gelu"
+    norm_first: bool = False
+    dropout: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive("transformer", width=self.width, feed_forward=self.feed_forward, num_layers=self.num_layers)
+        require_positive("transformer", num_heads=self.num_heads)
+        require_one_of("transformer", "activation", self.activation, ("gelu", "relu"))
+        if self.width % self.num_heads or self.width % 2:
+            raise ConfigError(
+                f"transformer.width is {self.width}; it must be even and a multiple of num_heads ({self.num_heads})"
+            )
+
+
+@dataclass(frozen=True)
+class TokenizerConfig:
+    """The tokenizer: body features of `FRAMES_PER_TOKEN` frames <-> one latent of `latent_dim` numbers.
+
+    kind: "fsq" (quantised, the released form), "ae" or "vae" (continuous, the paper's variants).
+    levels: quantisation levels of each latent dimension.
+    global_root: decode with the global root instead of the local one (the paper's ablation).
+    """
+
+    transformer: TransformerConfig
+    latent_dim: int
+    levels: tuple[int, ...]
+    kind: TokenizerKind = "fsq"
+    normalize_latents: bool = True
+    quantize_on_encode: bool = True
+    causal_encoder: bool = True
+    causal_decoder: bool = True
+    global_root: bool = False
+
+    def __post_init__(self) -> None:
+        require_positive("tokenizer", latent_dim=self.latent_dim)
+        require_one_of("tokenizer", "kind", self.kind, ("fsq", "ae", "vae"))
+        if len(self.levels) != self.latent_dim:
+            raise ConfigError(f"tokenizer.levels has {len(self.levels)} entries; latent_dim is {self.latent_dim}")
+        if min(self.levels) < 2:
+            raise ConfigError(f"tokenizer.levels has {min(self.levels)}; every dimension needs at least 2 levels")
+
+
+@dataclass(frozen=True)
+class DenoiserConfig:
+    """The denoiser: two transformers of one shape (root stage, body stage) or, for the ablation, one.
+
+    text_tokens, text_dim: how many text vectors condition a window, and their width.
+    constraints: false builds a model without constraint inputs (`motion_mask_mode: null`).
+    """
+
+    transformer: TransformerConfig
+    latent_dim: int
+    text_tokens: int
+    text_dim: int
+    use_text_mask: bool = False
+    heading_token: bool = True
+    constraints: bool = True
+    positions: PositionMode = "learned_prefix_zero_at_first_generation"
+    num_stages: Literal[1, 2] = 2
+
+    def __post_init__(self) -> None:
+        require_positive("denoiser", latent_dim=self.latent_dim, text_tokens=self.text_tokens, text_dim=self.text_dim)
+        require_one_of("denoiser", "positions", self.positions, ("learned_prefix_zero_at_first_generation", "default"))
+        if self.num_stages not in (1, 2):
+            raise ConfigError(f"denoiser.num_stages is {self.num_stages}; it must be 1 or 2")
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """A whole model: skeleton, frame rate, horizon, guidance, and the configurations of its parts.
+
+    tokenizer is None for the explicit-representation ablation, whose denoiser works on body features directly.
+    """
+
+    skeleton: str
+    fps: int
+    horizon: int
+    denoiser: DenoiserConfig
+    tokenizer: TokenizerConfig | None
+    num_base_steps: int = 10
+    guidance: GuidanceMode = "separated"
+
+    def __post_init__(self) -> None:
+        require_positive("model", fps=self.fps, horizon=self.horizon, num_base_steps=self.num_base_steps)
+        require_one_of("model", "guidance", self.guidance, ("none", "regular", "separated"))
+        if self.horizon % FRAMES_PER_TOKEN:
+            raise ConfigError(f"model.horizon is {self.horizon}; it must be a multiple of {FRAMES_PER_TOKEN} frames")
+        if self.tokenizer is not None and self.tokenizer.latent_dim != self.denoiser.latent_dim:
+            raise ConfigError(
+                f"denoiser.latent_dim is {self.denoiser.latent_dim} but the tokenizer's is {self.tokenizer.latent_dim}"
+            )
+
+    @property
+    def max_window_frames(self) -> int:
+        """The longest window (history, horizon and future): 10 s of frames, rounded down to whole tokens."""
+        return 10 * self.fps // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN

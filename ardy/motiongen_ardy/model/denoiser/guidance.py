@@ -1,0 +1,125 @@
+"""Classifier-free guidance: which passes a row needs, and their weighted sum.
+
+separated: u + w_t (text - u) + w_c (constraints - u), u being neither; joint: both + (w_t - 1) (text - u) + (w_c - 1)
+(constraints - u), one pass at 1 and 1; regular: u + w_t (both - u); none: both.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from motiongen_ardy.model.denoiser.base import Denoiser
+from motiongen_ardy.model.sampling.options import PassMode
+from motiongen_ardy.model.window import Window
+
+
+@dataclass(frozen=True)
+class GuidanceWeights:
+    """The two weights of one row; the constraint weight counts in separated and joint guidance only."""
+
+    text: float = 2.0
+    constraint: float = 2.0
+
+    def __post_init__(self) -> None:
+        for name, weight in (("text", self.text), ("constraint", self.constraint)):
+            if not math.isfinite(weight):
+                raise ValueError(f"the {name} guidance weight is {weight}; it must be a finite number")
+
+
+DEFAULT_WEIGHTS = GuidanceWeights()
+
+
+class Pass(NamedTuple):
+    """One evaluation of the denoiser for a row: what it is told, and its weight in the guided prediction."""
+
+    with_text: bool
+    with_constraints: bool
+    weight: float
+
+
+def full_passes(mode: PassMode, weights: GuidanceWeights) -> tuple[Pass, ...]:
+    """The passes as the formulas have them, needed or not."""
+    if mode == "none":
+        return (Pass(True, True, 1.0),)
+    if mode == "regular":
+        return (Pass(True, True, weights.text), Pass(False, False, 1.0 - weights.text))
+    if mode == "joint":
+        return (
+            Pass(True, True, 1.0),
+            Pass(True, False, weights.text - 1.0),
+            Pass(False, True, weights.constraint - 1.0),
+            Pass(False, False, 2.0 - weights.text - weights.constraint),
+        )
+    return (
+        Pass(True, False, weights.text),
+        Pass(False, True, weights.constraint),
+        Pass(False, False, 1.0 - weights.text - weights.constraint),
+    )
+
+
+def needed_passes(mode: PassMode, weights: GuidanceWeights, has_text: bool, has_constraints: bool) -> tuple[Pass, ...]:
+    """The same weighted sum with as few passes as give it.
+
+    Without text or constraints some passes are the same evaluation, and a weight of 0 makes a pass vanish.
+    """
+    merged: dict[tuple[bool, bool], float] = {}
+    for with_text, with_constraints, weight in full_passes(mode, weights):
+        key = (with_text and has_text, with_constraints and has_constraints)
+        merged[key] = merged.get(key, 0.0) + weight
+    kept = [(key, weight) for key, weight in merged.items() if weight != 0.0]
+    if len(kept) <= 1:  # the weights sum to 1, but their sum need not be 1 after rounding
+        told = kept[0][0] if kept else (False, False)
+        return (Pass(*told, 1.0),)
+    return tuple(Pass(*told, weight) for told, weight in kept)
+
+
+class PassBatch(NamedTuple):
+    """Passes of all rows side by side: (R) row, text flag, constraint flag and weight of each."""
+
+    rows: Tensor
+    with_text: Tensor
+    with_constraints: Tensor
+    weight: Tensor
+
+
+def batch_passes(passes: list[tuple[Pass, ...]], device: torch.device | str = "cpu") -> PassBatch:
+    """Lay the passes of rows 0, 1, ... side by side."""
+    flat = [(row, one) for row, group in enumerate(passes) for one in group]
+    return PassBatch(
+        torch.tensor([row for row, _ in flat], device=device),
+        torch.tensor([float(one.with_text) for _, one in flat], device=device),
+        torch.tensor([float(one.with_constraints) for _, one in flat], device=device),
+        torch.tensor([one.weight for _, one in flat], device=device),
+    )
+
+
+def expand_window(window: Window, batch: PassBatch) -> Window:
+    """The window of every pass: rows repeated, text and constraints taken away where the pass is not told them."""
+    rows = batch.rows
+    observed, mask = window.observed, window.mask
+    if observed is not None and mask is not None:
+        told = batch.with_constraints[:, None, None]
+        observed, mask = observed[rows] * told, mask[rows] * told
+    return replace(
+        window,
+        history_len=window.history_len[rows],
+        generation_len=window.generation_len[rows],
+        text=window.text[rows] * batch.with_text[:, None, None],
+        heading=window.heading[rows],
+        observed=observed,
+        mask=mask,
+        text_mask=None if window.text_mask is None else window.text_mask[rows],
+        projection=None if window.projection is None else window.projection.rows(rows),
+    )
+
+
+def guided_prediction(denoiser: Denoiser, tokens: Tensor, step: Tensor, window: Window, batch: PassBatch) -> Tensor:
+    """The guided clean tokens (B, N, 20 + L); tokens and step as `Denoiser.forward` takes them, one row each."""
+    predictions = denoiser(tokens[batch.rows], step[batch.rows], expand_window(window, batch))
+    weighted = predictions.to(tokens.dtype) * batch.weight[:, None, None]
+    return torch.zeros_like(tokens).index_add_(0, batch.rows, weighted)

@@ -1,0 +1,66 @@
+"""Model: skeleton, representation, tokenizer and denoiser as one value."""
+
+from __future__ import annotations
+
+from torch import nn
+
+from motiongen_ardy.core.representation import Representation
+from motiongen_ardy.core.skeleton import Skeleton, load_skeleton
+from motiongen_ardy.core.stats import Stats
+from motiongen_ardy.model.config import ConfigError, ModelConfig
+from motiongen_ardy.model.denoiser import Denoiser, build_denoiser
+from motiongen_ardy.model.sampling.options import SamplingOptions, released_options
+from motiongen_ardy.model.tokenizer import ExplicitBody, Tokenizer, build_tokenizer
+
+
+class Model(nn.Module):
+    """Everything that turns noise, history, text and constraints into motion.
+
+    tokenizer is None for the explicit-representation ablation. sampling: how it wants to be sampled; as released models
+    are, unless given.
+    """
+
+    def __init__(
+        self,
+        config: ModelConfig,
+        representation: Representation,
+        denoiser: Denoiser,
+        tokenizer: Tokenizer | None,
+        sampling: SamplingOptions | None = None,
+    ) -> None:
+        super().__init__()
+        self.config = config
+        self.representation = representation
+        self.denoiser = denoiser
+        self.tokenizer = tokenizer
+        self.sampling = released_options(config.guidance) if sampling is None else sampling
+
+    @property
+    def skeleton(self) -> Skeleton:
+        return self.representation.skeleton
+
+    @property
+    def codec(self) -> Tokenizer | ExplicitBody:
+        """What turns features into hybrid tokens and back."""
+        return ExplicitBody(self.representation) if self.tokenizer is None else self.tokenizer
+
+    @property
+    def num_parameters(self) -> int:
+        """How many numbers denoiser and tokenizer hold together."""
+        return sum(parameter.numel() for parameter in self.parameters())
+
+
+def build_model(config: ModelConfig, motion_stats: Stats) -> Model:
+    """A model with fresh weights. motion_stats: width D + 4, as `stats/motion` of a checkpoint.
+
+    Raises ConfigError when a denoiser without tokenizer is not as wide as the body features it works on.
+    """
+    representation = Representation(load_skeleton(config.skeleton), config.fps, motion_stats)
+    explicit_dim = ExplicitBody(representation).latent_dim
+    if config.tokenizer is None and config.denoiser.latent_dim != explicit_dim:
+        raise ConfigError(
+            f"denoiser.latent_dim is {config.denoiser.latent_dim}; without a tokenizer it must be {explicit_dim},"
+            f" the body features of a token of {config.skeleton}"
+        )
+    tokenizer = None if config.tokenizer is None else build_tokenizer(config.tokenizer, representation)
+    return Model(config, representation, build_denoiser(config.denoiser, representation), tokenizer)

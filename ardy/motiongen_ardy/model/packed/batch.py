@@ -1,0 +1,145 @@
+"""The rows of one denoising step, laid out: every guidance pass of a row is a sequence, like shapes side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from motiongen_ardy.model.packed.conditions import RowConditions
+from motiongen_ardy.model.packed.stack import Group
+from motiongen_ardy.model.sampling.projection import RootProjection
+
+
+@dataclass(frozen=True, slots=True)
+class SequenceSlot:
+    """Where the vectors of a group's sequences that change from step to step stand, as views of the inputs.
+
+    first, end: the group's sequences. step, horizon: by stage. last: of the second stage, None without history.
+    history: history tokens; skip: vectors before the horizon.
+    """
+
+    first: int
+    end: int
+    step: tuple[Tensor, ...]
+    horizon: tuple[Tensor, ...]
+    last: Tensor | None
+    history: int
+    skip: int
+    group: Group
+
+
+class PackedBatch:
+    """Sequences of one evaluation. Only `inputs` is written to between steps, in the slots.
+
+    rows: (Q) each sequence's row among those of the step; weight: (Q, 1, 1). inputs: by stage, (P, width).
+    horizon: (S, Q, G, width), what is added to the horizon's vectors. last: (Q, 1, 20 + L), last history tokens.
+    projection: of every sequence, None where no row has one.
+    told: (C), the sequences that see constraints, with their observed root and its mask (C, G, 20); None for none.
+    """
+
+    def __init__(
+        self,
+        rows: Sequence[RowConditions],
+        sequences: Sequence[tuple[int, int]],
+        horizon_of: Callable[[int], Tensor],
+        step_position: int,
+    ) -> None:
+        """sequences: (row, pass) pairs, like shapes side by side. horizon_of: positions (S, G, width) for a history."""
+        device = rows[0].prefix.device
+        self.num_tokens = horizon_of(0).shape[1]
+        self.rows = torch.tensor([row for row, _ in sequences], device=device)
+        self.weight = torch.tensor([rows[row].passes[index].weight for row, index in sequences], device=device)[
+            :, None, None
+        ]
+        self.last = torch.stack([rows[row].last for row, _ in sequences])[:, None]
+        self._lay_out(rows, sequences, horizon_of, step_position)
+        self._note_goals(rows, sequences)
+        self.projection = _projection_of([rows[row].projection for row, _ in sequences])
+
+    def _lay_out(
+        self,
+        rows: Sequence[RowConditions],
+        sequences: Sequence[tuple[int, int]],
+        horizon_of: Callable[[int], Tensor],
+        step_position: int,
+    ) -> None:
+        shapes = [(rows[row].history_tokens, rows[row].future_tokens(index)) for row, index in sequences]
+        num_stages, _, num_prefix, width = rows[0].prefix.shape
+        lengths = [num_prefix + history + self.num_tokens + future for history, future in shapes]
+        inputs = rows[0].prefix.new_empty(num_stages, sum(lengths), width)
+        added = []
+        self.groups: list[Group] = []
+        self.slots: list[SequenceSlot] = []
+        first = start = 0
+        while first < len(sequences):
+            shape = shapes[first]
+            end = next((later for later in range(first, len(sequences)) if shapes[later] != shape), len(sequences))
+            group = Group(start, end - first, lengths[first])
+            members = [(rows[row], index) for row, index in sequences[first:end]]
+            history, future = shape
+            parts = tuple(group.of(stage) for stage in inputs)
+            begin, after = num_prefix + history, num_prefix + history + self.num_tokens
+            prefix = torch.stack([row.prefix[:, index] for row, index in members], dim=1)
+            horizon = horizon_of(history)[:, None].expand(-1, end - first, -1, -1)
+            goals = [row.told(index) for row, index in members]
+            if any(one is not None for one in goals):
+                zeros = torch.zeros_like(horizon[:, 0])
+                horizon = horizon + torch.stack([zeros if one is None else one.horizon for one in goals], dim=1)
+            added.append(horizon)
+            for number, part in enumerate(parts):
+                part[:, :num_prefix] = prefix[number]
+                if future:
+                    part[:, after:] = torch.stack([one.future[number] for one in goals if one is not None])
+            if history:
+                parts[0][:, num_prefix:begin] = torch.stack([row.history for row, _ in members])
+                if num_stages > 1 and history > 1:
+                    parts[1][:, num_prefix : begin - 1] = torch.stack([row.decided for row, _ in members])
+            self.groups.append(group)
+            self.slots.append(
+                SequenceSlot(
+                    first,
+                    end,
+                    step=tuple(part[:, step_position] for part in parts),
+                    horizon=tuple(part[:, begin:after] for part in parts),
+                    last=parts[1][:, begin - 1] if history and num_stages > 1 else None,
+                    history=history,
+                    skip=begin,
+                    group=group,
+                )
+            )
+            first, start = end, group.end
+        self.inputs = tuple(inputs)
+        self.horizon = torch.cat(added, dim=1)
+
+    def _note_goals(self, rows: Sequence[RowConditions], sequences: Sequence[tuple[int, int]]) -> None:
+        told = [(position, rows[row].told(index)) for position, (row, index) in enumerate(sequences)]
+        known = [(position, goals) for position, goals in told if goals is not None]
+        self.told: tuple[Tensor, Tensor, Tensor] | None = None
+        if known:
+            self.told = (
+                torch.tensor([position for position, _ in known], device=self.rows.device),
+                torch.stack([goals.root for _, goals in known]),
+                torch.stack([goals.root_mask for _, goals in known]),
+            )
+
+    @property
+    def num_vectors(self) -> int:
+        """How many vectors a layer works on."""
+        return self.groups[-1].end
+
+    def encoded_horizon(self, encoded: Tensor) -> Tensor:
+        """The horizon's part (Q, G, width) of encoded sequences (P, width)."""
+        parts = [slot.group.of(encoded)[:, slot.skip : slot.skip + self.num_tokens] for slot in self.slots]
+        return parts[0] if len(parts) == 1 else torch.cat(parts)
+
+
+def _projection_of(rows: Sequence[RootProjection | None]) -> RootProjection | None:
+    """The projections of sequences side by side, without goals where there is none."""
+    known = next((row for row in rows if row is not None), None)
+    if known is None:
+        return None
+    none = known.none()
+    return RootProjection.stacked([none if row is None else row for row in rows])

@@ -1,0 +1,75 @@
+"""What stays the same for a row while its window is denoised, as the vectors that the stages read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from motiongen_ardy.model.denoiser.guidance import Pass
+from motiongen_ardy.model.sampling.projection import RootProjection
+
+
+@dataclass(frozen=True)
+class RowRequest:
+    """B rows that share history length and window length.
+
+    history: (B, N_h, 20 + L), recentred. text: (B, n, W), zeros for no text; heading: (B) radians, of the first frame.
+    observed, mask: (B, 4N, D), constraints in the window's own frame, zero in the history; None for none at all.
+    projection: what the rows' roots are brought onto in their last steps; None for nothing.
+    passes: what each row's guidance needs.
+    """
+
+    history: Tensor
+    text: Tensor
+    heading: Tensor
+    observed: Tensor | None
+    mask: Tensor | None
+    passes: Sequence[tuple[Pass, ...]]
+    projection: RootProjection | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RowGoals:
+    """A row's constraints. S stages, G horizon tokens, F visible future tokens.
+
+    horizon: (S, G, width), what they add to the horizon's input vectors. future: (S, F, width), placed.
+    root, root_mask: (G, 20), the observed root and where it overwrites the noisy one.
+    """
+
+    horizon: Tensor
+    future: Tensor
+    root: Tensor
+    root_mask: Tensor
+
+
+@dataclass(frozen=True, slots=True)
+class RowConditions:
+    """One row. S stages, P prefix tokens, N_h history tokens.
+
+    prefix: (S, passes, P, width). history: (N_h, width), placed vectors of the first stage; decided: (N_h - 1 or 0,
+    width), those of the second stage, which for the last history token depend on the frame after it. last: (20 + L),
+    that token, zeros without history. projection: of this row alone.
+    """
+
+    passes: tuple[Pass, ...]
+    prefix: Tensor
+    history: Tensor
+    decided: Tensor
+    last: Tensor
+    goals: RowGoals | None
+    projection: RootProjection | None = None
+
+    @property
+    def history_tokens(self) -> int:
+        return self.history.shape[0]
+
+    def told(self, index: int) -> RowGoals | None:
+        """The constraints that the pass with this index sees."""
+        return self.goals if self.passes[index].with_constraints else None
+
+    def future_tokens(self, index: int) -> int:
+        """How many future tokens the pass with this index sees."""
+        goals = self.told(index)
+        return 0 if goals is None else goals.future.shape[1]

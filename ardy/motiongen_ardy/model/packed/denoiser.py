@@ -1,0 +1,204 @@
+"""PackedDenoiser: guided predictions for rows that differ in history, future, text, constraints and guidance.
+
+What the formulas compute anew at each step is computed once for a window: text and heading vectors, history
+vectors (save the last token's second-stage vector, whose velocity looks into the prediction), future vectors, and what
+constraints add to the horizon's vectors. Hidden tokens do not exist, and neither do passes that guidance does not need.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from motiongen_ardy.core.representation import ROOT_WIDTH
+from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.model.denoiser.base import Denoiser
+from motiongen_ardy.model.denoiser.goals import by_token
+from motiongen_ardy.model.denoiser.two_stage import LOCAL_ROOT_TOKEN_WIDTH, TwoStageDenoiser
+from motiongen_ardy.model.packed.batch import PackedBatch
+from motiongen_ardy.model.packed.conditions import RowConditions, RowGoals, RowRequest
+from motiongen_ardy.model.packed.linear import PackedLinear
+from motiongen_ardy.model.packed.stage import PackedStage
+from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens
+
+
+class Projection:
+    """A linear layer from tokens, and from constraints beside them, to a stage's input vectors."""
+
+    def __init__(self, plain: nn.Linear, told: nn.Linear | None, order: Tensor) -> None:
+        """order: which columns of `told` belong to the columns of a token; the others are the constraints'."""
+        noisy = plain if told is None else told
+        columns = torch.arange(plain.weight.shape[1], device=order.device) if told is None else order
+        self.plain = plain
+        self.noisy = PackedLinear(noisy.weight[:, columns], noisy.bias, torch.float32)
+        self.goals = None if told is None else told.weight.detach()[:, plain.weight.shape[1] :]
+
+    def added_by(self, body: Tensor, mask: Tensor) -> Tensor:
+        """What observed body (..., 4(D-5)) and mask (..., 4D) add to the vectors of noisy tokens."""
+        if self.goals is None:
+            raise ValueError("this model was built without goal inputs")
+        return functional.linear(torch.cat([body, mask], dim=-1), self.goals)
+
+
+class PackedDenoiser:
+    """A denoiser's weights as they are served, and the evaluation. Inputs and outputs are float32."""
+
+    def __init__(self, denoiser: Denoiser, num_base_steps: int, horizon: int, dtype: torch.dtype) -> None:
+        """horizon: frames that a window generates. dtype: of the transformers' products, float32 or bfloat16."""
+        self._denoiser = denoiser
+        self._layout = denoiser.representation
+        self._num_tokens = horizon // FRAMES_PER_TOKEN
+        latent_dim = denoiser.config.latent_dim
+        device = denoiser.global_root_hybrid_proj.weight.device
+        self.stages = [PackedStage(denoiser.root_model, num_base_steps, dtype)]
+        # The released layer that is told constraints takes the latent before the root; tokens have the root first.
+        order = torch.cat([torch.arange(ROOT_TOKEN_WIDTH) + latent_dim, torch.arange(latent_dim)]).to(device)
+        told = denoiser.global_root_hybrid_constraints_proj
+        self._projections = [Projection(denoiser.global_root_hybrid_proj, told, order)]
+        if isinstance(denoiser, TwoStageDenoiser):
+            self.stages.append(PackedStage(denoiser.body_model, num_base_steps, dtype))
+            order = torch.arange(LOCAL_ROOT_TOKEN_WIDTH + latent_dim, device=device)
+            told = denoiser.local_root_hybrid_constraints_proj
+            self._projections.append(Projection(denoiser.local_root_hybrid_proj, told, order))
+        self._step_vectors = torch.stack([stage.step_vectors for stage in self.stages])
+        self._horizon_positions: dict[int, Tensor] = {}
+
+    # ---- once a window ----------------------------------------------------------------------------------------------
+
+    @torch.inference_mode()
+    def conditions(self, request: RowRequest) -> list[RowConditions]:
+        """What stays the same while the windows of these rows are denoised."""
+        num_rows, history_tokens, token_width = request.history.shape
+        history, decided = self._history_vectors(request.history)
+        prefixes = self._prefixes(request)
+        goals = self._goals(request, history_tokens)
+        last = request.history[:, -1] if history_tokens else request.history.new_zeros(num_rows, token_width)
+        return [
+            RowConditions(
+                passes,
+                prefix,
+                history[row],
+                decided[row],
+                last[row],
+                goals[row],
+                None if request.projection is None else request.projection.rows(row),
+            )
+            for row, (passes, prefix) in enumerate(zip(request.passes, prefixes, strict=True))
+        ]
+
+    def _history_vectors(self, tokens: Tensor) -> tuple[Tensor, Tensor]:
+        count = tokens.shape[1]
+        history = self.stages[0].placed(self._projections[0].plain(tokens), count, 0)
+        if len(self.stages) == 1 or count == 0:
+            return history, history[:, :0]
+        decided = self._local(tokens)[:, :-1]
+        return history, self.stages[1].placed(self._projections[1].plain(decided), count, 0)
+
+    def _prefixes(self, request: RowRequest) -> list[Tensor]:
+        """By row, (S, passes, prefix tokens, width)."""
+        counts = [len(passes) for passes in request.passes]
+        device = request.text.device
+        rows = torch.repeat_interleave(torch.arange(len(counts)), torch.tensor(counts)).to(device)
+        told = torch.tensor([float(one.with_text) for passes in request.passes for one in passes], device=device)
+        text, heading = request.text[rows] * told[:, None, None], request.heading[rows]
+        prefixes = torch.stack([stage.prefix(text, heading) for stage in self.stages])
+        return list(prefixes.split(counts, dim=1))
+
+    def _goals(self, request: RowRequest, history_tokens: int) -> list[RowGoals | None]:
+        future = self._denoiser.future_constraints_proj
+        if request.observed is None or request.mask is None or future is None:
+            return [None] * len(request.passes)
+        mask = by_token(request.mask)
+        rows, numbers = (mask != 0).any(-1).nonzero(as_tuple=True)  # the tokens with goals: few, and the rest add zero
+        mask = mask[rows, numbers]
+        root = by_token(request.observed[..., :ROOT_WIDTH])[rows, numbers]
+        body = by_token(request.observed[..., ROOT_WIDTH:])[rows, numbers]
+        root_mask = by_token(request.mask[..., :ROOT_WIDTH])[rows, numbers]
+        root = root * root_mask
+        end = history_tokens + self._num_tokens
+        here, ahead = numbers < end, numbers >= end
+        at = rows[here], numbers[here] - history_tokens
+        num_rows = len(request.passes)
+
+        def over_horizon(values: Tensor) -> Tensor:
+            whole = values.new_zeros(num_rows, self._num_tokens, values.shape[-1])
+            whole[at] = values
+            return whole
+
+        added = torch.stack([over_horizon(one.added_by(body[here], mask[here])) for one in self._projections])
+        vectors = future(torch.cat([root, body, mask], dim=-1)[ahead])
+        placed = torch.stack([stage.placed_at(vectors, history_tokens, numbers[ahead]) for stage in self.stages])
+        visible = placed.split(torch.bincount(rows[ahead], minlength=num_rows).tolist(), dim=1)
+        root, root_mask = over_horizon(root[here]), over_horizon(root_mask[here])
+        return [RowGoals(added[:, row], visible[row], root[row], root_mask[row]) for row in range(num_rows)]
+
+    # ---- once a change of the batch ---------------------------------------------------------------------------------
+
+    @torch.inference_mode()
+    def batch(self, rows: Sequence[RowConditions]) -> PackedBatch:
+        """Lay the rows out for any number of steps; sequences of one shape stand side by side."""
+        sequences = [(row, index) for row, conditions in enumerate(rows) for index in range(len(conditions.passes))]
+        sequences.sort(key=lambda pair: (rows[pair[0]].history_tokens, rows[pair[0]].future_tokens(pair[1])))
+        return PackedBatch(rows, sequences, self._horizon_of, self.stages[0].step_position)
+
+    def _horizon_of(self, history_tokens: int) -> Tensor:
+        """(S, G, width): the positions of the horizon's tokens."""
+        held = self._horizon_positions.get(history_tokens)
+        if held is None:
+            zeros = self.stages[0].step_vectors.new_zeros(self._num_tokens, self.stages[0].step_vectors.shape[-1])
+            held = torch.stack([stage.placed(zeros, history_tokens, history_tokens) for stage in self.stages])
+            self._horizon_positions[history_tokens] = held
+        return held
+
+    # ---- once a step ------------------------------------------------------------------------------------------------
+
+    @torch.inference_mode()
+    def predict(
+        self, batch: PackedBatch, tokens: Tensor, step: Tensor, project: Sequence[bool] | None = None
+    ) -> Tensor:
+        """The guided clean horizon (R, G, 20 + L) of noisy horizon tokens of that shape; step: (R) base steps.
+
+        project: of each row, whether its root is brought onto its goals in this step; None for no row.
+        """
+        noisy = tokens[batch.rows]
+        if batch.told is not None:
+            where, root, root_mask = batch.told
+            noisy[where, :, :ROOT_TOKEN_WIDTH] = noisy[where, :, :ROOT_TOKEN_WIDTH] * (1 - root_mask) + root
+        step_vectors = self._step_vectors[:, step[batch.rows]]
+        horizon = self._projections[0].noisy.plus(noisy, batch.horizon[0])
+        result = self._run(batch, 0, step_vectors, horizon)
+        if batch.projection is not None and project is not None and any(project):
+            result = self._on_goals(batch, result, torch.tensor(project, device=tokens.device)[batch.rows])
+        if len(self.stages) > 1:
+            latent = tokens[batch.rows, :, ROOT_TOKEN_WIDTH:]
+            known = self._local(torch.cat([batch.last, torch.cat([result, latent], dim=-1)], dim=1))
+            for slot in batch.slots:
+                if slot.last is not None:
+                    vectors = self._projections[1].plain(known[slot.first : slot.end, :1])
+                    slot.last.copy_(self.stages[1].placed(vectors, slot.history, slot.history - 1)[:, 0])
+            horizon = self._projections[1].noisy.plus(known[:, 1:], batch.horizon[1])
+            result = torch.cat([result, self._run(batch, 1, step_vectors, horizon)], dim=-1)
+        return torch.zeros_like(tokens).index_add_(0, batch.rows, result * batch.weight)
+
+    def _run(self, batch: PackedBatch, number: int, step_vectors: Tensor, horizon: Tensor) -> Tensor:
+        for slot in batch.slots:
+            slot.step[number].copy_(step_vectors[number, slot.first : slot.end])
+            slot.horizon[number].copy_(horizon[slot.first : slot.end])
+        stage = self.stages[number]
+        return stage.output(batch.encoded_horizon(stage.stack(batch.inputs[number], batch.groups)))
+
+    def _on_goals(self, batch: PackedBatch, result: Tensor, active: Tensor) -> Tensor:
+        """Predictions (Q, G, 20 or more), their roots on the goals of the sequences that are active (Q)."""
+        if batch.projection is None:
+            return result
+        root = batch.projection.apply(self._layout, root_from_tokens(result), active.to(result.dtype))
+        return torch.cat([by_token(root), result[..., ROOT_TOKEN_WIDTH:]], dim=-1)
+
+    def _local(self, tokens: Tensor) -> Tensor:
+        """Hybrid tokens (B, N, 20 + L) with their root made local: (B, N, 16 + L)."""
+        lengths = torch.full((tokens.shape[0],), tokens.shape[1] * FRAMES_PER_TOKEN, device=tokens.device)
+        local = by_token(self._layout.local_root(root_from_tokens(tokens), lengths))
+        return torch.cat([local, tokens[..., ROOT_TOKEN_WIDTH:]], dim=-1)

@@ -1,0 +1,81 @@
+"""The transformer layers on sequences packed one behind another: linear layers see no padding, attention no mask.
+
+Products and attention are in the precision that is asked for. What runs past them from layer to layer, and its norms,
+is float32: in bfloat16 it would be rounded twice a layer, which shows as jitter in the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from motiongen_ardy.model.packed.linear import PackedLinear
+from motiongen_ardy.model.transformer import TransformerLayer, TransformerStack
+
+
+class Group(NamedTuple):
+    """`num_sequences` sequences of `length` vectors each, from vector `start` of the packed tensor on."""
+
+    start: int
+    num_sequences: int
+    length: int
+
+    @property
+    def end(self) -> int:
+        return self.start + self.num_sequences * self.length
+
+    def of(self, packed: Tensor) -> Tensor:
+        """The group's part (num_sequences, length, C) of a packed tensor (P, C), as a view."""
+        return packed[self.start : self.end].view(self.num_sequences, self.length, -1)
+
+
+class PackedLayer:
+    """One transformer layer; its weights are copies in the precision that it computes in."""
+
+    def __init__(self, layer: TransformerLayer, dtype: torch.dtype) -> None:
+        attention = layer.self_attn
+        self.dtype = dtype
+        self.num_heads = attention.num_heads
+        self.norm_first = layer.norm_first
+        self.norms = (layer.norm1, layer.norm2)
+        self.mix_in = PackedLinear(attention.in_proj_weight, attention.in_proj_bias, dtype)
+        self.mix_out = PackedLinear.of(attention.out_proj, dtype)
+        self.widen = PackedLinear.of(layer.linear1, dtype, layer.activation)
+        self.narrow = PackedLinear.of(layer.linear2, dtype)
+
+    def _attention(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
+        """What each vector takes from its sequence, before the output projection."""
+        packed = self.mix_in(vectors.to(self.dtype))
+        parts = []
+        for group in groups:
+            heads = group.of(packed).unflatten(-1, (3, self.num_heads, -1)).permute(2, 0, 3, 1, 4)
+            query, key, value = heads.unbind(0)
+            mixed = functional.scaled_dot_product_attention(query, key, value)
+            parts.append(mixed.transpose(1, 2).reshape(group.num_sequences * group.length, -1))
+        return parts[0] if len(parts) == 1 else torch.cat(parts)
+
+    def __call__(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
+        first, second = self.norms
+        if self.norm_first:
+            vectors = self.mix_out.plus(self._attention(first(vectors), groups), vectors)
+            return self.narrow.plus(self.widen(second(vectors).to(self.dtype)), vectors)
+        vectors = first(self.mix_out.plus(self._attention(vectors, groups), vectors))
+        result: Tensor = second(self.narrow.plus(self.widen(vectors.to(self.dtype)), vectors))
+        return result
+
+
+class PackedStack:
+    """All layers of a `TransformerStack`."""
+
+    def __init__(self, stack: TransformerStack, dtype: torch.dtype) -> None:
+        self.layers = [PackedLayer(layer, dtype) for layer in stack.layers if isinstance(layer, TransformerLayer)]
+
+    def __call__(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
+        """vectors: (P, width) float32, the groups one behind another. The argument is not changed."""
+        for layer in self.layers:
+            vectors = layer(vectors, groups)
+        return vectors

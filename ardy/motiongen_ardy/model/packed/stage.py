@@ -1,0 +1,56 @@
+"""One stage of the denoiser, taken apart into what is constant over a window's steps and what is not."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from motiongen_ardy.model.denoiser.blocks import StageTransformer
+from motiongen_ardy.model.packed.linear import PackedLinear
+from motiongen_ardy.model.packed.stack import PackedStack
+
+
+class PackedStage:
+    """A `StageTransformer` whose layers multiply in one precision; what goes in and comes out is float32.
+
+    Sequences are: text, step, heading, history, horizon, visible future.
+    """
+
+    def __init__(self, stage: StageTransformer, num_base_steps: int, dtype: torch.dtype) -> None:
+        self._stage = stage
+        self.stack = PackedStack(stage.seqTransEncoder, dtype)
+        self.num_prefix = stage.text_tokens + 1 + int(stage.linear_first_heading_angle is not None)
+        self.step_position = stage.text_tokens
+        self.output = PackedLinear.of(stage.output_linear, torch.float32)
+        device = stage.output_linear.weight.device
+        steps = torch.arange(num_base_steps, device=device)
+        self.step_vectors = self._marked_prefix(stage.embed_timestep(steps), self.step_position)[:, 0]
+
+    def _marked_prefix(self, vectors: Tensor, first: int) -> Tensor:
+        """Prefix vectors (B, n, width) from prefix token `first` on, with what tells the prefix tokens apart."""
+        count = vectors.shape[1]
+        if self._stage.learned_prefix_embedding is not None:
+            return vectors + self._stage.learned_prefix_embedding.embedding.weight[first : first + count]
+        return vectors + self._stage.positions(torch.arange(first, first + count, device=vectors.device))
+
+    def prefix(self, text: Tensor, heading: Tensor) -> Tensor:
+        """(B, prefix tokens, width) of texts (B, n, W) and headings (B) radians; the step's vector is left at zero."""
+        stage = self._stage
+        texts = self._marked_prefix(stage.embed_text(text), 0)
+        parts = [texts, torch.zeros_like(texts[:, :1])]
+        if stage.linear_first_heading_angle is not None:
+            angle = torch.stack([heading.cos(), heading.sin()], dim=-1)
+            vector = stage.linear_first_heading_angle(angle).unsqueeze(1)
+            parts.append(self._marked_prefix(vector, self.step_position + 1))
+        return torch.cat(parts, dim=1)
+
+    def placed(self, vectors: Tensor, history_tokens: int, first_token: int) -> Tensor:
+        """Token vectors (..., n, width) with their positions; first_token: the number of the first in the window."""
+        numbers = torch.arange(first_token, first_token + vectors.shape[-2], device=vectors.device)
+        return self.placed_at(vectors, history_tokens, numbers)
+
+    def placed_at(self, vectors: Tensor, history_tokens: int, numbers: Tensor) -> Tensor:
+        """Token vectors (..., n, width) with their positions; numbers: (n), of each token in its window."""
+        places = numbers - history_tokens if self._stage.relative else numbers + self.num_prefix
+        placed: Tensor = vectors + self._stage.positions(places)
+        return placed

@@ -1,0 +1,147 @@
+"""Tokenizer: explicit features <-> hybrid tokens (root of four frames, then the body's latent)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
+from motiongen_ardy.core.stats import Stats
+from motiongen_ardy.model.config import FRAMES_PER_TOKEN, TokenizerConfig
+from motiongen_ardy.model.tokenizer.decoder import Decoder
+from motiongen_ardy.model.tokenizer.encoder import Encoder
+from motiongen_ardy.model.tokenizer.quantizer import Quantizer
+
+ROOT_TOKEN_WIDTH = ROOT_WIDTH * FRAMES_PER_TOKEN
+
+
+class Posterior(NamedTuple):
+    """What the encoder says of a VAE's latents: mean and log variance, each (B, N, L)."""
+
+    mean: Tensor
+    log_variance: Tensor
+
+
+def valid_tokens(valid_frames: Tensor | None) -> Tensor | None:
+    """(B, 4N) bool -> (B, N) bool: a token is valid only when all its frames are."""
+    return None if valid_frames is None else valid_frames.unflatten(-1, (-1, FRAMES_PER_TOKEN)).all(-1)
+
+
+def root_to_tokens(root: Tensor) -> Tensor:
+    """(B, 4N, 5) -> (B, N, 20), frame-major."""
+    return root.unflatten(1, (-1, FRAMES_PER_TOKEN)).flatten(-2)
+
+
+def root_from_tokens(tokens: Tensor) -> Tensor:
+    """(B, N, 20 or more, the root first) -> (B, 4N, 5)."""
+    return tokens[..., :ROOT_TOKEN_WIDTH].unflatten(-1, (FRAMES_PER_TOKEN, ROOT_WIDTH)).flatten(1, 2)
+
+
+class Tokenizer(nn.Module):
+    """Encoder, quantiser and decoder of the body, with the latents' statistics.
+
+    post_stats: statistics of the quantised latents; pre_stats: of the encoder's raw output (used only by
+    configurations that do not quantise on encoding).
+    """
+
+    def __init__(
+        self, config: TokenizerConfig, representation: Representation, post_stats: Stats, pre_stats: Stats
+    ) -> None:
+        super().__init__()
+        self.config = config
+        self.representation = representation
+        self.encoder = Encoder(config, representation.body_dim)
+        self.decoder = Decoder(config, representation.body_dim)
+        self.quantizer = Quantizer(config.levels)
+        self.post_stats = post_stats
+        self.pre_stats = pre_stats
+
+    @property
+    def quantizes_on_encode(self) -> bool:
+        return self.config.kind == "fsq" and self.config.quantize_on_encode
+
+    @property
+    def latent_stats(self) -> Stats:
+        """The statistics that latents in hybrid tokens are normalised with."""
+        return self.post_stats if self.quantizes_on_encode else self.pre_stats
+
+    def normalize_latents(self, latents: Tensor) -> Tensor:
+        return self.latent_stats.normalize(latents) if self.config.normalize_latents else latents
+
+    def denormalize_latents(self, latents: Tensor) -> Tensor:
+        return self.latent_stats.denormalize(latents) if self.config.normalize_latents else latents
+
+    def posterior(self, body: Tensor, valid_frames: Tensor | None = None) -> Posterior:
+        """Mean and log variance of a VAE's latents for a normalised body (B, 4N, D-5)."""
+        mean, log_variance = self.encoder(body, valid_tokens(valid_frames)).chunk(2, dim=-1)
+        return Posterior(mean, log_variance)
+
+    def raw_latents(self, body: Tensor, valid_frames: Tensor | None = None) -> Tensor:
+        """What the encoder puts out (B, N, L) for a normalised body (B, 4N, D-5); a VAE's mean."""
+        if self.config.kind == "vae":
+            return self.posterior(body, valid_frames).mean
+        output: Tensor = self.encoder(body, valid_tokens(valid_frames))
+        return output
+
+    def encode(self, features: Tensor, valid_frames: Tensor | None = None) -> Tensor:
+        """Normalised latents (B, N, L) of normalised features (B, 4N, D); valid_frames: (B, 4N) bool, all if absent.
+
+        Tokens that are not valid come out as zero.
+        """
+        latents = self.raw_latents(features[..., ROOT_WIDTH:], valid_frames)
+        if self.quantizes_on_encode:
+            latents = self.quantizer.quantize(latents)
+        latents = self.normalize_latents(latents)
+        keep = valid_tokens(valid_frames)
+        return latents if keep is None else latents * keep[..., None]
+
+    def codes(self, latents: Tensor) -> Tensor:
+        """Normalised latents (B, N, L) -> what the decoder takes: on the grid for FSQ, as they are otherwise."""
+        values = self.denormalize_latents(latents)
+        if self.config.kind != "fsq":
+            return values
+        return self.quantizer.round(values) if self.config.quantize_on_encode else self.quantizer.quantize(values)
+
+    def requantize(self, latents: Tensor) -> Tensor:
+        """Snap normalised latents (B, N, L) to the grid; unchanged where encoding does not quantise."""
+        if not self.quantizes_on_encode:
+            return latents
+        return self.normalize_latents(self.codes(latents))
+
+    def decode(self, latents: Tensor, root: Tensor, lengths: Tensor, valid_frames: Tensor | None = None) -> Tensor:
+        """Normalised body (B, 4N, D-5) of normalised latents (B, N, L).
+
+        root: normalised global root (B, 4N, 5); lengths: (B) valid frames, for the root's velocities;
+        valid_frames: (B, 4N) bool hides padding from attention.
+        """
+        return self.decode_codes(self.codes(latents), root, lengths, valid_frames)[0]
+
+    def decode_codes(
+        self, codes: Tensor, root: Tensor, lengths: Tensor, valid_frames: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """As `decode`, from codes; also returns the local root that the decoder reconstructs (B, 4N, 4)."""
+        condition = root if self.config.global_root else self.representation.local_root(root, lengths)
+        body, local_root = self.decoder(codes, condition, valid_tokens(valid_frames))
+        return body, local_root
+
+    def to_hybrid(self, features: Tensor, valid_frames: Tensor | None = None) -> Tensor:
+        """Normalised features (B, 4N, D) -> hybrid tokens (B, N, 20 + L): root first, then the latent."""
+        root = root_to_tokens(features[..., :ROOT_WIDTH])
+        return torch.cat([root, self.encode(features, valid_frames)], dim=-1)
+
+    def from_hybrid(self, tokens: Tensor, lengths: Tensor, valid_frames: Tensor | None = None) -> Tensor:
+        """Hybrid tokens (B, N, 20 + L) -> normalised features (B, 4N, D)."""
+        root = root_from_tokens(tokens)
+        body = self.decode(tokens[..., ROOT_TOKEN_WIDTH:], root, lengths, valid_frames)
+        return torch.cat([root, body], dim=-1)
+
+
+def build_tokenizer(config: TokenizerConfig, representation: Representation) -> Tokenizer:
+    """A tokenizer with fresh weights and the identity as its latents' statistics."""
+
+    def identity() -> Stats:
+        return Stats(torch.zeros(config.latent_dim, device="cpu"), torch.ones(config.latent_dim, device="cpu"))
+
+    return Tokenizer(config, representation, identity(), identity())

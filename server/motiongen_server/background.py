@@ -1,0 +1,33 @@
+"""Work beside the event loop that may take minutes, and may not keep the process from ending."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import Callable
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+def start_in_background(work: Callable[[], T], name: str) -> asyncio.Future[T]:
+    """What `work` returns or raises, done on a thread of that name. Nobody need wait for it."""
+    loop = asyncio.get_running_loop()
+    outcome: asyncio.Future[T] = loop.create_future()
+
+    def settle(act: Callable[[], None]) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody waits any more
+            loop.call_soon_threadsafe(lambda: None if outcome.done() else act())
+
+    def run_work() -> None:
+        try:
+            result = work()
+        except Exception as error:
+            failure = error  # outlives the except clause
+            settle(lambda: outcome.set_exception(failure))
+        else:
+            settle(lambda: outcome.set_result(result))
+
+    threading.Thread(target=run_work, name=name, daemon=True).start()
+    return outcome

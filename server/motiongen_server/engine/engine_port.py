@@ -1,0 +1,53 @@
+"""EnginePort: all that the service and the application use of an engine, wherever it runs."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from motiongen_server.engine.types import Event, Outcome
+
+
+class EventSink(Protocol):
+    """The way into the engine, for a stream."""
+
+    def submit(self, event: Event) -> Outcome | None:
+        """Hand in an event; an outcome that comes back at once is a refusal.
+
+        Returns at once, whatever the engine is busy with. Every other answer comes through `Deliver`.
+        """
+        ...
+
+
+class EnginePort(EventSink, Protocol):
+    """An engine in this process, or a stand-in for one in another. Everything may be called from any thread."""
+
+    @property
+    def num_sessions(self) -> int:
+        """Sessions that are open in the engine."""
+        ...
+
+    @property
+    def heartbeat_at(self) -> float:
+        """When its loop last went round, in monotonic seconds of this machine."""
+        ...
+
+    @property
+    def failure(self) -> BaseException | None:
+        """What ended it, if it did not end as it should."""
+        ...
+
+    def start(self) -> None:
+        """Begin to take events."""
+        ...
+
+    def drain(self) -> None:
+        """Take no new sessions; those that are open are served on."""
+        ...
+
+    def stop(self) -> None:
+        """Finish the windows that run, close every session as DRAINED, and end."""
+        ...
+
+    def join(self, timeout_s: float | None = None) -> bool:
+        """Wait for the end. True if it has come."""
+        ...

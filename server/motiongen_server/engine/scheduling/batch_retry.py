@@ -1,0 +1,105 @@
+"""BatchRetry: calls of the runner for many jobs at once, made smaller where they do not fit, alone where they fail."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from typing import Generic, TypeVar
+
+from motiongen_server.engine.ports import DeviceLost, OutOfMemory
+
+_log = logging.getLogger(__name__)
+_Item = TypeVar("_Item")
+_Answer = TypeVar("_Answer")
+
+# After so many full calls without trouble a call may be an eighth larger again.
+_CALM_CALLS = 64
+
+
+class BatchRetry(Generic[_Item, _Answer]):
+    """One kind of call. most: items of a call; it halves when memory runs out, and grows back slowly.
+
+    job_id_of: names an item. failed: told of every job that cannot be done, even alone, and why.
+    """
+
+    def __init__(
+        self,
+        call: Callable[[Sequence[_Item]], list[_Answer]],
+        job_id_of: Callable[[_Item], int],
+        failed: Callable[[int, Exception], None],
+        observe: Callable[[Sequence[_Item], float], None],
+        now: Callable[[], float],
+        most: int,
+    ) -> None:
+        """observe: told of every call that went well, with the seconds it took by `now`."""
+        self._call = call
+        self._job_id_of = job_id_of
+        self._failed = failed
+        self._observe = observe
+        self._now = now
+        self._largest = most
+        self._calm = 0
+        self.most = most
+        self.faults = 0
+        self.splits = 0
+
+    def __call__(self, items: Sequence[_Item]) -> list[_Answer]:
+        """The answers for all items that could be done, in their order. Raises DeviceLost."""
+        answers: list[_Answer] = []
+        done = 0
+        while done < len(items):
+            part = items[done : done + self.most]
+            try:
+                answers += self._timed(part)
+            except OutOfMemory as error:
+                if len(part) > 1:
+                    self._shrink(len(part))
+                    continue
+                self._fail(part[0], error)
+            except DeviceLost:
+                raise
+            except Exception:
+                self.faults += 1
+                _log.exception("the runner failed for %d jobs; trying each alone", len(part))
+                answers += self._each_alone(part)
+            else:
+                self._grow(len(part))
+            done += len(part)
+        return answers
+
+    def _timed(self, part: Sequence[_Item]) -> list[_Answer]:
+        begun_at = self._now()
+        answers = self._call(part)
+        self._observe(part, self._now() - begun_at)
+        return answers
+
+    def _each_alone(self, part: Sequence[_Item]) -> list[_Answer]:
+        answers: list[_Answer] = []
+        for item in part:
+            try:
+                answers += self._timed([item])
+            except DeviceLost:
+                raise
+            except Exception as error:
+                self._fail(item, error)
+        return answers
+
+    def _fail(self, item: _Item, error: Exception) -> None:
+        self.faults += 1
+        _log.error("the runner failed for job %d alone", self._job_id_of(item), exc_info=error)
+        self._failed(self._job_id_of(item), error)
+
+    def _shrink(self, num_items: int) -> None:
+        self.most = num_items // 2
+        self.splits += 1
+        self._calm = 0
+        _log.warning("out of memory with %d jobs in a call; from now on %d", num_items, self.most)
+
+    def _grow(self, num_items: int) -> None:
+        """Trust memory again, a little, after many calls that were as large as allowed."""
+        if self.most >= self._largest or num_items < self.most:
+            return
+        self._calm += 1
+        if self._calm >= _CALM_CALLS:
+            self._calm = 0
+            self.most = min(self._largest, self.most + max(1, self.most // 8))

@@ -1,0 +1,178 @@
+"""Degradation: what sessions give up when the machine cannot keep up, least urgent class first, one level at a time.
+
+Pure: time comes in as an argument. A class goes down while too many of its windows are late or the load is too high,
+and up again only after it has been well for some time, so that it does not go up and down.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from motiongen_server.engine.types import ModelFacts, Priority, ServiceTier
+
+# How many levels the classes below are ahead of a class: heroes give up their first level last.
+_HEAD_START = {Priority.BATCH: 0, Priority.CROWD: 0, Priority.NEAR: 2, Priority.HERO: 4}
+# Only these may be made to stand still, and may be closed after that.
+EXPENDABLE = (Priority.BATCH, Priority.CROWD)
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """How windows are made from the next one on.
+
+    steps: most denoising steps of a window, None for as many as the session asked for. drop_guidance: one evaluation a
+    step. full_stride: a window that runs is finished, not begun again for an edit. replan_cap_scale: on how many
+    replans a second are made for edits. hold: no windows are made, the character stands.
+    """
+
+    tier: ServiceTier
+    steps: int | None = None
+    drop_guidance: bool = False
+    full_stride: bool = False
+    replan_cap_scale: float = 1.0
+    hold: bool = False
+
+
+FULL = Level(ServiceTier.FULL)
+
+
+def levels_of(facts: ModelFacts) -> tuple[Level, ...]:
+    """The levels for a model, most first: fewer steps twice, then no guidance, then hold."""
+    steps = [max(facts.min_steps, math.ceil(share * facts.default_steps)) for share in (0.6, 0.4)]
+    levels = [FULL, Level(ServiceTier.FULL, full_stride=True, replan_cap_scale=0.5)]
+    levels += [
+        Level(ServiceTier.FEWER_STEPS, count, full_stride=True, replan_cap_scale=0.5)
+        for count in dict.fromkeys(steps)
+        if count < facts.default_steps
+    ]
+    if facts.guidance_passes > 1:
+        levels.append(Level(ServiceTier.NO_GUIDANCE, steps[-1], True, True, 0.5))
+    levels.append(Level(ServiceTier.HOLD, steps[-1], facts.guidance_passes > 1, True, 0.25, hold=True))
+    return tuple(levels)
+
+
+@dataclass(frozen=True, slots=True)
+class DegradationLimits:
+    """When to go down and up. Shares are of 1.
+
+    Down where more than miss_share of the windows of miss_window_s were late, or the load is above high_load, and that
+    for pressed_s, since many sessions that open at once ask for more than they do later; not again within settle_s,
+    since what a level saves shows only then. Up after well_s without either and with the load below
+    low_load, and after half as long if the level before held; where it did not, twice as long, up to patience times.
+    min_windows: fewer than so many windows say nothing about the share that is late.
+    """
+
+    miss_share: float = 0.01
+    miss_window_s: float = 2.0
+    high_load: float = 0.95
+    low_load: float = 0.8
+    pressed_s: float = 1.0
+    settle_s: float = 2.0
+    well_s: float = 10.0
+    patience: int = 8
+    min_windows: int = 10
+
+
+class Degradation:
+    """On which level every class is. `shed` tells that the last level did not help."""
+
+    def __init__(self, levels: tuple[Level, ...], now: float, limits: DegradationLimits | None = None) -> None:
+        self._levels = levels
+        self._limits = limits or DegradationLimits()
+        # Every move there is, in the order in which they are made: so that a class goes down one level.
+        self._moves = sorted(
+            (
+                (priority, depth)
+                for priority in Priority
+                for depth in range(1, len(levels))
+                if priority in EXPENDABLE or not levels[depth].hold
+            ),
+            key=lambda move: (move[1] + _HEAD_START[move[0]], -move[0]),
+        )
+        self._made = 0
+        self._late: deque[tuple[float, int, int]] = deque()
+        self._windows = self._misses = 0
+        self._settled_at = now
+        self._well_since = now
+        self._unpressed_at = now
+        self._went_up_at = -math.inf
+        self._wait_s = self._limits.well_s
+        self.shed = False
+
+    def level(self, priority: Priority) -> Level:
+        """Where a class is."""
+        return self._levels[self.depth(priority)]
+
+    def depth(self, priority: Priority) -> int:
+        """How many levels down a class is."""
+        return max((depth for moved, depth in self._moves[: self._made] if moved is priority), default=0)
+
+    def note_windows(self, now: float, windows: int, misses: int) -> None:
+        """So many windows were due, so many of them late."""
+        if windows:
+            self._late.append((now, windows, misses))
+            self._windows += windows
+            self._misses += misses
+
+    @property
+    def missed_share(self) -> float:
+        """Late windows among those of the last miss_window_s; 0 while there are too few to tell."""
+        return self._misses / self._windows if self._windows >= self._limits.min_windows else 0.0
+
+    def update(self, now: float, load: float, present: Mapping[Priority, int]) -> Iterable[Priority]:
+        """Go down or up a level if it is time; returns the class that moved, if one did.
+
+        load: share of the machine that is in use. present: sessions of each class; those without any are passed over.
+        """
+        limits = self._limits
+        while self._late and self._late[0][0] < now - limits.miss_window_s:
+            _, windows, misses = self._late.popleft()
+            self._windows -= windows
+            self._misses -= misses
+        pressed = self.missed_share > limits.miss_share or load > limits.high_load
+        settled = now - self._settled_at >= limits.settle_s
+        if settled and not pressed:
+            self._unpressed_at = now
+        if pressed or load > limits.low_load:
+            self._well_since = now
+        self.shed = False
+        if pressed and settled and now - self._unpressed_at >= limits.pressed_s:
+            self._learn_patience(now)
+            self._settled_at = now
+            # What was late before says nothing about the level that comes.
+            self._late.clear()
+            self._windows = self._misses = 0
+            return self._down(present)
+        if self._made and now - max(self._well_since, self._settled_at) >= self._wait_s:
+            self._settled_at = self._went_up_at = now
+            self._wait_s = max(limits.well_s, self._wait_s / 2)  # if this one holds, the next comes sooner
+            return self._up(present)
+        return ()
+
+    def _learn_patience(self, now: float) -> None:
+        """The last level up did not hold for long: wait longer before the next, and so stop going up and down."""
+        limits = self._limits
+        if now - self._went_up_at < limits.well_s:
+            self._wait_s = min(4 * self._wait_s, limits.patience * limits.well_s)
+        elif now - self._went_up_at > limits.patience * limits.well_s:
+            self._wait_s = limits.well_s
+
+    def _down(self, present: Mapping[Priority, int]) -> Iterable[Priority]:
+        for index in range(self._made, len(self._moves)):
+            priority = self._moves[index][0]
+            if present.get(priority, 0):
+                self._made = index + 1
+                return (priority,)
+        self.shed = any(present.get(priority, 0) for priority in EXPENDABLE)
+        return ()
+
+    def _up(self, present: Mapping[Priority, int]) -> Iterable[Priority]:
+        while self._made:
+            self._made -= 1
+            priority = self._moves[self._made][0]
+            if present.get(priority, 0):
+                return (priority,)
+        return ()

@@ -1,0 +1,66 @@
+"""LoadMonitor: how loaded the machine is, and what follows from it for those who come in and those who are there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from motiongen_server.engine.scheduling.admission import Admission, Prices
+from motiongen_server.engine.scheduling.degradation import FULL, Degradation, Level, levels_of
+from motiongen_server.engine.scheduling.device import DeviceLease
+from motiongen_server.engine.types import ModelFacts, Priority
+
+EVERY_S = 0.25
+_MEASURED_OVER_S = 2.0
+
+
+class LoadMonitor:
+    """Measures the load a few times a second, tells the admission, and moves classes from level to level.
+
+    degrade False: levels stay where they are, and sessions get all they asked for, late if need be.
+    """
+
+    def __init__(self, facts: ModelFacts, admission: Admission, now: float, degrade: bool, lease: DeviceLease) -> None:
+        self._admission = admission
+        self._lease = lease
+        self._degradation = Degradation(levels_of(facts), now) if degrade else None
+        self._measured = 0.0
+        self._work_s = 0.0
+        self._at = now
+
+    @property
+    def due_at(self) -> float:
+        """When to measure next."""
+        return self._at + EVERY_S
+
+    @property
+    def load(self) -> float:
+        """Share of the machine that was in use of late, counted as if all steps had been full, by other engines too."""
+        return self._measured + self._lease.elsewhere
+
+    @property
+    def shed(self) -> bool:
+        """Whether all that could be given up was, and it did not help."""
+        return self._degradation is not None and self._degradation.shed
+
+    def level(self, priority: Priority) -> Level:
+        """Where a class is."""
+        return self._degradation.level(priority) if self._degradation is not None else FULL
+
+    def note_windows(self, now: float, windows: int, misses: int) -> None:
+        """So many windows were due, so many of them late."""
+        if self._degradation is not None:
+            self._degradation.note_windows(now, windows, misses)
+
+    def measure(self, now: float, work_s: float, prices: Prices, present: Mapping[Priority, int]) -> Iterable[Priority]:
+        """Take stock; returns the classes that are on another level now.
+
+        work_s: what the machine has done since the start, in seconds of it had all steps been full.
+        """
+        elapsed_s = now - self._at
+        if elapsed_s > 0:
+            weight = min(1.0, elapsed_s / _MEASURED_OVER_S)
+            self._measured += weight * ((work_s - self._work_s) / elapsed_s - self._measured)
+        self._work_s, self._at = work_s, now
+        self._lease.load = self._measured
+        self._admission.set_prices(prices, self._measured, self._lease.elsewhere)
+        return self._degradation.update(now, self.load, present) if self._degradation is not None else ()

@@ -1,0 +1,220 @@
+"""Scheduler: which jobs are in the next denoising step. Pure: time comes in as an argument.
+
+Within a class the earliest deadline goes first. Classes go in order of priority, but each has a share of all rows
+reserved: while jobs of a class are left over, it gets a row at the latest when it is owed a whole one, so that no class
+starves. A step is as large as the caps and the tightest deadline allow. Jobs pause and go on between steps, at no cost.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, insort
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import ceil, inf
+
+from motiongen_server.engine.scheduling.costs import CostTable
+from motiongen_server.engine.types import Priority, RowStatus, WindowJob
+
+DEFAULT_SHARES = (0.0, 0.15, 0.1, 0.05)
+DEFAULT_BACKGROUND_STEP_S = 0.025
+# Jobs in the background make a step that has others in it at most so much longer.
+_BACKGROUND_DRAG = 1.2
+# A class is never owed more than so many rows: what it did not ask for in time is not kept for later.
+_MOST_OWED = 2.0
+# Steps are not made smaller for a deadline than the size at which a row costs so many times its least: with time to
+# spare, and where what is held fills more than such a share of the time until it is due. Late jobs count as due soon.
+_MOST_WASTE = 2.0
+_LITTLE_WASTE = 1.15
+# Then, too, steps may be so many times longer than they should: to be on time matters more than to answer soon.
+_STRAINED_SHARE = 0.5
+_STRAINED_STRETCH = 2.0
+_SOON_S = 0.25
+
+
+@dataclass(slots=True)
+class ScheduledJob:
+    """A job in the scheduler's care. passes: evaluations of a step. prepared: the runner holds it."""
+
+    job: WindowJob
+    passes: int = 1
+    prepared: bool = False
+    steps_done: int = 0
+
+    @property
+    def dueness(self) -> tuple[float, int]:
+        """What orders the jobs of a class."""
+        return (self.job.deadline, self.job.job_id)
+
+
+class Scheduler:
+    """Holds every window job from `add` to `remove`.
+
+    max_rows, max_evaluations: of one step. max_step_s: a step is not made larger than what this time allows, so that
+    whoever comes meanwhile need not wait longer; background_step_s: the same for a step that has jobs in the background
+    only; shares: of all rows, reserved for each class, most urgent first.
+    """
+
+    def __init__(
+        self,
+        costs: CostTable,
+        max_rows: int,
+        max_evaluations: int | None = None,
+        max_step_s: float = inf,
+        background_step_s: float = DEFAULT_BACKGROUND_STEP_S,
+        shares: Sequence[float] = DEFAULT_SHARES,
+    ) -> None:
+        self.costs = costs
+        self._max_rows = max_rows
+        self._max_evaluations = max_evaluations or 3 * max_rows
+        self._max_step_s = max_step_s
+        self._background_step_s = background_step_s
+        self._shares = tuple(shares)
+        self._jobs: dict[int, ScheduledJob] = {}
+        self._queues: tuple[list[tuple[float, int]], ...] = tuple([] for _ in Priority)
+        self._evaluations = [0 for _ in Priority]
+        self._background = 0  # evaluations of those
+        self._owed = [0.0 for _ in Priority]
+
+    def __len__(self) -> int:
+        return len(self._jobs)
+
+    def add(self, job: WindowJob, passes: int) -> None:
+        held = ScheduledJob(job, passes)
+        self._jobs[job.job_id] = held
+        insort(self._queues[job.priority - 1], held.dueness)
+        self._evaluations[job.priority - 1] += passes
+        self._background += passes if job.background else 0
+
+    def remove(self, job_id: int) -> None:
+        held = self._jobs.pop(job_id)
+        queue = self._queues[held.job.priority - 1]
+        del queue[bisect_left(queue, held.dueness)]
+        self._evaluations[held.job.priority - 1] -= held.passes
+        self._background -= held.passes if held.job.background else 0
+
+    def schedule(self, now: float) -> list[ScheduledJob]:
+        """The jobs of the next step, most urgent first."""
+        taken = self._reserved()
+        rows = sum(taken)
+        evaluations = sum(
+            self._jobs[job_id].passes
+            for queue, count in zip(self._queues, taken, strict=True)
+            for _, job_id in queue[:count]
+        )
+        strained = self._strained(now)
+        budget_s, most, least = inf, self._step_cap(strained), self._least_evaluations(strained)
+        room_s: float | None = None  # for the step, once jobs in the background are looked at
+        for index, queue in enumerate(self._queues):
+            for _, job_id in queue[taken[index] :]:
+                held = self._jobs[job_id]
+                larger = evaluations + held.passes
+                if rows >= self._max_rows or (rows and larger > most):
+                    return self._commit_rows(taken)
+                step_s = self.costs.step.seconds(larger)
+                if step_s > budget_s and larger > least:
+                    return self._commit_rows(taken)
+                if held.job.background:
+                    room_s = self._background_room_s(taken, evaluations) if room_s is None else room_s
+                    if rows and step_s > room_s:
+                        break
+                allowed_s = self._allowed_step_s(held, now)
+                if allowed_s >= step_s:  # else it is late whatever is done, and nobody need make room for it
+                    budget_s = min(budget_s, allowed_s)
+                rows, evaluations = rows + 1, larger
+                taken[index] += 1
+        return self._commit_rows(taken)
+
+    def _background_room_s(self, taken: Sequence[int], evaluations: int) -> float:
+        """How long a step may become by jobs in the background: others wait for its end, or for each of their own."""
+        chosen = [job_id for queue, count in zip(self._queues, taken, strict=True) for _, job_id in queue[:count]]
+        if any(not self._jobs[job_id].job.background for job_id in chosen):
+            return _BACKGROUND_DRAG * self.costs.step.seconds(evaluations)
+        return self._background_step_s
+
+    def wake_at(self) -> float:
+        """Jobs that are held are never made to wait."""
+        return inf
+
+    def _reserved(self) -> list[int]:
+        """Rows that each class must have in this step: the whole rows it is owed, the most owed first."""
+        taken = [0 for _ in Priority]
+        rows = self._max_rows
+        for index in sorted(range(len(taken)), key=lambda index: -self._owed[index]):
+            taken[index] = min(int(self._owed[index]), len(self._queues[index]), rows)
+            rows -= taken[index]
+        return taken
+
+    def _commit_rows(self, taken: Sequence[int]) -> list[ScheduledJob]:
+        """Keep the books of what the classes are owed, and give out the rows."""
+        rows = sum(taken)
+        for index, queue in enumerate(self._queues):
+            left_out = len(queue) > taken[index]
+            owed = self._owed[index] + self._shares[index] * rows - taken[index]
+            self._owed[index] = min(max(owed, 0.0), max(_MOST_OWED, self._shares[index] * rows)) if left_out else 0.0
+        return [
+            self._jobs[job_id] for queue, count in zip(self._queues, taken, strict=True) for _, job_id in queue[:count]
+        ]
+
+    def _step_cap(self, strained: bool) -> int:
+        """Most evaluations of a step."""
+        if self._max_step_s == inf:
+            return self._max_evaluations
+        allowed_s = self._max_step_s * (_STRAINED_STRETCH if strained else 1.0)
+        within = max(self.costs.step.largest_within(allowed_s), self.least_efficient())
+        return min(self._max_evaluations, within)
+
+    def least_efficient(self) -> int:
+        """The fewest evaluations that do not waste the machine."""
+        return self.costs.step.efficient_from(self._max_evaluations, _MOST_WASTE)
+
+    def _least_evaluations(self, strained: bool) -> int:
+        """A step is not made smaller than this for a deadline."""
+        waste = _LITTLE_WASTE if strained else _MOST_WASTE
+        return self.costs.step.efficient_from(self._max_evaluations, waste)
+
+    def _strained(self, now: float) -> bool:
+        """Whether there is no time to waste, if all that is held shall be done when it is due."""
+        each_s = self.costs.step.each_s(self._max_evaluations)
+        work_s = 0.0
+        for queue in self._queues:
+            for deadline, job_id in queue:
+                held = self._jobs[job_id]
+                if held.job.background:
+                    continue
+                work_s += each_s * held.passes * (held.job.num_steps - held.steps_done)
+                if work_s > _STRAINED_SHARE * max(deadline - now, _SOON_S):
+                    return True
+        return False
+
+    def _allowed_step_s(self, held: ScheduledJob, now: float) -> float:
+        """How long each step of a job may take for it to make its deadline."""
+        costs = self.costs
+        rest_s = costs.decode.seconds(1) + (0.0 if held.prepared else costs.prepare.seconds(1))
+        return (held.job.deadline - now - rest_s) / max(1, held.job.num_steps - held.steps_done)
+
+    def mark_prepared(self, job_ids: Iterable[int]) -> None:
+        for job_id in job_ids:
+            self._jobs[job_id].prepared = True
+
+    def commit(self, statuses: Iterable[RowStatus]) -> list[int]:
+        """Note the steps that were done; returns the jobs that have done all of theirs."""
+        finished = []
+        for status in statuses:
+            held = self._jobs[status.job_id]
+            held.steps_done = status.steps_done
+            if held.steps_done >= held.job.num_steps:
+                finished.append(status.job_id)
+        return finished
+
+    def predict_s(self, priority: Priority, deadline: float, num_steps: int, passes: int) -> float:
+        """Seconds until a job that is added now would be finished, as things stand."""
+        queue = self._queues[priority - 1]
+        in_class = self._evaluations[priority - 1]
+        ahead = sum(self._evaluations[: priority - 1]) + passes
+        if queue:
+            ahead += in_class * bisect_left(queue, (deadline, 0)) // len(queue)
+        cap = self._step_cap(strained=False)
+        evaluations = min(sum(self._evaluations) - self._background + passes, cap)
+        rows = min(len(self._jobs) + 1, self._max_rows)
+        rounds = ceil(num_steps * max(1.0, ahead / cap))
+        return self.costs.window_s(num_steps, rounds, evaluations, rows)

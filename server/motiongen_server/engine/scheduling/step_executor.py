@@ -1,0 +1,190 @@
+"""StepExecutor: a denoising step and all that belongs to it: prepare newcomers, step, decode who is done; its cost.
+
+Failures of the runner end here: calls are made in parts, jobs that cannot be done are named. Only DeviceLost goes on.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from math import ceil
+
+import numpy as np
+
+from motiongen_server.engine.ports import Clock, DeviceLost, OutOfMemory, Runner, SchedulingPolicy
+from motiongen_server.engine.scheduling.admission import Prices
+from motiongen_server.engine.scheduling.batch_retry import BatchRetry
+from motiongen_server.engine.scheduling.costs import bucket
+from motiongen_server.engine.scheduling.report import StepReport
+from motiongen_server.engine.scheduling.scheduler import ScheduledJob
+from motiongen_server.engine.types import Float32Array, RowStatus, WindowJob, WindowResult
+
+_log = logging.getLogger(__name__)
+
+# How fast the mean number of evaluations of a step follows what is seen, for every row.
+_PASSES_RATE = 1 / 4096
+_NOT_FINITE = "the model made numbers that are not finite for this session; open a new session"
+_NO_ROOM = "the device has no memory left for this session's window; open a new session"
+_FAILED = "the model failed for this session's window; open a new session"
+
+
+class StepExecutor:
+    """Takes jobs through the runner, as the policy says.
+
+    failed: told of every job that the model cannot do, and why, in words for the client; it is to call `discard`.
+    """
+
+    def __init__(
+        self,
+        runner: Runner,
+        policy: SchedulingPolicy,
+        clock: Clock,
+        max_rows: int,
+        failed: Callable[[int, str], None],
+    ) -> None:
+        self._runner = runner
+        self._policy = policy
+        self._now = clock.now
+        self._failed = failed
+        self._full = max_rows * runner.facts.guidance_passes
+        self._turnover = max(1, ceil(max_rows / runner.facts.default_steps))
+        self._report = StepReport()
+        self._prepares: BatchRetry[ScheduledJob, int] = BatchRetry(
+            self._prepare, _id_of, self._give_up, self._prepared, clock.now, max_rows
+        )
+        self._steps: BatchRetry[ScheduledJob, RowStatus] = BatchRetry(
+            self._denoise, _id_of, self._give_up, self._stepped, clock.now, max_rows
+        )
+        self._decodes: BatchRetry[int, WindowResult] = BatchRetry(
+            runner.decode, int, self._give_up, self._decoded, clock.now, max_rows
+        )
+        self._background: set[int] = set()
+        self._passes = float(runner.facts.guidance_passes)
+        self.work_s = 0.0
+
+    def __len__(self) -> int:
+        """Jobs under way."""
+        return len(self._policy)
+
+    def add(self, job: WindowJob) -> None:
+        """Take in a window. What is done for one in the background does not count as work: it takes what is left."""
+        if job.background:
+            self._background.add(job.job_id)
+        self._policy.add(job, self._runner.num_passes(job))
+
+    def finish(self, job_id: int) -> None:
+        """Let go of a job whose window has been decoded."""
+        self._background.discard(job_id)
+        self._policy.remove(job_id)
+
+    def discard(self, job_id: int) -> None:
+        """Forget a job at any stage, here and in the runner."""
+        self._background.discard(job_id)
+        self._policy.remove(job_id)
+        # Also where `prepare` has not succeeded: it may have got half way, and an unknown id is no error.
+        self._runner.discard([job_id])
+
+    def step(self, report: StepReport) -> tuple[list[RowStatus], list[int]]:
+        """One denoising step for those who are most urgent: how far they are, and which are ready to be decoded."""
+        batch = self._policy.schedule(self._now())
+        if not batch:
+            return [], []
+        self._report = report
+        begun_at = self._now()
+        new = [held for held in batch if not held.prepared]
+        if new:
+            report.queue_waits += [begun_at - held.job.created_at for held in new]
+            self._policy.mark_prepared(self._prepares(new))
+            batch = [held for held in batch if held.prepared]
+            report.prepare_seconds = self._now() - begun_at
+        report.rows = len(batch)
+        report.bucket = bucket(sum(held.passes for held in batch))
+        statuses = self._steps(batch)
+        for status in statuses:
+            if not status.finite:
+                self._not_finite(status.job_id)
+        statuses = [status for status in statuses if status.finite]
+        finished = self._policy.commit(statuses)
+        report.step_seconds = self._now() - begun_at - report.prepare_seconds
+        self._stream_metrics(report)
+        return statuses, finished
+
+    def decode(self, finished: Sequence[int], report: StepReport) -> list[WindowResult]:
+        """The windows of jobs that have done all their steps, each to be finished or discarded."""
+        self._report = report
+        begun_at = self._now()
+        results = self._decodes(finished)
+        sound = []
+        for result in results:
+            if np.isfinite(result.frames).all() and np.isfinite(result.features).all():
+                sound.append(result)
+            else:
+                self._not_finite(result.job_id)
+        report.decode_seconds = self._now() - begun_at
+        self._stream_metrics(report)
+        return sound
+
+    def features(self, rows: Float32Array) -> Float32Array | None:
+        """The features (H, D) of a client's frames (H, row_width); None where the model can make none of them."""
+        try:
+            features = self._runner.features(rows)
+        except DeviceLost:
+            raise
+        except Exception:
+            _log.exception("the runner failed for a session's prior frames")
+            return None
+        return features if np.isfinite(features).all() else None
+
+    def prices(self) -> Prices:
+        """What a step and a window cost by now, where steps are full, with as many evaluations as steps have had."""
+        costs = self._policy.costs
+        window_s = costs.prepare.each_s(self._turnover) + costs.decode.each_s(self._turnover)
+        return Prices(self._passes * costs.step.each_s(self._full), window_s)
+
+    # ---- calls of the runner ----------------------------------------------------------------------------------------
+
+    def _prepare(self, jobs: Sequence[ScheduledJob]) -> list[int]:
+        self._runner.prepare([held.job for held in jobs])
+        return [held.job.job_id for held in jobs]
+
+    def _denoise(self, jobs: Sequence[ScheduledJob]) -> list[RowStatus]:
+        return self._runner.denoise([held.job.job_id for held in jobs])
+
+    def _prepared(self, jobs: Sequence[ScheduledJob], seconds: float) -> None:
+        costs = self._policy.costs
+        costs.prepare.observe(len(jobs), seconds)
+        counted = sum(not held.job.background for held in jobs)
+        self.work_s += counted * min(costs.prepare.each_s(self._turnover), seconds / len(jobs))
+
+    def _stepped(self, jobs: Sequence[ScheduledJob], seconds: float) -> None:
+        costs = self._policy.costs
+        evaluations = sum(held.passes for held in jobs)
+        costs.step.observe(evaluations, seconds)
+        self._passes += min(1.0, _PASSES_RATE * len(jobs)) * (evaluations / len(jobs) - self._passes)
+        counted = sum(held.passes for held in jobs if not held.job.background)
+        self.work_s += counted * min(costs.step.each_s(self._full), seconds / evaluations)
+
+    def _decoded(self, job_ids: Sequence[int], seconds: float) -> None:
+        costs = self._policy.costs
+        costs.decode.observe(len(job_ids), seconds)
+        counted = sum(job_id not in self._background for job_id in job_ids)
+        self.work_s += counted * min(costs.decode.each_s(self._turnover), seconds / len(job_ids))
+
+    # ---- failures ---------------------------------------------------------------------------------------------------
+
+    def _give_up(self, job_id: int, error: Exception) -> None:
+        self._failed(job_id, _NO_ROOM if isinstance(error, OutOfMemory) else _FAILED)
+
+    def _not_finite(self, job_id: int) -> None:
+        self._report.nan_rows += 1
+        self._failed(job_id, _NOT_FINITE)
+
+    def _stream_metrics(self, report: StepReport) -> None:
+        for calls in (self._prepares, self._steps, self._decodes):
+            report.runner_faults += calls.faults
+            report.memory_splits += calls.splits
+            calls.faults = calls.splits = 0
+
+
+def _id_of(held: ScheduledJob) -> int:
+    return held.job.job_id

@@ -1,0 +1,1 @@
+"""One character: its motion so far, what steers it, and its next window."""

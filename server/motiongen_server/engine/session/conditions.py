@@ -1,0 +1,235 @@
+"""Conditions: the prompts and constraints of a session, and what an edit of them changes from which frame on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from motiongen_server.engine.locomotion import gait_prompt
+from motiongen_server.engine.session.velocity import Velocity
+from motiongen_server.engine.types import (
+    Code,
+    Constraint,
+    Gait,
+    Outcome,
+    Prompt,
+    SessionKey,
+    SetConstraints,
+    SetPrompts,
+)
+
+
+class EditRefused(Exception):
+    """An edit that cannot be done; it has changed nothing. The fields are those of Outcome."""
+
+    def __init__(self, code: Code, reason: str, message: str, field: str, allowed: str) -> None:
+        super().__init__(message)
+        self.code = code
+        self.reason = reason
+        self.message = message
+        self.field = field
+        self.allowed = allowed
+
+    def outcome(self, session: SessionKey, event_seq: int) -> Outcome:
+        return Outcome(session, event_seq, self.code, None, self.reason, self.message, self.field, self.allowed)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Conditions:
+    """What steers a session. Both tuples are in the order in which their items were set.
+
+    gait: whose prompt holds at the frames that the velocity leads; None: the session's own do.
+    """
+
+    prompts: tuple[Prompt, ...] = ()
+    constraints: tuple[Constraint, ...] = ()
+    velocity: Velocity | None = None
+    gait: Gait | None = None
+
+    def gait_at(self, frame: int) -> Gait | None:
+        """The gait that holds at a frame. A velocity that leads no frame yet is taken to begin there."""
+        ends = self.velocity is None or self.velocity.end_if_from(frame) <= frame
+        return None if ends else self.gait
+
+    def prompt_at(self, frame: int) -> Prompt | None:
+        """The prompt that holds at a frame: that of a velocity that leads there, else the session's own.
+
+        Of its own that cover the frame it is the one that starts last, then the one set last.
+        """
+        gait = self.gait_at(frame)
+        return self._own_prompt_at(frame) if gait is None else gait_prompt(gait)
+
+    def _own_prompt_at(self, frame: int) -> Prompt | None:
+        best: Prompt | None = None
+        for prompt in self.prompts:
+            covers = _start(prompt) <= frame and (prompt.end_frame is None or frame < prompt.end_frame)
+            if covers and (best is None or _start(prompt) >= _start(best)):
+                best = prompt
+        return best
+
+    def prompt_change_after(self, frame: int, end: int) -> int:
+        """The first frame after `frame` whose prompt is another one than at `frame`; `end` if there is none before.
+
+        A velocity that ends soon counts from half way to `end` on: one that is renewed many times a second would else
+        leave a client with a few frames at a time.
+        """
+        from_here = self.led_from(frame)
+        held = from_here.prompt_at(frame)
+        half_way = (frame + end) // 2
+        led_to = from_here._led_to(frame)
+        frames = {max(each, half_way) if each == led_to else each for each in from_here._boundaries(frame)}
+        for candidate in sorted(frames):
+            if frame < candidate < end and not _same(held, from_here.prompt_at(candidate)):
+                return candidate
+        return end
+
+    def led_from(self, frame: int) -> Conditions:
+        """The same with a velocity that leads from a frame on, where it leads none yet."""
+        velocity = self.velocity
+        if velocity is None or velocity.steers_from is not None:
+            return self
+        return replace(self, velocity=replace(velocity, steers_from=frame))
+
+    def first_change(self, before: Conditions, floor: int, changed_at: int | None) -> int | None:
+        """The first frame from floor on that is led elsewhere, at changed_at, or has another prompt than before.
+
+        None where neither is so. Both are taken to be led from floor on by a velocity that leads no frame yet.
+        """
+        before, after = before.led_from(floor), self.led_from(floor)
+        for frame in sorted({floor, *before._boundaries(floor), *after._boundaries(floor)}):
+            if changed_at is not None and frame >= changed_at:
+                return changed_at
+            if frame >= floor and not _same(before.prompt_at(frame), after.prompt_at(frame)):
+                return frame
+        return changed_at
+
+    def _boundaries(self, frame: int) -> list[int]:
+        """The frames at which the prompt may change, in order. frame: where a velocity that leads none yet begins."""
+        led_to = self._led_to(frame)
+        return sorted({*_boundaries(self.prompts), *(() if led_to is None else (led_to,))})
+
+    def _led_to(self, frame: int) -> int | None:
+        """Where a velocity with a gait ends; None where there is none. frame: as for `_boundaries`."""
+        return None if self.velocity is None or self.gait is None else self.velocity.end_if_from(frame)
+
+    def constraints_within(self, begin: int, end: int) -> tuple[Constraint, ...]:
+        """The constraints with a frame in begin <= frame < end."""
+        return tuple(item for item in self.constraints if item.last_frame >= begin and item.first_frame < end)
+
+    def with_velocity_landed(self, obeyed: Velocity | None, frame: int) -> Conditions:
+        """A window from `frame` on that obeys a velocity has landed: if it is the newest, its time begins there."""
+        if obeyed is None or obeyed is not self.velocity or obeyed.steers_from is not None:
+            return self
+        return replace(self, velocity=replace(obeyed, steers_from=frame))
+
+    def without_past(self, frame: int) -> Conditions:
+        """Forget what ends before `frame`."""
+        prompts = tuple(item for item in self.prompts if item.end_frame is None or item.end_frame > frame)
+        constraints = tuple(item for item in self.constraints if item.last_frame >= frame)
+        velocity = self.velocity
+        if velocity is not None and velocity.end_if_from(frame) + velocity.slowing_frames <= frame:
+            velocity = None
+        unchanged = len(prompts) == len(self.prompts) and len(constraints) == len(self.constraints)
+        if unchanged and velocity is self.velocity:
+            return self
+        return Conditions(prompts, constraints, velocity, None if velocity is None else self.gait)
+
+
+def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) -> tuple[Conditions, int | None]:
+    """Apply an edit of prompts. floor: the first frame that can still change.
+
+    Returns the new conditions and the first frame from floor on whose prompt differs, None if none does.
+    Raises EditRefused for an unknown id, a span that has passed, or more than `limit` prompts.
+    """
+    prompts = {prompt.prompt_id: prompt for prompt in held.prompts}
+    for index, prompt_id in enumerate(event.remove):
+        if prompts.pop(prompt_id, None) is None:
+            raise _unknown("prompt", prompt_id, index, prompts)
+    for index, prompt in enumerate(event.upsert):
+        if prompt.end_frame is not None and prompt.end_frame <= floor:
+            raise _passed(
+                "prompt", prompt.prompt_id, prompt.end_frame - 1, floor, f"edit_prompts.upsert[{index}].end_frame"
+            )
+        prompts.pop(prompt.prompt_id, None)
+        prompts[prompt.prompt_id] = replace(prompt, start_frame=max(floor, _start(prompt)))
+    if len(prompts) > limit:
+        raise _too_many("prompts", len(prompts), limit)
+    edited = replace(held, prompts=tuple(prompts.values()))
+    return edited, edited.first_change(held, floor, None)
+
+
+def edit_constraints(
+    held: Conditions, event: SetConstraints, floor: int, limit: int
+) -> tuple[Conditions, tuple[Constraint, ...]]:
+    """Apply an edit of constraints. floor: the first frame that can still change.
+
+    Returns the new conditions and every constraint that came, went or was replaced.
+    Raises EditRefused for an unknown id, a target that has passed, or more than `limit` constraints.
+    """
+    constraints = {item.constraint_id: item for item in held.constraints}
+    changed: list[Constraint] = []
+    if event.clear:
+        changed.extend(constraints.values())
+        constraints.clear()
+    for index, constraint_id in enumerate(event.remove):
+        if constraint_id not in constraints:
+            raise _unknown("constraint", constraint_id, index, constraints)
+        changed.append(constraints.pop(constraint_id))
+    for index, item in enumerate(event.upsert):
+        if item.first_frame < floor:
+            field = f"edit_constraints.upsert[{index}].frame"
+            raise _passed("constraint", item.constraint_id, item.first_frame, floor, field)
+        replaced = constraints.pop(item.constraint_id, None)
+        changed.extend([item] if replaced is None else [item, replaced])
+        constraints[item.constraint_id] = item
+    if len(constraints) > limit:
+        raise _too_many("constraints", len(constraints), limit)
+    return replace(held, constraints=tuple(constraints.values())), tuple(changed)
+
+
+def _start(prompt: Prompt) -> int:
+    return prompt.start_frame or 0
+
+
+def _boundaries(prompts: Iterable[Prompt]) -> list[int]:
+    frames = {_start(prompt) for prompt in prompts}
+    return sorted(frames | {prompt.end_frame for prompt in prompts if prompt.end_frame is not None})
+
+
+def _same(one: Prompt | None, other: Prompt | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return one.embedding is other.embedding or np.array_equal(one.embedding, other.embedding)
+
+
+def _unknown(what: str, given: int, index: int, held: Iterable[int]) -> EditRefused:
+    listed = ", ".join(map(str, sorted(held)[:16])) or "none"
+    return EditRefused(
+        Code.NOT_FOUND,
+        f"UNKNOWN_{what.upper()}",
+        f"{what} {given} is not set: it never was, was removed, or its frames have passed; leave it out",
+        f"edit_{what}s.remove[{index}]",
+        f"the ids that are set: {listed}",
+    )
+
+
+def _passed(what: str, given: int, frame: int, floor: int, field: str) -> EditRefused:
+    return EditRefused(
+        Code.FAILED_PRECONDITION,
+        "FRAME_COMMITTED",
+        f"{what} {given} asks for frame {frame}, but frames below {floor} cannot change any more; choose a later frame",
+        field,
+        f"a frame from {floor} on",
+    )
+
+
+def _too_many(what: str, given: int, limit: int) -> EditRefused:
+    return EditRefused(
+        Code.RESOURCE_EXHAUSTED,
+        f"TOO_MANY_{what.upper()}",
+        f"the session would hold {given} {what}; remove some or reuse their ids",
+        f"edit_{what}.upsert",
+        f"at most {limit} {what} at once",
+    )

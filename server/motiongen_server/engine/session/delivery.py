@@ -1,0 +1,103 @@
+"""Delivery: what a client was sent, may be sent, and was promised not to lose again."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.session.playback import PlaybackClock, RoundTrip
+from motiongen_server.engine.session.timeline import Timeline
+from motiongen_server.engine.types import Chunk, Playhead, SessionKey
+
+
+@dataclass(slots=True)
+class Delivery:
+    """The way of one session's frames to its client. sent_to, committed_to: exclusive frame bounds.
+
+    far_frames: by how many frames the client is further away than was assumed. num_frames, late_frames: how many frames
+    were sent, each counted once, and how many of them after they were due.
+    """
+
+    session: SessionKey
+    lookahead: int
+    config: EngineConfig
+    clock: PlaybackClock
+    round_trip: RoundTrip
+    sent_to: int = 0
+    committed_to: int = 0
+    far_frames: int = 0
+    first_chunk_due: bool = True
+    num_frames: int = 0
+    late_frames: int = 0
+
+    # ---- leads ------------------------------------------------------------------------------------------------------
+
+    @property
+    def delivery_s(self) -> float:
+        """Seconds by which a notice sent now may trail what the client shows."""
+        return self.round_trip.seconds + self.config.flush_s
+
+    @property
+    def commit_s(self) -> float:
+        """Seconds beyond the playhead that are promised not to change."""
+        return self.round_trip.seconds + self.config.flush_s + self.config.margin_s
+
+    @property
+    def commit_frames(self) -> int:
+        """The same in frames, counted from the frame being shown."""
+        return math.ceil(self.clock.fps * self.commit_s) + 1
+
+    def unplayed(self, now: float, planned_to: int) -> float:
+        """Frames from the playhead to the end of the plan."""
+        return planned_to - self.clock.estimate(now, self.sent_to)
+
+    def unshown_from(self, now: float, lead_s: float) -> int:
+        """The first frame that the client cannot be showing lead_s from now."""
+        # A client that reports frame f may be anywhere from f up to, not including, f + 1.
+        return math.ceil(self.clock.estimate(now, self.sent_to) + self.clock.fps * lead_s) + 1
+
+    def reaches_at(self, frame: int) -> float:
+        """When the playhead reaches a frame; infinity where it takes an event for that: it stops at sent_to."""
+        return self.clock.reaches_at(frame) if frame <= self.sent_to else math.inf
+
+    # ---- what happens to it -----------------------------------------------------------------------------------------
+
+    def report(self, event: Playhead) -> None:
+        self.clock.report(event.frame, event.received_at, self.sent_to)
+        self.round_trip.report(event.rtt_s, event.received_at)
+        self.far_frames = max(0, math.ceil(self.clock.fps * (self.round_trip.seconds - self.config.rtt_s)))
+
+    def superseded(self, frame: int) -> int:
+        """A plan replaces the frames from `frame` on. Returns how many of those were sent and are now void."""
+        void = max(0, self.sent_to - frame)
+        self.sent_to -= void
+        return void
+
+    def promise(self, frame: int) -> None:
+        """Frames below `frame` will not change."""
+        self.committed_to = max(self.committed_to, frame)
+
+    def chunks(self, now: float, timeline: Timeline, plan: int, promise_to: float) -> list[Chunk]:
+        """Send what the credit allows: a short chunk first where a plan is new, then of up to steady_chunk frames.
+
+        Promises what no replan could change any more, because it would come too late; nothing from promise_to on.
+        """
+        limit = min(timeline.end, self.clock.reported + self.lookahead)
+        begin = self.sent_to
+        if limit <= begin:
+            return []
+        due_to = math.ceil(self.clock.unheld(now)) if self.clock.running else 0
+        self.clock.resume_from(begin, now)
+        self.promise(int(min(self.unshown_from(now, self.commit_s), limit, promise_to)))
+        chunks = []
+        while self.sent_to < limit:
+            most = self.config.first_chunk if self.first_chunk_due else self.config.steady_chunk
+            end = min(self.sent_to + most, limit)
+            rows = timeline.rows_between(self.sent_to, end)
+            chunks.append(Chunk(self.session, plan, self.sent_to, rows, self.committed_to))
+            self.first_chunk_due = False
+            self.sent_to = end
+        self.num_frames = max(self.num_frames, limit)
+        self.late_frames += max(0, min(due_to, limit) - begin)
+        return chunks

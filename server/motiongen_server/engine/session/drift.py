@@ -1,0 +1,74 @@
+"""DriftGuard and DriftState: whether a character still stands as one should, and what rights it if it does not.
+
+A model that feeds on its own motion for minutes may come to lean further and further, to sink, or to fly off. A shorter
+history lets it forget the lean; one that is lost altogether starts anew where it was.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.session.pose import PoseReader
+from motiongen_server.engine.types import Float32Array, StartPose
+
+
+class Correction(IntEnum):
+    """SHORT_HISTORY: the next window sees one patch of history. FRESH_START: none, and is made at once."""
+
+    SHORT_HISTORY = 1
+    FRESH_START = 2
+
+
+@dataclass(frozen=True, slots=True)
+class DriftGuard:
+    """Judges the rows of a window; shared by all sessions of a rig and a configuration."""
+
+    reader: PoseReader
+    config: EngineConfig
+
+    def correction(self, rows: Float32Array) -> Correction | None:
+        """What the rows of a window call for. A lean counts on average, so that bending down is no drift."""
+        if not self.config.guard_drift:
+            return None
+        config, positions = self.config, self.reader.positions(rows)
+        if self.reader.root is not None:
+            low, high = float(positions[:, 1].min()), float(positions[:, 1].max())
+            far = float(np.abs(positions).max())
+            sound = config.min_root_height_m <= low and high <= config.max_root_height_m
+            if not (sound and far <= config.max_coordinate_m):
+                return Correction.FRESH_START
+        if self.reader.lean(rows) > config.max_lean_rad:
+            return Correction.SHORT_HISTORY
+        return None
+
+    def fresh_start(self, row: Float32Array) -> StartPose:
+        """Where a character that shows this row starts anew: there, or as near as coordinates go."""
+        limit = self.config.max_coordinate_m
+        x, _, z = np.clip(self.reader.positions(row[None])[0], -limit, limit)
+        return StartPose(float(x), float(z), self.reader.heading(row))
+
+
+@dataclass(slots=True)
+class DriftState:
+    """How one character stands. correction: what its next window is to put right, in one that began at lost_from."""
+
+    guard: DriftGuard
+    correction: Correction | None = None
+    lost_from: int = 0
+
+    @property
+    def lost(self) -> bool:
+        """Whether it must be righted at once."""
+        return self.correction is Correction.FRESH_START
+
+    def judge(self, rows: Float32Array, first_frame: int) -> None:
+        """Look at the rows of a window that has landed, from first_frame on."""
+        self.correction, self.lost_from = self.guard.correction(rows), first_frame
+
+    def correction_from(self, first_frame: int) -> Correction | None:
+        """What a window from first_frame on needs: before the frames where it was lost the character is sound."""
+        return Correction.SHORT_HISTORY if self.lost and first_frame <= self.lost_from else self.correction

@@ -1,0 +1,114 @@
+"""Edits: what an event asks to be changed, and the queue of the edits that wait for the plan that answers them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.locomotion import gait_of
+from motiongen_server.engine.session.conditions import Conditions, EditRefused, edit_constraints, edit_prompts
+from motiongen_server.engine.session.velocity import changed_velocity
+from motiongen_server.engine.types import Code, Gait, SetConstraints, SetPrompts, SetVelocity
+
+EditEvent: TypeAlias = SetPrompts | SetConstraints | SetVelocity
+
+
+@dataclass(frozen=True, slots=True)
+class PendingEdit:
+    """An edit that waits for the plan that answers it. dirty_from: the first frame it wants changed."""
+
+    event_seq: int
+    kind: str
+    received_at: float
+    dirty_from: int
+
+
+def edited(
+    held: Conditions, event: EditEvent, floor: int, reach: int, config: EngineConfig, gaits: Sequence[Gait] = ()
+) -> tuple[Conditions, str, int | None]:
+    """Apply an event. floor: the first frame that can still change; reach: the frames a window from there on sees;
+    gaits: prompts that hold while a velocity leads.
+
+    Returns the new conditions, the kind of edit, and the first frame that is to change, None if none is.
+    Raises EditRefused for what cannot be done.
+    """
+    match event:
+        case SetPrompts():
+            conditions, dirty_from = edit_prompts(held, event, floor, config.max_prompts)
+            return conditions, "prompts", dirty_from
+        case SetVelocity():
+            velocity, dirty_from = changed_velocity(held.velocity, event, floor)
+            conditions = replace(held, velocity=velocity, gait=gait_of(gaits, event, held.gait_at(floor)))
+            return conditions, "velocity", conditions.first_change(held, floor, dirty_from)
+        case SetConstraints():
+            conditions, changed = edit_constraints(held, event, floor, config.max_constraints)
+            # What lies beyond the reach waits until a later window sees it.
+            first = min((item.first_frame for item in changed if item.last_frame >= floor), default=None)
+            return conditions, "constraints", None if first is None else max(floor, first - reach + 1)
+
+
+@dataclass(slots=True)
+class EditQueue:
+    """The edits of one session that no window has been started for, and when the next one may be started for them.
+
+    not_before: no window is started for an edit before this time, so that they share one; minus infinity: at once.
+    unseen: edits whose plan has landed, and the frame they took effect at, until that frame is sent.
+    """
+
+    most: int
+    waiting: tuple[PendingEdit, ...] = ()
+    not_before: float = -math.inf
+    unseen: list[tuple[PendingEdit, int]] = field(default_factory=list)
+
+    def require_room(self) -> None:
+        """Raise EditRefused where too many edits wait already."""
+        if len(self.waiting) >= self.most:
+            raise EditRefused(
+                Code.RESOURCE_EXHAUSTED,
+                "TOO_MANY_PENDING_EVENTS",
+                f"{len(self.waiting)} edits of this session wait for a plan; send again when one was answered",
+                "",
+                f"at most {self.most} edits that wait",
+            )
+
+    def add(self, edit: PendingEdit) -> None:
+        self.waiting = (*self.waiting, edit)
+
+    def take(self) -> tuple[PendingEdit, ...]:
+        """All that wait, for a window that starts now."""
+        taken, self.waiting = self.waiting, ()
+        return taken
+
+    def put_back(self, edits: tuple[PendingEdit, ...]) -> None:
+        """The window that was to answer these will not: the next one may start at once."""
+        self.waiting = (*edits, *self.waiting)
+        self.not_before = -math.inf
+
+    def settle(self, untouched_from: int) -> list[PendingEdit]:
+        """Take out the edits of frames that no window has touched yet: they will be there when one comes."""
+        if untouched_from <= 0:
+            return []
+        settled = [edit for edit in self.waiting if edit.dirty_from >= untouched_from]
+        if settled:
+            self.waiting = tuple(edit for edit in self.waiting if edit.dirty_from < untouched_from)
+        return settled
+
+    def landed(self, edits: Sequence[PendingEdit], first_frame: int, sent_to: int) -> list[tuple[PendingEdit, int]]:
+        """A plan from first_frame on answers these edits. Returns each with the frame it takes effect at.
+
+        sent_to: the end of what was sent and still holds; edits beyond it that nobody saw were overtaken.
+        """
+        answered = [(edit, max(edit.dirty_from, first_frame)) for edit in edits]
+        self.unseen = [(edit, frame) for edit, frame in self.unseen if frame < sent_to] + answered
+        return answered
+
+    def seen(self, sent_to: int) -> list[PendingEdit]:
+        """The edits whose first frame has now been sent; each is returned once."""
+        if not self.unseen:
+            return []
+        seen = [edit for edit, frame in self.unseen if frame < sent_to]
+        self.unseen = [(edit, frame) for edit, frame in self.unseen if frame >= sent_to]
+        return seen

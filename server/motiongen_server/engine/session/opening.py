@@ -1,0 +1,49 @@
+"""How a session begins."""
+
+from __future__ import annotations
+
+import math
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.session.conditions import Conditions
+from motiongen_server.engine.session.delivery import Delivery
+from motiongen_server.engine.session.drift import DriftGuard, DriftState
+from motiongen_server.engine.session.edits import EditQueue
+from motiongen_server.engine.session.playback import PlaybackClock, RoundTrip
+from motiongen_server.engine.session.pose import PoseReader
+from motiongen_server.engine.session.session import SessionState
+from motiongen_server.engine.session.timeline import first_timeline
+from motiongen_server.engine.spread import spread
+from motiongen_server.engine.types import Float32Array, ModelFacts, SessionSpec
+
+
+def open_session(
+    spec: SessionSpec,
+    received_at: float,
+    ordinal: int,
+    facts: ModelFacts,
+    config: EngineConfig,
+    now: float,
+    prior_features: Float32Array | None = None,
+) -> SessionState:
+    """A new session. ordinal: how many were opened before it; it spreads the start times of later windows.
+
+    prior_features: (H, D), those of spec.prior_rows, None where there are none.
+    """
+    stride = spread(ordinal) * (config.stride_jitter // facts.patch + 1)
+    jitter = math.floor(stride % 1.0 * (config.continue_jitter + 1))
+    return SessionState(
+        spec=spec,
+        facts=facts,
+        config=config,
+        # A client that asks for a longer lookahead wants it filled.
+        continue_threshold=max(config.continue_threshold, spec.lookahead - facts.horizon) + jitter,
+        cut_frames=math.floor(stride) * facts.patch,
+        conditions=Conditions(spec.prompts, spec.constraints),
+        delivery=Delivery(spec.session, spec.lookahead, config, PlaybackClock(facts.fps), RoundTrip(config.rtt_s)),
+        timeline=first_timeline(facts, spec.prior_rows, prior_features),
+        edits=EditQueue(config.max_waiting_edits),
+        drift_state=DriftState(DriftGuard(PoseReader.of(facts.rig), config)),
+        opened_at=received_at,
+        last_playhead_at=now,
+    )

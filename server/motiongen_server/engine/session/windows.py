@@ -1,0 +1,145 @@
+"""Windows: the job that is handed to the runner for the window that is due, and what is known of it while it runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.scheduling.degradation import Level
+from motiongen_server.engine.session.conditions import Conditions
+from motiongen_server.engine.session.drift import Correction, DriftGuard
+from motiongen_server.engine.session.edits import PendingEdit
+from motiongen_server.engine.session.timeline import Timeline
+from motiongen_server.engine.session.velocity import STATE_FRAMES, RootState, Velocity, root_state
+from motiongen_server.engine.types import Constraint, Guidance, ModelFacts, PlanCause, SessionSpec, StartPose, WindowJob
+
+
+@dataclass(slots=True)
+class RunningWindow:
+    """The window being denoised. accept_to: its frames from there on will be dropped. answers: the edits it is for.
+
+    velocity: the one it obeys. correction: what the session asked of it.
+    """
+
+    job: WindowJob
+    accept_to: int
+    answers: tuple[PendingEdit, ...]
+    velocity: Velocity | None
+    correction: Correction | None
+    steps_done: int = 0
+
+    @property
+    def first_frame(self) -> int:
+        return self.job.first_frame
+
+    @property
+    def fresh(self) -> bool:
+        """Whether it goes on from no frames before it."""
+        return self.job.start_pose is not None
+
+
+@dataclass(frozen=True, slots=True)
+class WindowSite:
+    """What a session's next window is made from."""
+
+    spec: SessionSpec
+    facts: ModelFacts
+    config: EngineConfig
+    guard: DriftGuard
+    level: Level
+    conditions: Conditions
+    timeline: Timeline
+
+    def job(
+        self,
+        first_frame: int,
+        correction: Correction | None,
+        job_id: int,
+        plan: int,
+        cause: PlanCause,
+        now: float,
+        deadline: float,
+    ) -> WindowJob:
+        """The job of a window from first_frame on."""
+        start_pose = self._start_pose(first_frame, correction)
+        crop = history_crop(self.spec, self.config)
+        length = 0 if start_pose else history_frames(first_frame, self.timeline, crop, self.facts.patch)
+        if correction is Correction.SHORT_HISTORY:
+            length = min(length, self.facts.patch)
+        prompt = self.conditions.prompt_at(first_frame)
+        constraints = self._constraints(first_frame, length)
+        return WindowJob(
+            job_id=job_id,
+            session=self.spec.session,
+            plan=plan,
+            first_frame=first_frame,
+            history=self.timeline.features_before(first_frame, length),
+            start_pose=start_pose,
+            embedding=None if prompt is None else prompt.embedding,
+            constraints=constraints,
+            seed=self.spec.seed,
+            num_steps=steps_at(self.level, self.spec, self.facts),
+            guidance=guidance_at(self.level, self.spec.guidance, bool(constraints), self.facts),
+            deadline=deadline,
+            priority=self.spec.priority,
+            cause=cause,
+            created_at=now,
+            history_tokens=self.timeline.tokens_before(first_frame, length) if self.config.reuse_tokens else None,
+            background=self.spec.is_clip,
+        )
+
+    def _start_pose(self, first_frame: int, correction: Correction | None) -> StartPose | None:
+        """Where a window without history starts; None for one that goes on from the frames before it."""
+        if first_frame == 0 and self.spec.prior_rows is None:
+            return self.spec.start_pose
+        if correction is not Correction.FRESH_START:
+            return None
+        return self.guard.fresh_start(self.timeline.rows_between(first_frame - 1, first_frame)[0])
+
+    def _constraints(self, first_frame: int, history_length: int) -> tuple[Constraint, ...]:
+        """The constraints that a window sees. Of two the later one holds: those of the client over a velocity."""
+        end = first_frame - history_length + self.facts.max_window_frames
+        seen = self.conditions.constraints_within(first_frame, end)
+        velocity, fps = self.conditions.velocity, self.facts.fps
+        if velocity is None:
+            return seen
+        path = velocity.path(first_frame, first_frame + self.facts.horizon, self._root_before(first_frame), fps)
+        return seen if path is None else (path, *seen)
+
+    def _root_before(self, first_frame: int) -> RootState:
+        """What the root does just before a window; it stands in the start pose before the first."""
+        reader, start = self.guard.reader, self.spec.start_pose
+        rows = self.timeline.rows_between(max(self.timeline.first, first_frame - STATE_FRAMES), first_frame)
+        if not len(rows):
+            return RootState(start.x, start.z, 0.0, 0.0, start.heading)
+        return root_state(reader.positions(rows), reader.heading(rows[-1]), self.facts.fps)
+
+
+def history_crop(spec: SessionSpec, config: EngineConfig) -> int:
+    """The most history that a session's windows see."""
+    return config.history_crop if spec.history_frames is None else spec.history_frames
+
+
+def history_frames(frame: int, timeline: Timeline, crop: int, patch: int) -> int:
+    """Frames of history of a window that starts at `frame`: whole patches, at most `crop`."""
+    return min(crop, (frame - timeline.motion_from) // patch * patch)
+
+
+def guidance_at(level: Level, asked: Guidance, has_constraints: bool, facts: ModelFacts) -> Guidance:
+    """The guidance of a window at a level: weights that let evaluations of the denoiser vanish where it drops them.
+
+    Text and constraints that are guided apart cannot both be told in one evaluation; half of each takes two of three.
+    """
+    if not level.drop_guidance:
+        return asked
+    if facts.guidance_joint:
+        return Guidance(1.0, 1.0)
+    apart = facts.guidance_passes > 2
+    return Guidance(0.5, 0.5) if apart and has_constraints else Guidance(1.0, 0.0)
+
+
+def steps_at(level: Level, spec: SessionSpec, facts: ModelFacts) -> int:
+    """The denoising steps of a window at a level: never more than were asked for."""
+    if level.steps is None:
+        return spec.denoise_steps
+    return min(spec.denoise_steps, max(level.steps, facts.min_steps))

@@ -1,0 +1,163 @@
+"""Connection: one engine process as the gateway talks to it, from its start to its end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import zmq
+
+from motiongen_server.config import ServerConfig
+from motiongen_server.engine_process.bell import Bell
+from motiongen_server.engine_process.child import END_S, Child
+from motiongen_server.engine_process.codec import Codec, CodecError
+from motiongen_server.engine_process.messages import (
+    GREETING,
+    SCHEMA,
+    TO_ENGINE,
+    TO_GATEWAY,
+    Begin,
+    CloseAhead,
+    Ended,
+    Events,
+    Greeting,
+    Joined,
+    Ready,
+    Stop,
+    ToGateway,
+)
+from motiongen_server.engine_process.sockets import GatewayEnd, poller_of
+from motiongen_server.errors import SettingError
+
+GREETING_S = 60.0
+"""How long an engine process may take to say its first word; it has only to import this package."""
+CLOCK_TOLERANCE_S = 60.0
+LAST_READ_MS = 100
+
+
+class EngineLost(RuntimeError):
+    """The engine process ended, hung or said what is no message; the text says which."""
+
+
+class Stopped(Exception):
+    """Whoever waited has been asked to stop."""
+
+
+class Connection:
+    """Used by one thread; `kill` may be called from any."""
+
+    def __init__(self, command: Sequence[str], bell: Bell, is_stopping: Callable[[], bool]) -> None:
+        """Start the process. bell: ends every wait. Raises SettingError or OSError where that is impossible."""
+        self._end = GatewayEnd()
+        try:
+            self._child = Child(command, self._end.folder)
+        except OSError:
+            self._end.close()
+            raise
+        self._bell = bell
+        self._is_stopping = is_stopping
+        self._has_died = False
+        said: list[zmq.Socket[bytes] | int] = [self._end.back, bell.fileno(), self._child.fileno()]
+        self._news = poller_of(said)
+        self._news_or_room = poller_of(said, self._end.events)
+
+    @property
+    def pid(self) -> int:
+        return self._child.pid
+
+    # ---- the beginning ----------------------------------------------------------------------------------------------
+
+    def load(self, config: ServerConfig) -> Ready:
+        """Let it load the model. Raises SettingError, EngineLost, or Stopped when asked to stop meanwhile."""
+        greeting = self._await(GREETING, Greeting, GREETING_S)
+        if greeting.schema != SCHEMA:
+            raise EngineLost(f"the engine process speaks schema {greeting.schema}, this one {SCHEMA}: mixed versions")
+        apart_s = time.monotonic() - greeting.clock_at
+        if not 0 <= apart_s < CLOCK_TOLERANCE_S:
+            raise EngineLost(f"the engine process's monotonic clock is {apart_s:g} s from this one's")
+        for socket in (self._end.events, self._end.ahead):
+            socket.send(TO_ENGINE.encode(Begin(config)))
+        self._await(TO_GATEWAY, Joined, GREETING_S)
+        self._end.seal()
+        ready: Ready = self._await(TO_GATEWAY, Ready, None)
+        return ready
+
+    def _await(self, codec: Codec[Any], kind: type[Any], patience_s: float | None) -> Any:
+        """The next message, of this kind."""
+        ends_at = None if patience_s is None else time.monotonic() + patience_s
+        while (data := self._receive()) is None:
+            if self._is_stopping():
+                raise Stopped
+            if ends_at is not None and time.monotonic() > ends_at:
+                raise EngineLost(f"the engine process said no {kind.__name__} within {patience_s:g} s")
+            self.wait(0.5, for_room=False)
+            self._bell.quiet()
+            if self._has_died and (data := self._receive(LAST_READ_MS)) is None:
+                raise EngineLost(f"the engine process {self._child.end(END_S)} before it was ready")
+            if data is not None:
+                break
+        message = _decoded(codec, data)
+        if isinstance(message, Ended):
+            raise (SettingError if message.is_setting else EngineLost)(message.error)
+        if not isinstance(message, kind):
+            raise EngineLost(f"the engine process said {type(message).__name__} where {kind.__name__} was due")
+        return message
+
+    # ---- what goes and what comes -----------------------------------------------------------------------------------
+
+    @property
+    def has_room(self) -> bool:
+        """Whether the engine process will take one more message of events."""
+        return bool(self._end.events.poll(0, zmq.POLLOUT))
+
+    def send(self, events: Events) -> None:
+        """While there is room."""
+        self._end.events.send(TO_ENGINE.encode(events), zmq.NOBLOCK)
+
+    def send_ahead(self, message: CloseAhead | Stop) -> None:
+        """Past the events that wait."""
+        self._end.ahead.send(TO_ENGINE.encode(message))
+
+    def wait(self, timeout_s: float, for_room: bool) -> None:
+        """Until it says something or dies, the bell rings, or (for_room) it takes events again."""
+        poller = self._news_or_room if for_room else self._news
+        self._has_died = any(ready == self._child.fileno() for ready, _ in poller.poll(int(1000 * timeout_s)))
+
+    def next_message(self) -> ToGateway | None:
+        """What it said next; None if there is nothing now. Raises EngineLost for what is no message, or its death."""
+        data = self._receive()
+        if data is None and self._has_died:
+            data = self._receive(LAST_READ_MS)
+            if data is None:
+                raise EngineLost(f"the engine process {self._child.end(END_S)}")
+        if data is None:
+            return None
+        message: ToGateway = _decoded(TO_GATEWAY, data)
+        return message
+
+    def _receive(self, patience_ms: int = 0) -> bytes | None:
+        if patience_ms and not self._end.back.poll(patience_ms):
+            return None
+        try:
+            return self._end.back.recv(zmq.NOBLOCK)
+        except zmq.Again:
+            return None
+
+    # ---- the end ----------------------------------------------------------------------------------------------------
+
+    def kill(self) -> None:
+        self._child.kill()
+
+    def close(self, patience_s: float = 0.0) -> None:
+        """Make sure that the process is gone, after so many seconds at most, and drop what it has not taken."""
+        self._child.end(patience_s)
+        self._child.close()
+        self._end.close()
+
+
+def _decoded(codec: Codec[Any], data: bytes) -> Any:
+    try:
+        return codec.decode(data)
+    except CodecError as error:
+        raise EngineLost(f"the engine process said what is no message: {error}") from error

@@ -1,0 +1,1 @@
+"""Which models there are: their engines made, held, loaded and unloaded."""

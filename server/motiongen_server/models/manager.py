@@ -1,0 +1,290 @@
+"""ModelManager: holds the engines of all models; loads, unloads and reloads them while the others are served."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Protocol
+
+from motiongen_server.background import start_in_background
+from motiongen_server.engine.engine_port import EnginePort
+from motiongen_server.engine.ports import DeviceLost
+from motiongen_server.engine.types import Code
+from motiongen_server.errors import SettingError
+from motiongen_server.models.hosting import Hosted
+from motiongen_server.models.registry import ModelRegistry, Served
+from motiongen_server.ops.memory import settle_again
+from motiongen_server.rpc.event_errors import model_failed, model_reloading
+
+_log = logging.getLogger(__name__)
+
+LOOK_EVERY_S = 0.05
+CLOSE_S = 2.0
+"""For sessions that are told to close, and for an engine that is told to end."""
+
+
+class ModelState(IntEnum):
+    """What a model is doing; the numbers are those of the protocol."""
+
+    LOADING = 1
+    SERVING = 2
+    UNLOADING = 3
+    FAILED = 4
+
+
+class CannotKeep(Exception):
+    """Why a model is not loaded or unloaded; those that are served are untouched. reason: a word for programs."""
+
+    def __init__(self, code: Code, reason: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+        self.reason = reason
+
+
+@dataclass(eq=False)
+class Kept:
+    """One model and its engine. source: what it was loaded from, as it was asked for."""
+
+    source: str
+    hosted: Hosted
+    served: Served
+    state: ModelState = ModelState.SERVING
+
+    @property
+    def engine(self) -> EnginePort:
+        return self.hosted.engine
+
+    @property
+    def model_id(self) -> str:
+        return self.served.model_id
+
+
+class Closer(Protocol):
+    """Ends the sessions of a model: the service."""
+
+    def close_model(self, model: Served) -> int: ...
+
+
+class ModelManager:
+    """Several engines as one: started, looked after and stopped together. Its coroutines run on the event loop only.
+
+    One model is loaded or unloaded at a time. What goes wrong with it is raised as CannotKeep and leaves the rest as it
+    was.
+    """
+
+    def __init__(
+        self, host: Callable[[str], Hosted], serve: Callable[[Hosted], Served], forget: Callable[[Hosted], None]
+    ) -> None:
+        """host: loads a model from its source, on any thread, raising SettingError. serve: makes ready to offer it.
+
+        forget: told of a model that is gone for good.
+        """
+        self._host = host
+        self._serve = serve
+        self._forget = forget
+        self._kept: list[Kept] = []
+        self._loading: str | None = None
+        self._models: ModelRegistry | None = None
+        self._closer: Closer | None = None
+
+    # ---- the models -------------------------------------------------------------------------------------------------
+
+    def adopt(self, source: str, hosted: Hosted) -> None:
+        """Keep a model that start-up has loaded, and offer it."""
+        kept = Kept(source, hosted, self._serve(hosted))
+        self._kept.append(kept)
+        if self._models is None:
+            self._models = ModelRegistry(kept.served)
+        else:
+            self._models.put(kept.served)
+
+    def open(self, closer: Closer) -> None:
+        """Have all engines begin to take events. closer: ends the sessions of a model that is unloaded."""
+        self._closer = closer
+        for kept in self._kept:
+            kept.engine.start()
+
+    def __contains__(self, model_id: str) -> bool:
+        return any(kept.model_id == model_id for kept in self._kept)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether start-up is over."""
+        return self._closer is not None
+
+    @property
+    def models(self) -> ModelRegistry:
+        """Those that are offered; there is one at least."""
+        assert self._models is not None
+        return self._models
+
+    @property
+    def kept(self) -> tuple[Kept, ...]:
+        """All models there are, the default first."""
+        return tuple(self._kept)
+
+    @property
+    def loading(self) -> str | None:
+        """The source of the model that is being loaded, if one is."""
+        return self._loading
+
+    async def load(self, source: str) -> Kept:
+        """Load one more model, offer it and start its engine. Raises CannotKeep."""
+        hosted = await self._load(source)
+        if hosted.facts.model_id in self:
+            await self._end(hosted.engine)
+            message = f"{hosted.facts.model_id} is loaded already; reload it to have it anew"
+            raise CannotKeep(Code.ALREADY_EXISTS, "MODEL_LOADED", message)
+        kept = self._begin(source, hosted)
+        self._kept.append(kept)
+        self.models.put(kept.served)
+        settle_again()
+        _log.info("%s is served now, from %r", kept.model_id, source)
+        return kept
+
+    async def unload(self, model_id: str, grace_s: float | None) -> int:
+        """Unload a model; returns how many sessions had to be closed. Raises CannotKeep.
+
+        grace_s: how long its sessions may go on; None refuses while there are any.
+        """
+        kept = self._find(model_id)
+        others = [other for other in self._kept if other is not kept and other.state is ModelState.SERVING]
+        if not others:
+            message = f"{model_id} is the only model that is served; load another one first"
+            raise CannotKeep(Code.FAILED_PRECONDITION, "LAST_MODEL", message)
+        self._check_free(kept, grace_s)
+        self.models.remove(kept.served)
+        closed = await self._retire(kept, grace_s)
+        self._forget(kept.hosted)
+        del kept
+        settle_again()
+        _log.info("%s has been unloaded, %d sessions were closed", model_id, closed)
+        return closed
+
+    async def reload(self, model_id: str, grace_s: float | None) -> tuple[Kept, int]:
+        """Load a model again and put it in the place of the old one; returns how many sessions had to be closed.
+
+        grace_s: as for `unload`, from then on. Raises CannotKeep; the old one is then served as before.
+        """
+        old = self._find(model_id)
+        self._check_free(old, grace_s)
+        refusal = old.served.refusal
+        if grace_s is None:
+            old.served.refusal = model_reloading(model_id)
+        try:
+            hosted = await self._load(old.source)
+            if hosted.facts.model_id != model_id:
+                await self._end(hosted.engine)
+                message = f"{old.source!r} holds {hosted.facts.model_id} by now, not {model_id}; load it by itself"
+                raise CannotKeep(Code.FAILED_PRECONDITION, "ANOTHER_MODEL", message)
+        except CannotKeep:
+            old.served.refusal = refusal
+            raise
+        kept = self._begin(old.source, hosted)
+        self._kept[self._kept.index(old)] = kept
+        self.models.put(kept.served)
+        self._kept.append(old)
+        closed = await self._retire(old, grace_s)
+        del old
+        settle_again()
+        _log.info("%s has been loaded anew, %d sessions were closed", model_id, closed)
+        return kept, closed
+
+    def _find(self, model_id: str) -> Kept:
+        """The model to do something to. Raises CannotKeep where there is none, or something is being done already."""
+        for kept in self._kept:
+            if kept.model_id == model_id:
+                if kept.state is ModelState.UNLOADING or self._loading == kept.source:
+                    message = f"{model_id} is being loaded or unloaded; wait for the end of that"
+                    raise CannotKeep(Code.FAILED_PRECONDITION, "MODEL_BUSY", message)
+                return kept
+        known = ", ".join(kept.model_id for kept in self._kept)
+        raise CannotKeep(Code.NOT_FOUND, "UNKNOWN_MODEL", f"no model {model_id[:80]!r} is loaded; there are {known}")
+
+    @staticmethod
+    def _check_free(kept: Kept, grace_s: float | None) -> None:
+        if grace_s is None and kept.engine.num_sessions:
+            message = (
+                f"{kept.engine.num_sessions} sessions of {kept.model_id} are open; give a grace, after which they are "
+                "closed"
+            )
+            raise CannotKeep(Code.FAILED_PRECONDITION, "SESSIONS_OPEN", message)
+
+    async def _load(self, source: str) -> Hosted:
+        if self._loading is not None:
+            message = f"{self._loading!r} is being loaded; one model is loaded at a time"
+            raise CannotKeep(Code.UNAVAILABLE, "LOADING", message)
+        self._loading = source
+        _log.info("loading %r", source)
+        try:
+            return await start_in_background(lambda: self._host(source), "loading")
+        except SettingError as error:
+            raise CannotKeep(Code.FAILED_PRECONDITION, "CANNOT_LOAD", str(error)) from error
+        except Exception as error:
+            _log.exception("loading %r failed", source)
+            raise CannotKeep(Code.INTERNAL, "CANNOT_LOAD", f"loading {source!r} failed; the log says why") from error
+        finally:
+            self._loading = None
+
+    def _begin(self, source: str, hosted: Hosted) -> Kept:
+        kept = Kept(source, hosted, self._serve(hosted))
+        kept.engine.start()
+        return kept
+
+    async def _retire(self, kept: Kept, grace_s: float | None) -> int:
+        """Wait for the sessions of a model that is offered no more, close those that are left, and end its engine."""
+        assert self._closer is not None
+        kept.state = ModelState.UNLOADING
+        await self._until_empty(kept.engine, grace_s or 0.0)
+        closed = self._closer.close_model(kept.served)
+        await self._until_empty(kept.engine, CLOSE_S)
+        await self._end(kept.engine)
+        self._kept.remove(kept)
+        return closed
+
+    @staticmethod
+    async def _until_empty(engine: EnginePort, patience_s: float) -> None:
+        ends_at = time.monotonic() + patience_s
+        while engine.num_sessions and time.monotonic() < ends_at:  # noqa: ASYNC110  engines run on other threads
+            await asyncio.sleep(LOOK_EVERY_S)
+
+    @staticmethod
+    async def _end(engine: EnginePort) -> None:
+        engine.stop()
+        await start_in_background(lambda: engine.join(CLOSE_S), "unloading")
+
+    # ---- all engines as one -----------------------------------------------------------------------------------------
+
+    def look_after(self) -> None:
+        """Note which engines have failed."""
+        for kept in self._kept:
+            if kept.state is ModelState.SERVING and kept.engine.failure is not None:
+                _log.error("%s is served no more: its engine has failed", kept.model_id)
+                kept.state = ModelState.FAILED
+                kept.served.refusal = model_failed(kept.model_id)
+
+    @property
+    def failure(self) -> BaseException | None:
+        """Why nothing can be served any more: the device is lost, or the last engine has failed."""
+        failures = [kept.engine.failure for kept in self._kept if kept.state is not ModelState.UNLOADING]
+        lost = next((failure for failure in failures if isinstance(failure, DeviceLost)), None)
+        return lost or (failures[0] if failures and all(failures) else None)
+
+    @property
+    def heartbeat_at(self) -> float:
+        """When the slowest of those that have not failed last went round, in monotonic seconds."""
+        beats = [kept.engine.heartbeat_at for kept in self._kept if kept.engine.failure is None]
+        return min(beats, default=0.0)
+
+    def drain(self) -> None:
+        """Let no engine take new sessions."""
+        for kept in self._kept:
+            kept.engine.drain()
+
+    async def stop(self) -> None:
+        """Close every session, and end all engines."""
+        await asyncio.gather(*(self._end(kept.engine) for kept in self._kept))

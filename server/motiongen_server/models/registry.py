@@ -1,0 +1,97 @@
+"""ModelRegistry: which of the models that are served an OpenSession gets, and what clients are told of them all."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from motiongen.v1 import service_pb2
+from motiongen_server.engine.engine_port import EventSink
+from motiongen_server.errors import EventRefused
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.event_errors import unknown_model
+from motiongen_server.rpc.limits import Limits
+from motiongen_server.text.prompts import PromptEncoder
+
+
+@dataclass(eq=False)
+class Served:
+    """One model, as its sessions know it. refusal: what new ones are told while it takes none."""
+
+    engine: EventSink
+    prompts: PromptEncoder
+    catalog: Catalog
+    refusal: EventRefused | None = None
+
+    @property
+    def model_id(self) -> str:
+        """The name that clients ask for it by."""
+        return self.catalog.facts.model_id
+
+
+class ModelRegistry:
+    """The models that sessions can be opened with, the default first; never empty. Used from the event loop only."""
+
+    def __init__(self, first: Served) -> None:
+        self._served = {first.model_id: first}
+        self._response = _catalog_response(self._served.values())
+
+    def __iter__(self) -> Iterator[Served]:
+        return iter(tuple(self._served.values()))
+
+    def __len__(self) -> int:
+        return len(self._served)
+
+    def __contains__(self, model_id: str) -> bool:
+        return model_id in self._served
+
+    @property
+    def limits(self) -> Limits:
+        """What a client must keep to, whichever models it uses."""
+        return next(iter(self)).catalog.limits
+
+    @property
+    def limits_message(self) -> service_pb2.Limits:
+        """The same as a message."""
+        return next(iter(self)).catalog.limits_message
+
+    def find(self, model_id: str) -> Served:
+        """The model of that name, the default for an empty one. Raises EventRefused where no session can be opened."""
+        served = self._served.get(model_id) if model_id else next(iter(self))
+        if served is None:
+            raise unknown_model(model_id, self._served)
+        if served.refusal is not None:
+            raise served.refusal
+        return served
+
+    def put(self, served: Served) -> None:
+        """Offer a model, in the place of the one of the same name if there is one, else as the last."""
+        self._served[served.model_id] = served
+        self._response = _catalog_response(self._served.values())
+
+    def remove(self, served: Served) -> None:
+        """Offer a model no more, unless another has its place already. The next one is the default if it was."""
+        if self._served.get(served.model_id) is served:
+            del self._served[served.model_id]
+            self._response = _catalog_response(self._served.values())
+
+    def catalog_response(self, known_etag: str) -> service_pb2.GetCatalogResponse:
+        """The catalogue, or its etag alone for a client that holds it already."""
+        if known_etag == self._response.catalog_etag:
+            return service_pb2.GetCatalogResponse(catalog_etag=known_etag)
+        return self._response
+
+
+def _catalog_response(served: Iterable[Served]) -> service_pb2.GetCatalogResponse:
+    """The catalogues of single models as one."""
+    whole = service_pb2.GetCatalogResponse()
+    for number, each in enumerate(served):
+        one = each.catalog.response("")
+        if not number:
+            whole.limits.CopyFrom(one.limits)
+        whole.models.extend(one.models)
+        known = {rig.rig_id for rig in whole.rigs}
+        whole.rigs.extend(rig for rig in one.rigs if rig.rig_id not in known)
+    whole.catalog_etag = hashlib.sha256(whole.SerializeToString(deterministic=True)).hexdigest()[:16]
+    return whole

@@ -1,0 +1,96 @@
+"""Every Prometheus metric, declared once; those of engines in `model_metrics`. No label names a session or prompt."""
+
+from __future__ import annotations
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector
+
+from motiongen_server.ops.model_metrics import LATENCY_BUCKETS, ByModel, EngineMetrics
+
+CLIP_BUCKETS = (0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0, 150.0, 300.0, 600.0)
+
+
+class Metrics:
+    """The server's metrics, in a registry of their own."""
+
+    def __init__(self) -> None:
+        registry = CollectorRegistry()
+        self.registry = registry
+        self._by_model = ByModel()
+        registry.register(self._by_model)
+        self.build = Gauge("motiongen_build_info", "What runs, always 1.", ["model", "rig"], registry=registry)
+        self.prompts = Counter(
+            "motiongen_prompts",
+            "Prompts that were not in memory: from the store, from the encoder, or why they did not come.",
+            ["source"],
+            registry=registry,
+        )
+        self.prompts_waiting = Gauge(
+            "motiongen_prompts_waiting", "Prompts that wait for the text encoder.", registry=registry
+        )
+        self.prompt_seconds = Histogram(
+            "motiongen_prompt_encode_seconds",
+            "Encoding a prompt that was not in the cache.",
+            buckets=LATENCY_BUCKETS,
+            registry=registry,
+        )
+        self.rejects = Counter(
+            "motiongen_admission_rejects",
+            "Sessions refused for want of room, by reason.",
+            ["reason"],
+            registry=registry,
+        )
+        self.slow_readers = Counter(
+            "motiongen_slow_reader_closes", "Streams whose sessions were closed for reading slowly.", registry=registry
+        )
+        self.dropped = Counter(
+            "motiongen_frames_dropped", "Frames taken out of a stream's queue unsent.", registry=registry
+        )
+        self.clips = Counter(
+            "motiongen_clips", "Samples of clips asked for, by the status of their call.", ["code"], registry=registry
+        )
+        self.clip_seconds = Histogram(
+            "motiongen_clip_seconds", "Calls for clips that were made, to their last frame.", buckets=CLIP_BUCKETS,
+            registry=registry,
+        )  # fmt: skip
+        self.streams = Gauge("motiongen_streams", "Open streams.", registry=registry)
+        self.queue_bytes = Gauge(
+            "motiongen_outbound_queue_bytes", "What waits to be written to all streams.", registry=registry
+        )
+        self.heartbeat_age = Gauge(
+            "motiongen_engine_heartbeat_age_seconds", "Since the engine's loop last went round.", registry=registry
+        )
+        ProcessCollector(registry=registry)
+
+    def of_model(self, model_id: str) -> EngineMetrics:
+        """Those of a model's engine, from now on. From any thread."""
+        return self._by_model.of(model_id)
+
+    def forget_model(self, model_id: str) -> None:
+        """Tell nothing more of a model's engine."""
+        self._by_model.forget(model_id)
+
+    def load_of(self, model_id: str) -> float:
+        """The share of the machine in use, as a model's engine saw it."""
+        return self._by_model.load(model_id)
+
+    def count_prompt(self, source: str) -> None:
+        """Note a prompt that was not in memory: where it came from, or the reason for which it did not."""
+        self.prompts.labels(source).inc()
+
+    def reject(self, reason: str) -> None:
+        """As in Tally."""
+        self.rejects.labels(reason).inc()
+
+    def end_clip(self, code: str, seconds: float, num_samples: int) -> None:
+        """As in Tally."""
+        self.clips.labels(code).inc(num_samples)
+        if code == "OK":
+            self.clip_seconds.observe(seconds)
+
+    def give_up_on_reader(self) -> None:
+        """As in Tally."""
+        self.slow_readers.inc()
+
+    def drop_frames(self, count: int) -> None:
+        """As in Tally."""
+        self.dropped.inc(count)

@@ -1,0 +1,185 @@
+"""The metrics of engines: declared once, kept for each model apart, and told with the model as a label."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Metric
+from prometheus_client.registry import Collector
+from prometheus_client.samples import Sample
+
+from motiongen_server.engine.scheduling.report import StepReport
+from motiongen_server.engine.types import Code, PlayState, Priority, ServiceTier
+
+LATENCY_BUCKETS = (0.005, 0.01, 0.02, 0.03, 0.05, 0.075, 0.1, 0.15, 0.25, 0.5, 1.0, 2.5)
+STEP_BUCKETS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+ROW_BUCKETS = (1, 2, 4, 8, 16, 32, 64, 128)
+
+
+class EngineMetrics:
+    """What the engine of one model does, in a registry of its own."""
+
+    def __init__(self) -> None:
+        registry = CollectorRegistry()
+        self.registry = registry
+        self.sessions = Gauge("motiongen_sessions", "Open sessions.", ["class", "state"], registry=registry)
+        self.opens = Counter("motiongen_session_opens", "Sessions asked for, by answer.", ["code"], registry=registry)
+        self.closes = Counter("motiongen_session_closes", "Sessions ended, by reason.", ["reason"], registry=registry)
+        self.windows = Counter("motiongen_windows", "Windows accepted.", ["class", "cause"], registry=registry)
+        self.discarded = Counter("motiongen_windows_discarded", "Windows that came too late.", registry=registry)
+        self.restarted = Counter("motiongen_windows_restarted", "Windows an edit started anew.", registry=registry)
+        self.frames = Counter("motiongen_frames_sent", "Frames handed to streams.", registry=registry)
+        self.superseded = Counter("motiongen_frames_superseded", "Frames an edit replaced.", registry=registry)
+        self.deadlines = Counter("motiongen_deadlines", "Windows with a deadline.", ["class"], registry=registry)
+        self.misses = Counter("motiongen_deadline_misses", "Windows finished late.", ["class"], registry=registry)
+        self.underruns = Counter(
+            "motiongen_client_underruns", "Underruns that clients report.", ["class"], registry=registry
+        )
+        self.first_frame = Histogram(
+            "motiongen_event_first_frame_seconds",
+            "From an event's arrival to the delivery of the first frame it changed.",
+            ["class", "kind"],
+            buckets=LATENCY_BUCKETS,
+            registry=registry,
+        )
+        self.queue_wait = Histogram(
+            "motiongen_queue_wait_seconds",
+            "From a window's creation to its first step.",
+            buckets=LATENCY_BUCKETS,
+            registry=registry,
+        )
+        self.slack = Histogram(
+            "motiongen_slack_seconds",
+            "Playback that clients hold when they report.",
+            ["class"],
+            buckets=(0.0, 0.1, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0),
+            registry=registry,
+        )
+        self.step_seconds = Histogram(
+            "motiongen_step_seconds",
+            "One denoising step.",
+            ["bucket"],
+            buckets=STEP_BUCKETS,
+            registry=registry,
+        )
+        self.prepare_seconds = Histogram(
+            "motiongen_prepare_seconds", "Preparing new windows.", buckets=STEP_BUCKETS, registry=registry
+        )
+        self.decode_seconds = Histogram(
+            "motiongen_decode_seconds", "Decoding finished windows.", buckets=STEP_BUCKETS, registry=registry
+        )
+        self.batch_rows = Histogram(
+            "motiongen_batch_rows", "Rows in a denoising step.", buckets=ROW_BUCKETS, registry=registry
+        )
+        self.nan_rows = Counter("motiongen_nan_rows", "Rows that turned to NaN or infinity.", registry=registry)
+        self.faults = Counter("motiongen_runner_faults", "Calls of the model that failed.", registry=registry)
+        self.memory_splits = Counter(
+            "motiongen_memory_splits", "Calls of the model made smaller for want of memory.", registry=registry
+        )
+        self.soft_resets = Counter("motiongen_soft_resets", "Characters righted after they drifted.", registry=registry)
+        self.held = Counter(
+            "motiongen_frames_held", "Frames that repeat a pose for want of a window.", registry=registry
+        )
+        self.load = Gauge("motiongen_load", "Share of the machine in use, 1 being all of it.", registry=registry)
+        self.tier = Gauge(
+            "motiongen_service_tier", "What a class is served: 1 all, 2 fewer steps, 3 no guidance, 5 a held pose.",
+            ["class"], registry=registry,
+        )  # fmt: skip
+        self._set_sessions({})
+        self._set_tiers(dict.fromkeys(Priority, ServiceTier.FULL))
+
+    def observe(self, report: StepReport) -> None:
+        """Count what one engine step did; called on the engine's thread."""
+        if report.rows:
+            self.batch_rows.observe(report.rows)
+            self.step_seconds.labels(str(report.bucket)).observe(report.step_seconds)
+        if report.prepare_seconds:
+            self.prepare_seconds.observe(report.prepare_seconds)
+        if report.decode_seconds:
+            self.decode_seconds.observe(report.decode_seconds)
+        for wait in report.queue_waits:
+            self.queue_wait.observe(wait)
+        for priority, seconds in report.slacks:
+            self.slack.labels(priority.name).observe(seconds)
+        for priority in report.deadlines:
+            self.deadlines.labels(priority.name).inc()
+        for priority in report.deadline_misses:
+            self.misses.labels(priority.name).inc()
+        for priority, cause in report.windows:
+            self.windows.labels(priority.name, cause.name).inc()
+        for priority, count in report.client_underruns:
+            self.underruns.labels(priority.name).inc(count)
+        for latency in report.event_latencies:
+            self.first_frame.labels(latency.priority.name, latency.kind).observe(latency.seconds)
+        self.frames.inc(report.frames_sent)
+        self.superseded.inc(report.frames_superseded)
+        self.discarded.inc(report.windows_discarded)
+        self.restarted.inc(report.windows_restarted)
+        self.nan_rows.inc(report.nan_rows)
+        self.faults.inc(report.runner_faults)
+        self.memory_splits.inc(report.memory_splits)
+        self.soft_resets.inc(report.soft_resets)
+        self.held.inc(report.frames_held)
+        if report.load is not None:
+            self.load.set(report.load)
+        if report.tiers is not None:
+            self._set_tiers(report.tiers)
+        self._count_sessions(report)
+
+    def _count_sessions(self, report: StepReport) -> None:
+        for code in report.opens:
+            self.opens.labels(Code(code).name).inc()
+        for reason in report.closes:
+            self.closes.labels(reason.name).inc()
+        if report.sessions is not None:
+            self._set_sessions(report.sessions)
+
+    def _set_tiers(self, tiers: Mapping[Priority, ServiceTier]) -> None:
+        for priority, tier in tiers.items():
+            self.tier.labels(priority.name).set(tier.value)
+
+    def _set_sessions(self, counts: Mapping[tuple[Priority, PlayState], int]) -> None:
+        # All of them, 0 too: a series that comes and goes makes gaps, and clearing first would race with a scrape.
+        for priority in Priority:
+            for state in PlayState:
+                self.sessions.labels(priority.name, state.name).set(counts.get((priority, state), 0))
+
+
+class ByModel(Collector):
+    """The metrics of all models, each sample with the name of its model."""
+
+    def __init__(self) -> None:
+        self._blank = EngineMetrics()
+        self._models: dict[str, EngineMetrics] = {}
+
+    def of(self, model_id: str) -> EngineMetrics:
+        """Those of a model, from now on. From any thread."""
+        return self._models.setdefault(model_id, EngineMetrics())
+
+    def forget(self, model_id: str) -> None:
+        """Tell nothing more of a model."""
+        self._models.pop(model_id, None)
+
+    def load(self, model_id: str) -> float:
+        """The share of the machine that a model's engine saw in use."""
+        metrics = self._models.get(model_id)
+        return (metrics and metrics.registry.get_sample_value("motiongen_load")) or 0.0
+
+    def describe(self) -> Iterable[Metric]:
+        """What is declared, without samples."""
+        return [_without_samples(family) for family in self._blank.registry.collect()]
+
+    def collect(self) -> Iterable[Metric]:
+        """What is declared, with the samples of every model."""
+        whole = {family.name: family for family in self.describe()}
+        for model_id, metrics in tuple(self._models.items()):
+            for family in metrics.registry.collect():
+                whole[family.name].samples += [
+                    Sample(each.name, {"model": model_id, **each.labels}, each.value, each.timestamp, each.exemplar)
+                    for each in family.samples
+                ]
+        return whole.values()
+
+
+def _without_samples(family: Metric) -> Metric:
+    return Metric(family.name, family.documentation, family.type, family.unit)

@@ -1,0 +1,241 @@
+"""The desk: takes calls for clips, has the engine make their samples, and hands the frames over as they come."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import secrets
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import grpc
+import grpc.aio
+import numpy as np
+
+from motiongen.v1 import motion_pb2, service_pb2, session_pb2
+from motiongen_server.engine.types import (
+    Chunk,
+    Close,
+    Closed,
+    CloseReason,
+    Code,
+    Float32Array,
+    Open,
+    Opened,
+    Outcome,
+    Output,
+    SessionKey,
+    SessionSpec,
+    Warned,
+)
+from motiongen_server.errors import EventRefused, StreamRefused
+from motiongen_server.models.registry import ModelRegistry, Served
+from motiongen_server.rpc.clip.request import check_extent, clip_specs, opening_event
+from motiongen_server.rpc.clip.residuals import constrained_frames, residuals
+from motiongen_server.rpc.convert import prompt_texts, warnings_of, write_update
+from motiongen_server.rpc.event_errors import draining
+from motiongen_server.rpc.handlers import ClipContext
+from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
+
+_log = logging.getLogger(__name__)
+
+
+class Call:
+    """One call: its samples, and what the engine has said of them."""
+
+    def __init__(self, specs: Sequence[SessionSpec], model: Served, warnings: tuple[Warned, ...] = ()) -> None:
+        self.specs = specs
+        self.model = model
+        self.warnings = warnings
+        self.said: asyncio.Queue[Output] = asyncio.Queue()
+        self.under_way: set[SessionKey] = set()
+        self.frames = constrained_frames(specs[0].constraints)
+        self._kept: list[dict[int, Float32Array]] = [{} for _ in specs]
+
+    def keep(self, chunk: Chunk) -> None:
+        """Keep the rows of a chunk that constraints are measured at."""
+        kept = self._kept[chunk.session.handle]
+        for row, frame in enumerate(range(chunk.first_frame, chunk.first_frame + len(chunk.rows))):
+            if frame in self.frames:
+                kept[frame] = chunk.rows[row]
+
+    def measured(self, sample: int) -> list[service_pb2.ConstraintResidual]:
+        """The residuals of a sample that is complete."""
+        kept = self._kept[sample]
+        rig, constraints = self.model.catalog.facts.rig, self.specs[sample].constraints
+        return residuals(rig, constraints, list(kept), np.array(list(kept.values()), np.float32)) if kept else []
+
+
+class ClipService:
+    """Answers GenerateClip. Lives on the event loop of the service."""
+
+    def __init__(
+        self,
+        models: ModelRegistry,
+        numbers: Iterator[int],
+        stream_metrics: StreamMetrics | None = None,
+    ) -> None:
+        """numbers: of streams, which clips share: the engine knows a call by one."""
+        self._models = models
+        self._numbers = numbers
+        self._stream_metrics = stream_metrics or NoStreamMetrics()
+        self._calls: dict[int, Call] = {}
+        self._closing = False
+        self._idle = asyncio.Event()
+        self._idle.set()
+
+    def take(self, number: int, outputs: Sequence[Output]) -> None:
+        """Take outputs of the engine for a call; those of one that has ended are dropped."""
+        call = self._calls.get(number)
+        if call is not None:
+            for output in outputs:
+                call.said.put_nowait(output)
+
+    def close_all(self) -> None:
+        """End every call, and make no more."""
+        self._closing = True
+        for call in self._calls.values():
+            self._stop(call, CloseReason.DRAINED)
+
+    def close_model(self, model: Served) -> None:
+        """End every call that has its samples from a model that is unloaded."""
+        for call in self._calls.values():
+            if call.model is model:
+                self._stop(call, CloseReason.MODEL_UNLOADED)
+
+    async def finished(self) -> None:
+        """Wait until no call is left."""
+        await self._idle.wait()
+
+    async def generate(self, request: service_pb2.GenerateClipRequest, context: ClipContext) -> None:
+        """Answer one call. What it has under way stops within a step when its client or its time is gone."""
+        begun_at, code = time.monotonic(), "CANCELLED"
+        remaining_s = context.time_remaining()  # a cancelled or expired call is ended by gRPC, which cancels this task
+        most_s = self._models.limits.max_clip_s
+        try:
+            async with asyncio.timeout(most_s if remaining_s is None else min(most_s, remaining_s)):
+                await self._make(request, context)
+            code = "OK"
+        except TimeoutError:
+            code = "DEADLINE_EXCEEDED"
+            await context.abort_with_status(_too_slow(time.monotonic() - begun_at).status())
+        except EventRefused as refusal:
+            code = refusal.code.name
+            if refusal.code is Code.RESOURCE_EXHAUSTED:
+                self._stream_metrics.reject(refusal.reason)
+            await context.abort_with_status(_as_status(refusal).status())
+        except Exception as error:
+            code = "INTERNAL"
+            error_id = secrets.token_hex(4)
+            _log.error("a clip failed, error id %s", error_id, exc_info=error)
+            message = f"the clip failed inside the server, error id {error_id}"
+            await context.abort_with_status(StreamRefused(grpc.StatusCode.INTERNAL, "INTERNAL", message).status())
+        finally:
+            self._stream_metrics.end_clip(code, time.monotonic() - begun_at, request.sample_count or 1)
+
+    async def _make(self, request: service_pb2.GenerateClipRequest, context: ClipContext) -> None:
+        model = self._models.find(request.open.model_id)
+        check_extent(request, model.catalog)
+        received_at = time.monotonic()
+        texts = prompt_texts(opening_event(request), model.catalog)
+        embeddings = {text: await model.prompts.encode(text) for text in texts}
+        number = next(self._numbers)
+        specs = clip_specs(request, number, embeddings, received_at, model.catalog)
+        opening = Open(specs[0], 1, received_at)
+        call = Call(specs, model, warnings_of(opening_event(request), opening, model.catalog))
+        self._calls[number] = call
+        self._idle.clear()
+        try:
+            self._start(call, received_at)
+            while call.under_way:
+                for response in await self._responses(call, await call.said.get()):
+                    await context.write(response)
+        finally:
+            self._stop(call, CloseReason.CLIENT)
+            del self._calls[number]
+            if not self._calls:
+                self._idle.set()
+
+    def _start(self, call: Call, received_at: float) -> None:
+        if self._closing:
+            raise draining()
+        for spec in call.specs:
+            refusal = call.model.engine.submit(Open(spec, 1, received_at))
+            if refusal is not None:
+                raise _refused(refusal)
+            call.under_way.add(spec.session)
+
+    def _stop(self, call: Call, reason: CloseReason) -> None:
+        """Have the engine forget the samples that are not complete."""
+        for key in call.under_way:
+            call.model.engine.submit(Close(key, 2, time.monotonic(), reason))
+
+    async def _responses(self, call: Call, output: Output) -> list[service_pb2.GenerateClipResponse]:
+        """What the client is told of an output. Raises EventRefused where it ends the call."""
+        sample = output.session.handle
+        if isinstance(output, Chunk):
+            call.keep(output)
+            return [service_pb2.GenerateClipResponse(sample=sample, chunk=_frames(output))]
+        if isinstance(output, Opened):
+            update = session_pb2.SessionUpdate()
+            write_update(update, replace(output, warnings=call.warnings))
+            update.opened.lookahead_frames = update.opened.committed_horizon_frames = 0
+            return [service_pb2.GenerateClipResponse(sample=sample, opened=update.opened)]
+        if isinstance(output, Outcome):  # only an Open that is refused has one
+            call.under_way.discard(output.session)
+            raise _refused(output)
+        if isinstance(output, Closed):
+            call.under_way.discard(output.session)
+            if output.reason is not CloseReason.CLIENT:
+                raise _lost(output)
+            measured = await asyncio.to_thread(call.measured, sample)
+            summary = service_pb2.ClipSummary(residuals=measured)
+            return [service_pb2.GenerateClipResponse(sample=sample, summary=summary)]
+        return []
+
+
+def _frames(chunk: Chunk) -> motion_pb2.FrameChunk:
+    return motion_pb2.FrameChunk(
+        plan=chunk.plan,
+        first_frame=chunk.first_frame,
+        frame_count=len(chunk.rows),
+        committed_to=chunk.first_frame + len(chunk.rows),
+        data=np.ascontiguousarray(chunk.rows, "<f4").tobytes(),
+        scalar_type=motion_pb2.SCALAR_TYPE_F32_LE,
+    )
+
+
+def _refused(outcome: Outcome) -> EventRefused:
+    """The engine's refusal of a sample."""
+    return EventRefused(
+        outcome.code, outcome.reason, outcome.message, outcome.field, outcome.allowed, outcome.retry_after_s
+    )
+
+
+def _lost(closed: Closed) -> EventRefused:
+    """The engine gave a sample up."""
+    code = closed.code if closed.code is not Code.OK else Code.UNAVAILABLE
+    message = closed.message or f"the server ended the clip ({closed.reason.name.lower()}); ask for it again"
+    return EventRefused(code, "CLIP_LOST", message)
+
+
+def _too_slow(waited_s: float) -> StreamRefused:
+    return StreamRefused(
+        grpc.StatusCode.DEADLINE_EXCEEDED,
+        "CLIP_TOO_SLOW",
+        f"the clip was not finished within {waited_s:.3g} s; ask for less, or give it a longer deadline",
+    )
+
+
+def _as_status(refusal: EventRefused) -> StreamRefused:
+    """A refusal as the status of a call."""
+    message = f"{refusal}; allowed is {refusal.allowed}" if refusal.allowed else str(refusal)
+    return StreamRefused(
+        grpc.StatusCode[refusal.code.name],
+        refusal.reason,
+        message,
+        refusal.field,
+        refusal.retry_after_s or 0.0,
+        refusal.allowed,
+    )

@@ -1,0 +1,54 @@
+"""What a client asks for in GenerateClip -> what the engine is to make, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from motiongen.v1 import service_pb2, session_pb2
+from motiongen_server.engine.types import Float32Array, Open, Priority, SessionKey, SessionSpec
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.convert import engine_event
+from motiongen_server.rpc.convert.checks import check_range, refuse
+
+MAX_SEED = 1 << 64
+
+
+def check_extent(request: service_pb2.GenerateClipRequest, catalog: Catalog) -> None:
+    """Raise EventRefused for a clip that is too long, or has too many samples, or what only sessions have."""
+    limits = catalog.limits
+    check_range(request.frame_count, 1, limits.max_clip_frames, "CLIP_LENGTH_OUT_OF_RANGE", "frame_count")
+    check_range(request.sample_count, 0, limits.max_clip_samples, "TOO_MANY_SAMPLES", "sample_count")
+    for name in ("priority", "lookahead_frames"):
+        value = getattr(request.open, name)
+        if value:
+            allowed = "none: clips are made in the background of sessions, and as a whole"
+            raise refuse("NOT_FOR_CLIPS", f"open.{name}", f"{name} is {value}", allowed)
+
+
+def opening_event(request: service_pb2.GenerateClipRequest) -> session_pb2.SessionEvent:
+    """The event that would open a session of this kind."""
+    return session_pb2.SessionEvent(event_seq=1, open=request.open)
+
+
+def clip_specs(
+    request: service_pb2.GenerateClipRequest,
+    number: int,
+    embeddings: Mapping[str, Float32Array],
+    received_at: float,
+    catalog: Catalog,
+) -> list[SessionSpec]:
+    """What to make, a spec for each sample. number: what the engine knows the call by. Raises EventRefused."""
+    event = engine_event(opening_event(request), SessionKey(number, 0), received_at, embeddings, catalog)
+    assert isinstance(event, Open)
+    num_frames = request.frame_count
+    for index, constraint in enumerate(event.spec.constraints):
+        if constraint.last_frame >= num_frames:
+            given = f"its last frame is {constraint.last_frame}"
+            allowed = f"frames 0 to {num_frames - 1} of the clip"
+            raise refuse("CONSTRAINT_OUTSIDE_CLIP", f"open.constraints[{index}].frame", given, allowed)
+    whole = replace(event.spec, priority=Priority.BATCH, lookahead=num_frames, clip_frames=num_frames)
+    return [
+        replace(whole, session=SessionKey(number, sample), seed=(whole.seed + sample) % MAX_SEED)
+        for sample in range(request.sample_count or 1)
+    ]

@@ -1,0 +1,114 @@
+"""Constraints of the protocol -> the engine's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motiongen.v1 import motion_pb2
+from motiongen_server.engine.types import Constraint, Float32Array, JointTargets, Keyframe, RootTrajectory, Waypoint
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.convert.checks import (
+    check_coordinates,
+    check_count,
+    check_finite,
+    frame_number,
+    heading_of,
+    identifier_of,
+    number_array,
+    points,
+    refuse,
+)
+from motiongen_server.rpc.convert.forms import check_forms
+
+UNIT_TOLERANCE = 1e-3
+
+
+def constraints_of(messages: Sequence[motion_pb2.Constraint], field: str, catalog: Catalog) -> tuple[Constraint, ...]:
+    check_count(messages, catalog.limits.max_constraints, "TOO_MANY_CONSTRAINTS", field)
+    constraints = []
+    for index, message in enumerate(messages):
+        constraints.append(_constraint(message, f"{field}[{index}]", catalog))
+        check_forms(constraints[-1], f"{field}[{index}]", catalog)
+    return tuple(constraints)
+
+
+def _constraint(message: motion_pb2.Constraint, field: str, catalog: Catalog) -> Constraint:
+    identifier = identifier_of(message.constraint_id, f"{field}.constraint_id")
+    frame = frame_number(message.frame, f"{field}.frame")
+    target = message.WhichOneof("target")
+    if target == "waypoint":
+        waypoint = message.waypoint
+        check_coordinates((waypoint.x,), f"{field}.waypoint.x")
+        check_coordinates((waypoint.z,), f"{field}.waypoint.z")
+        return Waypoint(identifier, frame, waypoint.x, waypoint.z, heading_of(waypoint, f"{field}.waypoint"))
+    if target == "root_trajectory":
+        return _trajectory(message.root_trajectory, identifier, frame, f"{field}.root_trajectory", catalog)
+    if target == "joint_targets":
+        return _joint_targets(message.joint_targets, identifier, frame, f"{field}.joint_targets", catalog)
+    if target == "keyframe":
+        joints = len(catalog.facts.rig.joint_names)
+        positions = points(message.keyframe.positions, joints, 3, f"{field}.keyframe.positions")
+        return Keyframe(identifier, frame, positions)
+    raise refuse("NO_TARGET", f"{field}.target", "no target is set", "waypoint, joint_targets or trajectory")
+
+
+def _trajectory(
+    message: motion_pb2.RootTrajectory, identifier: int, frame: int, field: str, catalog: Catalog
+) -> RootTrajectory:
+    most = catalog.limits.max_trajectory_frames
+    count = len(message.positions) // 2
+    if not 1 <= count <= most or len(message.positions) % 2:
+        raise refuse(
+            "WRONG_LENGTH",
+            f"{field}.positions",
+            f"there are {len(message.positions)} numbers",
+            f"2 numbers (x, z) a frame, 1 to {most} frames",
+        )
+    headings = None
+    if message.headings:
+        headings = number_array(message.headings, count, f"{field}.headings", "one heading a frame, or none")
+        check_finite(headings, f"{field}.headings", "finite radians")
+    return RootTrajectory(identifier, frame, points(message.positions, count, 2, f"{field}.positions"), headings)
+
+
+def _joint_targets(
+    message: motion_pb2.JointTargets, identifier: int, frame: int, field: str, catalog: Catalog
+) -> JointTargets:
+    joints = tuple(message.joints)
+    last = len(catalog.facts.rig.joint_names) - 1
+    if any(joint > last for joint in joints) or len(set(joints)) != len(joints):
+        raise refuse("INVALID_JOINTS", f"{field}.joints", f"joints {joints[:40]}", f"0 to {last}, each at most once")
+    if 0 not in joints:
+        raise refuse("ROOT_JOINT_MISSING", f"{field}.joints", f"joints {joints[:40]} lack the root", "0 and others")
+    positions = points(message.positions, len(joints), 3, f"{field}.positions")
+    if not message.rotations:
+        return JointTargets(identifier, frame, joints, positions)
+    count = 4 * len(joints)
+    numbers = number_array(
+        message.rotations, count, f"{field}.rotations", f"{count} numbers (w, x, y, z a joint), or none"
+    )
+    check_finite(numbers, f"{field}.rotations", "finite numbers")
+    quaternions = numbers.reshape(-1, 4).astype(np.float64)  # squares of great float32 numbers fit
+    norms = np.linalg.norm(quaternions, axis=1)
+    rotated = norms > 0
+    if not np.all(np.abs(norms[rotated] - 1) <= UNIT_TOLERANCE):
+        allowed = "1 within 0.001, or 0 for a rotation that is free"
+        raise refuse("NOT_A_ROTATION", f"{field}.rotations", f"quaternion lengths are {norms[:8]}", allowed)
+    matrices = _matrices(quaternions / np.where(rotated, norms, 1.0)[:, None])
+    return JointTargets(
+        identifier, frame, joints, positions, matrices, None if rotated.all() else tuple(rotated.tolist())
+    )
+
+
+def _matrices(quaternions: NDArray[np.float64]) -> Float32Array:
+    """(K, 4) unit quaternions w x y z -> (K, 3, 3)."""
+    w, x, y, z = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.ascontiguousarray(np.moveaxis(np.array(rows, np.float32), -1, 0))

@@ -1,0 +1,184 @@
+"""A client's events -> the engine's, checked."""
+
+from __future__ import annotations
+
+import math
+import secrets
+
+from motiongen.v1 import motion_pb2, service_pb2, session_pb2
+from motiongen_server.engine.types import (
+    Close,
+    Code,
+    Event,
+    Guidance,
+    Open,
+    Playhead,
+    PlayState,
+    Priority,
+    SessionKey,
+    SessionSpec,
+    SetConstraints,
+    SetPlayState,
+    SetPrompts,
+    SetVelocity,
+    StartPose,
+)
+from motiongen_server.errors import EventRefused
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.convert.checks import (
+    check_coordinates,
+    check_range,
+    frame_number,
+    heading_of,
+    identifiers_of,
+    refuse,
+)
+from motiongen_server.rpc.convert.constraints import constraints_of
+from motiongen_server.rpc.convert.forms import check_forms
+from motiongen_server.rpc.convert.history import history_frames_of, prior_rows_of
+from motiongen_server.rpc.convert.prompts import Embeddings, prompts_of
+from motiongen_server.rpc.limits import MAX_FRAME, MAX_GUIDANCE, MAX_REQUEST_ID_CHARACTERS, MAX_SPEED_MPS
+
+MAX_ROUND_TRIP_S = 1.0
+SPEED_TOLERANCE = 1e-5
+"""Of the greatest speed: two float32 numbers of exactly that speed may come to a little more."""
+
+
+def engine_event(
+    event: session_pb2.SessionEvent, key: SessionKey, received_at: float, embeddings: Embeddings, catalog: Catalog
+) -> Event:
+    """The engine's event for a client's, Playhead aside. embeddings: one for each of `prompt_texts`.
+
+    Raises EventRefused.
+    """
+    name = event.WhichOneof("event")
+    sequence = event.event_seq
+    if name == "open":
+        return Open(_session_spec(event.open, key, embeddings, catalog), sequence, received_at)
+    if name == "edit_prompts":
+        edit = event.edit_prompts
+        prompts = prompts_of(edit.upsert, "edit_prompts.upsert", embeddings, catalog)
+        return SetPrompts(key, sequence, received_at, prompts, identifiers_of(edit.remove, "edit_prompts.remove"))
+    if name == "edit_constraints":
+        change = event.edit_constraints
+        constraints = constraints_of(change.upsert, "edit_constraints.upsert", catalog)
+        removed = identifiers_of(change.remove, "edit_constraints.remove")
+        return SetConstraints(key, sequence, received_at, constraints, removed, change.clear)
+    if name == "set_velocity":
+        return _velocity(event.set_velocity, key, sequence, received_at, catalog)
+    if name == "set_play_state":
+        if int(event.set_play_state.state) not in tuple(PlayState):
+            raise refuse(
+                "INVALID_PLAY_STATE",
+                "set_play_state.state",
+                f"play state {event.set_play_state.state} is not one",
+                "PLAY_STATE_PLAYING or PLAY_STATE_PAUSED",
+            )
+        return SetPlayState(key, sequence, received_at, PlayState(event.set_play_state.state))
+    if name == "close":
+        return Close(key, sequence, received_at)
+    raise EventRefused(
+        Code.UNIMPLEMENTED,
+        "UNKNOWN_EVENT",
+        "this server does not know the event, or none was set",
+        field="event",
+        allowed="open, edit_prompts, edit_constraints, set_velocity, playhead, set_play_state, close",
+    )
+
+
+def playhead_of(report: session_pb2.Playhead, key: SessionKey, received_at: float, rtt_s: float | None) -> Playhead:
+    """The engine's event for a report, which has no number. Raises EventRefused."""
+    frame, buffered_to = report.frame, report.buffered_to
+    if frame > MAX_FRAME or buffered_to > MAX_FRAME:
+        frame_number(frame, "playhead.frame")
+        frame_number(buffered_to, "playhead.buffered_to")
+    return Playhead(key, 0, received_at, frame, buffered_to, report.underruns, rtt_s)
+
+
+def round_trip_s(ping: service_pb2.Ping) -> float | None:
+    """Seconds of the client's last round trip, None where it has measured none; moved into 0 to 1."""
+    if not ping.HasField("round_trip"):
+        return None
+    # Not by ToTimedelta, which cannot hold every Duration that fits into a message.
+    return min(max(ping.round_trip.seconds + ping.round_trip.nanos / 1e9, 0.0), MAX_ROUND_TRIP_S)
+
+
+def _velocity(
+    message: session_pb2.SetVelocity, key: SessionKey, sequence: int, received_at: float, catalog: Catalog
+) -> SetVelocity:
+    for name in ("x", "z"):
+        if not math.isfinite(getattr(message, name)):
+            given = f"the velocity is {getattr(message, name)}"
+            raise refuse("NOT_FINITE", f"set_velocity.{name}", given, "finite metres a second")
+    speed = math.hypot(message.x, message.z)
+    if speed > MAX_SPEED_MPS * (1 + SPEED_TOLERANCE):
+        allowed = f"hypot(x, z) up to {MAX_SPEED_MPS:g} m/s"
+        raise refuse("SPEED_OUT_OF_RANGE", "set_velocity", f"the speed is {speed:g} m/s", allowed)
+    check_range(message.hold_frames, 1, catalog.limits.max_hold_frames, "HOLD_OUT_OF_RANGE", "set_velocity.hold_frames")
+    heading = heading_of(message, "set_velocity")
+    x, z, hold, keep = message.x, message.z, message.hold_frames, message.keep_prompt
+    velocity = SetVelocity(key, sequence, received_at, x, z, heading, hold, keep)
+    check_forms(velocity, "set_velocity", catalog)
+    return velocity
+
+
+def _session_spec(
+    message: session_pb2.OpenSession, key: SessionKey, embeddings: Embeddings, catalog: Catalog
+) -> SessionSpec:
+    facts, limits = catalog.facts, catalog.limits
+    if len(message.request_id) > MAX_REQUEST_ID_CHARACTERS:
+        raise refuse(
+            "REQUEST_ID_TOO_LONG",
+            "open.request_id",
+            f"the request id has {len(message.request_id)} characters",
+            f"at most {MAX_REQUEST_ID_CHARACTERS} characters",
+        )
+    if message.rig_id not in ("", facts.rig.rig_id):
+        raise refuse("UNKNOWN_RIG", "open.rig_id", f"no rig {message.rig_id[:80]!r}", facts.rig.rig_id, Code.NOT_FOUND)
+    if message.priority not in (0, *Priority):
+        raise refuse(
+            "INVALID_PRIORITY", "open.priority", f"priority {message.priority} is not one", "HERO, NEAR, CROWD or BATCH"
+        )
+    if message.scalar_type not in (motion_pb2.SCALAR_TYPE_UNSPECIFIED, motion_pb2.SCALAR_TYPE_F32_LE):
+        raise refuse(
+            "INVALID_SCALAR_TYPE", "open.scalar_type", f"scalar type {message.scalar_type} is not offered", "F32_LE"
+        )
+    lookahead = message.lookahead_frames or limits.default_lookahead_frames
+    check_range(
+        lookahead, facts.horizon, limits.max_lookahead_frames, "LOOKAHEAD_OUT_OF_RANGE", "open.lookahead_frames"
+    )
+    steps = message.denoise_steps if message.HasField("denoise_steps") else facts.default_steps
+    check_range(steps, facts.min_steps, facts.max_steps, "DENOISE_STEPS_OUT_OF_RANGE", "open.denoise_steps")
+    return SessionSpec(
+        session=key,
+        seed=message.seed if message.HasField("seed") else secrets.randbits(64),
+        model_id=facts.model_id,
+        priority=Priority(message.priority or Priority.NEAR),
+        lookahead=lookahead,
+        denoise_steps=steps,
+        guidance=_guidance(message.guidance, catalog.guidance),
+        start_pose=_start_pose(message.start_pose),
+        prompts=prompts_of(message.prompts, "open.prompts", embeddings, catalog),
+        constraints=constraints_of(message.constraints, "open.constraints", catalog),
+        history_frames=history_frames_of(message, catalog.facts),
+        prior_rows=prior_rows_of(message, catalog),
+        gaits=catalog.gaits,
+    )
+
+
+def _guidance(message: session_pb2.Guidance, default: Guidance) -> Guidance:
+    weights = {}
+    for name in ("text", "constraint"):
+        weight = getattr(message, name) if message.HasField(name) else getattr(default, name)
+        if not (math.isfinite(weight) and 0 <= weight <= MAX_GUIDANCE):
+            reason = "GUIDANCE_OUT_OF_RANGE" if math.isfinite(weight) else "NOT_FINITE"
+            raise refuse(reason, f"open.guidance.{name}", f"the weight is {weight}", f"0 to {MAX_GUIDANCE:g}")
+        weights[name] = float(weight)
+    return Guidance(**weights)
+
+
+def _start_pose(message: session_pb2.StartPose) -> StartPose:
+    check_coordinates((message.x,), "open.start_pose.x")
+    check_coordinates((message.z,), "open.start_pose.z")
+    heading = heading_of(message, "open.start_pose")
+    return StartPose(message.x, message.z, 0.0 if heading is None else heading)

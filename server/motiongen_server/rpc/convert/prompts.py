@@ -1,0 +1,112 @@
+"""Prompt spans of a client, which come as text, as a preset's id, or encoded -> the engine's prompts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from motiongen.v1 import motion_pb2, session_pb2
+from motiongen_server.engine.types import Code, Float32Array, Prompt
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.convert.checks import (
+    check_count,
+    check_finite,
+    frame_number,
+    identifier_of,
+    number_array,
+    refuse,
+)
+
+Embeddings = Mapping[str, Float32Array]
+MAX_ABSOLUTE_VALUE = 1e4
+"""Of a number in an embedding; encoders stay below a hundred, and what is far beyond overflows in bfloat16 products."""
+
+
+def prompt_texts(event: session_pb2.SessionEvent, catalog: Catalog) -> tuple[str, ...]:
+    """The texts that must be encoded before `engine_event` can be called. Raises EventRefused for a bad one."""
+    name = event.WhichOneof("event")
+    if name == "open":
+        spans, field = event.open.prompts, "open.prompts"
+    elif name == "edit_prompts":
+        spans, field = event.edit_prompts.upsert, "edit_prompts.upsert"
+    else:
+        return ()
+    # Before any of them is encoded: a message has room for a thousand times as many as a session.
+    check_count(spans, catalog.limits.max_prompts, "TOO_MANY_PROMPTS", field)
+    texts = (prompt_text(span, f"{field}[{index}]", catalog) for index, span in enumerate(spans))
+    return tuple(text for text in texts if text is not None)
+
+
+def prompt_text(span: motion_pb2.PromptSpan, field: str, catalog: Catalog) -> str | None:
+    """The text to encode; None for a span that comes with its embedding, or names one."""
+    most = catalog.limits.max_prompt_characters
+    if len(span.text) > most:
+        given = f"the prompt has {len(span.text)} characters"
+        raise refuse("PROMPT_TOO_LONG", f"{field}.text", given, f"1 to {most} characters")
+    if span.HasField("embedding"):
+        if span.preset_id:
+            allowed = "text, preset_id or embedding; beside an embedding a text, for people"
+            raise refuse("AMBIGUOUS_PROMPT", f"{field}.preset_id", "the prompt has an embedding too", allowed)
+        return None
+    if span.preset_id:
+        if span.text:
+            allowed = "text, preset_id or embedding"
+            raise refuse("AMBIGUOUS_PROMPT", f"{field}.preset_id", "the prompt has a text too", allowed)
+        return None
+    if not span.text.strip():
+        allowed = f"1 to {most} characters, not all blank; remove the span for no prompt"
+        raise refuse("EMPTY_PROMPT", f"{field}.text", "the prompt is blank", allowed)
+    return span.text
+
+
+def prompts_of(
+    spans: Sequence[motion_pb2.PromptSpan], field: str, embeddings: Embeddings, catalog: Catalog
+) -> tuple[Prompt, ...]:
+    """The engine's prompts. embeddings: one for each text that `prompt_texts` gave. Raises EventRefused."""
+    prompts = []
+    for index, span in enumerate(spans):
+        where = f"{field}[{index}]"
+        text, embedding = _meaning(span, where, embeddings, catalog)
+        start, end = (
+            frame_number(span.start_frame, f"{where}.start_frame"),
+            frame_number(span.end_frame, f"{where}.end_frame"),
+        )
+        if end and end <= start:
+            raise refuse(
+                "EMPTY_SPAN", f"{where}.end_frame", f"the span ends at {end}", f"above {start}, or 0 for open-ended"
+            )
+        identifier = identifier_of(span.prompt_id, f"{where}.prompt_id")
+        prompts.append(Prompt(identifier, start or None, end or None, text, embedding))
+    return tuple(prompts)
+
+
+def _meaning(
+    span: motion_pb2.PromptSpan, field: str, embeddings: Embeddings, catalog: Catalog
+) -> tuple[str, Float32Array]:
+    text = prompt_text(span, field, catalog)
+    if text is not None:
+        return text, embeddings[text]
+    if span.preset_id:
+        preset = catalog.presets.get(span.preset_id)
+        if preset is None:
+            known = ", ".join(list(catalog.presets)[:8]) or "none: this server has no presets"
+            given = f"no preset {span.preset_id[:80]!r}"
+            raise refuse("UNKNOWN_PRESET", f"{field}.preset_id", given, f"as in Model.presets: {known}", Code.NOT_FOUND)
+        return preset.text, preset.embedding
+    return span.text, _vector(span.embedding, f"{field}.embedding", catalog)
+
+
+def _vector(embedding: motion_pb2.TextEmbedding, field: str, catalog: Catalog) -> Float32Array:
+    if embedding.text_encoder != catalog.text_encoder:
+        given = f"the embedding is from the text encoder {embedding.text_encoder[:80]!r}"
+        allowed = f"{catalog.text_encoder}, as Model.text_encoder says"
+        raise refuse("WRONG_TEXT_ENCODER", f"{field}.text_encoder", given, allowed, Code.FAILED_PRECONDITION)
+    width = catalog.facts.embedding_dim
+    values = number_array(embedding.values, width, f"{field}.values", f"{width} numbers, as Model.text_width says")
+    allowed = f"finite numbers within +-{MAX_ABSOLUTE_VALUE:g}"
+    check_finite(values, f"{field}.values", allowed)
+    largest = float(np.abs(values).max(initial=0))
+    if largest > MAX_ABSOLUTE_VALUE:
+        raise refuse("VALUE_OUT_OF_RANGE", f"{field}.values", f"a number is as large as {largest:g}", allowed)
+    return values

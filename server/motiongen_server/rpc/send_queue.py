@@ -1,0 +1,157 @@
+"""SendQueue: what one stream still has to send, in order, with superseded frames taken out."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TypeAlias
+
+from motiongen_server.engine.types import Chunk, Closed, Float32Array, Outcome, Output, PlanNotice
+
+UPDATE_OVERHEAD_BYTES = 64
+MAX_RUN_FRAMES = 80
+"""Frames that one update may carry: the longest look-ahead there is by default."""
+
+
+class Run:
+    """Neighbouring chunks of one session and plan, to be sent as one.
+
+    parts: their rows, (T, row_width) float32 each, in order. fixed: something was said of the session after it, so that
+    later frames must not join it. num_bytes: about what it takes on the wire; 0 when nothing is left of it.
+    """
+
+    __slots__ = (
+        "applied_seq", "committed_to", "first_frame", "fixed", "handle", "num_bytes", "num_frames", "parts", "plan",
+    )  # fmt: skip
+
+    def __init__(self, chunk: Chunk, applied_seq: int) -> None:
+        rows = chunk.rows
+        self.handle = chunk.session.handle
+        self.plan = chunk.plan
+        self.first_frame = chunk.first_frame
+        self.num_frames = len(rows)
+        self.committed_to = chunk.committed_to
+        self.parts: list[Float32Array] = [rows]
+        self.num_bytes = UPDATE_OVERHEAD_BYTES + rows.nbytes
+        self.applied_seq = applied_seq
+        self.fixed = False
+
+    def joins(self, chunk: Chunk) -> bool:
+        """Add a chunk if it continues this one; whether it did."""
+        num_frames = self.num_frames + len(chunk.rows)
+        follows = chunk.plan == self.plan and chunk.first_frame == self.first_frame + self.num_frames
+        if self.fixed or not follows or num_frames > MAX_RUN_FRAMES:
+            return False
+        self.parts.append(chunk.rows)
+        self.num_bytes += chunk.rows.nbytes
+        self.num_frames = num_frames
+        self.committed_to = chunk.committed_to
+        return True
+
+    def cut(self, end_frame: int) -> int:
+        """Drop the frames from end_frame on; returns how many those were."""
+        dropped = min(self.num_frames, max(0, self.first_frame + self.num_frames - end_frame))
+        left = self.num_frames - dropped
+        if dropped:
+            self.fixed = True
+            self.num_frames = left
+            kept = []
+            for part in self.parts:
+                kept.append(part[:left])
+                left -= len(kept[-1])
+            self.parts = [part for part in kept if len(part)]
+            self.num_bytes = UPDATE_OVERHEAD_BYTES + sum(part.nbytes for part in self.parts) if self.parts else 0
+        return dropped
+
+
+Said: TypeAlias = tuple[Output, int]
+"""An output other than frames, and the session's applied_seq as of it."""
+
+
+class SendQueue:
+    """Outputs that wait to be written. A plan notice removes the frames it replaces that have not been sent yet."""
+
+    __slots__ = ("_runs", "_waiting", "dropped_frames", "num_bytes")
+
+    def __init__(self) -> None:
+        self._waiting: deque[Run | Said] = deque()
+        self._runs: dict[int, list[Run]] = {}  # those that wait, by handle; each session's in order, which are few
+        self.num_bytes = 0
+        self.dropped_frames = 0
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def put_chunk(self, chunk: Chunk, applied_seq: int) -> None:
+        """Add frames at the end, or to the frames before them. applied_seq: the session's as of now."""
+        runs = self._runs.get(chunk.session.handle)
+        if runs is not None and runs[-1].joins(chunk):
+            self.num_bytes += chunk.rows.nbytes
+            return
+        run = Run(chunk, applied_seq)
+        if runs is None:
+            self._runs[run.handle] = [run]
+        else:
+            runs.append(run)
+        self._waiting.append(run)
+        self.num_bytes += run.num_bytes
+
+    def put(self, output: Output, applied_seq: int) -> None:
+        """Add anything else at the end. applied_seq: the session's as of this output, to be told with it."""
+        handle = output.session.handle
+        runs = self._runs.get(handle)
+        if runs is not None:
+            runs[-1].fixed = True
+            if isinstance(output, PlanNotice):
+                self._supersede(runs, output.valid_from)
+            elif isinstance(output, Closed):
+                del self._runs[handle]  # a plan of the next session on the handle must not take out these frames
+        self._waiting.append((output, applied_seq))
+        self.num_bytes += size_of(output)
+
+    def _supersede(self, runs: list[Run], valid_from: int) -> None:
+        for run in runs:
+            before = run.num_bytes
+            self.dropped_frames += run.cut(valid_from)
+            self.num_bytes += run.num_bytes - before
+
+    def drop_frames(self) -> None:
+        """Take out all frames of the sessions that live: nobody reads them."""
+        for runs in self._runs.values():
+            for run in runs:
+                self.num_bytes -= run.num_bytes
+                self.dropped_frames += run.cut(run.first_frame)
+
+    def take(self, max_bytes: int) -> list[Run | Said]:
+        """The oldest updates that fit into one message of max_bytes, at least one if there is any."""
+        taken: list[Run | Said] = []
+        left = max_bytes
+        waiting = self._waiting
+        while waiting:
+            item = waiting[0]
+            size = size_of(item[0]) if isinstance(item, tuple) else item.num_bytes
+            if taken and size > left:
+                break
+            waiting.popleft()
+            left -= size
+            self.num_bytes -= size
+            if not isinstance(item, tuple):
+                self._forget(item)
+                if not item.parts:
+                    continue
+            taken.append(item)
+        return taken
+
+    def _forget(self, run: Run) -> None:
+        runs = self._runs.get(run.handle)
+        if runs is not None and runs[0] is run:
+            if len(runs) > 1:
+                del runs[0]
+            else:
+                del self._runs[run.handle]
+
+
+def size_of(output: Output) -> int:
+    """About how many bytes an output without frames takes on the wire."""
+    if isinstance(output, Outcome):
+        return UPDATE_OVERHEAD_BYTES + len(output.reason + output.message + output.field + output.allowed)
+    return UPDATE_OVERHEAD_BYTES

@@ -1,0 +1,233 @@
+"""The servicer: per stream one read loop and one write loop; no decisions."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import logging
+import secrets
+import time
+from collections.abc import AsyncIterator, Sequence
+
+import grpc
+import grpc.aio
+
+from motiongen.v1 import service_pb2
+from motiongen_server.engine.types import CloseReason, Output
+from motiongen_server.errors import StreamRefused
+from motiongen_server.models.registry import ModelRegistry, Served
+from motiongen_server.rpc.clip import ClipService
+from motiongen_server.rpc.convert import round_trip_s
+from motiongen_server.rpc.handlers import CatalogContext, ClipContext, StreamContext
+from motiongen_server.rpc.stream import Stream
+from motiongen_server.rpc.stream_metrics import StreamMetrics
+
+_log = logging.getLogger(__name__)
+
+FLUSH_RANGE_S = (0.005, 0.1)
+MAX_AGENT_CHARACTERS = 128
+EVENTS_A_TURN = 64
+
+
+class MotionService:
+    """Carries events from streams to the engine and outputs back. Lives on one event loop."""
+
+    def __init__(
+        self,
+        models: ModelRegistry,
+        flush_s: float = 0.02,
+        stream_metrics: StreamMetrics | None = None,
+    ) -> None:
+        self._models = models
+        self._flush_s = flush_s
+        self._stream_metrics = stream_metrics
+        self._replica_id = secrets.token_hex(4)
+        self._numbers = itertools.count(1)
+        self._streams: dict[int, Stream] = {}
+        self.clips = ClipService(models, self._numbers, stream_metrics)
+        self._loop = asyncio.get_running_loop()
+        self._ends_at: float | None = None  # monotonic seconds, known once the server drains
+        self._all_ended = asyncio.Event()
+        self._all_ended.set()
+
+    @property
+    def num_streams(self) -> int:
+        return len(self._streams)
+
+    @property
+    def num_waiting_bytes(self) -> int:
+        """What waits to be written to all streams."""
+        return sum(stream.send_queue.num_bytes for stream in list(self._streams.values()))
+
+    # ---- from the engine's thread -----------------------------------------------------------------------------------
+
+    def deliver(self, outputs: Sequence[Output]) -> None:
+        """Take the outputs of one engine step, on the engine's thread; they go out on the event loop."""
+        try:
+            self._loop.call_soon_threadsafe(self._dispatch, tuple(outputs))
+        except RuntimeError:  # the loop has been closed: the process is on its way out
+            _log.debug("outputs after the event loop's end")
+
+    def _dispatch(self, outputs: tuple[Output, ...]) -> None:
+        by_stream: dict[int, list[Output]] = {}
+        for output in outputs:
+            by_stream.setdefault(output.session.stream, []).append(output)
+        for number, of_stream in by_stream.items():
+            stream = self._streams.get(number)
+            if stream is not None:
+                stream.take_all(of_stream)
+            else:  # a clip's, or of a client that has gone
+                self.clips.take(number, of_stream)
+
+    # ---- calls ------------------------------------------------------------------------------------------------------
+
+    async def GetCatalog(
+        self, request: service_pb2.GetCatalogRequest, context: CatalogContext
+    ) -> service_pb2.GetCatalogResponse:
+        """Rigs, models and limits, or the etag alone for a client that holds them."""
+        return self._models.catalog_response(request.catalog_etag)
+
+    async def GenerateClip(self, request: service_pb2.GenerateClipRequest, context: ClipContext) -> None:
+        """Samples of one clip, from the request to the last frame."""
+        await self.clips.generate(request, context)
+
+    async def StreamMotion(
+        self, request_iterator: AsyncIterator[service_pb2.StreamMotionRequest], context: StreamContext
+    ) -> None:
+        """One stream, from its hello to its end."""
+        stream = Stream(next(self._numbers), self._models, self._stream_metrics)
+        stream.flush_s = self._flush_s
+        stream.accepts_opens = self._ends_at is None
+        self._streams[stream.number] = stream
+        self._all_ended.clear()
+        reader = asyncio.create_task(self._read(stream, context))
+        writer = asyncio.create_task(self._write(stream, context))
+        try:
+            await asyncio.wait({reader, writer}, return_when=asyncio.FIRST_COMPLETED)
+            if reader.done():
+                stream.close_all(CloseReason.CLIENT)
+                stream.end()
+            # To its end also where the stream is refused: a status set while a write is under way may never arrive.
+            await writer
+            if reader.done():
+                reader.result()  # raises StreamRefused
+        except StreamRefused as refusal:
+            await context.abort_with_status(refusal.status())
+        except Exception as error:
+            error_id = secrets.token_hex(4)
+            _log.error("stream %d failed, error id %s", stream.number, error_id, exc_info=error)
+            message = f"the stream failed inside the server, error id {error_id}"
+            await context.abort_with_status(StreamRefused(grpc.StatusCode.INTERNAL, "INTERNAL", message).status())
+        finally:
+            stream.abandon()
+            for task in (reader, writer):
+                task.cancel()
+            del self._streams[stream.number]
+            if not self._streams:
+                self._all_ended.set()
+
+    async def _read(self, stream: Stream, context: StreamContext) -> None:
+        while True:
+            await stream.room()
+            request = await context.read()
+            if not isinstance(request, service_pb2.StreamMotionRequest):  # grpc.aio.EOF
+                return
+            kind = request.WhichOneof("stream_event")
+            if stream.greeted == (kind == "hello"):
+                raise StreamRefused(
+                    grpc.StatusCode.INVALID_ARGUMENT,
+                    "HELLO_EXPECTED" if not stream.greeted else "HELLO_REPEATED",
+                    "the first message of a stream must carry hello" if not stream.greeted else "hello was sent twice",
+                    field="hello",
+                )
+            if kind == "hello":
+                self._greet(stream, request.hello)
+            elif kind == "ping":
+                stream.rtt_s = round_trip_s(request.ping)
+                pong = service_pb2.Pong(client_time_ns=request.ping.client_time_ns, server_time_ns=time.time_ns())
+                stream.reply(service_pb2.StreamMotionResponse(pong=pong))
+            now = time.monotonic()
+            for number, event in enumerate(request.events, 1):
+                stream.receive(event, now)
+                if number % EVENTS_A_TURN == 0:
+                    await stream.room()
+
+    def _greet(self, stream: Stream, hello: service_pb2.ClientHello) -> None:
+        if len(hello.client_agent) > MAX_AGENT_CHARACTERS:
+            raise StreamRefused(
+                grpc.StatusCode.INVALID_ARGUMENT,
+                "CLIENT_AGENT_TOO_LONG",
+                f"client_agent has {len(hello.client_agent)} characters; at most {MAX_AGENT_CHARACTERS} are allowed",
+                field="hello.client_agent",
+            )
+        _log.info("stream %d begins, client %r", stream.number, hello.client_agent)
+        if hello.HasField("flush_interval"):
+            # Not by ToTimedelta, which cannot hold every Duration that fits into a message.
+            asked = hello.flush_interval.seconds + hello.flush_interval.nanos / 1e9
+            stream.flush_s = min(max(asked, FLUSH_RANGE_S[0]), FLUSH_RANGE_S[1])
+        answer = service_pb2.ServerHello(
+            replica_id=self._replica_id, limits=self._models.limits_message, server_time_ns=time.time_ns()
+        )
+        stream.reply(service_pb2.StreamMotionResponse(hello=answer))
+        stream.greeted = True
+        if self._ends_at is not None:
+            self._say_goodbye(stream, self._ends_at - time.monotonic())
+
+    async def _write(self, stream: Stream, context: StreamContext) -> None:
+        """Write what waits until the stream ends and all is written.
+
+        What comes after a quiet time is written at once; what comes within the flush interval of the last message is
+        gathered into the next.
+        """
+        loop, next_at = self._loop, 0.0
+        while True:
+            await stream.ready.wait()
+            if loop.time() < next_at:
+                timer = loop.call_at(next_at, stream.urgent.set)
+                await stream.urgent.wait()
+                timer.cancel()
+            if not stream.ended:
+                stream.urgent.clear()
+            stream.ready.clear()
+            next_at = loop.time() + stream.flush_s
+            while (response := stream.next_response()) is not None:
+                try:
+                    await context.write(response)
+                except (grpc.aio.AioRpcError, grpc.aio.UsageError, asyncio.InvalidStateError):
+                    stream.abandon()  # the client has gone; its cancellation may not have been seen yet
+                    return
+            if stream.ended and not stream.num_sessions and not len(stream.send_queue):
+                return
+
+    # ---- the server's end -------------------------------------------------------------------------------------------
+
+    def goodbye(self, grace_s: float) -> None:
+        """Open nothing more, and tell every client that the server goes away in grace_s seconds."""
+        self._ends_at = time.monotonic() + grace_s
+        for stream in self._streams.values():
+            stream.accepts_opens = False
+            if stream.greeted:  # else its hello, which comes first, is followed by the goodbye
+                self._say_goodbye(stream, grace_s)
+
+    @staticmethod
+    def _say_goodbye(stream: Stream, grace_s: float) -> None:
+        goodbye = service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASON_DRAINING)
+        goodbye.grace.FromMilliseconds(max(0, round(1000 * grace_s)))
+        stream.reply(service_pb2.StreamMotionResponse(goodbye=goodbye))
+
+    def close_model(self, model: Served) -> int:
+        """Close every session of a model that is unloaded, and its clips; returns how many sessions those were."""
+        self.clips.close_model(model)
+        return sum(stream.close_all(CloseReason.MODEL_UNLOADED, model) for stream in list(self._streams.values()))
+
+    def close_all(self) -> None:
+        """Close every session as drained and end every stream once it has been told; clips end where they are."""
+        for stream in list(self._streams.values()):
+            stream.close_all(CloseReason.DRAINED)
+            stream.end()
+        self.clips.close_all()
+
+    async def finished(self) -> None:
+        """Wait until no stream and no clip is left."""
+        await self._all_ended.wait()
+        await self.clips.finished()

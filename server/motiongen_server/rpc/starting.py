@@ -1,0 +1,60 @@
+"""Answers for the service while the model loads, so that the port is there from the start."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+
+import grpc
+import grpc.aio
+
+from motiongen.v1 import service_pb2
+from motiongen_server.errors import StreamRefused
+from motiongen_server.rpc.handlers import CatalogContext, ClipContext, StreamContext
+from motiongen_server.rpc.service import MotionService
+
+RETRY_AFTER_S = 1.0
+
+
+class StartingService:
+    """Refuses calls with UNAVAILABLE until it is opened, and then passes them on."""
+
+    def __init__(self) -> None:
+        self._service: MotionService | None = None
+
+    def open(self, service: MotionService) -> None:
+        """Pass calls on to the service from now on."""
+        self._service = service
+
+    async def GetCatalog(
+        self, request: service_pb2.GetCatalogRequest, context: CatalogContext
+    ) -> service_pb2.GetCatalogResponse:
+        """As the service's."""
+        if self._service is None:
+            await context.abort_with_status(self._refusal())
+        assert self._service is not None
+        return await self._service.GetCatalog(request, context)
+
+    async def StreamMotion(
+        self, request_iterator: AsyncIterator[service_pb2.StreamMotionRequest], context: StreamContext
+    ) -> None:
+        """As the service's."""
+        if self._service is None:
+            await context.abort_with_status(self._refusal())
+        assert self._service is not None
+        await self._service.StreamMotion(request_iterator, context)
+
+    async def GenerateClip(self, request: service_pb2.GenerateClipRequest, context: ClipContext) -> None:
+        """As the service's."""
+        if self._service is None:
+            await context.abort_with_status(self._refusal())
+        assert self._service is not None
+        await self._service.GenerateClip(request, context)
+
+    @staticmethod
+    def _refusal() -> grpc.Status:
+        return StreamRefused(
+            grpc.StatusCode.UNAVAILABLE,
+            "STARTING",
+            "the server is loading its model; try again when its health is SERVING",
+            retry_after_s=RETRY_AFTER_S,
+        ).status()

@@ -1,0 +1,1 @@
+"""Prompts to vectors: the encoder and its cache, presets, and the encoder as a service."""

@@ -1,0 +1,26 @@
+"""`python -m motiongen_server.text.encoder`: read the configuration, serve the encoder."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+
+from motiongen_server.errors import SettingError
+from motiongen_server.ops.logs import configure_logs
+from motiongen_server.text.encoder.app import run
+from motiongen_server.text.encoder.config import ENCODER
+
+
+def main() -> int:
+    """0 after an orderly end, 2 for a wrong setting."""
+    try:
+        config = ENCODER.parse(sys.argv[1:])
+    except SettingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    configure_logs(config.log_level, config.log_format)
+    return asyncio.run(run(config))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,163 @@
+"""The encoder service's process: load, serve, drain."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import os
+import signal
+import socket
+import sys
+from pathlib import Path
+
+import grpc.aio
+from grpc_health.v1 import health, health_pb2, health_pb2_grpc
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector
+
+from motiongen.v1 import encoder_pb2_grpc
+from motiongen_ardy.text import TextEncoder, load_text_encoder
+from motiongen_ardy.text.store import VectorStore
+from motiongen_server.errors import SettingError
+from motiongen_server.ops.http import OpsServer, ops_app
+from motiongen_server.text.encoder.config import EncoderConfig
+from motiongen_server.text.encoder.service import SERVICE_NAME, TextEncoderService
+from motiongen_server.text.prompts import PromptEncoder
+
+_log = logging.getLogger("motiongen_server.text.encoder")
+
+ENCODING_BUCKETS = (0.001, 0.005, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0)
+
+
+class EncoderApplication:
+    """One process of the encoder service. `start`, then `drain` when asked to stop."""
+
+    def __init__(self, config: EncoderConfig) -> None:
+        self._config = config
+        self._registry = CollectorRegistry()
+        self._health = health.aio.HealthServicer()
+        self._is_ready = False
+
+    async def start(self) -> None:
+        """Load the encoder, then listen. Raises SettingError for settings that cannot be served."""
+        config = self._config
+        encoder = await asyncio.to_thread(load, config)
+        self._prompts = self._make_prompts(encoder)
+        self._server = grpc.aio.server(options=[("grpc.so_reuseport", 0)])
+        service = TextEncoderService(self._prompts, encoder.width, config.max_texts, config.max_characters)
+        encoder_pb2_grpc.add_TextEncoderServiceServicer_to_server(service, self._server)
+        health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
+        address = _join_address(config.host, config.port)
+        try:
+            self._port = self._server.add_insecure_port(address)
+        except RuntimeError as error:
+            raise SettingError(f"cannot listen on {address}; choose another port, or 0") from error
+        await self._start_ops()
+        await self._server.start()
+        await self._set_health(health_pb2.HealthCheckResponse.SERVING)
+        self._is_ready = True
+        _log.info("serving text encoder %s, %d numbers, on port %d", encoder.identity, encoder.width, self._port)
+        if config.print_ports:
+            print(json.dumps({"grpc_port": self._port, "ops_port": self._ops.port}), flush=True)
+
+    def _make_prompts(self, encoder: TextEncoder) -> PromptEncoder:
+        config, registry = self._config, self._registry
+        seconds = Histogram(
+            "motiongen_encoder_seconds", "Encoding a text that was not known.", buckets=ENCODING_BUCKETS,
+            registry=registry,
+        )  # fmt: skip
+        texts = Counter(
+            "motiongen_encoder_texts",
+            "Texts that were not in memory: from the store, from the encoder, or why they did not come.",
+            ["source"],
+            registry=registry,
+        )
+        waiting = Gauge("motiongen_encoder_waiting", "Texts that wait for the encoder.", registry=registry)
+        ProcessCollector(registry=registry)
+        store = None
+        if config.store:
+            store = VectorStore(Path(config.store), encoder.identity, encoder.width, config.store_size)
+        prompts = PromptEncoder(
+            encoder,
+            config.cache,
+            seconds.observe,
+            store,
+            config.timeout_s,
+            config.max_waiting,
+            lambda source: texts.labels(source).inc(),
+        )
+        waiting.set_function(lambda: prompts.num_waiting)
+        return prompts
+
+    async def _start_ops(self) -> None:
+        host, port = self._config.ops_host, self._config.ops_port
+        try:
+            listener = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
+        except OSError as error:
+            address = _join_address(host, port)
+            raise SettingError(f"cannot listen on {address} (ops); choose another port, or 0: {error}") from error
+        self._ops = OpsServer(ops_app(self._registry, lambda: True, lambda: self._is_ready), host, port)
+        self._ops_task = asyncio.create_task(self._ops.serve([listener]))
+        while not self._ops.started:
+            if self._ops_task.done():
+                self._ops_task.result()
+            await asyncio.sleep(0.01)
+
+    async def _set_health(self, status: int) -> None:
+        for name in ("", SERVICE_NAME):
+            await self._health.set(name, status)
+
+    async def drain(self) -> None:
+        """Not ready, let running requests finish, stop."""
+        self._is_ready = False
+        await self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
+        await self._server.stop(self._config.drain_grace_s)
+        self._ops.should_exit = True
+        await self._ops_task
+        await asyncio.to_thread(self._prompts.close)
+        _log.info("stopped")
+
+
+def load(config: EncoderConfig) -> TextEncoder:
+    """The configured encoder. Raises SettingError."""
+    if config.device == "cuda" or config.threads:
+        import torch
+
+        if config.device == "cuda" and not torch.cuda.is_available():
+            raise SettingError("device is 'cuda', but torch finds no CUDA device and driver here; use cpu")
+        if config.threads:
+            torch.set_num_threads(config.threads)
+    try:
+        return load_text_encoder(
+            config.text_encoder, config.width or None, config.device, config.precision, config.timeout_s
+        )
+    except (ValueError, RuntimeError, ConnectionError) as error:
+        raise SettingError(f"cannot serve text encoder {config.text_encoder!r}: {error}") from error
+
+
+def _join_address(host: str, port: int) -> str:
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+async def run(config: EncoderConfig) -> int:
+    """Start, serve until SIGTERM or SIGINT, drain. Returns the process's exit code."""
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stop.set)
+    application = EncoderApplication(config)
+    starting = asyncio.create_task(application.start())
+    stopping = asyncio.create_task(stop.wait())
+    await asyncio.wait({starting, stopping}, return_when=asyncio.FIRST_COMPLETED)
+    if not starting.done():
+        _log.info("stopped before it was ready")
+        os._exit(0)  # what loads is on a thread that cannot be broken off, and holds nothing that must be put away
+    try:
+        starting.result()
+    except SettingError as error:
+        stopping.cancel()
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    await stopping
+    await application.drain()
+    return 0

@@ -1,0 +1,142 @@
+"""Which folder a model's name stands for, and what its card says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from motiongen_ardy.checkpoint import model_card
+from motiongen_ardy.checkpoint.hub import HubError
+from motiongen_ardy.checkpoint.model_card import BUILT_IN_MODEL, UnknownModel, model_folder, read_model_card
+from motiongen_ardy.checkpoint.released import NICKNAMES
+
+Asked = list[tuple[str, str | None]]
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> Asked:
+    """What the hub was asked for; it answers with a folder that does not matter."""
+    requests: Asked = []
+
+    def answer(repository: str, revision: str | None = None) -> Path:
+        requests.append((repository, revision))
+        return Path("/from/the/hub")
+
+    monkeypatch.setattr(model_card, "fetch_checkpoint", answer)
+    monkeypatch.delenv("CHECKPOINTS_DIR", raising=False)
+    return requests
+
+
+def checkpoint(folder: Path) -> Path:
+    folder.mkdir(parents=True)
+    (folder / "config.yaml").touch()
+    return folder
+
+
+def test_the_built_in_model_needs_nobody(asked: Asked) -> None:
+    assert (model_folder(BUILT_IN_MODEL) / "config.yaml").is_file()
+    assert asked == []
+
+
+@pytest.mark.parametrize(
+    ("name", "repository", "revision"),
+    [
+        ("core", "nvidia/ARDY-Core-RP-20FPS-Horizon40", None),
+        ("core8", "nvidia/ARDY-Core-RP-20FPS-Horizon8", None),
+        ("g1", "nvidia/ARDY-G1-RP-25FPS-Horizon52", None),
+        ("g18", "nvidia/ARDY-G1-RP-25FPS-Horizon8", None),
+        ("ARDY-G1-RP-25FPS-Horizon8", "nvidia/ARDY-G1-RP-25FPS-Horizon8", None),
+        ("core@v1.2", "nvidia/ARDY-Core-RP-20FPS-Horizon40", "v1.2"),
+        ("somebody/walker", "somebody/walker", None),
+        ("somebody/walker@refs/pr/3", "somebody/walker", "refs/pr/3"),
+    ],
+)
+def test_a_released_name_or_a_repository_is_asked_of_the_hub(
+    asked: Asked, name: str, repository: str, revision: str | None
+) -> None:
+    model_folder(name)
+    assert asked == [(repository, revision)]
+
+
+def test_a_folder_comes_before_the_hub(asked: Asked, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    checkpoint(tmp_path / "somebody" / "walker")
+    monkeypatch.chdir(tmp_path)
+    assert model_folder("somebody/walker") == Path("somebody/walker")
+    assert asked == []
+
+
+@pytest.mark.parametrize("name", ["core", "ARDY-Core-RP-20FPS-Horizon40", "my-own"])
+def test_checkpoints_dir_comes_before_the_hub(
+    asked: Asked, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setenv("CHECKPOINTS_DIR", str(tmp_path))
+    folder = checkpoint(tmp_path / NICKNAMES.get(name, name))
+    assert model_folder(name) == folder
+    assert asked == []
+
+
+def test_a_pinned_revision_is_never_a_folder_of_checkpoints_dir(
+    asked: Asked, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CHECKPOINTS_DIR", str(tmp_path))
+    checkpoint(tmp_path / NICKNAMES["core"])
+    model_folder("core@main")
+    assert asked == [("nvidia/ARDY-Core-RP-20FPS-Horizon40", "main")]
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", "cor", "a/b/c", "../x", "/no/such/folder", "core@", "core@a b", "core@-x", "x\0y", "somebody/..", "a@b"],
+)
+def test_a_name_that_stands_for_nothing_lists_what_does(
+    asked: Asked, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # "../x" is there in some other place
+    with pytest.raises(UnknownModel, match=r"motiongen-mini.*core, core40, core8, g1.*CHECKPOINTS_DIR"):
+        model_folder(name)
+    assert asked == []
+
+
+def test_a_folder_without_a_config_is_named(asked: Asked, tmp_path: Path) -> None:
+    with pytest.raises(UnknownModel, match=r"holds no config\.yaml"):
+        model_folder(str(tmp_path))
+
+
+def test_what_the_hub_refuses_reaches_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(repository: str, revision: str | None = None) -> Path:
+        raise HubError(f"{repository} is gated")
+
+    monkeypatch.setattr(model_card, "fetch_checkpoint", refuse)
+    monkeypatch.delenv("CHECKPOINTS_DIR", raising=False)
+    with pytest.raises(HubError, match="gated"):
+        model_folder("core")
+
+
+def test_our_card_names_model_licence_and_attribution() -> None:
+    card = read_model_card(model_folder(BUILT_IN_MODEL))
+    assert (card.model_id, card.licence) == (BUILT_IN_MODEL, "CC-BY-NC-4.0")
+    assert "Bandai Namco" in card.attribution
+
+
+@pytest.mark.parametrize(
+    "card",
+    [
+        "",
+        "no front matter",
+        "---\n- a list\n---\n",
+        "---\n{unclosed: [\n---\n",
+        "text\n---\nlicense: mit\n---\n",
+        "---\n",
+    ],
+)
+def test_a_card_that_says_nothing_leaves_the_licence_unknown(tmp_path: Path, card: str) -> None:
+    folder = checkpoint(tmp_path / "walker")
+    (folder / "README.md").write_text(card)
+    assert read_model_card(folder) == model_card.ModelCard("walker", "unknown", "")
+
+
+def test_a_card_as_hubs_write_it_gives_the_licence(tmp_path: Path) -> None:
+    folder = checkpoint(tmp_path / "walker")
+    (folder / "README.md").write_text("---\nlicense: other\nlicense_name: nvidia-open-model-license\n---\n# Walker\n")
+    assert read_model_card(folder).licence == "nvidia-open-model-license"

@@ -1,0 +1,67 @@
+"""Weights in bfloat16: which are, and how far results move."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint, load_tokenizer, save_checkpoint
+from motiongen_ardy.model.config import ConfigError
+from motiongen_ardy.model.precision import PRECISIONS, matrix_names, set_precision
+from motiongen_ardy.model.rollout import RolloutRequest, rollout
+from tests.ardy.conftest import GoldenModel
+
+TOLERANCE = 0.05
+"""Of a result's spread: bfloat16 keeps 8 bits, so each product is off by up to 2^-9 of itself."""
+
+
+def test_only_matrices_of_products_are_bfloat16(golden: GoldenModel) -> None:
+    model = load_checkpoint(golden.folder / "checkpoint", dtype=torch.bfloat16)
+    held = {name: part.dtype for name, part in model.named_parameters()}
+    matrices = {name for name, part in model.named_parameters() if part.dim() == 2 and "learned_prefix" not in name}
+    assert {name for name, dtype in held.items() if dtype == torch.bfloat16} == matrices == matrix_names(model)
+    assert {part.dtype for part in model.buffers()} <= {torch.float32, torch.int64, torch.bool}
+
+
+def test_results_are_float32_and_near(golden: GoldenModel) -> None:
+    vectors = golden.vectors("denoiser_cases")
+    window = vectors.window("history.")
+    model = load_checkpoint(golden.folder / "checkpoint", dtype=torch.bfloat16)
+    with torch.no_grad():
+        given = vectors["history.in.x"], vectors["history.in.timesteps"]
+        exact, rounded = (one.denoiser(*given, window) for one in (golden.model, model))
+    assert rounded.dtype == torch.float32
+    assert not torch.equal(rounded, exact)
+    assert float((rounded - exact).abs().max()) < TOLERANCE * float(exact.std())
+
+
+def test_motion_generated_in_bfloat16_is_finite(golden: GoldenModel) -> None:
+    model = load_checkpoint(golden.folder / "checkpoint", dtype=torch.bfloat16)
+    request = RolloutRequest(60, torch.zeros(model.config.denoiser.text_dim), num_steps=3)
+    features = rollout(model, request)
+    assert features.dtype == torch.float32
+    assert bool(features.isfinite().all())
+
+
+def test_a_bfloat16_model_is_saved_in_the_released_type(golden: GoldenModel, tmp_path: Path) -> None:
+    rounded = load_checkpoint(golden.folder / "checkpoint", dtype=torch.bfloat16)
+    save_checkpoint(rounded, tmp_path)
+    again = load_checkpoint(tmp_path)
+    for (name, before), (_, after) in zip(rounded.state_dict().items(), again.state_dict().items(), strict=True):
+        assert after.dtype == torch.float32
+        assert torch.equal(before.float(), after), name
+
+
+def test_float32_again_is_what_bfloat16_kept(golden: GoldenModel) -> None:
+    model = load_checkpoint(golden.folder / "checkpoint", dtype=torch.bfloat16)
+    set_precision(model, torch.float32)
+    assert {part.dtype for part in model.parameters()} == {torch.float32}
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.float64, torch.int8])
+def test_another_type_is_refused(golden: GoldenModel, dtype: torch.dtype) -> None:
+    for load in (load_checkpoint, load_tokenizer):
+        with pytest.raises(ConfigError, match=f"{dtype}; weights are held as {' or '.join(PRECISIONS)}"):
+            load(golden.folder / "checkpoint", dtype=dtype)

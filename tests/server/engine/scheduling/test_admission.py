@@ -1,0 +1,119 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.scheduling.admission import Admission, Prices
+from motiongen_server.engine.types import Code, Priority, SessionKey
+from tests.server.engine.fakes import FACTS
+from tests.server.engine.stage import spec
+
+PRICES = Prices(step_s=0.0015, window_s=0.002)
+EACH = FACTS.fps / FACTS.horizon * (4 * 0.0015 + 0.002)
+
+
+def _admission(prices: Prices = PRICES, measured: float = 0.0, **limits: object) -> Admission:
+    admission = Admission(FACTS, EngineConfig(max_sessions=1000, **limits))  # type: ignore[arg-type]
+    admission.set_prices(prices, measured)
+    return admission
+
+
+def _fill(admission: Admission, priority: Priority = Priority.NEAR, num_steps: int = 4, first: int = 0) -> int:
+    """How many sessions are let in before one is refused."""
+    for number in range(10_000):
+        if admission.reserve(spec(SessionKey(1, first + number), priority=priority, num_steps=num_steps), 1):
+            return number
+    raise AssertionError("everybody was let in")
+
+
+def test_as_many_are_let_in_as_the_machine_was_measured_to_do() -> None:
+    admission = _admission()
+    assert _fill(admission) == int(0.9 / EACH)
+    assert admission.load <= 0.9
+
+
+def test_who_asks_for_more_takes_more_room() -> None:
+    few, many = _fill(_admission(), num_steps=2), _fill(_admission(), num_steps=10)
+    assert few > 2 * many
+
+
+def test_a_refusal_says_when_to_come_back_and_what_is_allowed() -> None:
+    admission = _admission()
+    _fill(admission)
+    refusals = [admission.reserve(spec(SessionKey(2, number)), 7) for number in range(20)]
+    hints = set()
+    for refusal in refusals:
+        assert refusal is not None
+        assert (refusal.code, refusal.reason, refusal.field) == (Code.RESOURCE_EXHAUSTED, "OVERLOADED", "open")
+        assert (refusal.event_seq, refusal.effective_frame) == (7, None)
+        assert "NEAR" in refusal.allowed
+        assert refusal.retry_after_s is not None
+        hints.add(refusal.retry_after_s)
+    assert 2.0 <= min(hints) <= max(hints) <= 4.0
+    assert len(hints) >= 15  # they do not all come back at once
+    assert admission.take_refused()[Code.RESOURCE_EXHAUSTED] == 21
+    assert not admission.take_refused()
+
+
+def test_urgent_classes_find_room_where_others_do_not() -> None:
+    admission = _admission()
+    for number, priority in enumerate(reversed(Priority)):
+        assert _fill(admission, priority, first=1000 * number) > 0
+    assert admission.load == pytest.approx(0.95, abs=EACH)
+
+
+def test_a_place_that_is_given_up_can_be_taken() -> None:
+    admission = _admission()
+    _fill(admission)
+    admission.release(SessionKey(1, 0))
+    assert admission.reserve(spec(SessionKey(2, 0)), 1) is None
+    assert admission.reserve(spec(SessionKey(2, 1)), 1) is not None
+
+
+def test_what_edits_cost_counts_once_it_was_measured() -> None:
+    admission = _admission(measured=0.89)
+    assert admission.reserve(spec(SessionKey(1, 1)), 1) is None  # the first is always let in
+    admission.set_prices(PRICES, 0.899)
+    assert admission.reserve(spec(SessionKey(1, 2)), 1) is not None
+    admission.set_prices(PRICES, 0.2)
+    assert admission.reserve(spec(SessionKey(1, 2)), 1) is None
+
+
+def test_a_machine_too_slow_for_one_session_serves_one_late_rather_than_none() -> None:
+    admission = _admission(Prices(step_s=10.0))
+    assert _fill(admission) == 1
+
+
+def test_a_draining_server_takes_nobody() -> None:
+    admission = _admission()
+    admission.close()
+    refusal = admission.reserve(spec(SessionKey(1, 1)), 1)
+    assert refusal is not None
+    assert (refusal.code, refusal.reason, refusal.field) == (Code.UNAVAILABLE, "DRAINING", "open")
+
+
+def test_a_key_used_again_keeps_the_place_of_the_later_session() -> None:
+    admission = _admission()
+    old, new = spec(SessionKey(1, 1)), spec(SessionKey(1, 1), num_steps=10)
+    admission.reserve(old, 1)
+    admission.release(old.session)  # the Close came
+    admission.reserve(new, 2)
+    admission.release(old.session, old)  # and only now the engine ends the old one
+    assert admission.asked == pytest.approx(0.5 * (10 * 0.0015 + 0.002))
+    admission.release(new.session, new)
+    assert admission.asked == 0.0
+
+
+@given(st.lists(st.tuples(st.integers(0, 9), st.sampled_from((2, 4, 10)), st.booleans()), max_size=60))
+def test_the_books_always_match_who_is_there(moves: list[tuple[int, int, bool]]) -> None:
+    admission = _admission()
+    there: dict[SessionKey, int] = {}
+    for handle, num_steps, comes in moves:
+        key = SessionKey(1, handle)
+        if not comes:
+            admission.release(key)
+            there.pop(key, None)
+        elif admission.reserve(spec(key, num_steps=num_steps), 1) is None:
+            there.setdefault(key, num_steps)
+    expected = sum(0.5 * (steps * PRICES.step_s + PRICES.window_s) for steps in there.values())
+    assert admission.asked == pytest.approx(expected)

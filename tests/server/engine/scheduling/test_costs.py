@@ -1,0 +1,135 @@
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motiongen_server.engine.scheduling.costs import SIZES, CallCosts, CostTable, bucket
+
+
+def test_buckets_are_the_least_that_hold_the_size_and_finer_than_doublings() -> None:
+    assert [bucket(size) for size in (1, 3, 8, 9, 11, 33, 96, 97)] == [1, 3, 8, 10, 12, 40, 96, 112]
+    assert all(larger <= 1.26 * size for size, larger in itertools.pairwise(SIZES) if size >= 8)
+
+
+MEASURED = st.lists(st.tuples(st.integers(1, 400), st.floats(0.0, 2.0)), min_size=1, max_size=60)
+
+
+@given(MEASURED)
+def test_more_never_costs_less(measured: list[tuple[int, float]]) -> None:
+    costs = CallCosts(0.5)
+    for size, seconds in measured:
+        costs.observe(size, seconds)
+    curve = [costs.seconds(size) for size in range(500)]
+    assert curve == sorted(curve)
+    assert curve[0] == 0.0
+    assert curve[1] > 0.0
+
+
+@given(MEASURED, st.floats(0.0, 2.0))
+def test_the_largest_within_a_time_is_within_it_and_the_next_is_not(
+    measured: list[tuple[int, float]], limit_s: float
+) -> None:
+    costs = CallCosts(0.5)
+    for size, seconds in measured:
+        costs.observe(size, seconds)
+    largest = costs.largest_within(limit_s)
+    assert costs.seconds(largest) <= limit_s
+    later = [size for size in SIZES if size > largest]
+    assert all(costs.seconds(size) > limit_s for size in later[:1])
+
+
+def test_before_anything_was_measured_every_size_costs_what_is_assumed() -> None:
+    costs = CallCosts(0.5)
+    assert [costs.seconds(size) for size in (0, 1, 100)] == [0.0, 0.5, 0.5]
+    assert (costs.largest_within(0.4), costs.largest_within(0.6)) == (0, SIZES[-1])
+
+
+def test_costs_follow_what_is_measured() -> None:
+    costs = CallCosts(0.5)
+    for seconds in (0.1, 0.2):
+        for _ in range(100):
+            costs.observe(4, seconds)
+        assert costs.seconds(4) == pytest.approx(seconds, rel=0.02)
+
+
+def test_between_two_sizes_the_cost_is_on_the_line_and_beyond_them_in_proportion() -> None:
+    costs = CallCosts(0.5)
+    costs.observe(8, 0.08)
+    costs.observe(16, 0.12)
+    assert costs.seconds(2) == pytest.approx(0.08)
+    assert costs.seconds(12) == pytest.approx(0.10)
+    assert costs.seconds(32) == pytest.approx(0.24)
+    assert costs.seconds(10 * SIZES[-1]) == pytest.approx(0.12 * 10 * SIZES[-1] / 16)
+
+
+def test_a_size_seen_once_yields_to_one_seen_often() -> None:
+    costs = CallCosts(0.5)
+    costs.observe(1, 0.9)
+    for _ in range(30):
+        costs.observe(16, 0.1)
+    assert costs.seconds(1) == costs.seconds(16) < 0.2
+
+
+def test_one_hiccup_does_not_pass_for_the_new_normal() -> None:
+    costs = CallCosts(0.5)
+    for _ in range(50):
+        costs.observe(4, 0.1)
+    costs.observe(4, 60.0)
+    for _ in range(8):
+        costs.observe(4, 0.1)
+    assert costs.seconds(4) < 0.13
+
+
+def test_a_neighbour_that_slows_one_size_is_expected_to_slow_the_others() -> None:
+    costs = CallCosts(0.5)
+    costs.observe(1, 0.01)
+    costs.observe(64, 0.1)
+    for _ in range(100):
+        costs.observe(64, 0.2)
+    assert 0.013 < costs.seconds(1) < 0.02
+
+
+def test_calls_that_take_no_time_at_all_can_become_slow() -> None:
+    costs = CallCosts(0.0)
+    for _ in range(20):
+        costs.observe(4, 0.0)
+    for _ in range(200):
+        costs.observe(4, 0.1)
+    assert costs.seconds(4) == pytest.approx(0.1, rel=0.1)
+
+
+def test_small_calls_are_efficient_where_costs_are_in_proportion_and_not_where_they_are_fixed() -> None:
+    proportional, fixed = CallCosts(0.5), CallCosts(0.5)
+    for size in (1, 4, 16, 64):
+        proportional.observe(size, 0.01 * size)
+        fixed.observe(size, 0.1)
+    assert proportional.efficient_from(64, 2.0) == 1
+    assert fixed.efficient_from(64, 2.0) == 32
+
+
+def _table() -> CostTable:
+    table = CostTable.assumed(0.5)
+    for size in (1, 2, 4, 8, 16, 32, 64, 96):
+        table.step.observe(size, 0.01 + 0.001 * size)
+        table.prepare.observe(size, 0.002 * size)
+        table.decode.observe(size, 0.003 * size)
+    return table
+
+
+def test_a_window_takes_its_rounds_with_what_comes_and_goes_in_them() -> None:
+    table = _table()
+    # 32 rows of 4 steps: 8 windows come and 8 go in every round
+    assert table.round_s(96, 32, 4) == pytest.approx(0.106 + 8 * 0.005)
+    assert table.window_s(4, 6, 96, 32) == pytest.approx(6 * (0.106 + 8 * 0.005))
+
+
+def test_unsteady_costs_are_predicted_with_room() -> None:
+    table = CostTable.assumed(0.5)
+    for n in range(200):
+        table.step.observe(1, 0.1 if n % 2 else 0.3)
+    assert table.window_s(1, 1, 1, 1) > 0.3
+
+
+def test_the_demand_of_a_window_is_its_share_of_full_steps() -> None:
+    assert _table().demand_s(4, 3, 96) == pytest.approx(4 * 3 * 0.106 / 96 + 0.005)

@@ -1,0 +1,137 @@
+import itertools
+from collections.abc import Mapping
+
+import pytest
+
+from motiongen_server.engine.scheduling.degradation import FULL, Degradation, DegradationLimits, levels_of
+from motiongen_server.engine.types import Priority, ServiceTier
+from tests.server.engine.fakes import FACTS
+
+HERO, NEAR, CROWD, BATCH = Priority
+RUNGS = levels_of(FACTS)
+EVERY_S = 0.25
+ALL = dict.fromkeys(Priority, 10)
+
+
+class Day:
+    """Degradation that is asked four times a second, under a load and with a share of windows late."""
+
+    def __init__(self, present: Mapping[Priority, int] | None = None) -> None:
+        self.now = 0.0
+        self.present = ALL if present is None else present
+        self.degradation = Degradation(RUNGS, self.now)
+        self.moved: list[Priority] = []
+        self.shed = 0
+
+    def pass_time(self, seconds: float, load: float = 0.3, late: float = 0.0) -> list[Priority]:
+        """Returns the classes that moved meanwhile, in order."""
+        moved: list[Priority] = []
+        for _ in range(round(seconds / EVERY_S)):
+            self.now += EVERY_S
+            self.degradation.note_windows(self.now, 100, round(100 * late))
+            moved += self.degradation.update(self.now, load, self.present)
+            self.shed += self.degradation.shed
+        return moved
+
+    def levels(self) -> list[int]:
+        return [self.degradation.depth(priority) for priority in Priority]
+
+
+def test_a_machine_that_keeps_up_gives_everybody_everything() -> None:
+    day = Day()
+    assert day.pass_time(60.0, load=0.9, late=0.01) == []
+    assert all(day.degradation.level(priority) is FULL for priority in Priority)
+
+
+@pytest.mark.parametrize("trouble", [{"load": 0.97}, {"late": 0.05}])
+def test_under_pressure_the_least_urgent_class_goes_down_a_rung_every_two_seconds(trouble: dict[str, float]) -> None:
+    day = Day()
+    assert day.pass_time(2.0, **trouble) == [BATCH]
+    assert day.pass_time(2.0, **trouble) == [CROWD]
+    assert day.levels() == [0, 0, 1, 1]
+    assert day.pass_time(1.5, **trouble) == []
+
+
+def test_a_burst_that_is_over_soon_costs_nobody_anything() -> None:
+    day = Day()
+    for _ in range(10):
+        day.pass_time(6.0)
+        assert day.pass_time(0.75, load=1.5) == []
+
+
+def test_heroes_give_up_last_and_are_never_held() -> None:
+    day = Day()
+    moved = day.pass_time(200.0, late=0.5)
+    assert moved.index(NEAR) < moved.index(HERO)
+    assert moved.index(CROWD) < moved.index(NEAR)
+    assert [day.degradation.level(priority).hold for priority in Priority] == [False, False, True, True]
+    assert [day.degradation.level(priority).tier for priority in (HERO, NEAR)] == [RUNGS[-2].tier] * 2
+
+
+def test_classes_without_sessions_are_passed_over() -> None:
+    day = Day({NEAR: 3})
+    assert day.pass_time(4.0, late=0.5) == [NEAR, NEAR]
+    assert day.levels()[NEAR - 1] == 2
+
+
+def test_it_goes_up_a_rung_after_ten_good_seconds_the_most_urgent_first() -> None:
+    day = Day()
+    down = day.pass_time(20.0, late=0.5)
+    assert day.pass_time(9.0) == []
+    up = day.pass_time(200.0)
+    assert up == down[::-1]
+    assert day.levels() == [0, 0, 0, 0]
+
+
+def test_it_does_not_go_up_while_the_load_is_high() -> None:
+    day = Day()
+    day.pass_time(4.0, late=0.5)
+    assert day.pass_time(100.0, load=0.9) == []
+
+
+def test_a_rung_that_does_not_hold_is_tried_ever_less_often() -> None:
+    day = Day()
+    day.pass_time(2.0, late=0.5)
+    ups = []
+    for _ in range(int(600 / EVERY_S)):
+        # One level down it goes well; as soon as the class is up again, it does not.
+        moved = day.pass_time(EVERY_S, late=0.0 if day.levels()[BATCH - 1] else 0.5)
+        if moved and not day.levels()[BATCH - 1]:
+            ups.append(day.now)
+    gaps = [later - earlier for earlier, later in itertools.pairwise(ups)]
+    assert gaps[:3] == sorted(gaps[:3])
+    assert max(gaps) >= 80.0
+    assert len(ups) < 15
+
+
+def test_a_few_windows_say_nothing() -> None:
+    degradation = Degradation(RUNGS, 0.0)
+    degradation.note_windows(3.0, 5, 5)
+    assert list(degradation.update(3.0, 0.1, ALL)) == []
+    assert degradation.missed_share == 0.0
+
+
+def test_old_misses_are_forgotten() -> None:
+    degradation = Degradation(RUNGS, 0.0)
+    degradation.note_windows(1.0, 100, 100)
+    assert list(degradation.update(1.0 + DegradationLimits().miss_window_s + 0.1, 0.1, ALL)) == []
+    assert degradation.missed_share == 0.0
+
+
+def test_sessions_are_shed_only_where_the_last_rung_did_not_help_and_only_expendable_ones() -> None:
+    day = Day({HERO: 2, CROWD: 5})
+    day.pass_time(20.0, late=0.5)
+    assert day.shed > 0
+    heroes = Day({HERO: 2, NEAR: 5})
+    heroes.pass_time(60.0, late=0.5)
+    assert heroes.shed == 0
+
+
+def test_rungs_give_less_and_less() -> None:
+    steps = [level.steps or FACTS.default_steps for level in RUNGS]
+    assert steps == sorted(steps, reverse=True)
+    assert min(steps) >= FACTS.min_steps
+    assert [level.tier for level in RUNGS] == sorted(level.tier for level in RUNGS)
+    assert RUNGS[0] is FULL
+    assert RUNGS[-1].tier is ServiceTier.HOLD
+    assert [level.hold for level in RUNGS] == [False] * (len(RUNGS) - 1) + [True]

@@ -1,0 +1,140 @@
+"""What engines of one process share: turns go round, waiting is no work, and what one uses nobody else promises."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.scheduling.admission import Admission, Prices
+from motiongen_server.engine.scheduling.device import Device, InTurns
+from motiongen_server.engine.scheduling.profile import profile
+from motiongen_server.engine.types import Code, Open, SessionKey
+from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
+from tests.server.engine.stage import spec
+
+JOIN_S = 10.0
+
+
+def test_turns_are_given_in_the_order_they_were_asked_for() -> None:
+    device, order = Device(), list[int]()
+    device.take()
+    threads = []
+    for number in range(5):
+
+        def turn(number: int = number) -> None:
+            with device.lease():
+                order.append(number)
+
+        thread = threading.Thread(target=turn)
+        thread.start()
+        while device.num_waiting <= number:
+            thread.join(0.001)
+        threads.append(thread)
+    device.pass_on()
+    for thread in threads:
+        thread.join(JOIN_S)
+    assert order == [0, 1, 2, 3, 4]
+
+
+def test_one_who_comes_again_at_once_waits_behind_who_waits() -> None:
+    device, order = Device(), list[str]()
+    busy, other = device.lease(), device.lease()
+
+    def wait_once() -> None:
+        with other:
+            order.append("other")
+
+    with busy:
+        thread = threading.Thread(target=wait_once)
+        thread.start()
+        while not device.num_waiting:
+            thread.join(0.001)
+    with busy:
+        order.append("busy again")
+    thread.join(JOIN_S)
+    assert order == ["other", "busy again"]
+
+
+def test_a_turn_ends_with_an_error() -> None:
+    lease = Device().lease()
+    with pytest.raises(RuntimeError), lease:
+        raise RuntimeError("in a step")
+    with lease:
+        pass
+
+
+def test_each_knows_what_the_others_use_and_forgets_who_has_left() -> None:
+    device = Device()
+    leases = [device.lease() for _ in range(3)]
+    for lease, load in zip(leases, (0.2, 0.3, 0.1), strict=True):
+        lease.load = load
+    assert leases[0].elsewhere == pytest.approx(0.4)
+    assert leases[0].stretch == pytest.approx(1 / 0.6)
+    leases[1].leave()
+    assert (leases[0].elsewhere, device.load) == (pytest.approx(0.1), pytest.approx(0.3))
+    leases[2].leave()
+    assert (leases[0].elsewhere, leases[0].stretch) == (0.0, 1.0)
+
+
+def test_a_window_takes_no_longer_than_one_turn_of_each_engine_for_each_of_its_steps() -> None:
+    device = Device()
+    mine, other = device.lease(), device.lease()
+    other.load = 3.0
+    assert mine.stretch == 2.0
+
+
+@pytest.mark.parametrize("elsewhere", [0.45, 0.95])
+def test_what_other_engines_use_is_not_promised_again(elsewhere: float) -> None:
+    admission = Admission(FACTS, EngineConfig(admit_load=(0.9, 0.9, 0.9, 0.9)))
+    admission.set_prices(Prices(step_s=0.0, window_s=0.1 * FACTS.horizon / FACTS.fps), 0.0, elsewhere)  # 0.1 a session
+    taken = 0
+    while (refusal := admission.reserve(spec(SessionKey(1, taken)), 1)) is None:
+        taken += 1
+    assert refusal.code is Code.RESOURCE_EXHAUSTED
+    assert taken == (4 if elsewhere == 0.45 else 0)
+
+
+def test_an_engine_steps_in_its_turns_only_and_leaves_at_its_end() -> None:
+    device, opened = Device(), threading.Event()
+    runner = FakeRunner(FakeClock())
+    engine = Engine(runner, runner.clock, lambda _: opened.set(), EngineConfig(), lease=device.lease())
+    with device.lease():
+        engine.start()
+        assert engine.submit(Open(spec(SessionKey(1, 1)), 1, runner.clock.now())) is None
+        while not device.num_waiting:
+            assert not engine.join(0.001)
+        assert not opened.is_set()
+    assert opened.wait(JOIN_S)
+    engine.stop()
+    assert engine.join(JOIN_S)
+    assert device.num_seats == 1  # the test's own
+
+
+def test_an_engine_that_was_never_started_leaves_too() -> None:
+    device = Device()
+    runner = FakeRunner(FakeClock())
+    engine = Engine(runner, runner.clock, lambda _: None, EngineConfig(), lease=device.lease())
+    engine.stop()
+    assert device.num_seats == 0
+
+
+def test_what_is_measured_beside_the_engines_takes_a_turn_for_each_call() -> None:
+    device = Device()
+    runner = FakeRunner(FakeClock())
+    measured = InTurns(runner, device.lease())
+    thread = threading.Thread(target=lambda: profile(measured, runner.clock, max_rows=1, history_frames=16))
+    device.take()
+    thread.start()
+    turns = 0
+    while thread.is_alive():
+        if device.num_waiting:
+            turns += 1
+            device.pass_on()  # one call
+            device.take()
+        thread.join(0.001)
+    device.pass_on()
+    assert turns >= 3  # to prepare, to step, to decode
+    assert (measured.facts, runner.jobs) == (FACTS, {})

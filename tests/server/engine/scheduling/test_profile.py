@@ -1,0 +1,78 @@
+from collections.abc import Callable, Sequence
+
+import pytest
+
+from motiongen_server.engine.ports import OutOfMemory
+from motiongen_server.engine.scheduling.profile import UnsoundModel, profile
+from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
+
+
+def _runner(fixed_s: float = 0.01, each_s: float = 0.001) -> FakeRunner:
+    """A step of r rows costs fixed_s + r * each_s."""
+    runner = FakeRunner(FakeClock())
+    runner.step_s = lambda rows: fixed_s + each_s * rows
+    return runner
+
+
+def test_the_table_tells_what_steps_of_every_size_cost() -> None:
+    runner = _runner()
+    measured = profile(runner, runner.clock, max_rows=24, history_frames=16)
+    assert measured.max_rows == 24
+    for rows in (1, 2, 4, 8, 16, 24):
+        assert measured.costs.step.seconds(rows) == pytest.approx(0.01 + 0.001 * rows)
+    assert measured.costs.decode.seconds(8) < 1e-6
+
+
+def test_windows_are_like_those_of_sessions_and_leave_nothing_behind() -> None:
+    runner = _runner()
+    profile(runner, runner.clock, max_rows=4, history_frames=16)
+    assert runner.breaches == []
+    assert runner.jobs == {}
+    assert {len(job.history) for job in runner.prepared} == {0, 16}
+    assert all(job.constraints and job.embedding is not None and job.job_id < 0 for job in runner.prepared)
+    assert {job.num_steps for job in runner.prepared} == {FACTS.min_steps}
+
+
+def test_a_slow_machine_is_not_measured_for_longer_than_it_may_take() -> None:
+    runner = _runner(fixed_s=0.2)
+    began = runner.clock.now()
+    measured = profile(runner, runner.clock, max_rows=32, history_frames=16, budget_s=4.0)
+    assert runner.clock.now() - began <= 4.0
+    assert measured.max_rows == 32
+    assert max(len(batch) for batch in runner.batches) < 32
+
+
+def test_the_first_size_is_measured_however_long_it_takes() -> None:
+    runner = _runner(fixed_s=3.0)
+    assert profile(runner, runner.clock, 32, 16, budget_s=0.0).costs.step.seconds(1) == pytest.approx(3.001)
+
+
+@pytest.mark.parametrize("call", ["prepare", "denoise", "decode"])
+def test_steps_are_no_larger_than_memory_allows(call: str) -> None:
+    runner = _runner()
+    runner.fails = _too_large(call, 5)
+    assert profile(runner, runner.clock, 32, 16).max_rows == 4
+    assert runner.jobs == {}
+
+
+def test_a_device_without_room_for_one_window_is_named() -> None:
+    runner = _runner()
+    runner.fails = _too_large("denoise", 0)
+    with pytest.raises(UnsoundModel, match="memory"):
+        profile(runner, runner.clock, 32, 16)
+
+
+def test_a_model_that_makes_nothing_finite_is_named() -> None:
+    runner = _runner()
+    runner.poisoned_result = lambda job: True
+    with pytest.raises(UnsoundModel, match="not finite"):
+        profile(runner, runner.clock, 32, 16)
+
+
+def _too_large(call: str, room: int) -> Callable[[str, Sequence[int]], bool]:
+    def fails(called: str, job_ids: Sequence[int]) -> bool:
+        if called == call and len(job_ids) > room:
+            raise OutOfMemory
+        return False
+
+    return fails

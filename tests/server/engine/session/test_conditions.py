@@ -1,0 +1,151 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motiongen_server.engine.session.conditions import Conditions, EditRefused, edit_constraints, edit_prompts
+from motiongen_server.engine.types import Code, Prompt, RootTrajectory, SessionKey, SetConstraints, SetPrompts, Waypoint
+from tests.server.engine.stage import prompt
+
+KEY = SessionKey(1, 1)
+
+
+def _prompts(*upsert: Prompt, remove: tuple[int, ...] = ()) -> SetPrompts:
+    return SetPrompts(KEY, 1, 0.0, upsert, remove)
+
+
+def _constraints(
+    *upsert: Waypoint | RootTrajectory, remove: tuple[int, ...] = (), clear: bool = False
+) -> SetConstraints:
+    return SetConstraints(KEY, 1, 0.0, upsert, remove, clear)
+
+
+def _marker(prompt: Prompt | None) -> int:
+    return -1 if prompt is None else int(prompt.embedding[0])
+
+
+def test_the_span_that_starts_last_holds() -> None:
+    held = Conditions((prompt(1, 1, 0), prompt(2, 2, 50, 60), prompt(3, 3, 50)))
+    assert [_marker(held.prompt_at(frame)) for frame in (0, 49, 50, 60)] == [1, 1, 3, 3]
+    held = Conditions((prompt(1, 1, 0), prompt(3, 3, 40), prompt(2, 2, 50, 60)))
+    assert [_marker(held.prompt_at(frame)) for frame in (39, 40, 50, 59, 60)] == [1, 3, 2, 2, 3]
+
+
+def test_no_prompt_holds_between_spans() -> None:
+    held = Conditions((prompt(1, 1, 10, 20),))
+    assert [_marker(held.prompt_at(frame)) for frame in (9, 10, 19, 20)] == [-1, 1, 1, -1]
+    assert held.prompt_change_after(0, 100) == 10
+    assert held.prompt_change_after(10, 100) == 20
+    assert held.prompt_change_after(20, 100) == 100
+
+
+SPANS = st.builds(
+    lambda marker, prompt_id, start, length: prompt(
+        marker, prompt_id, start, None if length is None else start + length
+    ),
+    st.integers(0, 3),
+    st.integers(1, 4),
+    st.integers(0, 60),
+    st.none() | st.integers(1, 40),
+)
+
+
+@given(st.lists(SPANS, max_size=4), st.lists(SPANS, max_size=3), st.integers(0, 50))
+def test_an_edit_names_the_first_frame_that_it_changes(before: list[Prompt], edit: list[Prompt], floor: int) -> None:
+    held = Conditions(tuple({span.prompt_id: span for span in before}.values()))
+    allowed = [span for span in edit if span.end_frame is None or span.end_frame > floor]
+    edited, dirty_from = edit_prompts(held, _prompts(*allowed), floor, limit=16)
+    changed = [
+        frame for frame in range(floor, 120) if _marker(held.prompt_at(frame)) != _marker(edited.prompt_at(frame))
+    ]
+    assert dirty_from == (changed[0] if changed else None)
+
+
+@given(st.lists(SPANS, max_size=4), st.integers(0, 60))
+def test_a_change_of_prompt_is_found_where_it_is(spans: list[Prompt], frame: int) -> None:
+    held = Conditions(tuple(spans))
+    same = [_marker(held.prompt_at(other)) == _marker(held.prompt_at(frame)) for other in range(frame, 101)]
+    assert held.prompt_change_after(frame, 101) == (frame + same.index(False) if False in same else 101)
+
+
+def test_a_prompt_for_now_beats_one_that_was_to_start_before() -> None:
+    held = Conditions((prompt(1, 1, 0), prompt(2, 2, 100)))
+    edited, dirty_from = edit_prompts(held, _prompts(prompt(3, 3)), 150, limit=16)
+    assert dirty_from == 150
+    assert _marker(edited.prompt_at(151)) == 3
+    edited, _ = edit_prompts(held, _prompts(prompt(4, 4, 20)), 150, limit=16)
+    assert _marker(edited.prompt_at(151)) == 4
+
+
+def test_setting_the_same_prompt_again_changes_nothing() -> None:
+    held = Conditions((prompt(1),))
+    assert edit_prompts(held, _prompts(prompt(1)), 30, limit=16)[1] is None
+
+
+def test_refused_edits_say_what_is_allowed() -> None:
+    held = Conditions((prompt(1, 7),), (Waypoint(5, 90, 0.0, 0.0),))
+    cases = [
+        (lambda: edit_prompts(held, _prompts(remove=(8,)), 0, 16), Code.NOT_FOUND, "UNKNOWN_PROMPT", "7"),
+        (
+            lambda: edit_prompts(held, _prompts(prompt(2, 2, 0, 20)), 20, 16),
+            Code.FAILED_PRECONDITION,
+            "FRAME_COMMITTED",
+            "from 20",
+        ),
+        (lambda: edit_prompts(held, _prompts(prompt(2, 2)), 0, 1), Code.RESOURCE_EXHAUSTED, "TOO_MANY_PROMPTS", "1"),
+        (lambda: edit_constraints(held, _constraints(remove=(6,)), 0, 9), Code.NOT_FOUND, "UNKNOWN_CONSTRAINT", "5"),
+        (
+            lambda: edit_constraints(held, _constraints(Waypoint(6, 19, 0.0, 0.0)), 20, 9),
+            Code.FAILED_PRECONDITION,
+            "FRAME_COMMITTED",
+            "from 20",
+        ),
+        (
+            lambda: edit_constraints(held, _constraints(Waypoint(6, 20, 0.0, 0.0)), 20, 1),
+            Code.RESOURCE_EXHAUSTED,
+            "TOO_MANY_CONSTRAINTS",
+            "1",
+        ),
+        (
+            lambda: edit_constraints(held, _constraints(remove=(5,), clear=True), 0, 9),
+            Code.NOT_FOUND,
+            "UNKNOWN_C",
+            "non",
+        ),
+    ]
+    for edit, code, reason, allowed in cases:
+        with pytest.raises(EditRefused) as caught:
+            edit()
+        outcome = caught.value.outcome(KEY, 3)
+        assert outcome.code is code
+        assert outcome.reason.startswith(reason)
+        assert allowed in outcome.allowed
+        assert outcome.field.startswith("edit_")
+        assert outcome.event_seq == 3
+
+
+def test_an_edit_of_constraints_names_all_that_came_and_went() -> None:
+    old = Waypoint(1, 50, 0.0, 0.0)
+    path = RootTrajectory(2, 60, np.zeros((10, 2), np.float32))
+    new = Waypoint(1, 80, 1.0, 0.0)
+    edited, changed = edit_constraints(Conditions((), (old, path)), _constraints(new, remove=(2,)), 10, 9)
+    assert edited.constraints == (new,)
+    assert set(changed) == {old, path, new}
+    edited, changed = edit_constraints(Conditions((), (old, path)), _constraints(clear=True), 10, 9)
+    assert (edited.constraints, changed) == ((), (old, path))
+
+
+def test_constraints_are_seen_from_their_first_to_their_last_frame() -> None:
+    path = RootTrajectory(2, 60, np.zeros((10, 2), np.float32))
+    held = Conditions((), (path,))
+    assert held.constraints_within(0, 60) == ()
+    assert held.constraints_within(0, 61) == (path,)
+    assert held.constraints_within(69, 100) == (path,)
+    assert held.constraints_within(70, 100) == ()
+
+
+def test_what_has_passed_is_forgotten() -> None:
+    held = Conditions((prompt(1, 1, 0, 50), prompt(2, 2, 10)), (Waypoint(1, 49, 0.0, 0.0), Waypoint(2, 50, 0.0, 0.0)))
+    later = held.without_past(50)
+    assert [span.prompt_id for span in later.prompts] == [2]
+    assert [item.constraint_id for item in later.constraints] == [2]

@@ -1,0 +1,77 @@
+"""The queue of edits: what waits, what is settled, what has landed and been seen."""
+
+import math
+
+import pytest
+
+from motiongen_server.engine.session.conditions import Conditions, EditRefused
+from motiongen_server.engine.session.edits import EditQueue, PendingEdit
+from motiongen_server.engine.session.velocity import SLOWING_FRAMES, Velocity
+from motiongen_server.engine.types import Code
+
+
+def _edit(seq: int, dirty_from: int = 0) -> PendingEdit:
+    return PendingEdit(seq, "prompts", float(seq), dirty_from)
+
+
+def _queue(*edits: PendingEdit) -> EditQueue:
+    queue = EditQueue(3)
+    for edit in edits:
+        queue.add(edit)
+    return queue
+
+
+def test_what_was_taken_for_a_window_goes_back_before_what_came_since_and_may_start_at_once() -> None:
+    queue = _queue(_edit(1), _edit(2))
+    taken = queue.take()
+    queue.not_before = 7.0
+    queue.add(_edit(3))
+    queue.put_back(taken)
+    assert [edit.event_seq for edit in queue.waiting] == [1, 2, 3]
+    assert queue.not_before == -math.inf
+
+
+def test_a_full_queue_refuses() -> None:
+    queue = _queue(_edit(1), _edit(2))
+    queue.require_room()
+    queue.add(_edit(3))
+    with pytest.raises(EditRefused) as refused:
+        queue.require_room()
+    assert (refused.value.code, refused.value.reason) == (Code.RESOURCE_EXHAUSTED, "TOO_MANY_PENDING_EVENTS")
+    queue.take()
+    queue.require_room()
+
+
+def test_edits_of_frames_no_window_has_touched_are_settled() -> None:
+    queue = _queue(_edit(1, 39), _edit(2, 40), _edit(3, 100))
+    assert queue.settle(0) == []
+    assert [edit.event_seq for edit in queue.settle(40)] == [2, 3]
+    assert [edit.event_seq for edit in queue.waiting] == [1]
+    assert queue.settle(40) == []
+
+
+def test_an_edit_takes_effect_where_its_plan_starts_or_where_it_asked() -> None:
+    queue = _queue()
+    assert [frame for _, frame in queue.landed([_edit(1, 10), _edit(2, 30)], 20, 20)] == [20, 30]
+
+
+def test_each_edit_is_seen_once_and_one_that_was_overtaken_never() -> None:
+    queue = _queue()
+    queue.landed([_edit(1, 10), _edit(2, 35)], 20, 20)
+    assert queue.seen(20) == []
+    assert [edit.event_seq for edit in queue.seen(30)] == [1]
+    queue.landed([_edit(3)], 32, 30)
+    assert [edit.event_seq for edit in queue.seen(100)] == [3]
+    assert queue.seen(200) == []
+
+
+def test_the_time_of_a_velocity_begins_with_the_first_window_that_obeys_the_newest() -> None:
+    old, new = Velocity(1.0, 0.0, None, 40), Velocity(2.0, 0.0, None, 40)
+    held = Conditions(velocity=new)
+    assert held.with_velocity_landed(None, 50) is held
+    assert held.with_velocity_landed(old, 50) is held
+    landed = held.with_velocity_landed(new, 50)
+    assert landed.velocity == Velocity(2.0, 0.0, None, 40, steers_from=50)
+    assert landed.with_velocity_landed(landed.velocity, 90) is landed
+    assert landed.without_past(89 + SLOWING_FRAMES) is landed
+    assert landed.without_past(90 + SLOWING_FRAMES).velocity is None

@@ -1,0 +1,103 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motiongen_server.engine.session.timeline import Timeline, TokenRun
+
+
+def _frames(begin: int, end: int) -> np.ndarray:
+    return np.repeat(np.arange(begin, end, dtype=np.float32)[:, None], 3, axis=1)
+
+
+@given(st.lists(st.tuples(st.integers(0, 50), st.integers(1, 40), st.integers(0, 60)), max_size=8))
+def test_a_timeline_is_the_list_of_frames_it_stands_for(edits: list[tuple[int, int, int]]) -> None:
+    timeline = Timeline.empty(3, 3)
+    whole: list[float] = []
+    for marker, (back, count, trim) in enumerate(edits):
+        frame = max(timeline.first, timeline.end - back)
+        rows = np.full((count, 3), marker, np.float32)
+        timeline = timeline.spliced(frame, rows, rows)
+        whole = whole[:frame] + [float(marker)] * count
+        timeline = timeline.trimmed(min(trim, timeline.end))
+        assert timeline.end == len(whole)
+        assert timeline.rows[:, 0].tolist() == whole[timeline.first :]
+        assert timeline.features[:, 0].tolist() == whole[timeline.first :]
+
+
+def test_history_is_what_comes_just_before() -> None:
+    timeline = Timeline.empty(3, 3).spliced(0, _frames(0, 40), _frames(0, 40)).trimmed(10)
+    assert timeline.features_before(20, 8)[:, 0].tolist() == list(range(12, 20))
+    assert timeline.features_before(20, 0).shape == (0, 3)
+    assert timeline.rows_between(12, 14)[:, 0].tolist() == [12, 13]
+
+
+def test_a_view_stays_true_when_the_timeline_goes_on() -> None:
+    timeline = Timeline.empty(3, 3).spliced(0, _frames(0, 40), _frames(0, 40))
+    view = timeline.rows_between(10, 20)
+    timeline.spliced(12, _frames(100, 140), _frames(100, 140)).trimmed(30)
+    assert view[:, 0].tolist() == list(range(10, 20))
+
+
+def test_what_was_trimmed_is_let_go_at_the_next_splice() -> None:
+    timeline = Timeline.empty(3, 3).spliced(0, _frames(0, 1000), _frames(0, 1000)).trimmed(990)
+    assert len(timeline.rows) == 10
+    timeline = timeline.spliced(1000, _frames(1000, 1040), _frames(1000, 1040))
+    assert (len(timeline.rows), timeline.rows.base) == (50, None)
+
+
+# ---- tokens ----------------------------------------------------------------------------------------------------------
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 50), st.integers(1, 40), st.booleans(), st.integers(0, 80)), max_size=8),
+    st.integers(0, 300),
+    st.integers(0, 8),
+)
+def test_tokens_stand_for_just_the_frames_before_or_are_not_given(
+    edits: list[tuple[int, int, bool, int]], frame: int, count: int
+) -> None:
+    """A window's token carries its window and its first frame; the frames carry the same."""
+    run = TokenRun(0, np.empty((0, 2), np.float32), 4)
+    whole: list[tuple[int, int]] = []
+    for window, (back, num_frames, known, trim) in enumerate(edits):
+        first = max(0, len(whole) - back)
+        tokens = np.array([(window, first + offset) for offset in range(0, 40, 4)], np.float32)
+        run = run.spliced(first, tokens if known else None, num_frames).trimmed(trim)
+        whole = whole[:first] + [(window, first + offset // 4 * 4) for offset in range(num_frames)]
+    given_tokens = run.before(frame, 4 * count)
+    if given_tokens is not None:
+        assert len(given_tokens) == count
+        frames = whole[frame - 4 * count : frame]
+        assert [tuple(token) for token in given_tokens for _ in range(4)] == frames
+
+
+def test_tokens_of_windows_on_one_grid_join_and_others_begin_anew() -> None:
+    tokens = np.arange(20, dtype=np.float32).reshape(10, 2)
+    run = TokenRun(0, tokens[:0], 4).spliced(0, tokens, 40).spliced(40, tokens, 40)
+    assert (run.first, run.end) == (0, 80)
+    joined = run.spliced(60, tokens, 40)
+    assert (joined.first, joined.end) == (0, 100)
+    assert joined.before(64, 16) is not None
+    anew = run.spliced(61, tokens, 39)
+    assert (anew.first, anew.end) == (61, 97)
+    assert anew.before(73, 16) is None
+    assert anew.before(77, 16) is not None
+
+
+def test_a_held_pose_repeats_the_last_row_and_histories_do_not_see_it() -> None:
+    frames = _frames(0, 40)
+    timeline = Timeline.empty(3, 3, 1, 4).spliced(0, frames, frames, frames[::4, :1])
+    held = timeline.held(6)
+    assert (held.end, held.motion_from) == (46, 6)
+    assert held.rows[:, 0].tolist() == [*range(40), *[39] * 6]
+    assert held.features_before(46, 16)[:, 0].tolist() == list(range(24, 40))
+    tokens = held.tokens_before(46, 16)
+    assert tokens is not None
+    assert tokens[:, 0].tolist() == [24, 28, 32, 36]
+    assert timeline.end == 40
+
+
+def test_frames_made_anew_bound_the_history() -> None:
+    timeline = Timeline.empty(3, 3).spliced(0, _frames(0, 40), _frames(0, 40))
+    assert timeline.spliced(30, _frames(30, 70), _frames(30, 70)).motion_from == 0
+    assert timeline.spliced(30, _frames(30, 70), _frames(30, 70), anew=True).motion_from == 30

@@ -1,0 +1,122 @@
+"""What a test hears of a remote engine, and what it tells one."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from motiongen_server.config import ServerConfig
+from motiongen_server.engine.scheduling.report import StepReport
+from motiongen_server.engine.types import (
+    Chunk,
+    Close,
+    Closed,
+    Guidance,
+    Open,
+    Outcome,
+    Output,
+    Playhead,
+    Priority,
+    SessionKey,
+    SessionSpec,
+    SetPlayState,
+    StartPose,
+)
+from motiongen_server.engine.types import PlayState as State
+from motiongen_server.engine_process.gateway import RemoteEngine
+
+LIMIT_S = 30.0
+KEY = SessionKey(1, 1)
+
+
+class Audience:
+    """Keeps every output and report; a test waits until what it has heard is enough."""
+
+    def __init__(self) -> None:
+        self.outputs: list[Output] = []
+        self.reports: list[StepReport] = []
+        self._heard = threading.Condition()
+
+    def deliver(self, outputs: Sequence[Output]) -> None:
+        with self._heard:
+            self.outputs += outputs
+            self._heard.notify_all()
+
+    def observe(self, report: StepReport) -> None:
+        with self._heard:
+            self.reports.append(report)
+            self._heard.notify_all()
+
+    def wait_for(self, enough: Callable[[Audience], object]) -> None:
+        """Raises AssertionError when that does not come."""
+        with self._heard:
+            assert self._heard.wait_for(lambda: bool(enough(self)), LIMIT_S), self.outputs
+
+    def of(self, kind: type, key: SessionKey = KEY) -> list[Output]:
+        """All outputs of a kind for a session so far."""
+        with self._heard:
+            return [output for output in self.outputs if type(output) is kind and output.session == key]
+
+    def wait_for_frames(self, num_frames: int, key: SessionKey = KEY) -> None:
+        self.wait_for(lambda heard: sum(len(c.rows) for c in heard.of(Chunk, key)) >= num_frames)  # type: ignore[attr-defined]
+
+    def wait_for_end(self, key: SessionKey = KEY) -> Closed:
+        self.wait_for(lambda heard: heard.of(Closed, key))
+        closed = self.of(Closed, key)[-1]
+        assert isinstance(closed, Closed)
+        return closed
+
+    def answers(self, key: SessionKey = KEY) -> list[tuple[int, str]]:
+        """(event_seq, code) of each outcome, in order."""
+        return [(o.event_seq, o.code.name) for o in self.of(Outcome, key) if isinstance(o, Outcome)]
+
+
+def command(how: str) -> list[str]:
+    return [sys.executable, "-m", "tests.server.engine_process.fake_engine", how]
+
+
+@contextmanager
+def remote(
+    how: str = "nothing", hung_s: float = LIMIT_S, **settings: object
+) -> Iterator[tuple[RemoteEngine, Audience]]:
+    """A started engine process with the fake runner, ended when the test is over."""
+    audience = Audience()
+    config = ServerConfig(**settings)  # type: ignore[arg-type]
+    engine = RemoteEngine(config, audience.deliver, audience.observe, command(how), hung_s)
+    engine.load()
+    engine.start()
+    try:
+        yield engine, audience
+    finally:
+        engine.stop()
+        assert engine.join(LIMIT_S)
+
+
+def opening(key: SessionKey = KEY, seed: int = 1) -> Open:
+    spec = SessionSpec(key, seed, "fake", Priority.HERO, 40, 4, Guidance(1.0, 1.0), StartPose())
+    return Open(spec, 1, time.monotonic())
+
+
+def playhead(frame: int, key: SessionKey = KEY) -> Playhead:
+    return Playhead(key, 0, time.monotonic(), frame, frame + 10, 0)
+
+
+def play(seq: int, key: SessionKey = KEY) -> SetPlayState:
+    return SetPlayState(key, seq, time.monotonic(), State.PLAYING)
+
+
+def close(seq: int, key: SessionKey = KEY) -> Close:
+    return Close(key, seq, time.monotonic())
+
+
+def is_gone(pid: int) -> bool:
+    """Whether a process has ended; one that nobody has waited for yet counts as ended."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return True
+    return state == "Z"

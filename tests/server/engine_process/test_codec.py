@@ -1,0 +1,157 @@
+"""Every value that crosses between the processes comes out as it went in; what is no such value is refused."""
+
+from __future__ import annotations
+
+import typing
+from dataclasses import dataclass, fields, is_dataclass
+from enum import Enum
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from numpy.typing import NDArray
+
+from motiongen_server.config import ServerConfig
+from motiongen_server.engine_process import messages
+from motiongen_server.engine_process.codec import DTYPES, Codec, CodecError
+from motiongen_server.engine_process.messages import GREETING, SCHEMA, TO_ENGINE, TO_GATEWAY
+
+PLAIN = {
+    int: st.integers(-(2**63), 2**64 - 1),
+    float: st.floats(),
+    str: st.text(),
+    bool: st.booleans(),
+    bytes: st.binary(),
+    type(None): st.none(),
+}
+FLOATS = arrays.arrays(np.float32, arrays.array_shapes(min_dims=1, max_dims=3, min_side=0, max_side=5))
+
+
+def values(hint: typing.Any) -> st.SearchStrategy[typing.Any]:
+    """Any value of a type, found out anew from the hints."""
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if hint in PLAIN:
+        return PLAIN[hint]
+    if hint is ServerConfig:
+        return st.builds(ServerConfig, port=st.integers(0, 65535), host=st.text(), reflection=st.booleans())
+    if origin is np.ndarray:
+        return FLOATS
+    if origin is tuple and arguments[-1] is not Ellipsis:
+        return st.tuples(*map(values, arguments))
+    if origin in (tuple, list, typing.get_origin(typing.Sequence[int])):
+        items = st.lists(values(arguments[0]), max_size=3)
+        return items if origin is list else items.map(tuple)
+    if origin in (dict, typing.get_origin(typing.Mapping[int, int])):
+        return st.dictionaries(values(arguments[0]), values(arguments[1]), max_size=3)
+    if arguments:
+        return st.one_of(*map(values, arguments))
+    if issubclass(hint, Enum):
+        return st.sampled_from(hint)
+    return st.builds(hint, **{name: values(each) for name, each in typing.get_type_hints(hint).items()})
+
+
+def same(left: object, right: object) -> bool:
+    """Equal in type and content, arrays and NaN too."""
+    if type(left) is not type(right):
+        return False
+    if isinstance(left, np.ndarray):
+        assert isinstance(right, np.ndarray)
+        return left.dtype == right.dtype and left.shape == right.shape and left.tobytes() == right.tobytes()
+    if is_dataclass(left):
+        return all(same(getattr(left, field.name), getattr(right, field.name)) for field in fields(left))
+    if isinstance(left, (list, tuple)):
+        assert isinstance(right, (list, tuple))
+        return len(left) == len(right) and all(map(same, left, right))
+    return repr(left) == repr(right)  # NaN is NaN, and 0.0 is not -0.0
+
+
+CODECS = {
+    **dict.fromkeys(typing.get_args(messages.ToEngine), TO_ENGINE),
+    **dict.fromkeys(typing.get_args(messages.ToGateway), TO_GATEWAY),
+    messages.Greeting: GREETING,
+}
+
+
+@pytest.mark.parametrize("kind", CODECS, ids=lambda kind: kind.__name__)
+@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow])
+@given(data=st.data())
+def test_every_message_comes_out_as_it_went_in(kind: type, data: st.DataObject) -> None:
+    message = data.draw(values(kind))
+    assert same(CODECS[kind].decode(CODECS[kind].encode(message)), message)
+
+
+@pytest.mark.parametrize("name", ["Event", "Output", "Constraint"])
+def test_all_of_the_engines_values_are_among_them(name: str) -> None:
+    import motiongen_server.engine.types as engine_types
+
+    known = "\n".join(TO_ENGINE.table + TO_GATEWAY.table)
+    for kind in typing.get_args(getattr(engine_types, name)):
+        assert kind.__name__ in known
+
+
+@dataclass(frozen=True)
+class Row:
+    values: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Wider:
+    values: NDArray[np.float32]
+    more: int = 0
+
+
+ROWS = Codec(Row)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_arrays_keep_type_and_shape_whatever_their_memory_looks_like(dtype: np.dtype[typing.Any]) -> None:
+    plain = np.arange(12).reshape(3, 4).astype(dtype)
+    for array in (plain, plain.T, plain[:, ::2], plain[::-1], plain[:0], plain.astype(dtype.newbyteorder(">"))):
+        decoded = ROWS.decode(ROWS.encode(Row(array))).values
+        assert (decoded.dtype, decoded.shape) == (dtype, array.shape)
+        assert (decoded == array).all()
+        assert decoded.flags.writeable
+
+
+def test_a_numpy_number_in_a_field_crosses_as_a_number() -> None:
+    codec = Codec(Wider)
+    decoded = codec.decode(codec.encode(Wider(np.zeros(1, np.float32), np.int64(7))))  # type: ignore[arg-type]
+    assert decoded.more == 7
+    assert type(decoded.more) is int
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"", b"\xc1", b"\x00", b"\x92\x07\x90", b"\x92\xff\x90", ROWS.encode(Row(np.zeros(3, np.float32)))[:-2]],
+    ids=["nothing", "no msgpack", "no message", "no such message", "a negative number", "half"],
+)
+def test_what_is_no_message_is_refused(data: bytes) -> None:
+    with pytest.raises(CodecError, match="no message of schema"):
+        ROWS.decode(data)
+
+
+@pytest.mark.parametrize(
+    "message", [Row(np.array(["a"])), Row(None), "walk"], ids=["text in an array", "no array", "no message"]
+)
+def test_what_no_type_can_hold_is_refused(message: typing.Any) -> None:
+    with pytest.raises(CodecError, match="cannot encode"):
+        ROWS.encode(message)
+    assert len(ROWS.decode(ROWS.encode(Row(np.zeros(3, np.float32)))).values) == 3, "the one after it is not spoilt"
+
+
+def test_a_field_without_a_place_in_the_table_is_an_error_at_once() -> None:
+    @dataclass
+    class Odd:
+        call: typing.Callable[[], None]
+
+    with pytest.raises(TypeError, match="cannot cross between processes"):
+        Codec(Odd)
+
+
+def test_the_schema_changes_with_the_fields_and_only_with_them() -> None:
+    assert Codec(Row).schema == ROWS.schema
+    assert Codec(Wider).schema != ROWS.schema
+    assert Codec(Row, Wider).schema != Codec(Wider, Row).schema
+    assert f"{TO_ENGINE.schema}-{TO_GATEWAY.schema}" == SCHEMA

@@ -1,0 +1,106 @@
+"""An engine in a process of its own does what one in this process does, within the same bounds."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+from motiongen_server.engine.types import Chunk, Closed, CloseReason, Opened, Outcome, SessionKey
+from tests.server.engine.fakes import FRAME, PLAN, SEED
+from tests.server.engine_process.audience import KEY, close, opening, play, playhead, remote
+
+
+def test_a_session_from_open_to_close() -> None:
+    with remote() as (engine, audience):
+        assert engine.submit(opening(seed=7)) is None
+        audience.wait_for_frames(40)
+        assert type(audience.outputs[0]) is Opened
+        assert engine.submit(playhead(30)) is None
+        audience.wait_for_frames(60)
+        rows = [row for chunk in audience.of(Chunk) if isinstance(chunk, Chunk) for row in chunk.rows]
+        assert [row[FRAME] for row in rows[:40]] == list(range(40))
+        assert {row[SEED] for row in rows} == {7}
+        assert rows[0][PLAN] == 1
+        assert engine.submit(play(2)) is None
+        audience.wait_for(lambda heard: heard.answers() == [(2, "OK")])
+        assert engine.num_sessions == 1
+        assert engine.submit(close(3)) is None
+        assert audience.wait_for_end().reason is CloseReason.CLIENT
+        assert engine.num_sessions == 0
+        audience.wait_for(lambda heard: sum(len(report.opens) for report in heard.reports) == 1)
+        assert engine.failure is None
+
+
+def test_refusals_of_the_engine_come_back_and_its_limits_hold() -> None:
+    other = SessionKey(1, 2)
+    with remote(max_sessions=1) as (engine, audience):
+        for event in (opening(), opening(other), play(2, other), close(3, other), play(2)):
+            assert engine.submit(event) is None
+        audience.wait_for(lambda heard: heard.answers() == [(2, "OK")] and len(heard.answers(other)) == 3)
+        codes = dict(audience.answers(other))
+        assert codes[1] == "RESOURCE_EXHAUSTED"
+        assert sorted(codes) == [1, 2, 3]
+        assert "OK" not in codes.values()
+        assert engine.num_sessions == 1
+
+
+def test_what_waits_for_an_engine_that_does_not_take_it_is_bounded_and_nothing_is_lost() -> None:
+    with remote() as (engine, audience):
+        engine.submit(opening())
+        audience.wait_for_frames(40)
+        assert engine.pid is not None
+        os.kill(engine.pid, signal.SIGSTOP)
+        try:
+            refused: Outcome | None = None
+            seq = 1
+            while refused is None and seq < 100_000:
+                seq += 1
+                refused = engine.submit(play(seq))
+        finally:
+            os.kill(engine.pid, signal.SIGCONT)
+        assert refused is not None, "so many events were taken"
+        assert refused.reason == "TOO_MANY_PENDING_EVENTS"
+        audience.wait_for(lambda heard: len(heard.answers()) == seq - 2)
+        assert audience.answers() == [(number, "OK") for number in range(2, seq)]
+
+
+def test_a_close_overtakes_events_and_each_still_gets_its_answer_before_the_end() -> None:
+    with remote() as (engine, audience):
+        engine.submit(opening())
+        audience.wait_for_frames(40)
+        assert engine.pid is not None
+        os.kill(engine.pid, signal.SIGSTOP)
+        try:
+            taken = [seq for seq in range(2, 40) if engine.submit(play(seq)) is None]
+            assert engine.submit(close(40)) is None
+        finally:
+            os.kill(engine.pid, signal.SIGCONT)
+        audience.wait_for_end()
+        assert sorted(seq for seq, _ in audience.answers()) == taken
+        assert type(audience.outputs[-1]) is Closed
+
+
+def test_a_key_can_be_used_again_at_once() -> None:
+    with remote() as (engine, audience):
+        for seed in range(1, 6):
+            engine.submit(opening(seed=seed))
+            engine.submit(close(2))
+            audience.wait_for(lambda heard, number=seed: len(heard.of(Closed)) == number)
+        engine.submit(opening(seed=9))
+        audience.wait_for(lambda heard: any(c.rows[0, SEED] == 9 for c in heard.of(Chunk)))  # type: ignore[attr-defined]
+        assert engine.num_sessions == 1
+
+
+def test_draining_it_opens_nothing_more_and_stopped_it_closes_what_is_open() -> None:
+    other = SessionKey(1, 2)
+    with remote() as (engine, audience):
+        engine.submit(opening())
+        audience.wait_for_frames(40)
+        engine.drain()
+        refusal = engine.submit(opening(other))
+        assert refusal is not None
+        assert (refusal.code.name, refusal.reason) == ("UNAVAILABLE", "DRAINING")
+        engine.submit(playhead(30))
+        audience.wait_for_frames(60)
+    assert audience.wait_for_end(KEY).reason is CloseReason.DRAINED
+    assert engine.failure is None

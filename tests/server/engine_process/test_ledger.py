@@ -1,0 +1,112 @@
+"""Nobody is left without an answer: the books of the gateway, by hand."""
+
+from __future__ import annotations
+
+import pytest
+
+from motiongen_server.engine.types import (
+    Chunk,
+    Closed,
+    CloseReason,
+    Code,
+    Event,
+    Opened,
+    Outcome,
+    Output,
+    SessionKey,
+)
+from motiongen_server.engine_process.ledger import Ledger
+from tests.server.engine_process.audience import KEY, close, opening, play, playhead
+
+OTHER = SessionKey(1, 2)
+OPENED = Opened(KEY, 1, 0, 40, 5, 4, "tiny", "stick", 20)
+
+
+def closed(reason: CloseReason = CloseReason.CLIENT) -> Closed:
+    return Closed(KEY, reason, Code.OK, "", 0, 0)
+
+
+def outcome(seq: int, code: Code = Code.OK) -> Outcome:
+    return Outcome(KEY, seq, code)
+
+
+def noted(*events: Event, send: bool = True) -> Ledger:
+    ledger = Ledger()
+    for event in events:
+        ledger.note(event)
+    if send:
+        ledger.number([event for event in events if not ledger.goes_ahead(event)])
+    return ledger
+
+
+def answers(outputs: list[Output]) -> list[tuple[int, str]]:
+    return [(output.event_seq, output.code.name) for output in outputs if isinstance(output, Outcome)]
+
+
+def test_what_the_engine_answers_is_passed_on_as_it_is() -> None:
+    ledger = noted(opening(), play(2), playhead(3))
+    outputs: list[Output] = [OPENED, outcome(2), closed()]
+    assert ledger.settle(outputs) == outputs
+    assert len(ledger) == 0
+
+
+def test_events_that_the_end_has_overtaken_are_answered_before_it() -> None:
+    ledger = noted(opening(), play(2), play(3))
+    settled = ledger.settle([OPENED, outcome(2), closed()])
+    assert answers(settled) == [(2, "OK"), (3, "CANCELLED")]
+    assert isinstance(settled[-1], Closed)
+
+
+def test_of_a_closing_session_nothing_more_is_sent_than_its_open() -> None:
+    ledger = Ledger()
+    events = [opening(), play(2), play(3)]
+    for event in [*events, close(4)]:
+        ledger.note(event)
+    assert ledger.take_closes() == [], "the engine would not know whose it is"
+    assert ledger.number(events) == (1, events[:1])
+    ((sent, opened, last),) = ledger.take_closes()
+    assert (sent.event_seq, opened, last) == (4, 1, 1)
+    assert answers(ledger.settle([OPENED, closed()])) == [(2, "CANCELLED"), (3, "CANCELLED")]
+
+
+@pytest.mark.parametrize("close_is_sent", [False, True])
+def test_a_refused_open_leaves_nothing_unanswered(close_is_sent: bool) -> None:
+    ledger = Ledger()
+    for event in (opening(), play(2)):
+        ledger.note(event)
+    ledger.number([opening(), play(2)])  # both are sent
+    ledger.note(play(3))
+    ledger.note(close(4))
+    ledger.number([play(3)])  # held back, since the session is closing
+    assert not close_is_sent or ledger.take_closes()
+    settled = ledger.settle([outcome(1, Code.RESOURCE_EXHAUSTED), outcome(2, Code.NOT_FOUND)])
+    if close_is_sent:
+        settled += ledger.settle([outcome(4, Code.NOT_FOUND)])
+    else:
+        assert ledger.take_closes() == []
+    assert sorted(seq for seq, _ in answers(settled)) == [1, 2, 3, 4]
+    assert len(ledger) == 0
+    assert ledger.end_all(CloseReason.ENGINE_FAULT, "") == []
+
+
+def test_without_an_engine_every_session_ends_and_every_event_is_answered() -> None:
+    ledger = noted(opening(), play(2), opening(OTHER), play(2, OTHER))
+    ledger.note(close(3, OTHER))
+    ledger.settle([OPENED, Chunk(KEY, 1, 0, [0] * 12, 3)])  # type: ignore[arg-type]
+    ended = ledger.end_all(CloseReason.ENGINE_FAULT, "gone")
+    mine = [output for output in ended if output.session == KEY]
+    assert answers(mine) == [(2, "CANCELLED")]
+    assert mine[-1] == Closed(KEY, CloseReason.ENGINE_FAULT, Code.UNAVAILABLE, "gone", 12, 0)
+    others = [output for output in ended if output.session == OTHER]
+    assert answers(others) == [(1, "UNAVAILABLE"), (2, "CANCELLED"), (3, "CANCELLED")]
+    assert isinstance(others[0], Outcome)
+    assert others[0].retry_after_s is not None
+    assert ledger.end_all(CloseReason.ENGINE_FAULT, "gone") == []
+
+
+def test_a_session_after_a_lost_engine_begins_from_nothing() -> None:
+    ledger = noted(opening(), play(2))
+    ledger.end_all(CloseReason.ENGINE_FAULT, "gone")
+    ledger.note(opening())
+    assert ledger.number([opening()])[0] == 1
+    assert ledger.settle([OPENED, closed()]) == [OPENED, closed()]

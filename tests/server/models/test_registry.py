@@ -1,0 +1,86 @@
+"""Which model an OpenSession gets, and what the catalogue says of several."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from motiongen_server.engine.types import Code, Guidance, ModelFacts
+from motiongen_server.errors import EventRefused
+from motiongen_server.models.registry import ModelRegistry, Served
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.event_errors import model_failed
+from motiongen_server.rpc.limits import Limits
+from motiongen_server.text.prompts import PromptEncoder
+from tests.contract.local import LengthEncoder
+from tests.server.engine.fakes import FACTS
+
+
+class NoEngine:
+    def submit(self, event: object) -> None:
+        raise AssertionError("nothing is submitted here")
+
+
+def served(model_id: str, rig_id: str = "fake") -> Served:
+    facts: ModelFacts = replace(FACTS, model_id=model_id, rig=replace(FACTS.rig, rig_id=rig_id))
+    catalog = Catalog(facts, Limits(), Guidance(2.0, 2.0), "CC0-1.0", "length-1", history_frames=16)
+    return Served(NoEngine(), PromptEncoder(LengthEncoder(), 1), catalog)
+
+
+def test_the_first_is_the_default_and_the_others_go_by_name() -> None:
+    first, second = served("one"), served("two")
+    models = ModelRegistry(first)
+    models.put(second)
+    assert [models.find(name) for name in ("", "one", "two")] == [first, first, second]
+
+
+def test_a_model_that_is_not_there_is_refused_with_those_that_are() -> None:
+    models = ModelRegistry(served("one"))
+    models.put(served("two"))
+    with pytest.raises(EventRefused, match="no model 'three' is served") as refused:
+        models.find("three")
+    assert (refused.value.code, refused.value.reason) == (Code.NOT_FOUND, "UNKNOWN_MODEL")
+    assert (refused.value.field, refused.value.allowed) == ("open.model_id", "one, two")
+
+
+def test_a_model_that_takes_no_sessions_says_why_by_name_and_as_the_default() -> None:
+    first = served("one")
+    models = ModelRegistry(first)
+    models.put(served("two"))
+    first.refusal = model_failed("one")
+    for name in ("", "one"):
+        with pytest.raises(EventRefused) as refused:
+            models.find(name)
+        assert refused.value.reason == "MODEL_FAILED"
+    assert models.find("two").model_id == "two"
+
+
+def test_the_catalogue_lists_all_models_and_each_rig_once() -> None:
+    models = ModelRegistry(served("one"))
+    before = models.catalog_response("")
+    models.put(served("two"))
+    models.put(served("three", "robot"))
+    after = models.catalog_response(before.catalog_etag)
+    assert [model.model_id for model in after.models] == ["one", "two", "three"]
+    assert [rig.rig_id for rig in after.rigs] == ["fake", "robot"]
+    assert after.limits == before.limits
+    assert not models.catalog_response(after.catalog_etag).models
+
+
+def test_one_that_is_removed_is_offered_no_more_and_the_next_is_the_default() -> None:
+    first, second = served("one"), served("two", "robot")
+    models = ModelRegistry(first)
+    models.put(second)
+    models.remove(first)
+    assert (models.find(""), len(models)) == (second, 1)
+    assert [rig.rig_id for rig in models.catalog_response("").rigs] == ["robot"]
+
+
+def test_one_that_was_replaced_is_not_removed_by_what_it_was_before() -> None:
+    old, new = served("one"), served("one")
+    models = ModelRegistry(old)
+    models.put(served("two"))
+    models.put(new)
+    models.remove(old)
+    assert models.find("") is models.find("one") is new

@@ -1,0 +1,40 @@
+"""Memory that is kept: a block that was freed is there again without the operating system."""
+
+from __future__ import annotations
+
+import gc
+import resource
+import subprocess
+import sys
+
+from motiongen_server.ops.memory import COLLECT_EVERY, settled_objects
+
+LARGE = 4 << 20
+SCRIPT = f"""
+import resource
+from motiongen_server.ops.memory import keep_freed_memory
+
+def faults():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+
+kept = keep_freed_memory()
+bytes({LARGE}).count(1)
+before = faults()
+for _ in range(20):
+    (b"x" * {LARGE}).count(1)
+print(int(kept), faults() - before)
+"""
+
+
+def test_large_blocks_are_not_faulted_in_again_and_again() -> None:
+    ran = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
+    kept, faults = map(int, ran.stdout.split())
+    assert not kept or faults < 2 * LARGE / resource.getpagesize()
+
+
+def test_objects_that_are_there_are_settled_for_a_while_and_no_longer() -> None:
+    before = gc.get_threshold()
+    with settled_objects():
+        assert gc.get_freeze_count() > 1000
+        assert gc.get_threshold() == COLLECT_EVERY
+    assert (gc.get_freeze_count(), gc.get_threshold()) == (0, before)

@@ -1,0 +1,178 @@
+"""Metrics: all have the prefix, none stays unset, and a step report's numbers arrive."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from prometheus_client import Metric, generate_latest
+from prometheus_client.parser import text_string_to_metric_families
+
+from motiongen_server.engine.scheduling.report import EventLatency, StepReport
+from motiongen_server.engine.types import CloseReason, Code, PlanCause, PlayState, Priority, ServiceTier
+from motiongen_server.ops.metrics import Metrics
+
+SET_BY_THE_APPLICATION = {
+    "motiongen_build_info",
+    "motiongen_clips",
+    "motiongen_clip_seconds",
+    "motiongen_prompt_encode_seconds",
+    "motiongen_prompts",
+    "motiongen_prompts_waiting",
+    "motiongen_engine_heartbeat_age_seconds",
+    "motiongen_admission_rejects",
+    "motiongen_slow_reader_closes",
+    "motiongen_frames_dropped",
+    "motiongen_streams",
+    "motiongen_outbound_queue_bytes",
+}
+OF_THE_PROCESS = "process_"
+
+
+def full_report() -> StepReport:
+    """A step in which everything happened."""
+    return StepReport(
+        rows=3,
+        bucket=4,
+        prepare_seconds=0.001,
+        step_seconds=0.02,
+        decode_seconds=0.003,
+        queue_waits=[0.01, 0.02],
+        slacks=[(Priority.NEAR, 0.7)],
+        deadlines=[Priority.HERO, Priority.HERO],
+        windows=[(Priority.NEAR, PlanCause.EDIT)],
+        deadline_misses=[Priority.HERO],
+        frames_sent=40,
+        memory_splits=1,
+        soft_resets=2,
+        frames_held=8,
+        load=0.7,
+        tiers={Priority.CROWD: ServiceTier.HOLD},
+        frames_superseded=7,
+        windows_discarded=1,
+        windows_restarted=2,
+        nan_rows=1,
+        runner_faults=1,
+        client_underruns=[(Priority.CROWD, 5)],
+        event_latencies=[EventLatency(Priority.NEAR, "prompt", 0.12)],
+        opens=[Code.OK, Code.RESOURCE_EXHAUSTED],
+        closes=[CloseReason.CLIENT],
+        sessions={(Priority.NEAR, PlayState.PLAYING): 6},
+    )
+
+
+def value_of(metrics: Metrics, name: str, **labels: str) -> float | None:
+    """Of the engine of the model "tiny"."""
+    return metrics.registry.get_sample_value(name, {"model": "tiny", **labels})
+
+
+def families(metrics: Metrics) -> dict[str, Metric]:
+    return {family.name: family for family in metrics.registry.collect()}
+
+
+def touched(family: Metric) -> bool:
+    values = [sample.value for sample in family.samples if not sample.name.endswith("_created")]
+    return any(value > 0 for value in values)
+
+
+def test_every_metric_has_the_prefix_and_a_meaning() -> None:
+    for name, family in families(Metrics()).items():
+        assert name.startswith(("motiongen_", OF_THE_PROCESS))
+        assert family.documentation.endswith(".")
+
+
+def test_a_full_report_sets_every_metric_that_the_application_does_not() -> None:
+    metrics = Metrics()
+    metrics.of_model("tiny").observe(full_report())
+    untouched = {name for name, family in families(metrics).items() if not touched(family)}
+    untouched = {name for name in untouched if not name.startswith(OF_THE_PROCESS)}
+    assert untouched == SET_BY_THE_APPLICATION
+
+
+def test_the_numbers_arrive() -> None:
+    metrics = Metrics()
+    metrics.of_model("tiny").observe(full_report())
+    metrics.of_model("tiny").observe(full_report())
+    value = partial(value_of, metrics)
+    assert value("motiongen_frames_sent_total") == 80
+    assert value("motiongen_batch_rows_sum") == 6
+    assert value("motiongen_step_seconds_count", **{"bucket": "4"}) == 2
+    assert value("motiongen_windows_total", **{"class": "NEAR", "cause": "EDIT"}) == 2
+    assert value("motiongen_client_underruns_total", **{"class": "CROWD"}) == 10
+    assert value("motiongen_session_opens_total", **{"code": "RESOURCE_EXHAUSTED"}) == 2
+    assert value("motiongen_event_first_frame_seconds_sum", **{"class": "NEAR", "kind": "prompt"}) == 0.24
+    assert value("motiongen_sessions", **{"class": "NEAR", "state": "PLAYING"}) == 6
+
+
+def test_what_the_streams_count_arrives() -> None:
+    metrics = Metrics()
+    metrics.reject("OVERLOADED")
+    metrics.give_up_on_reader()
+    metrics.drop_frames(12)
+    value = metrics.registry.get_sample_value
+    assert value("motiongen_admission_rejects_total", {"reason": "OVERLOADED"}) == 1
+    assert value("motiongen_slow_reader_closes_total") == 1
+    assert value("motiongen_frames_dropped_total") == 12
+
+
+def test_where_prompts_came_from_is_counted() -> None:
+    metrics = Metrics()
+    for source in ("store", "encoder", "encoder", "TEXT_ENCODER_SLOW"):
+        metrics.count_prompt(source)
+    value = metrics.registry.get_sample_value
+    assert value("motiongen_prompts_total", {"source": "encoder"}) == 2
+    assert value("motiongen_prompts_total", {"source": "TEXT_ENCODER_SLOW"}) == 1
+
+
+def test_the_tier_of_every_class_is_there_from_the_start_and_follows_the_reports() -> None:
+    metrics = Metrics()
+    metrics.of_model("tiny")
+    value = partial(value_of, metrics)
+    assert [value("motiongen_service_tier", **{"class": priority.name}) for priority in Priority] == [1] * len(Priority)
+    metrics.of_model("tiny").observe(full_report())
+    assert value("motiongen_service_tier", **{"class": "CROWD"}) == ServiceTier.HOLD.value
+
+
+def test_the_memory_of_the_process_is_told() -> None:
+    assert (Metrics().registry.get_sample_value("process_resident_memory_bytes") or 0) > 1 << 20
+
+
+def test_a_step_without_rows_is_no_denoising_step() -> None:
+    metrics = Metrics()
+    metrics.of_model("tiny").observe(StepReport())
+    assert value_of(metrics, "motiongen_batch_rows_count") == 0
+
+
+def test_every_class_and_state_is_there_from_the_start_and_falls_back_to_0() -> None:
+    metrics = Metrics()
+    metrics.of_model("tiny")
+    value = partial(value_of, metrics)
+    for priority in Priority:
+        for state in PlayState:
+            assert value("motiongen_sessions", **{"class": priority.name, "state": state.name}) == 0
+    metrics.of_model("tiny").observe(full_report())
+    metrics.of_model("tiny").observe(StepReport(sessions={}))
+    assert value("motiongen_sessions", **{"class": "NEAR", "state": "PLAYING"}) == 0
+
+
+def test_models_are_told_apart_and_one_that_is_gone_is_told_no_more() -> None:
+    metrics = Metrics()
+    metrics.of_model("tiny").observe(full_report())
+    for _ in range(2):
+        metrics.of_model("large").observe(full_report())
+    value = metrics.registry.get_sample_value
+    assert value("motiongen_frames_sent_total", {"model": "tiny"}) == 40
+    assert value("motiongen_frames_sent_total", {"model": "large"}) == 80
+    metrics.forget_model("tiny")
+    assert value("motiongen_frames_sent_total", {"model": "tiny"}) is None
+    assert value("motiongen_frames_sent_total", {"model": "large"}) == 80
+    assert (metrics.load_of("large"), metrics.load_of("tiny")) == (0.7, 0.0)
+
+
+def test_what_is_served_is_what_prometheus_can_read() -> None:
+    metrics = Metrics()
+    for model_id in ("tiny", "large"):
+        metrics.of_model(model_id).observe(full_report())
+    text = generate_latest(metrics.registry).decode()
+    names = [family.name for family in text_string_to_metric_families(text)]
+    assert len(names) == len(set(names))
+    assert 'motiongen_step_seconds_count{bucket="4",model="large"} 1.0' in text

@@ -1,0 +1,217 @@
+"""What a stream does with the order, the pace and the end of a session's events, before the engine sees them."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from motiongen.v1 import motion_pb2, service_pb2, session_pb2
+from motiongen_server.engine.types import (
+    ChannelBlock,
+    Close,
+    Closed,
+    CloseReason,
+    Code,
+    Event,
+    Guidance,
+    ModelFacts,
+    Open,
+    Opened,
+    Outcome,
+    Playhead,
+    RigLayout,
+    SetPrompts,
+)
+from motiongen_server.models.registry import ModelRegistry, Served
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.limits import Limits
+from motiongen_server.rpc.stream import Stream
+
+HANDLE = 7
+
+
+def make_catalog(**limits: float) -> Catalog:
+    rig = RigLayout("stick", ("root",), (-1,), np.zeros((1, 3), np.float32), (ChannelBlock("root_translation_m", 3),))
+    facts = ModelFacts(
+        model_id="tiny",
+        rig=rig,
+        fps=20,
+        horizon=40,
+        patch=4,
+        feature_dim=8,
+        max_window_frames=200,
+        min_steps=2,
+        max_steps=10,
+        default_steps=4,
+        embedding_dim=3,
+    )
+    return Catalog(facts, Limits(**limits), Guidance(2.0, 2.0), "CC0-1.0", "counted", history_frames=16)  # type: ignore[arg-type]
+
+
+@dataclass
+class Prompts:
+    """An encoder that knows no text until the test lets it go on."""
+
+    go: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def cached(self, text: str) -> NDArray[np.float32] | None:
+        return np.ones(3, np.float32) if self.go.is_set() else None
+
+    async def encode(self, text: str) -> NDArray[np.float32]:
+        await self.go.wait()
+        return np.ones(3, np.float32)
+
+
+@dataclass
+class Engine:
+    """Notes what it is given."""
+
+    events: list[Event] = field(default_factory=list)
+
+    def submit(self, event: Event) -> Outcome | None:
+        self.events.append(event)
+        return None
+
+    def kinds(self) -> list[type]:
+        return [type(event) for event in self.events]
+
+
+@dataclass
+class Line:
+    """A stream between a client and an engine, both played by the test."""
+
+    catalog: Catalog = field(default_factory=make_catalog)
+    engine: Engine = field(default_factory=Engine)
+    prompts: Prompts = field(default_factory=Prompts)
+
+    def __post_init__(self) -> None:
+        self.stream = Stream(1, ModelRegistry(Served(self.engine, self.prompts, self.catalog)))  # type: ignore[arg-type]
+        self.heard: list[session_pb2.SessionUpdate] = []
+
+    def send(self, event_seq: int, **event: object) -> None:
+        message = session_pb2.SessionEvent(session=HANDLE, event_seq=event_seq, **event)  # type: ignore[arg-type]
+        self.stream.receive(message, time.monotonic())
+
+    def open(self) -> None:
+        """Open a session, and let the engine say so."""
+        self.send(1, open=session_pb2.OpenSession(request_id="first"))
+        self.stream.take(Opened(self.engine.events[-1].session, 1, 0, 40, 4, 4, "tiny", "stick", 20))
+
+    async def encoded(self) -> None:
+        """Let the encoder go on until nothing waits for it."""
+        self.stream.ready.clear()
+        self.prompts.go.set()
+        await self.stream.ready.wait()
+
+    def updates(self) -> list[session_pb2.SessionUpdate]:
+        """All that was said so far."""
+        while (response := self.stream.next_response()) is not None:
+            self.heard.extend(service_pb2.StreamMotionResponse.FromString(response).updates)
+        return self.heard
+
+    def refusals(self) -> list[tuple[int, str]]:
+        """Number and reason of each refused event."""
+        outcomes = [update.outcome for update in self.updates() if update.HasField("outcome")]
+        return [(outcome.event_seq, outcome.reason) for outcome in outcomes if outcome.code != Code.OK]
+
+
+PAUSE = session_pb2.SetPlayState(state=session_pb2.PLAY_STATE_PAUSED)
+WALK = session_pb2.EditPrompts(upsert=[motion_pb2.PromptSpan(prompt_id=1, text="walk")])
+
+
+@pytest.fixture
+async def line() -> Line:
+    return Line()
+
+
+async def test_a_repetition_is_dropped_and_a_gap_refused(line: Line) -> None:
+    line.open()
+    line.send(2, set_play_state=PAUSE)
+    line.send(2, set_play_state=PAUSE)
+    line.send(4, set_play_state=PAUSE)
+    line.send(3, set_play_state=PAUSE)
+    assert line.refusals() == [(4, "SEQUENCE_GAP")]
+    assert [event.event_seq for event in line.engine.events] == [1, 2, 3]
+
+
+async def test_the_same_open_again_is_dropped_and_another_refused(line: Line) -> None:
+    line.open()
+    line.send(1, open=session_pb2.OpenSession(request_id="first"))
+    assert line.refusals() == []
+    line.send(1, open=session_pb2.OpenSession(request_id="second"))
+    assert line.refusals() == [(1, "HANDLE_IN_USE")]
+    line.send(2, set_play_state=PAUSE)
+    assert line.refusals() == [(1, "HANDLE_IN_USE")], "the open session is not touched"
+
+
+async def test_a_playhead_with_a_number_is_refused_and_the_session_lives(line: Line) -> None:
+    line.open()
+    line.send(1, playhead=session_pb2.Playhead(frame=3))
+    line.send(0, playhead=session_pb2.Playhead(frame=3))
+    line.send(2, set_play_state=PAUSE)
+    assert line.refusals() == [(1, "INVALID_EVENT_SEQ")]
+    assert [event.event_seq for event in line.engine.events] == [1, 0, 2]
+
+
+async def test_an_event_that_comes_too_fast_uses_up_its_number() -> None:
+    line = Line(make_catalog(events_per_second=3.0))
+    line.open()
+    for event_seq in range(2, 6):
+        line.send(event_seq, set_play_state=PAUSE)
+    assert {reason for _, reason in line.refusals()} == {"TOO_MANY_EVENTS"}
+    assert [event.event_seq for event in line.engine.events] + [seq for seq, _ in line.refusals()] == [1, 2, 3, 4, 5]
+
+
+async def test_a_busy_stream_refuses_without_breaking_the_order() -> None:
+    line = Line(make_catalog(stream_events_per_second=2.0))
+    line.open()
+    for event_seq in (2, 3, 4):
+        line.send(event_seq, set_play_state=PAUSE)
+    assert line.refusals() == [(3, "TOO_MANY_EVENTS"), (4, "TOO_MANY_EVENTS")]
+
+
+async def test_events_after_the_close_are_refused_before_the_end_is_told(line: Line) -> None:
+    line.open()
+    line.send(2, close=session_pb2.CloseSession())
+    line.send(3, set_play_state=PAUSE)
+    line.send(0, playhead=session_pb2.Playhead(frame=9))
+    line.stream.take(Closed(line.engine.events[0].session, CloseReason.CLIENT, Code.OK, "", 0, 0))
+    assert line.engine.kinds() == [Open, Close]
+    assert line.refusals() == [(3, "SESSION_CLOSED")]
+    last = line.updates()[-1]
+    assert last.HasField("closed")
+    assert last.applied_seq == 3
+
+
+async def test_a_report_does_not_overtake_the_open(line: Line) -> None:
+    line.send(1, open=session_pb2.OpenSession(prompts=WALK.upsert))
+    line.send(0, playhead=session_pb2.Playhead(frame=0))
+    assert line.engine.events == []
+    await line.encoded()
+    line.send(0, playhead=session_pb2.Playhead(frame=0))
+    assert line.engine.kinds() == [Open, Playhead]
+
+
+async def test_events_wait_behind_a_prompt_that_is_being_encoded(line: Line) -> None:
+    line.open()
+    line.send(2, edit_prompts=WALK)
+    line.send(3, close=session_pb2.CloseSession())
+    line.send(4, edit_prompts=WALK)
+    assert line.engine.kinds() == [Open]
+    await line.encoded()
+    assert line.engine.kinds() == [Open, SetPrompts, Close]
+    assert line.refusals() == [(4, "SESSION_CLOSED")]
+
+
+async def test_what_waits_when_the_stream_ends_is_answered(line: Line) -> None:
+    line.send(1, open=session_pb2.OpenSession(prompts=WALK.upsert))
+    line.send(2, set_play_state=PAUSE)
+    line.stream.close_all(CloseReason.DRAINED)
+    assert line.refusals() == [(1, "SESSION_CLOSED"), (2, "SESSION_CLOSED")]
+    assert line.stream.num_sessions == 0
+    assert line.engine.events == []

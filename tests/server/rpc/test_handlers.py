@@ -1,0 +1,34 @@
+"""The methods that gRPC is given: all of the contract's, under their names."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import grpc
+
+from motiongen_server.rpc.handlers import SERVICE, add_methods
+
+
+class Server:
+    """Keeps what is added to it."""
+
+    def __init__(self) -> None:
+        self.handlers: list[grpc.GenericRpcHandler] = []
+
+    def add_generic_rpc_handlers(self, handlers: tuple[grpc.GenericRpcHandler, ...]) -> None:
+        self.handlers += handlers
+
+
+def test_every_method_of_the_contract_is_served_and_streams_where_it_should() -> None:
+    server: Any = Server()
+    methods: Any = SimpleNamespace(**{method.name: object() for method in SERVICE.methods})
+    add_methods(methods, server)
+    (handler,) = server.handlers
+    for method in SERVICE.methods:
+        served = handler.service(SimpleNamespace(method=f"/{SERVICE.full_name}/{method.name}"))
+        assert served is not None, method.name
+        assert (served.request_streaming, served.response_streaming) == (
+            method.client_streaming,
+            method.server_streaming,
+        )

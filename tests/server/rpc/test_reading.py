@@ -1,0 +1,57 @@
+"""When a stream reads on: not while more answers wait than its client reads, but always once it has ended."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from motiongen.v1 import service_pb2
+from motiongen_server.engine.types import Code, Outcome, SessionKey
+from motiongen_server.rpc.stream import MAX_WAITING_REPLIES
+from tests.server.rpc.test_event_order import Line, make_catalog
+
+PONG = service_pb2.StreamMotionResponse(pong=service_pb2.Pong(client_time_ns=1))
+ROUNDS = 10
+
+
+async def is_waiting(task: asyncio.Task[None]) -> bool:
+    for _ in range(ROUNDS):
+        await asyncio.sleep(0)  # the event loop goes round; nothing here depends on time
+    return not task.done()
+
+
+@pytest.fixture
+async def line() -> Line:
+    return Line(make_catalog(hard_backlog_bytes=1_000))
+
+
+async def test_there_is_room_while_the_client_reads(line: Line) -> None:
+    assert not await is_waiting(asyncio.create_task(line.stream.room()))
+
+
+async def test_answers_that_are_not_read_stop_the_reading_until_they_are(line: Line) -> None:
+    for number in range(4):
+        line.stream.take(Outcome(SessionKey(1, 5), number, Code.NOT_FOUND, reason="R", message="m" * 300))
+    reading = asyncio.create_task(line.stream.room())
+    assert await is_waiting(reading)
+    assert line.stream.next_response() is not None
+    assert not await is_waiting(reading)
+
+
+async def test_pongs_that_are_not_read_stop_the_reading_too(line: Line) -> None:
+    for _ in range(MAX_WAITING_REPLIES + 1):
+        line.stream.reply(PONG)
+    reading = asyncio.create_task(line.stream.room())
+    assert await is_waiting(reading)
+    line.stream.next_response()
+    assert not await is_waiting(reading)
+
+
+async def test_the_end_of_the_stream_ends_the_wait(line: Line) -> None:
+    for _ in range(MAX_WAITING_REPLIES + 1):
+        line.stream.reply(PONG)
+    reading = asyncio.create_task(line.stream.room())
+    assert await is_waiting(reading)
+    line.stream.end()
+    assert not await is_waiting(reading)

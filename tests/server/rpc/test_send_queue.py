@@ -1,0 +1,149 @@
+"""The send queue: order, what is sent together, what a plan supersedes, and how many bytes wait."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motiongen_server.engine.types import (
+    Chunk,
+    Closed,
+    CloseReason,
+    Code,
+    Outcome,
+    Output,
+    PlanCause,
+    PlanNotice,
+    SessionKey,
+)
+from motiongen_server.rpc.send_queue import MAX_RUN_FRAMES, UPDATE_OVERHEAD_BYTES, Run, SendQueue, size_of
+
+KEY, OTHER = SessionKey(1, 1), SessionKey(1, 2)
+WIDTH = 5
+
+
+def chunk(first: int, count: int, plan: int = 1, key: SessionKey = KEY) -> Chunk:
+    rows = np.arange(first, first + count, dtype=np.float32)[:, None].repeat(WIDTH, axis=1)
+    return Chunk(key, plan, first, rows, first)
+
+
+def notice(plan: int, valid_from: int, key: SessionKey = KEY) -> PlanNotice:
+    return PlanNotice(key, plan, valid_from, PlanCause.EDIT, (plan,))
+
+
+def put_all(*outputs: Output) -> SendQueue:
+    send_queue = SendQueue()
+    for number, output in enumerate(outputs):
+        if isinstance(output, Chunk):
+            send_queue.put_chunk(output, number)
+        else:
+            send_queue.put(output, number)
+    return send_queue
+
+
+def frames(run: Run) -> list[int]:
+    """The numbers of the frames in a run, which the rows of these tests say; checked against the run's own books."""
+    numbers = [int(row[0]) for part in run.parts for row in part]
+    assert numbers == list(range(run.first_frame, run.first_frame + run.num_frames))
+    return numbers
+
+
+def num_bytes(item: Run | tuple[Output, int]) -> int:
+    if isinstance(item, Run):
+        return UPDATE_OVERHEAD_BYTES + len(frames(item)) * WIDTH * 4
+    return size_of(item[0])
+
+
+def test_outputs_come_out_in_order_with_the_number_they_went_in_with() -> None:
+    outcome = Outcome(KEY, 2, Code.OK)
+    first, run, answer, later = put_all(notice(1, 0), chunk(0, 4), outcome, chunk(4, 4)).take(1 << 30)
+    assert (first, answer) == ((notice(1, 0), 0), (outcome, 2))
+    assert isinstance(run, Run)
+    assert isinstance(later, Run)
+    assert (frames(run), run.applied_seq) == ([0, 1, 2, 3], 1)
+    assert (frames(later), later.applied_seq) == ([4, 5, 6, 7], 3)
+
+
+def test_neighbouring_frames_go_out_as_one_whatever_other_sessions_say() -> None:
+    run, other = put_all(chunk(0, 4), chunk(0, 2, key=OTHER), chunk(4, 4)).take(1 << 30)
+    assert isinstance(run, Run)
+    assert isinstance(other, Run)
+    assert (run.handle, frames(run), run.committed_to) == (KEY.handle, list(range(8)), 4)
+    assert (other.handle, frames(other)) == (OTHER.handle, [0, 1])
+
+
+def test_frames_of_another_plan_or_after_a_gap_or_beyond_the_most_start_an_update() -> None:
+    send_queue = put_all(chunk(0, 4), chunk(4, 4, plan=2), chunk(9, 4, plan=2), chunk(13, MAX_RUN_FRAMES, plan=2))
+    assert [frames(item) for item in send_queue.take(1 << 30) if isinstance(item, Run)] == [
+        [0, 1, 2, 3],
+        [4, 5, 6, 7],
+        [9, 10, 11, 12],
+        list(range(13, 13 + MAX_RUN_FRAMES)),
+    ]
+
+
+def test_a_plan_takes_out_the_frames_it_replaces_and_leaves_those_below() -> None:
+    send_queue = put_all(chunk(0, 4), chunk(4, 8), chunk(12, 4), chunk(0, 20, key=OTHER), notice(2, 6))
+    mine, other, told = send_queue.take(1 << 30)
+    assert isinstance(mine, Run)
+    assert isinstance(other, Run)
+    assert (frames(mine), frames(other)) == (list(range(6)), list(range(20)))
+    assert told == (notice(2, 6), 4)
+    assert send_queue.dropped_frames == 10
+
+
+def test_a_plan_of_the_next_session_on_a_handle_leaves_the_last_one_s_frames() -> None:
+    closed = Closed(KEY, CloseReason.CLIENT, Code.OK, "", 4, 0)
+    run, _, _ = put_all(chunk(0, 4), closed, notice(1, 0)).take(1 << 30)
+    assert isinstance(run, Run)
+    assert frames(run) == [0, 1, 2, 3]
+
+
+def test_frames_can_be_dropped_and_the_rest_stays() -> None:
+    send_queue = put_all(chunk(0, 4), Outcome(KEY, 2, Code.OK), chunk(4, 4), chunk(0, 3, key=OTHER))
+    send_queue.drop_frames()
+    assert send_queue.dropped_frames == 11
+    assert send_queue.num_bytes == size_of(Outcome(KEY, 2, Code.OK))
+    assert send_queue.take(1 << 30) == [(Outcome(KEY, 2, Code.OK), 1)]
+
+
+def test_a_message_is_filled_up_to_its_limit_but_never_empty() -> None:
+    send_queue = put_all(chunk(0, 4), chunk(8, 4), chunk(16, 4))
+    one = send_queue.num_bytes // 3
+    assert len(send_queue.take(2 * one)) == 2
+    assert len(send_queue.take(1)) == 1
+    assert send_queue.take(1) == []
+    assert send_queue.num_bytes == 0
+
+
+@given(
+    st.lists(
+        st.one_of(
+            st.builds(chunk, st.integers(0, 30), st.integers(1, 12), key=st.sampled_from([KEY, OTHER])),
+            st.builds(notice, st.integers(1, 9), st.integers(0, 40), key=st.sampled_from([KEY, OTHER])),
+        ),
+        max_size=30,
+    ),
+    st.integers(1, 800),
+)
+def test_bytes_are_those_of_what_waits_and_frames_below_a_plan_survive(outputs: list[Output], max_bytes: int) -> None:
+    send_queue = put_all(*outputs)
+    waiting = send_queue.num_bytes
+    came: dict[int, list[int]] = {KEY.handle: [], OTHER.handle: []}
+    while batch := send_queue.take(max_bytes):
+        waiting -= sum(map(num_bytes, batch))
+        assert send_queue.num_bytes == waiting
+        for item in batch:
+            if isinstance(item, Run):
+                came[item.handle] += frames(item)
+    assert len(send_queue) == waiting == 0
+    for key in (KEY, OTHER):
+        expected: list[int] = []
+        for index, output in enumerate(outputs):
+            if isinstance(output, Chunk) and output.session == key:
+                plans = (each for each in outputs[index:] if isinstance(each, PlanNotice) and each.session == key)
+                end = min((each.valid_from for each in plans), default=1 << 30)
+                last = output.first_frame + len(output.rows)
+                expected += [frame for frame in range(output.first_frame, last) if frame < end]
+        assert came[key.handle] == expected

@@ -1,0 +1,109 @@
+"""A stream's books when sessions end while their events wait for the encoder, and when nobody reads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from motiongen.v1 import motion_pb2, session_pb2
+from motiongen_server.engine.types import Chunk, Close, Closed, CloseReason, Code, Open, Outcome
+from tests.server.rpc.test_event_order import PAUSE, WALK, Line, make_catalog
+
+
+@pytest.fixture
+async def line() -> Line:
+    return Line()
+
+
+def fault(line: Line) -> Closed:
+    return Closed(line.engine.events[0].session, CloseReason.ENGINE_FAULT, Code.INTERNAL, "it failed", 0, 0)
+
+
+async def test_what_waits_when_the_session_ends_is_answered_before_the_end_is_told(line: Line) -> None:
+    line.open()
+    line.send(2, edit_prompts=WALK)
+    line.send(3, set_play_state=PAUSE)
+    line.stream.take(fault(line))
+    assert line.refusals() == [(2, "SESSION_CLOSED"), (3, "SESSION_CLOSED")]
+    assert line.updates()[-1].HasField("closed")
+    assert line.updates()[-1].applied_seq == 3
+
+
+async def test_nothing_of_an_old_session_reaches_a_new_one_on_its_handle(line: Line) -> None:
+    line.open()
+    line.send(2, edit_prompts=WALK)
+    line.stream.take(fault(line))
+    line.send(1, open=session_pb2.OpenSession(request_id="second", prompts=WALK.upsert))
+    await line.encoded()
+    assert line.engine.kinds() == [Open, Open]
+
+
+async def test_an_open_that_is_refused_after_encoding_takes_what_waits_behind_it_along(line: Line) -> None:
+    line.send(1, open=session_pb2.OpenSession(rig_id="none", prompts=WALK.upsert))
+    line.send(2, edit_prompts=WALK)
+    await line.encoded()
+    assert line.refusals() == [(2, "SESSION_CLOSED"), (1, "UNKNOWN_RIG")]
+    assert line.engine.events == []
+    assert line.stream.num_sessions == 0
+
+
+async def test_an_open_refused_by_the_engine_frees_its_handle(line: Line) -> None:
+    line.send(1, open=session_pb2.OpenSession())
+    key = line.engine.events[0].session
+    line.stream.take(Outcome(key, 1, Code.RESOURCE_EXHAUSTED, reason="SESSION_LIMIT", message="full"))
+    assert line.stream.num_sessions == 0
+    line.open()
+    assert line.stream.num_sessions == 1
+
+
+async def test_applied_seq_is_that_of_the_time_of_each_update(line: Line) -> None:
+    line.open()
+    key = line.engine.events[0].session
+    for number in (2, 3):
+        line.send(number, set_play_state=PAUSE)
+    line.stream.take(Outcome(key, 3, Code.OK))
+    line.stream.take(Outcome(key, 2, Code.OK))
+    assert [update.applied_seq for update in line.updates()] == [1, 1, 3]
+
+
+async def test_too_many_prompts_are_refused_before_any_is_encoded(line: Line) -> None:
+    line.open()
+    spans = [motion_pb2.PromptSpan(prompt_id=index + 1, text=f"text {index}") for index in range(17)]
+    line.send(2, edit_prompts=session_pb2.EditPrompts(upsert=spans))
+    assert line.refusals() == [(2, "TOO_MANY_PROMPTS")]
+
+
+async def test_a_prompt_that_fails_to_encode_is_answered_and_the_session_goes_on(line: Line) -> None:
+    line.open()
+
+    async def broken(text: str) -> None:
+        raise RuntimeError(f"cannot encode {text}")
+
+    line.prompts.encode = broken  # type: ignore[assignment, method-assign]
+    line.send(2, edit_prompts=WALK)
+    line.stream.ready.clear()
+    await line.stream.ready.wait()
+    line.send(3, set_play_state=PAUSE)
+    (update,) = [update for update in line.updates() if update.HasField("outcome")]
+    assert (update.outcome.event_seq, update.outcome.reason) == (2, "INTERNAL")
+    assert "cannot encode" not in update.outcome.message
+    assert "error id" in update.outcome.message
+
+
+async def test_a_client_that_does_not_read_loses_its_sessions() -> None:
+    line = Line(make_catalog(soft_backlog_bytes=5_000, hard_backlog_bytes=10_000))
+    line.open()
+    key = line.engine.events[0].session
+    line.stream.take(Chunk(key, 1, 0, np.zeros((1000, 3), np.float32), 0))
+    (close,) = [event for event in line.engine.events if isinstance(event, Close)]
+    assert close.reason is CloseReason.SLOW_READER
+    line.stream.take(Chunk(key, 1, 1000, np.zeros((1000, 3), np.float32), 0))
+    assert line.engine.kinds() == [Open, Close], "it is closed once"
+
+
+async def test_a_full_mailbox_is_told(line: Line) -> None:
+    line.open()
+    key = line.engine.events[0].session
+    line.engine.submit = lambda event: Outcome(key, 2, Code.RESOURCE_EXHAUSTED, reason="TOO_MANY_PENDING_EVENTS")  # type: ignore[method-assign]
+    line.send(2, set_play_state=PAUSE)
+    assert line.refusals() == [(2, "TOO_MANY_PENDING_EVENTS")]

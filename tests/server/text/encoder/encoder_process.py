@@ -1,0 +1,72 @@
+"""An encoder service as a process of its own, to be killed, halted and started again at the same address."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from types import TracebackType
+
+ROOT = Path(__file__).resolve().parents[4]
+END_S = 30.0
+
+
+class EncoderProcess:
+    """`with EncoderProcess(log, ...)`: starts it, and ends it however the test left it. options: of the command."""
+
+    def __init__(self, log: Path, *options: str) -> None:
+        self._log = log
+        self._options = options
+        self.port = 0
+        self.ops_port = 0
+        self.start()
+
+    @property
+    def address(self) -> str:
+        return f"127.0.0.1:{self.port}"
+
+    def start(self, *options: str) -> None:
+        """At the address it had; on a free port the first time. options: more of the command's."""
+        ports = ["--port", str(self.port), "--ops-port", "0", "--print-ports", "--drain-grace-s", "1"]
+        with self._log.open("a", encoding="utf-8") as errors:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "motiongen_server.text.encoder", *ports, *self._options, *options],
+                cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True,
+            )  # fmt: skip
+        assert self._process.stdout is not None
+        with self._process.stdout:
+            line = self._process.stdout.readline()
+        if not line:
+            raise RuntimeError(f"the encoder did not start:\n{self._log.read_text()}")
+        told = json.loads(line)
+        self.port, self.ops_port = told["grpc_port"], told["ops_port"]
+
+    def kill(self) -> None:
+        """At once, as if its machine had gone."""
+        self._process.kill()
+        self._process.wait(END_S)
+
+    def stop(self) -> int:
+        """As an orchestrator does. Returns the exit code."""
+        self._process.terminate()
+        return self._process.wait(END_S)
+
+    def halt(self) -> None:
+        """Let it answer nothing any more, its connections open."""
+        self._process.send_signal(signal.SIGSTOP)
+
+    def go_on(self) -> None:
+        """After `halt`."""
+        self._process.send_signal(signal.SIGCONT)
+
+    def __enter__(self) -> EncoderProcess:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._process.poll() is None:
+            self._process.kill()
+            self._process.wait(END_S)

@@ -1,0 +1,137 @@
+"""The encoder service as a process, and its client: killed, halted, started again, started as another."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from motiongen_ardy.text import HashedTextEncoder, TextEncoderChanged, TextEncoderUnavailable, UnknownTextEncoder
+from motiongen_server.text.encoder.client import RemoteEncoder
+from tests.server.text.encoder.encoder_process import ROOT, EncoderProcess
+
+LIMIT_S = 20.0
+PROMPTS = ["a person walks", "", "a person waves"]
+
+
+@pytest.fixture
+def hashed(tmp_path: Path) -> Iterator[EncoderProcess]:
+    with EncoderProcess(tmp_path / "log.txt", "--text-encoder", "hashed", "--width", "16") as process:
+        yield process
+
+
+def encode_when_back(encoder: RemoteEncoder, prompts: list[str]) -> np.ndarray:
+    """As `encode`, tried again as long as it fails: at most so long as the test may take."""
+    while True:
+        try:
+            return encoder.encode(prompts)
+        except TextEncoderUnavailable as error:
+            if isinstance(error, TextEncoderChanged):
+                raise
+            time.sleep(0.02)  # leaves the core to the process that is waited for
+
+
+def test_its_vectors_are_the_encoder_s_however_many_are_asked_for(hashed: EncoderProcess) -> None:
+    encoder = RemoteEncoder(hashed.address, LIMIT_S)
+    own = HashedTextEncoder(16)
+    assert (encoder.identity, encoder.width) == (own.identity, 16)
+    many = [*PROMPTS, *(f"{number} jumps" for number in range(130)), *PROMPTS]
+    np.testing.assert_array_equal(encoder.encode(many), own.encode(many))
+    encoder.close()
+
+
+def test_killed_it_is_away_and_back_it_is_found_again(hashed: EncoderProcess) -> None:
+    encoder = RemoteEncoder(hashed.address, LIMIT_S)
+    hashed.kill()
+    with pytest.raises(TextEncoderUnavailable) as away:
+        encoder.encode(PROMPTS)
+    assert "127.0.0.1" not in str(away.value)
+    hashed.start()
+    np.testing.assert_array_equal(encode_when_back(encoder, PROMPTS), HashedTextEncoder(16).encode(PROMPTS))
+    encoder.close()
+
+
+def test_back_as_another_it_is_refused_with_both_names(hashed: EncoderProcess) -> None:
+    encoder = RemoteEncoder(hashed.address, LIMIT_S)
+    hashed.kill()
+    hashed.start("--width", "17")
+    with pytest.raises(TextEncoderChanged, match=r"'hashed-17', not 'hashed-16'.*restarted"):
+        encode_when_back(encoder, PROMPTS)
+    encoder.close()
+
+
+def test_halted_it_takes_too_long(hashed: EncoderProcess) -> None:
+    encoder = RemoteEncoder(hashed.address, LIMIT_S)
+    impatient = RemoteEncoder(hashed.address, 1.0)
+    hashed.halt()
+    with pytest.raises(TextEncoderUnavailable, match="takes too long"):
+        impatient.encode(PROMPTS)
+    hashed.go_on()
+    np.testing.assert_array_equal(encode_when_back(encoder, PROMPTS), HashedTextEncoder(16).encode(PROMPTS))
+    encoder.close()
+    impatient.close()
+
+
+def test_what_it_kept_on_the_disk_the_next_process_knows(tmp_path: Path) -> None:
+    prompts, store = ["a person walks"], str(tmp_path / "store.db")
+    counted = 'motiongen_encoder_texts_total{source="store"} 1.0'
+    with EncoderProcess(tmp_path / "log.txt", "--text-encoder", "hashed", "--width", "16", "--store", store) as process:
+        for is_known in (False, True):
+            encoder = RemoteEncoder(process.address, LIMIT_S)
+            np.testing.assert_array_equal(encoder.encode(prompts), HashedTextEncoder(16).encode(prompts))
+            metrics = httpx.get(f"http://127.0.0.1:{process.ops_port}/metrics").text
+            assert (counted in metrics) == is_known
+            assert httpx.get(f"http://127.0.0.1:{process.ops_port}/readyz").status_code == 200
+            encoder.close()
+            assert process.stop() == 0
+            process.start()
+
+
+def test_one_that_is_known_is_not_asked_what_it_is_and_checked_when_it_comes(hashed: EncoderProcess) -> None:
+    hashed.kill()
+    encoder = RemoteEncoder(hashed.address, LIMIT_S, ("hashed-16", 16))
+    other = RemoteEncoder(hashed.address, LIMIT_S, ("hashed-15", 15))
+    with pytest.raises(TextEncoderUnavailable):
+        encoder.encode(PROMPTS)
+    hashed.start()
+    np.testing.assert_array_equal(encode_when_back(encoder, PROMPTS), HashedTextEncoder(16).encode(PROMPTS))
+    with pytest.raises(TextEncoderChanged, match="'hashed-16', not 'hashed-15'"):
+        encode_when_back(other, PROMPTS)
+    encoder.close()
+    other.close()
+
+
+def test_where_nobody_answers_the_client_gives_up(hashed: EncoderProcess) -> None:
+    hashed.kill()
+    with pytest.raises(TextEncoderUnavailable, match="does not answer"):
+        RemoteEncoder(hashed.address, 0.2)
+
+
+@pytest.mark.parametrize("address", ["localhost", "localhost:", "localhost:http", ""])
+def test_what_is_no_address_is_refused(address: str) -> None:
+    with pytest.raises(UnknownTextEncoder, match="no address"):
+        RemoteEncoder(address)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--text-encoder", "hashed"], "any width"),
+        (["--text-encoder", "static", "--width", "4096"], "takes 4096"),
+        (["--text-encoder", "gradio:nowhere"], "no address"),
+        (["--precision", "int8"], "precision is 'int8'"),
+        (["--colour", "red"], "python -m motiongen_server.text.encoder --help"),
+    ],
+)
+def test_a_wrong_setting_ends_it_with_a_line(options: list[str], said: str) -> None:
+    command = [sys.executable, "-m", "motiongen_server.text.encoder", "--port", "0", "--ops-port", "0", *options]
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 2
+    assert said in ended.stderr
+    assert "Traceback" not in ended.stderr

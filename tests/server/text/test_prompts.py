@@ -1,0 +1,223 @@
+"""The prompt encoder: what it remembers, what it shares, and what one waiter's end does to the others."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import AsyncIterator, Sequence
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from motiongen_ardy.text.encoder import PromptNotEncoded, TextEncoderUnavailable
+from motiongen_server.engine.types import Code
+from motiongen_server.errors import EventRefused
+from motiongen_server.text.prompts import ENCODING_THREADS, PromptEncoder
+
+
+class GatedEncoder:
+    """Encodes a text by its length, when the test lets it."""
+
+    identity = "gated-1"
+
+    def __init__(self) -> None:
+        self.go = threading.Event()
+        self.begun = threading.Event()
+        self.asked: list[str] = []
+        self.fails = False
+        self.error: Exception | None = None
+
+    def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
+        self.asked += texts
+        self.begun.set()
+        assert self.go.wait(10)
+        if self.error is not None:
+            raise self.error
+        if self.fails:
+            raise RuntimeError("the encoder broke")
+        return np.array([[len(text)] for text in texts], np.float32)
+
+
+@pytest.fixture
+def encoder() -> GatedEncoder:
+    return GatedEncoder()
+
+
+@pytest.fixture
+async def prompts(encoder: GatedEncoder) -> AsyncIterator[PromptEncoder]:
+    prompts = PromptEncoder(encoder, 2)
+    yield prompts
+    encoder.go.set()
+    prompts.close()
+
+
+async def test_a_text_is_encoded_once_and_remembered(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
+    encoder.go.set()
+    assert prompts.cached("walk") is None
+    first = await prompts.encode("walk")
+    assert await prompts.encode("walk") is first
+    assert prompts.cached("walk") is first
+    assert encoder.asked == ["walk"]
+    assert prompts.identity == "gated-1"
+
+
+async def test_the_least_recently_used_is_forgotten(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
+    encoder.go.set()
+    await prompts.encode("a")
+    await prompts.encode("bb")
+    prompts.cached("a")
+    await prompts.encode("ccc")
+    assert [prompts.cached(text) is not None for text in ("a", "bb", "ccc")] == [True, False, True]
+
+
+async def test_who_asks_while_it_is_encoded_shares_the_result(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
+    waiters = [asyncio.create_task(prompts.encode("jump")) for _ in range(5)]
+    await asyncio.sleep(0)  # each has asked now
+    encoder.go.set()
+    results = await asyncio.gather(*waiters)
+    assert all(result is results[0] for result in results)
+    assert encoder.asked == ["jump"]
+
+
+async def test_a_waiter_that_gives_up_leaves_the_others(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
+    leaver, stayer = (asyncio.create_task(prompts.encode("turn")) for _ in range(2))
+    await asyncio.sleep(0)  # both have asked now
+    leaver.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await leaver
+    encoder.go.set()
+    np.testing.assert_array_equal(await stayer, [4])
+    assert prompts.cached("turn") is not None
+
+
+async def test_a_failure_reaches_the_waiters_and_is_not_remembered(
+    encoder: GatedEncoder, prompts: PromptEncoder
+) -> None:
+    encoder.go.set()
+    encoder.fails = True
+    with pytest.raises(RuntimeError, match="the encoder broke"):
+        await prompts.encode("fall")
+    encoder.fails = False
+    np.testing.assert_array_equal(await prompts.encode("fall"), [4])
+
+
+async def test_each_encoding_is_observed_and_cache_hits_are_not(encoder: GatedEncoder) -> None:
+    seen: list[float] = []
+    prompts = PromptEncoder(encoder, 10, seen.append)
+    encoder.go.set()
+    for text in ("a", "b", "a"):
+        await prompts.encode(text)
+    prompts.close()
+    assert len(seen) == 2
+    assert min(seen) >= 0
+
+
+class DictStore:
+    """A store in memory, which remembers what was asked of it."""
+
+    def __init__(self, **known: NDArray[np.float32]) -> None:
+        self.known = dict(known)
+        self.closed = False
+
+    def get(self, text: str) -> NDArray[np.float32] | None:
+        return self.known.get(text)
+
+    def put(self, text: str, vector: NDArray[np.float32]) -> None:
+        self.known[text] = vector
+
+    def close(self) -> None:
+        self.closed = True
+
+
+async def test_what_the_store_knows_does_not_wait_for_the_encoder(encoder: GatedEncoder) -> None:
+    store = DictStore(walk=np.array([7], np.float32))
+    prompts = PromptEncoder(encoder, 10, store=store)
+    hanging = [asyncio.create_task(prompts.encode(f"new {number}")) for number in range(2 * ENCODING_THREADS)]
+    np.testing.assert_array_equal(await prompts.encode("walk"), [7])
+    assert prompts.num_waiting == len(hanging)
+    assert "walk" not in encoder.asked
+    encoder.go.set()
+    await asyncio.gather(*hanging)
+    prompts.close()
+    assert store.closed
+    assert set(store.known) == {"walk", *(f"new {number}" for number in range(2 * ENCODING_THREADS))}
+
+
+async def test_one_who_waits_too_long_is_answered_and_the_next_gets_the_result(encoder: GatedEncoder) -> None:
+    prompts = PromptEncoder(encoder, 10, timeout_s=0.01)
+    with pytest.raises(EventRefused) as refused:
+        await prompts.encode("crawl")
+    assert (refused.value.code, refused.value.reason) == (Code.UNAVAILABLE, "TEXT_ENCODER_SLOW")
+    assert refused.value.retry_after_s
+    encoder.go.set()
+    await asyncio.gather(*asyncio.all_tasks() - {asyncio.current_task()})  # the encoding, for which nobody waits now
+    np.testing.assert_array_equal(await prompts.encode("crawl"), [5])
+    assert encoder.asked == ["crawl"]
+    prompts.close()
+
+
+async def test_more_than_may_wait_are_refused_at_once(encoder: GatedEncoder) -> None:
+    reasons: list[str] = []
+    prompts = PromptEncoder(encoder, 10, max_waiting=2, count=reasons.append)
+    waiting = [asyncio.create_task(prompts.encode(text)) for text in ("a", "bb")]
+    await asyncio.sleep(0)  # both have asked now
+    with pytest.raises(EventRefused) as refused:
+        await prompts.encode("ccc")
+    assert (refused.value.code, refused.value.reason) == (Code.RESOURCE_EXHAUSTED, "TEXT_ENCODER_BUSY")
+    joined = asyncio.create_task(prompts.encode("a"))  # no further text
+    encoder.go.set()
+    await asyncio.gather(*waiting, joined)
+    prompts.close()
+    assert sorted(reasons) == ["TEXT_ENCODER_BUSY", "encoder", "encoder"]
+
+
+async def test_an_encoder_that_is_away_is_an_answer_and_known_prompts_go_on(
+    encoder: GatedEncoder, caplog: pytest.LogCaptureFixture
+) -> None:
+    encoder.go.set()
+    prompts = PromptEncoder(encoder, 10)
+    known = await prompts.encode("walk")
+    encoder.error = TextEncoderUnavailable("nobody is there")
+    for text in ("a", "bb", "ccc"):
+        with pytest.raises(EventRefused, match="cannot be encoded: nobody is there") as refused:
+            await prompts.encode(text)
+        assert (refused.value.code, refused.value.reason) == (Code.UNAVAILABLE, "TEXT_ENCODER_UNAVAILABLE")
+        assert refused.value.retry_after_s == TextEncoderUnavailable.retry_after_s
+    assert await prompts.encode("walk") is known
+    assert caplog.text.count("nobody is there") == 1  # not once for every prompt
+    encoder.error = None
+    np.testing.assert_array_equal(await prompts.encode("a"), [1])
+    prompts.close()
+
+
+async def test_a_prompt_that_never_can_be_encoded_gives_no_time_to_retry(encoder: GatedEncoder) -> None:
+    encoder.go.set()
+    encoder.error = PromptNotEncoded("none of those known")
+    prompts = PromptEncoder(encoder, 10)
+    with pytest.raises(EventRefused, match="none of those known") as refused:
+        await prompts.encode("a")
+    assert refused.value.retry_after_s is None
+    prompts.close()
+
+
+async def test_what_is_remembered_is_known(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
+    preset = np.array([9], np.float32)
+    prompts.remember("bow", preset)
+    assert await prompts.encode("bow") is preset
+    assert encoder.asked == []
+
+
+async def test_closing_breaks_off_calls_of_an_encoder_elsewhere() -> None:
+    class Elsewhere(GatedEncoder):
+        def close(self) -> None:
+            self.error = TextEncoderUnavailable("closed")
+            self.go.set()
+
+    encoder = Elsewhere()
+    prompts = PromptEncoder(encoder, 10)
+    asked = asyncio.create_task(prompts.encode("walk"))
+    await asyncio.to_thread(encoder.begun.wait)
+    await asyncio.to_thread(prompts.close)
+    with pytest.raises(EventRefused, match="closed"):
+        await asked

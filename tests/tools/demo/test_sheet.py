@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from motiongen_client import InvalidInput, JointTargets, Motion, Trajectory, Waypoint
+from motiongen_client import InvalidInput, JointTargets, Motion, RootTrajectory, Waypoint
 from motiongen_tools.demo.goals import Facing, Goal, Pace
 from motiongen_tools.demo.ground import draw_ground
 from motiongen_tools.demo.sheet import Scene, write_scenes, write_story
@@ -17,7 +17,7 @@ from motiongen_tools.demo.strip import draw_strip
 GOALS = (
     Goal("2 m ahead", 0, Waypoint(20, 1.0, 1.1)),
     Goal("a hand", 0, JointTargets(30, (0, 6), np.ones((2, 3)))),
-    Goal("a path", 0, Trajectory(0, np.ones((30, 2)))),
+    Goal("a path", 0, RootTrajectory(0, np.ones((30, 2)))),
     Goal("face left", 0, Facing(20, 1.0)),
     Goal("walk", 0, Pace(0, 20, 0.0, 1.0)),
     Goal("much later", 0, Waypoint(400, 1.0, 20.0)),

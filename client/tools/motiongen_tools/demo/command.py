@@ -32,7 +32,8 @@ async def demo(options: argparse.Namespace) -> int:
         address, problems = options.server, []
         if address is None:
             with console.status("starting the server with the built-in model"):
-                server = stack.enter_context(ServerProcess())
+                # played this fast, the cast would look like a crowd that has to make do with fewer steps
+                server = stack.enter_context(ServerProcess(["--degrade", "false"]))
             console.print(f"server ready on {server.address} after {server.ready_s:.1f} s (process {server.pid})")
             address = server.address
         try:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from motiongen_client.edit import Edit
 from motiongen_client.motion import Motion
 from motiongen_client.session import Session
-from motiongen_client.types import JointTargets, Trajectory, Waypoint
+from motiongen_client.types import JointTargets, RootTrajectory, Waypoint
 from motiongen_tools.demo.goals import Facing, Goal, Pace, velocities_mps
 from motiongen_tools.demo.script import Action, Circle, GoTo, Move, Reach, Say, Turn
 from motiongen_tools.poses import headings_rad
@@ -100,7 +100,7 @@ def _circle(session: Session, action: Circle, at: Here) -> list[Asked]:
     first = at.frame + session.rig.frames_in(action.begins_s)
     positions = circle_m(action, at, session.rig.frame_rate_hz)
     label = f"circle of {action.radius_m:g} m at {action.speed_mps:g} m/s for {action.seconds:g} s"
-    path = Trajectory(first, positions)
+    path = RootTrajectory(first, positions)
     return [
         Asked(session.set_prompt(action.text, frame=first), Say(action.text), scheduled_frame=first),
         Asked(session.add_constraints([path]), action, (Goal(label, at.frame, path),)),

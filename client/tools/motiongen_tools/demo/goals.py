@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motiongen_client.motion import Motion
-from motiongen_client.types import JointTargets, Trajectory, Waypoint
+from motiongen_client.types import JointTargets, RootTrajectory, Waypoint
 from motiongen_tools.poses import headings_rad
 
 _STILL_MPS = 0.15  # who stands sways
@@ -35,7 +35,7 @@ class Pace:
     z_mps: float
 
 
-Aim: TypeAlias = Waypoint | Trajectory | JointTargets | Facing | Pace
+Aim: TypeAlias = Waypoint | RootTrajectory | JointTargets | Facing | Pace
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Goal:
     def frames(self) -> range:
         """The frames at which it is judged: of a path all, of a velocity the second half."""
         match self.aim:
-            case Trajectory(first_frame=first, positions_m=positions):
+            case RootTrajectory(first_frame=first, positions_m=positions):
                 return range(first, first + len(positions))
             case Pace(first_frame=first, end_frame=end):
                 return range((first + end) // 2, end)
@@ -101,7 +101,7 @@ def errors_over_time(goal: Goal, motion: Motion) -> NDArray[np.float64]:
     match goal.aim:
         case Waypoint(x_m=x, z_m=z):
             return 100 * np.hypot(root[:, 0] - x, root[:, 1] - z)
-        case Trajectory(first_frame=first, positions_m=positions):
+        case RootTrajectory(first_frame=first, positions_m=positions):
             rows = np.clip(np.arange(len(root)) + motion.first_frame - first, 0, len(positions) - 1)
             return 100 * np.asarray(np.linalg.norm(root - positions[rows], axis=1))
         case JointTargets(joints=joints, positions_m=positions):

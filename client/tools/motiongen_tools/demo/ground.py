@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motiongen_client.motion import Motion
-from motiongen_client.types import JointTargets, Trajectory, Waypoint
+from motiongen_client.types import JointTargets, RootTrajectory, Waypoint
 from motiongen_tools.demo.goals import Facing, Goal, measure
 from motiongen_tools.poses import GOAL, QUIET, draw_way, frame_ground
 
@@ -41,7 +41,7 @@ def draw_ground(axes: Axes, motion: Motion, goals: Sequence[Goal]) -> None:
                 if 0 <= frame - motion.first_frame < len(motion):
                     hand = motion.frame(frame).joint_positions_m()[joints[-1], [0, 2]]
                     axes.plot([place[0], hand[0]], [place[1], hand[1]], "-", color=GOAL, linewidth=1)
-            case Trajectory(positions_m=positions):
+            case RootTrajectory(positions_m=positions):
                 points.append(positions.astype(np.float64))
                 axes.plot(positions[:, 0], positions[:, 1], "--", color=GOAL, linewidth=1.2)
             case Facing(frame=frame, heading_rad=heading) if 0 <= frame - motion.first_frame < len(motion):

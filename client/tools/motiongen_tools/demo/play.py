@@ -20,7 +20,7 @@ from motiongen_client.errors import MotiongenError
 from motiongen_client.motion import Motion
 from motiongen_client.session import Session
 from motiongen_client.stream import Stream
-from motiongen_client.types import ModelWarning, Priority, SessionOptions
+from motiongen_client.types import ModelWarning, SessionOptions
 from motiongen_tools.demo.direct import Asked, ask, here
 from motiongen_tools.demo.goals import Goal
 from motiongen_tools.demo.script import Action, Role, Say
@@ -77,8 +77,7 @@ class Take:
 
 async def open_cast(stream: Stream, cast: Sequence[Role]) -> list[Take]:
     """A session for each role; the seeds are fixed, and so is what comes of the same weights."""
-    # heroes, who keep all their denoising steps: played this fast, they would look like a crowd to the server
-    options = [SessionOptions(seed=seed, priority=Priority.HERO) for seed in range(len(cast))]
+    options = [SessionOptions(seed=seed) for seed in range(len(cast))]
     opening = [stream.open(role.prompt, options=own, keep_s=None) for role, own in zip(cast, options, strict=True)]
     sessions = await asyncio.gather(*opening)
     return [Take(role, session, prompts=[(0, role.prompt)]) for role, session in zip(cast, sessions, strict=True)]

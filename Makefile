@@ -39,7 +39,7 @@ $(READY): constraints.txt requirements-dev.txt $(PARTS:%=%/pyproject.toml)
 # ---- use
 
 .PHONY: demo
-demo: $(READY) ## serve the built-in model, drive eight characters for 12 s, write BVH files and a picture to out/demo
+demo: $(READY) ## serve the built-in model, play a story and seven characters beside it; BVH files and contact sheets in out/demo
 	$(PYTHON) -m motiongen_tools demo --out $(OUT)/demo $(ARGS)
 
 .PHONY: serve

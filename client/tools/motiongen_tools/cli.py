@@ -13,7 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from motiongen_client.errors import MotiongenError
-from motiongen_tools import cli_admin, cli_bench, cli_catalog, cli_generate, cli_stream, demo
+from motiongen_tools import cli_admin, cli_bench, cli_catalog, cli_generate, cli_stream
+from motiongen_tools.demo import command
+from motiongen_tools.demo.script import PLACE_BOUND_M, STORY_S
 
 DEFAULT_SERVER = "localhost:50051"
 
@@ -138,13 +140,19 @@ def _parser() -> argparse.ArgumentParser:
 
     show = commands.add_parser(
         "demo",
-        help="start a server and drive eight characters in real time",
-        description="Start a server with the built-in model, drive eight characters on one stream in real time, write "
-        "a BVH file for each and one picture of all, and print what was measured. Needs the motiongen package.",
+        help="start a server and play a story of one character, with seven beside it",
+        description="Start a server with the built-in model and play a script on one stream, faster than real time: a "
+        "character stands, walks, turns, goes to places, stops and waves, and seven others show velocities, a path, "
+        "turns, hands, styles, gestures and a prompt outside what the model knows. Writes a BVH file for each and two "
+        "contact sheets, and prints how near each goal came. Needs the motiongen package.",
+        epilog="Exit code 1: a frame or a character is missing, or a waypoint was missed by more than --bound.",
     )
-    show.set_defaults(command=demo.demo)
+    show.set_defaults(command=command.demo)
     show.add_argument("--out", type=Path, default=Path("demo_out"), metavar="FOLDER", help="default: %(default)s")
-    show.add_argument("--seconds", type=_positive, default=12.0, help="how long (default: %(default)s)")
+    seconds = "how much of the script (default: %(default)s, all of it)"
+    show.add_argument("--seconds", type=_positive, default=STORY_S, help=seconds)
+    bound = "what a waypoint may be missed by (default: %(default)s)"
+    show.add_argument("--bound", type=_positive, default=PLACE_BOUND_M, metavar="METRES", help=bound)
     show.add_argument("--server", metavar="HOST:PORT", help="use this server instead of starting one")
 
     bench = commands.add_parser(

@@ -7,9 +7,9 @@ import sys
 
 from motiongen_server.app import run
 from motiongen_server.config import parse_config
-from motiongen_server.errors import SettingError
 from motiongen_server.ops.logs import configure_logs
 from motiongen_server.ops.memory import keep_freed_memory
+from motiongen_server.settings import SettingError
 
 
 def main() -> int:

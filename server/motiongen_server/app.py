@@ -20,12 +20,12 @@ from grpc_reflection.v1alpha import reflection
 
 from motiongen_server.background import start_in_background
 from motiongen_server.config import ServerConfig
+from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import Output
-from motiongen_server.errors import SettingError
+from motiongen_server.engine_process.connection import EngineLost
+from motiongen_server.engine_process.pool import start_engine_processes
 from motiongen_server.models.admin import AdminService, add_admin
-from motiongen_server.models.factory import ModelFactory
-from motiongen_server.models.hosting import ENGINE_COMMAND
-from motiongen_server.models.loader import Loaded, Loader
+from motiongen_server.models.factory import Engines, ModelFactory
 from motiongen_server.models.manager import ModelManager
 from motiongen_server.ops.http import OpsServer, ops_app
 from motiongen_server.ops.memory import settled_objects
@@ -33,6 +33,7 @@ from motiongen_server.ops.metrics import Metrics
 from motiongen_server.rpc.handlers import SERVICE_NAME, add_methods
 from motiongen_server.rpc.service import MotionService
 from motiongen_server.rpc.starting import StartingService
+from motiongen_server.settings import SettingError
 
 _log = logging.getLogger("motiongen_server")
 
@@ -49,6 +50,9 @@ SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 T = TypeVar("T")
 
+MakeEngines = Callable[[ServerConfig, Deliver, Metrics], Engines]
+"""Makes what computes, on a thread of its own. Raises SettingError."""
+
 
 class StoppedEarly(Exception):
     """Asked to stop before it was ready."""
@@ -57,17 +61,13 @@ class StoppedEarly(Exception):
 class Application:
     """One server process. `start`, then `serve` until a signal, then `drain`."""
 
-    def __init__(
-        self,
-        config: ServerConfig,
-        load: Callable[[ServerConfig], Loaded] | None = None,
-        engine_command: Sequence[str] = ENGINE_COMMAND,
-    ) -> None:
-        """load: the model, for an engine in this process. engine_command: for one in a process of its own."""
+    def __init__(self, config: ServerConfig, make_engines: MakeEngines = start_engine_processes) -> None:
         self._config = config
         self._metrics = Metrics()
-        self._factory = ModelFactory(config, load or Loader(), self._deliver, self._metrics, engine_command)
-        self._manager = ModelManager(self._factory.host, self._factory.serve, self._factory.forget)
+        self._make_engines = make_engines
+        self._engines: Engines | None = None
+        self._factory = ModelFactory(config, self._metrics)
+        self._manager = ModelManager(self._factory.load, self._factory.forget)
         self._admin: grpc.aio.Server | None = None
         self._health = health.aio.HealthServicer()
         self._stop = asyncio.Event()
@@ -89,18 +89,22 @@ class Application:
         await self._start_admin()
         try:
             await self._open()
-        except (SettingError, StoppedEarly):
+        except Exception:
             await self._server.stop(None)
             await self._stop_admin()
+            await self._stop_engines()
             raise
 
     async def _open(self) -> None:
         config = self._config
+        make = partial(self._make_engines, config, self._deliver, self._metrics)
+        self._engines = await self._unless_stopped(start_in_background(make, "starting"))
+        self._factory.use(self._engines)
         for source in config.models:
-            hosted = await self._unless_stopped(partial(self._factory.host, source))
-            if hosted.facts.model_id in self._manager:
-                raise SettingError(f"model is {config.model!r}, and two of these are {hosted.facts.model_id}; give one")
-            self._manager.adopt(source, hosted)
+            model = await self._unless_stopped(asyncio.ensure_future(self._factory.load(source)))
+            if model.model_id in self._manager:
+                raise SettingError(f"model is {config.model!r}, and two of these are {model.model_id}; give one")
+            self._manager.adopt(model)
         self._service = MotionService(self._manager.models, config.flush_ms / 1000, self._metrics)
         self._manager.open(self._service)
         self._door.open(self._service)
@@ -110,25 +114,29 @@ class Application:
         self._metrics.prompts_waiting.set_function(lambda: self._factory.num_waiting_prompts)
         await self._set_health(health_pb2.HealthCheckResponse.SERVING)
         self._ready = True
-        for kept in self._manager.kept:
-            hosted = kept.hosted
-            _log.info("serving %s (weights: %s) on port %d, ops on port %d, with %d threads",
-                      kept.model_id, hosted.licence, self.grpc_port, self.ops_port, hosted.threads)  # fmt: skip
+        for model in self._manager.kept:
+            _log.info("serving %s (weights: %s) on port %d, ops on port %d, with %s",
+                      model.model_id, model.licence, self.grpc_port, self.ops_port, self._engines)  # fmt: skip
         if config.print_ports:
             ports = {"grpc_port": self.grpc_port, "ops_port": self.ops_port}
             print(json.dumps(ports | ({"admin_port": self.admin_port} if config.admin_listen else {})), flush=True)
 
-    async def _unless_stopped(self, work: Callable[[], T]) -> T:
-        """What `work` returns, done on a thread that does not keep the process from ending. Raises StoppedEarly."""
-        outcome = start_in_background(work, "loading")
+    async def _unless_stopped(self, work: asyncio.Future[T]) -> T:
+        """What the work comes to, unless it is to be stopped before. Raises StoppedEarly."""
         stopping = asyncio.create_task(self._stop.wait())
-        either: set[asyncio.Future[Any]] = {outcome, stopping}
+        either: set[asyncio.Future[Any]] = {work, stopping}
         await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
         stopping.cancel()
-        if outcome.done():
-            return outcome.result()
-        outcome.cancel()
+        if work.done():
+            return work.result()
+        work.cancel()
         raise StoppedEarly
+
+    async def _stop_engines(self) -> None:
+        """At once where they still load."""
+        if self._engines is not None:
+            self._engines.stop()
+            await start_in_background(self._engines.join, "stopping")
 
     def _deliver(self, outputs: Sequence[Output]) -> None:
         self._service.deliver(outputs)
@@ -243,6 +251,7 @@ class Application:
         finished.cancel()
         failed = self._manager.failure is not None
         await self._manager.stop()
+        await self._stop_engines()
         await self.stop_ops()
         self._factory.close()
         _log.info("stopped%s", " after the engine failed" if failed else "")
@@ -273,15 +282,18 @@ def stop_on_signals(application: Application) -> None:
         loop.add_signal_handler(number, asked)
 
 
-async def run(config: ServerConfig, load: Callable[[ServerConfig], Loaded] | None = None) -> int:
+async def run(config: ServerConfig, make_engines: MakeEngines = start_engine_processes) -> int:
     """Start, serve until SIGTERM or SIGINT, drain. Returns the process's exit code."""
-    application = Application(config, load)
+    application = Application(config, make_engines)
     stop_on_signals(application)
     try:
         await application.start()
     except SettingError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except EngineLost as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
     except StoppedEarly:
         _log.info("stopped before it was ready")
         return 0

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from motiongen_server.errors import SettingError
-from motiongen_server.settings import ENVIRONMENT_PREFIX, Program, check_settings, setting
+from motiongen_server.devices import check_devices
+from motiongen_server.settings import ENVIRONMENT_PREFIX, Program, SettingError, check_settings, setting
 
 DEFAULT_LOOKAHEAD_FRAMES = 40
 PRECISIONS = ("float32", "bfloat16", "auto")
@@ -36,10 +36,13 @@ class ServerConfig:
     text_encoder: str = setting("static", ENCODERS)
     text_device: str = setting("cpu", "device of llm2vec", choices=("cpu", "cuda"))
     text_precision: str = setting("bfloat16", "precision of llm2vec", choices=TEXT_PRECISIONS)
-    device: str = setting("cpu", "device the model runs on", choices=("cpu", "cuda"))
+    devices: str = setting(
+        "",
+        "an engine process for each: cpu:2 (two of a thread each), cpu:2x4 (two of four threads), cuda:0,cuda:1, "
+        "cuda:all; none: cuda:all where there is CUDA, else cpu: and the number of cores, at most 8",
+        many=True,
+    )
     precision: str = setting("float32", "of the model's products; auto: bfloat16 where fast", choices=PRECISIONS)
-    threads: int = setting(0, "CPU threads of the model; 0 = one for each core", 0, 1024)
-    engine_process: bool = setting(False, "run the engine in a process of its own, started anew when it is lost")
     denoise_steps: int = setting(4, "denoising steps of a window when a session does not say", 2, 1000)
     text_guidance: float | None = setting(None, "weight of the prompt when a session does not say", 0, 10, kind=float)
     constraint_guidance: float | None = setting(None, "weight of constraints then", 0, 10, kind=float)
@@ -86,8 +89,7 @@ class ServerConfig:
             raise SettingError(f"model is {self.model!r}; give each model once, with commas between them")
         if self.admin_listen:
             check_admin_address(self.admin_listen)
-        if self.engine_process and (len(self.models) > 1 or self.admin_listen):
-            raise SettingError("engine_process serves one model and no admin service; leave it out for several models")
+        check_devices(self.devices)
 
     @property
     def models(self) -> tuple[str, ...]:

@@ -13,10 +13,6 @@ from motiongen_server.engine.types import Code
 ERROR_DOMAIN = "motiongen"
 
 
-class SettingError(ValueError):
-    """A setting with a value it cannot have; the message names setting, value and allowed range."""
-
-
 class EventRefused(Exception):
     """One event that is answered with an outcome; the stream and its other sessions go on.
 

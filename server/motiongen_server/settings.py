@@ -9,8 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from motiongen_server.errors import SettingError
-
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
@@ -19,6 +17,10 @@ Config = TypeVar("Config", bound="DataclassInstance")
 ENVIRONMENT_PREFIX = "MOTIONGEN_"
 _LINK_NAME = re.compile(r"_SERVICE_HOST$|_SERVICE_PORT(_\w+)?$|_PORT_\d+_(TCP|UDP|SCTP)(_PROTO|_PORT|_ADDR)?$")
 _LINK_ADDRESS = re.compile(r"(tcp|udp|sctp)://")
+
+
+class SettingError(ValueError):
+    """A setting with a value it cannot have; the message names setting, value and allowed range."""
 
 
 def setting(default: Any, meaning: str, least: float | None = None, most: float | None = None, **more: Any) -> Any:

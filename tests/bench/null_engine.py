@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
-from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Deliver, Inbox, Observe
-from motiongen_server.engine_process.engine_main import Built, run
-from motiongen_server.models.loader import build_engine
+from motiongen_server.engine_process.host import LoadText, TextEncoder
+from motiongen_server.engine_process.main import run
+from motiongen_server.engine_process.messages import Begin
+from motiongen_server.engine_process.model_loading import build_engine
+from motiongen_server.engine_process.slot import BuildEngine, Built
 from motiongen_server.ops.memory import keep_freed_memory
-from tests.bench.null_runner import STEP_S, NullRunner
+from tests.bench.null_runner import STEP_S, NullEncoder, NullRunner
 
 
-def build(config: ServerConfig, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
-    runner = NullRunner(STEP_S)
-    return Built(build_engine(config, runner, deliver, observe, inbox), runner.facts, "none", threads=1)
+def prepare(begin: Begin) -> tuple[BuildEngine, LoadText]:
+    def build(source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
+        runner = NullRunner(STEP_S)
+        return Built(build_engine(begin.config, runner, deliver, observe, inbox), runner.facts, "none")
+
+    def load_text(width: int) -> TextEncoder:
+        return NullEncoder()
+
+    return build, load_text
 
 
 if __name__ == "__main__":
     keep_freed_memory()
-    sys.exit(run(Path(sys.argv[1]), build))
+    os._exit(run(Path(sys.argv[1]), prepare))

@@ -1,4 +1,4 @@
-"""The real server with a runner that computes nothing: `python -m tests.bench.null_server --port 0 ...`.
+"""The real server with engine processes that compute nothing: `python -m tests.bench.null_server --port 0 ...`.
 
 Takes the server's own settings. Once ready it prints a JSON line with both ports and, by name, the operating system's
 numbers of its threads, so that their processor time can be told apart. SIGTERM ends it.
@@ -12,20 +12,30 @@ import signal
 import sys
 import threading
 
-from motiongen_server.app import Application, Loaded
+from motiongen_server.app import Application
 from motiongen_server.config import ServerConfig, parse_config
+from motiongen_server.engine.ports import Deliver
+from motiongen_server.engine.types import ModelFacts
+from motiongen_server.engine_process.pool import EnginePool, start_engine_processes
 from motiongen_server.ops.memory import keep_freed_memory, settled_objects
-from tests.bench.null_runner import STEP_S, NullEncoder, NullRunner
+from motiongen_server.ops.metrics import Metrics
+from motiongen_server.text.prompts import TextEncoder
+from tests.bench.null_runner import NullEncoder
 
 
-def load_nothing(config: ServerConfig) -> Loaded:
-    del config
-    return Loaded(NullRunner(STEP_S), NullEncoder(), "none", threads=1)
+def start_null_engines(config: ServerConfig, deliver: Deliver, metrics: Metrics) -> EnginePool:
+    pool = start_engine_processes(config, deliver, metrics, (sys.executable, "-m", "tests.bench.null_engine"))
+
+    def load_text(facts: ModelFacts) -> TextEncoder:
+        return NullEncoder()
+
+    pool.load_text = load_text  # type: ignore[method-assign]
+    return pool
 
 
 async def serve(config: ServerConfig) -> int:
     """Until SIGTERM. Returns the exit code."""
-    application = Application(config, load_nothing, (sys.executable, "-m", "tests.bench.null_engine"))
+    application = Application(config, start_null_engines)
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, application.ask_to_stop)
     await application.start()
     threads = {thread.name: thread.native_id for thread in threading.enumerate()}

@@ -82,7 +82,8 @@ async def measure(steps: int, effort: Effort, status: Status) -> Figures:
                 rates[characters] = await windows_per_s(client, steps, characters, effort.window_s)
             client_memory = psutil.Process().memory_info().rss / MIB
             most, trials = await realtime_characters(client, steps, effort, say)
-            server_memory = psutil.Process(server.pid).memory_info().rss / MIB
+            gateway = psutil.Process(server.pid)
+            server_memory = sum(each.memory_info().rss for each in [gateway, *gateway.children()]) / MIB
         ready_s = server.ready_s
     say("one rollout at a time")
     return Figures(

@@ -35,8 +35,7 @@ from motiongen_server.engine.types import (
     SessionKey,
 )
 from motiongen_server.models.factory import make_catalog
-from motiongen_server.models.hosting import Hosted
-from motiongen_server.models.registry import ModelRegistry, Served
+from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.ops.memory import keep_freed_memory, settled_objects
 from motiongen_server.rpc.handlers import SERVICE_NAME, add_methods
 from motiongen_server.rpc.service import MotionService
@@ -95,9 +94,10 @@ class NullEngine:
 
 async def serve_service(config: ServerConfig) -> None:
     engine = NullEngine()
-    hosted = Hosted(engine, FACTS, NullEncoder(), "none", threads=1, presets=())  # type: ignore[arg-type]
-    served = Served(engine, PromptEncoder(NullEncoder(), config.prompt_cache), make_catalog(config, hosted))
-    service = MotionService(ModelRegistry(served), config.flush_ms / 1000)
+    prompts = PromptEncoder(NullEncoder(), config.prompt_cache)
+    catalog = make_catalog(config, FACTS, "none", prompts.identity)
+    model = LoadedModel("null", engine, prompts, catalog)  # type: ignore[arg-type]
+    service = MotionService(ModelRegistry(model), config.flush_ms / 1000)
     engine.deliver = service.deliver
     engine.start()
     server = grpc.aio.server(options=[("grpc.max_send_message_length", 8 << 20)])

@@ -1,4 +1,4 @@
-"""What the compliance suite talks to: the server at MOTIONGEN_ADDRESS, else one inside this process.
+"""What the compliance suite talks to: the server at MOTIONGEN_ADDRESS, else one here and one of several processes.
 
     MOTIONGEN_ADDRESS=localhost:50051 python -m pytest tests/contract
 
@@ -8,15 +8,22 @@ Tests that must look inside a server, or stop it, use `local_server` and never t
 from __future__ import annotations
 
 import os
-from collections.abc import AsyncIterator
+import signal
+import subprocess
+import sys
+from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass
 
 import grpc.aio
 import pytest
 
 from motiongen.v1 import service_pb2, service_pb2_grpc
+from tests.conftest import ROOT
 from tests.contract.local import LocalServer
 from tests.contract.talk import Talk
+
+ADDRESS = os.environ.get("MOTIONGEN_ADDRESS")
+LIMIT_S = 60.0
 
 
 @dataclass
@@ -65,10 +72,27 @@ async def local(local_server: LocalServer) -> AsyncIterator[Target]:
         yield target
 
 
-@pytest.fixture
-async def target() -> AsyncIterator[Target]:
-    address = os.environ.get("MOTIONGEN_ADDRESS")
-    if address:
+@pytest.fixture(scope="session")
+def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The address of a server with two engine processes; its end is checked."""
+    log = tmp_path_factory.mktemp("gateway") / "stderr.txt"
+    with log.open("w", encoding="utf-8") as errors:
+        command = [sys.executable, "-m", "tests.contract.gateway"]
+        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True)
+        assert process.stdout is not None
+        with process.stdout:
+            address = process.stdout.readline().strip()
+            assert address, log.read_text()
+            yield address
+            process.send_signal(signal.SIGTERM)
+            exit_code = process.wait(LIMIT_S)
+    assert exit_code == 0, log.read_text()
+
+
+@pytest.fixture(params=["in this process", "two engine processes"] if ADDRESS is None else ["at the address"])
+async def target(request: pytest.FixtureRequest) -> AsyncIterator[Target]:
+    address = request.getfixturevalue("gateway") if request.param == "two engine processes" else ADDRESS
+    if address is not None:
         async for target in connect(address):
             yield target
         return

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.types import Gait, Guidance
-from motiongen_server.models.registry import ModelRegistry, Served
+from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.handlers import add_methods
@@ -74,7 +74,7 @@ class LocalServer:
             gaits=self._gaits,
             abilities=self._abilities,
         )
-        self.service = MotionService(ModelRegistry(Served(self.engine, self.prompts, catalog)))
+        self.service = MotionService(ModelRegistry(LoadedModel("fake", self.engine, self.prompts, catalog)))
         self._server = grpc.aio.server(options=[("grpc.max_receive_message_length", limits.max_request_bytes)])
         add_methods(self.service, self._server)
         self.address = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"

@@ -21,7 +21,7 @@ from tests.conftest import ROOT, TINY_MODEL
 from tests.contract.talk import Talk
 
 LIMIT_S = 60.0
-MODEL = ["--model", str(TINY_MODEL), "--text-encoder", "hashed", "--threads", "1"]
+MODEL = ["--model", str(TINY_MODEL), "--text-encoder", "hashed", "--devices", "cpu:1"]
 FREE_PORTS = ["--port", "0", "--ops-port", "0", "--print-ports"]
 
 

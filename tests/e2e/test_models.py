@@ -35,7 +35,7 @@ class TwoModels:
 @pytest.fixture(scope="module")
 def two_models(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TwoModels]:
     log = tmp_path_factory.mktemp("two_models") / "stderr.txt"
-    settings = ["--port", "0", "--ops-port", "0", "--print-ports", "--threads", "1", "--drain-wait-s", "0"]
+    settings = ["--port", "0", "--ops-port", "0", "--print-ports", "--devices", "cpu:2", "--drain-wait-s", "0"]
     settings += ["--profile-s", "0.3", "--admit-load", "1000", "--degrade", "false", "--text-encoder", "hashed"]
     settings += ["--model", BUILT_IN_MODEL, "--model", str(TINY), "--admin-listen", "127.0.0.1:0"]
     with log.open("w", encoding="utf-8") as errors:

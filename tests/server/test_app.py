@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 import grpc
@@ -16,13 +16,15 @@ from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_ardy.checkpoint.model_card import BUILT_IN_MODEL
-from motiongen_server.app import SERVICE_NAME, Application, Loaded, StoppedEarly, join_address
+from motiongen_server.app import SERVICE_NAME, Application, StoppedEarly, join_address
 from motiongen_server.config import ServerConfig
-from motiongen_server.errors import SettingError
-from motiongen_server.models.loader import build_engine, load_model
+from motiongen_server.engine.ports import Runner
+from motiongen_server.engine_process.model_loading import build_engine, load_model
+from motiongen_server.settings import SettingError
 from tests.contract.local import LengthEncoder, RealTime
 from tests.contract.talk import Talk
 from tests.server.engine.fakes import FACTS, FakeRunner
+from tests.server.in_process import ENGINE, in_process
 
 LIMIT_S = 20.0
 SERVING, NOT_SERVING = health_pb2.HealthCheckResponse.SERVING, health_pb2.HealthCheckResponse.NOT_SERVING
@@ -33,15 +35,19 @@ def config(**settings: object) -> ServerConfig:
     return ServerConfig(**{**defaults, **settings})  # type: ignore[arg-type]
 
 
-def load(_: ServerConfig) -> Loaded:
-    return Loaded(FakeRunner(RealTime()), LengthEncoder(), "CC0-1.0", 3)
+def load(_: ServerConfig) -> FakeRunner:
+    return FakeRunner(RealTime())
+
+
+def application_of(settings: ServerConfig, load: Callable[[ServerConfig], Runner] = load) -> Application:
+    return Application(settings, in_process(load, LengthEncoder()))
 
 
 @asynccontextmanager
 async def running(settings: ServerConfig) -> AsyncIterator[Application]:
     """An application that serves, drained at the end unless the test did it."""
     async with asyncio.timeout(LIMIT_S):
-        application = Application(settings, load)
+        application = application_of(settings)
         await application.start()
         try:
             yield application
@@ -57,12 +63,12 @@ async def get(application: Application, path: str) -> httpx.Response:
 async def test_while_it_loads_it_is_alive_and_not_ready() -> None:
     loop, loading, loaded = asyncio.get_running_loop(), asyncio.Event(), threading.Event()
 
-    def slow(settings: ServerConfig) -> Loaded:
+    def slow(settings: ServerConfig) -> FakeRunner:
         loop.call_soon_threadsafe(loading.set)
         assert loaded.wait(LIMIT_S)
         return load(settings)
 
-    application = Application(config(), slow)
+    application = application_of(config(), slow)
     async with asyncio.timeout(LIMIT_S):
         starting = asyncio.create_task(application.start())
         await loading.wait()
@@ -78,12 +84,12 @@ async def test_while_it_loads_it_is_alive_and_not_ready() -> None:
 async def test_while_it_loads_its_port_answers_that_it_does_not_serve_yet() -> None:
     loop, loading, loaded = asyncio.get_running_loop(), asyncio.Event(), threading.Event()
 
-    def slow(settings: ServerConfig) -> Loaded:
+    def slow(settings: ServerConfig) -> FakeRunner:
         loop.call_soon_threadsafe(loading.set)
         assert loaded.wait(LIMIT_S)
         return load(settings)
 
-    application = Application(config(), slow)
+    application = application_of(config(), slow)
     async with asyncio.timeout(LIMIT_S):
         starting = asyncio.create_task(application.start())
         await loading.wait()
@@ -153,7 +159,7 @@ async def test_one_stream_too_many_is_refused() -> None:
 
 async def test_asked_to_stop_it_ends_with_0_and_tells_health() -> None:
     async with asyncio.timeout(LIMIT_S):
-        application = Application(config(), load)
+        application = application_of(config())
         await application.start()
         async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
             watch = health_pb2_grpc.HealthStub(channel).Watch(health_pb2.HealthCheckRequest(service=SERVICE_NAME))
@@ -171,13 +177,13 @@ async def test_asked_to_stop_while_it_loads_it_ends_without_waiting_for_the_mode
     loading = asyncio.Event()
     loop = asyncio.get_running_loop()
 
-    def slow(settings: ServerConfig) -> Loaded:
+    def slow(settings: ServerConfig) -> FakeRunner:
         loop.call_soon_threadsafe(loading.set)
         loaded.wait()
         return load(settings)
 
     async with asyncio.timeout(LIMIT_S):
-        application = Application(config(), slow)
+        application = application_of(config(), slow)
         starting = asyncio.create_task(application.start())
         await loading.wait()
         application.ask_to_stop()
@@ -193,7 +199,7 @@ async def test_asked_to_stop_while_it_loads_it_ends_without_waiting_for_the_mode
 
 async def test_a_client_that_does_not_read_does_not_hold_up_the_end() -> None:
     async with asyncio.timeout(LIMIT_S):
-        application = Application(config(), load)
+        application = application_of(config())
         await application.start()
         async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
             stub = service_pb2_grpc.MotionServiceStub(channel)
@@ -214,7 +220,7 @@ async def test_a_client_that_does_not_read_does_not_hold_up_the_end() -> None:
 async def test_until_the_goodbye_sessions_still_open() -> None:
     """Balancers see the changed health some time after it changed."""
     async with asyncio.timeout(LIMIT_S):
-        application = Application(config(drain_wait_s=600), load)
+        application = application_of(config(drain_wait_s=600))
         await application.start()
         async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
             watch = health_pb2_grpc.HealthStub(channel).Watch(health_pb2.HealthCheckRequest(service=SERVICE_NAME))
@@ -236,7 +242,7 @@ async def test_the_line_at_the_start_names_model_licence_ports_and_threads(caplo
         async with running(config()) as application:
             pass
     (line,) = [line for line in caplog.messages if line.startswith("serving")]
-    for part in ("fake", "CC0-1.0", str(application.grpc_port), str(application.ops_port), "3 threads"):
+    for part in ("fake", "CC0-1.0", str(application.grpc_port), str(application.ops_port), "an engine of this process"):
         assert part in line
 
 
@@ -250,8 +256,8 @@ def test_ipv6_hosts_are_told_from_their_ports(host: str, address: str) -> None:
 
 def test_cuda_where_there_is_none_is_named_as_the_setting(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
-    with pytest.raises(SettingError, match=r"device is 'cuda', .* use cpu"):
-        load_model(config(device="cuda"))
+    with pytest.raises(SettingError, match=r"devices has cuda, .* use cpu"):
+        load_model(config(), BUILT_IN_MODEL, "cuda")
 
 
 def test_model_device_steps_and_precision_reach_the_runner(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -262,17 +268,17 @@ def test_model_device_steps_and_precision_reach_the_runner(monkeypatch: pytest.M
         return FakeRunner(RealTime())
 
     monkeypatch.setattr("motiongen_server.runner.load_runner", remember)
-    load_model(config(model=BUILT_IN_MODEL, denoise_steps=5, precision="bfloat16"))
+    load_model(config(denoise_steps=5, precision="bfloat16"), BUILT_IN_MODEL)
     assert asked == [(BUILT_IN_MODEL, "cpu", 5, "bfloat16")]
 
 
 async def test_when_the_engine_fails_it_ends_with_1(caplog: pytest.LogCaptureFixture) -> None:
-    application = Application(config(), load)
+    application = application_of(config())
 
     def observe(report: object) -> None:
         raise RuntimeError("the books do not fit together")
 
-    application._metrics.of_model(FACTS.model_id).observe = observe  # type: ignore[method-assign]
+    application._metrics.of_engine(FACTS.model_id, ENGINE).observe = observe  # type: ignore[method-assign]
     async with asyncio.timeout(LIMIT_S):
         await application.start()
         await application.serve()
@@ -293,7 +299,7 @@ async def test_when_the_engine_fails_it_ends_with_1(caplog: pytest.LogCaptureFix
     ],
 )
 async def test_settings_that_do_not_fit_the_model_are_named(settings: dict[str, object], named: str) -> None:
-    application = Application(config(**settings), load)
+    application = application_of(config(**settings))
     async with asyncio.timeout(LIMIT_S):
         with pytest.raises(SettingError, match=named):
             await application.start()

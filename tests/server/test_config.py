@@ -7,7 +7,7 @@ from dataclasses import fields
 import pytest
 
 from motiongen_server.config import SERVER, ServerConfig, parse_config
-from motiongen_server.errors import SettingError
+from motiongen_server.settings import SettingError
 from motiongen_server.text.encoder.config import ENCODER
 
 
@@ -30,7 +30,9 @@ def test_the_encoder_service_has_settings_of_its_own_in_the_same_environment() -
     assert parse_config([], environment).port == 1111
     encoder = ENCODER.parse(["--max-texts", "7"], environment)
     assert (encoder.port, encoder.text_encoder, encoder.max_texts) == (2222, "static", 7)
-    with pytest.raises(SettingError, match=r"MOTIONGEN_ENCODER_COLOUR.*python -m motiongen_server\.encoder --help"):
+    with pytest.raises(
+        SettingError, match=r"MOTIONGEN_ENCODER_COLOUR.*python -m motiongen_server\.text\.encoder --help"
+    ):
         ENCODER.parse([], {"MOTIONGEN_ENCODER_COLOUR": "red"})
     with pytest.raises(SettingError, match=r"port is 70000"):
         ENCODER.parse(["--port", "70000"], {})
@@ -69,7 +71,7 @@ def test_a_value_beyond_its_range_is_refused_with_the_range(name: str) -> None:
         (["--flush-ms", "nan"], ["flush_ms", "nan", "1 to 1000"]),
         (["--idle-timeout-s", "soon"], ["idle_timeout_s", "'soon'", "a number"]),
         (["--reflection", "perhaps"], ["reflection", "'perhaps'", "true or false"]),
-        (["--device", "abacus"], ["device", "'abacus'", "cpu, cuda"]),
+        (["--devices", "abacus"], ["devices", "'abacus'", "cuda:all", "cpu:2x4"]),
         (["--history-frames", "18"], ["history_frames", "18", "multiple of 4"]),
         (["--lookahead-frames", "100"], ["max_lookahead_frames", "100"]),
         (["--colour", "red"], ["--colour", "--help"]),
@@ -146,8 +148,7 @@ def test_the_admin_service_may_listen_nowhere_else(address: str) -> None:
     [
         ({"model": "one,one"}, "give each model once"),
         ({"model": "one,,two"}, "give each model once"),
-        ({"model": "one,two", "engine_process": True}, "engine_process serves one model"),
-        ({"admin_listen": "localhost:0", "engine_process": True}, "engine_process serves one model"),
+        ({"devices": "cpu:0"}, "1 to 64 engines"),
     ],
 )
 def test_models_that_cannot_be_served_together_are_refused(settings: dict[str, object], named: str) -> None:

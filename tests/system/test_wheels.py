@@ -23,7 +23,7 @@ for part in (motiongen_ardy, motiongen_client, motiongen_server, motiongen_tools
     assert Path(part.__file__).is_relative_to(sys.prefix), part.__file__
 from motiongen_client.blocking import MotionClient
 from motiongen_tools.server_process import ServerProcess
-with ServerProcess(["--threads", "1", "--profile-s", "0.3"]) as server, MotionClient(server.address) as client:
+with ServerProcess(["--devices", "cpu:1", "--profile-s", "0.3"]) as server, MotionClient(server.address) as client:
     walker = client.open(prompt="a person walks forward")
     print("frames:", len([frame.joint_positions_m() for frame in walker.frames(seconds=1)]))
 """

@@ -19,7 +19,7 @@ class EventSink(Protocol):
 
 
 class EnginePort(EventSink, Protocol):
-    """An engine in this process, or a stand-in for one in another. Everything may be called from any thread."""
+    """A model's engine, or what stands for all of them. It takes events. Everything may be called from any thread."""
 
     @property
     def num_sessions(self) -> int:
@@ -34,10 +34,6 @@ class EnginePort(EventSink, Protocol):
     @property
     def failure(self) -> BaseException | None:
         """What ended it, if it did not end as it should."""
-        ...
-
-    def start(self) -> None:
-        """Begin to take events."""
         ...
 
     def drain(self) -> None:

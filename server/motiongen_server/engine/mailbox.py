@@ -25,6 +25,10 @@ class Mailbox:
         self._waiting: Counter[SessionKey] = Counter()
         self._rung = False
 
+    def __len__(self) -> int:
+        """Events that wait."""
+        return len(self._events)
+
     def put(self, event: Event) -> bool:
         """Hand in an event. False: the session has as many waiting as it may, and the event was not taken."""
         key = event.session

@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
-from motiongen_server.config import ServerConfig
-from motiongen_server.engine.ports import Deliver, Inbox, Observe
-from motiongen_server.engine_process.engine_main import Built, run
-from motiongen_server.models.loader import build_engine, load_model
+from motiongen_server.engine_process.main import run
+from motiongen_server.engine_process.model_loading import prepare
 from motiongen_server.ops.memory import keep_freed_memory
-
-
-def build(config: ServerConfig, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
-    """Load the configured model and make the engine around it."""
-    model = load_model(config)
-    engine = build_engine(config, model.runner, deliver, observe, inbox)
-    return Built(engine, model.runner.facts, model.licence, model.threads, model.abilities)
-
 
 if __name__ == "__main__":
     keep_freed_memory()
-    sys.exit(run(Path(sys.argv[1]), build))
+    # Not by the interpreter's own end: that takes seconds with torch loaded, and a failed engine's thread may run on.
+    os._exit(run(Path(sys.argv[1]), prepare))

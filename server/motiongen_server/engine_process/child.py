@@ -6,7 +6,7 @@ import contextlib
 import os
 import signal
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 END_S = 5.0
@@ -19,12 +19,16 @@ class Child:
     It is started anew, not forked: a process in which gRPC runs must not be forked.
     """
 
-    def __init__(self, command: Sequence[str], folder: Path) -> None:
-        """Raises OSError where it cannot be started."""
+    def __init__(self, command: Sequence[str], folder: Path, environment: Mapping[str, str]) -> None:
+        """environment: what it finds besides this process's. Raises OSError where it cannot be started."""
         self._death, held_open = os.pipe()
         try:
             self._process = subprocess.Popen(
-                [*command, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, pass_fds=(held_open,)
+                [*command, str(folder)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                env={**os.environ, **environment},
+                pass_fds=(held_open,),
             )
         except OSError:
             os.close(self._death)

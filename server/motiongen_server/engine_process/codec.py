@@ -122,7 +122,7 @@ class _Table:
             return self._named_tuple(hint)
         if is_dataclass(hint) and isinstance(hint, type):
             return self.struct(hint)
-        raise TypeError(f"{hint} cannot cross between processes; give it a place in server.split.codec")
+        raise TypeError(f"{hint} cannot cross between processes; give it a place in its codec")
 
     def _note(self, kind: type, content: str) -> None:
         line = f"{kind.__name__}: {content}"

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import zmq
 
-from motiongen_server.config import ServerConfig
 from motiongen_server.engine_process.bell import Bell
 from motiongen_server.engine_process.child import END_S, Child
 from motiongen_server.engine_process.codec import Codec, CodecError
@@ -18,17 +17,14 @@ from motiongen_server.engine_process.messages import (
     TO_ENGINE,
     TO_GATEWAY,
     Begin,
-    CloseAhead,
     Ended,
     Events,
     Greeting,
     Joined,
-    Ready,
-    Stop,
+    ToEngine,
     ToGateway,
 )
 from motiongen_server.engine_process.sockets import GatewayEnd, poller_of
-from motiongen_server.errors import SettingError
 
 GREETING_S = 60.0
 """How long an engine process may take to say its first word; it has only to import this package."""
@@ -47,11 +43,20 @@ class Stopped(Exception):
 class Connection:
     """Used by one thread; `kill` may be called from any."""
 
-    def __init__(self, command: Sequence[str], bell: Bell, is_stopping: Callable[[], bool]) -> None:
-        """Start the process. bell: ends every wait. Raises SettingError or OSError where that is impossible."""
+    def __init__(
+        self,
+        command: Sequence[str],
+        bell: Bell,
+        is_stopping: Callable[[], bool],
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
+        """Start the process. bell: ends every wait. environment: what the process finds besides this one's.
+
+        Raises SettingError or OSError where that is impossible.
+        """
         self._end = GatewayEnd()
         try:
-            self._child = Child(command, self._end.folder)
+            self._child = Child(command, self._end.folder, environment or {})
         except OSError:
             self._end.close()
             raise
@@ -68,29 +73,27 @@ class Connection:
 
     # ---- the beginning ----------------------------------------------------------------------------------------------
 
-    def load(self, config: ServerConfig) -> Ready:
-        """Let it load the model. Raises SettingError, EngineLost, or Stopped when asked to stop meanwhile."""
-        greeting = self._await(GREETING, Greeting, GREETING_S)
+    def begin(self, message: Begin) -> None:
+        """Have it join. Raises EngineLost, or Stopped when asked to stop meanwhile."""
+        greeting = self._await(GREETING, Greeting)
         if greeting.schema != SCHEMA:
             raise EngineLost(f"the engine process speaks schema {greeting.schema}, this one {SCHEMA}: mixed versions")
         apart_s = time.monotonic() - greeting.clock_at
         if not 0 <= apart_s < CLOCK_TOLERANCE_S:
             raise EngineLost(f"the engine process's monotonic clock is {apart_s:g} s from this one's")
         for socket in (self._end.events, self._end.ahead):
-            socket.send(TO_ENGINE.encode(Begin(config)))
-        self._await(TO_GATEWAY, Joined, GREETING_S)
+            socket.send(TO_ENGINE.encode(message))
+        self._await(TO_GATEWAY, Joined)
         self._end.seal()
-        ready: Ready = self._await(TO_GATEWAY, Ready, None)
-        return ready
 
-    def _await(self, codec: Codec[Any], kind: type[Any], patience_s: float | None) -> Any:
+    def _await(self, codec: Codec[Any], kind: type[Any]) -> Any:
         """The next message, of this kind."""
-        ends_at = None if patience_s is None else time.monotonic() + patience_s
+        ends_at = time.monotonic() + GREETING_S
         while (data := self._receive()) is None:
             if self._is_stopping():
                 raise Stopped
-            if ends_at is not None and time.monotonic() > ends_at:
-                raise EngineLost(f"the engine process said no {kind.__name__} within {patience_s:g} s")
+            if time.monotonic() > ends_at:
+                raise EngineLost(f"the engine process said no {kind.__name__} within {GREETING_S:g} s")
             self.wait(0.5, for_room=False)
             self._bell.quiet()
             if self._has_died and (data := self._receive(LAST_READ_MS)) is None:
@@ -99,7 +102,7 @@ class Connection:
                 break
         message = _decoded(codec, data)
         if isinstance(message, Ended):
-            raise (SettingError if message.is_setting else EngineLost)(message.error)
+            raise EngineLost(message.error)
         if not isinstance(message, kind):
             raise EngineLost(f"the engine process said {type(message).__name__} where {kind.__name__} was due")
         return message
@@ -115,7 +118,7 @@ class Connection:
         """While there is room."""
         self._end.events.send(TO_ENGINE.encode(events), zmq.NOBLOCK)
 
-    def send_ahead(self, message: CloseAhead | Stop) -> None:
+    def send_ahead(self, message: ToEngine) -> None:
         """Past the events that wait."""
         self._end.ahead.send(TO_ENGINE.encode(message))
 

@@ -40,6 +40,7 @@ class Entry:
     close: Close | None = None
     is_open: bool = False
     num_frames: int = 0
+    is_clip: bool = False
 
 
 class Ledger:
@@ -50,6 +51,11 @@ class Ledger:
         self._closing: dict[SessionKey, Close] = {}
         self._refused: dict[SessionKey, Entry] = {}  # their Close is on its way, and the engine will answer it
         self._number = 0
+        self.num_clips = 0
+
+    def __contains__(self, session: SessionKey) -> bool:
+        """Whether a session is open, about to be, or waits for the answer to a Close."""
+        return session in self._entries or session in self._refused
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -61,7 +67,9 @@ class Ledger:
         entry = self._entries.get(event.session)
         if entry is None:
             if isinstance(event, Open):
-                self._entries[event.session] = Entry(event.event_seq, {event.event_seq: None})
+                is_clip = event.spec.is_clip
+                self._entries[event.session] = Entry(event.event_seq, {event.event_seq: None}, is_clip=is_clip)
+                self.num_clips += is_clip
         elif isinstance(event, Close):
             entry.close = event
             self._closing[event.session] = event
@@ -148,7 +156,7 @@ class Ledger:
         return self._cancelled(key, entry.unanswered)
 
     def _forget(self, key: SessionKey) -> None:
-        del self._entries[key]
+        self.num_clips -= self._entries.pop(key).is_clip
         self._closing.pop(key, None)
 
     @staticmethod
@@ -174,7 +182,7 @@ class Ledger:
         self._entries.clear()
         self._refused.clear()
         self._closing.clear()
-        self._number = 0
+        self._number = self.num_clips = 0
         return outputs
 
 
@@ -195,3 +203,18 @@ def refuse_while_draining(key: SessionKey, event_seq: int) -> Outcome:
     """The answer to an Open once the server takes no new sessions."""
     message = "the server is going away; open the session elsewhere"
     return Outcome(key, event_seq, Code.UNAVAILABLE, None, "DRAINING", message, "open")
+
+
+def refuse_beyond_limit(key: SessionKey, event_seq: int, most: int) -> Outcome:
+    """The answer to an Open where all engines together hold as many sessions as they may."""
+    return Outcome(
+        key,
+        event_seq,
+        Code.RESOURCE_EXHAUSTED,
+        None,
+        "SESSION_LIMIT",
+        "the server is full; try again later",
+        "open",
+        f"at most {most} sessions at once",
+        retry_after_s=RETRY_AFTER_S,
+    )

@@ -1,6 +1,7 @@
 """What crosses between gateway and engine process: every message, and the two codecs, one for each direction.
 
-Times are seconds of the machine's monotonic clock, which both processes read; `clock_at` proves it at the start.
+A model that an engine process holds is known by the number of its slot. Times are seconds of the machine's monotonic
+clock, which both processes read; `clock_at` proves it at the start.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.scheduling.report import StepReport
-from motiongen_server.engine.types import Close, Event, ModelFacts, Output
+from motiongen_server.engine.types import Close, Event, Float32Array, ModelFacts, Output
 from motiongen_server.engine_process.codec import Codec
 from motiongen_server.rpc.abilities import Abilities
 
@@ -27,15 +28,33 @@ class Greeting:
 
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """Load the model: the first message on each of the two ways in."""
+    """The first message on each of the two ways in. kind: of the device, cpu or cuda; threads: on the processor."""
 
     config: ServerConfig
+    kind: str
+    threads: int
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """Load a model into a new slot; answered with Ready or NotLoaded. It goes ahead."""
+
+    slot: int
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Unload:
+    """Finish the windows of a slot that run, close its sessions as DRAINED, and forget it; answered with Unloaded."""
+
+    slot: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Events:
-    """Events in order. They are numbered from the first one of the process; this is the number of the first here."""
+    """Events of a slot in order. They are numbered from its first one; this is the number of the first here."""
 
+    slot: int
     first_number: int
     events: tuple[Event, ...]
 
@@ -44,14 +63,30 @@ class Events:
 class CloseAhead:
     """End a session ahead of the events that still wait: its Open is number `opened`, its last event number `last`."""
 
+    slot: int
     close: Close
     opened: int
     last: int
 
 
 @dataclass(frozen=True, slots=True)
+class LoadEncoder:
+    """Load the configured text encoder, for models that take vectors of this width; answered with EncoderReady."""
+
+    width: int
+
+
+@dataclass(frozen=True, slots=True)
+class EncodeTexts:
+    """Answered with Encoded of the same number."""
+
+    number: int
+    texts: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Stop:
-    """Finish the windows that run, close every session as DRAINED, and end."""
+    """Unload every slot, and end."""
 
 
 # ---- engine -> gateway ----------------------------------------------------------------------------------------------
@@ -59,46 +94,83 @@ class Stop:
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """All ways are connected; loading begins."""
+    """All ways are connected."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """The model is loaded and warm. threads: of the model, on the processor. abilities: what it was trained for."""
+    """The model of a slot is loaded, warm, and takes events. abilities: what it was trained for."""
 
+    slot: int
     facts: ModelFacts
     licence: str
-    threads: int
     abilities: Abilities
+
+
+@dataclass(frozen=True, slots=True)
+class NotLoaded:
+    """The slot stays empty. error: why. is_setting: whether the settings are at fault."""
+
+    slot: int
+    error: str
+    is_setting: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Unloaded:
+    """The last message of a slot."""
+
+    slot: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outputs:
-    """What the engine delivered at once, in order."""
+    """What the engine of a slot delivered at once, in order."""
 
+    slot: int
     outputs: tuple[Output, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
-    """The loop goes round: when it last did, and what the steps since the last Pulse did."""
+    """The loop of a slot's engine goes round: when it last did, and what the steps since the last Pulse did."""
 
+    slot: int
     heartbeat_at: float
     reports: tuple[StepReport, ...]
 
 
 @dataclass(frozen=True, slots=True)
+class EncoderReady:
+    """The text encoder is loaded, or not: then error says why."""
+
+    identity: str
+    width: int
+    error: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Encoded:
+    """vectors: (texts, width), one of no rows where encoding failed, and then error says why."""
+
+    number: int
+    vectors: Float32Array
+    error: str
+
+
+@dataclass(frozen=True, slots=True)
 class Ended:
-    """The last message. error: why, empty after Stop. is_setting: whether the settings are at fault."""
+    """The last message. error: why, empty after Stop."""
 
     error: str
-    is_setting: bool = False
 
 
-ToEngine = Begin | Events | CloseAhead | Stop
-ToGateway = Joined | Ready | Outputs | Pulse | Ended
+ToEngine = Begin | Load | Unload | Events | CloseAhead | LoadEncoder | EncodeTexts | Stop
+ToGateway = Joined | Ready | NotLoaded | Unloaded | Outputs | Pulse | EncoderReady | Encoded | Ended
 
-TO_ENGINE: Codec[ToEngine] = Codec(Begin, Events, CloseAhead, Stop)
-TO_GATEWAY: Codec[ToGateway] = Codec(Joined, Ready, Outputs, Pulse, Ended, writable=False)
+TO_ENGINE: Codec[ToEngine] = Codec(Begin, Load, Unload, Events, CloseAhead, LoadEncoder, EncodeTexts, Stop)
+TO_GATEWAY: Codec[ToGateway] = Codec(
+    Joined, Ready, NotLoaded, Unloaded, Outputs, Pulse, EncoderReady, Encoded, Ended, writable=False
+)
 GREETING: Codec[Greeting] = Codec(Greeting)
 SCHEMA = f"{TO_ENGINE.schema}-{TO_GATEWAY.schema}"

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import zmq
 
-from motiongen_server.errors import SettingError
+from motiongen_server.settings import SettingError
 
 EVENT_MESSAGES = 32
 """Most messages that wait on `events`, on each side."""

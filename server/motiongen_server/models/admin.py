@@ -13,7 +13,8 @@ from google.protobuf.message import Message
 from motiongen.v1 import admin_pb2, admin_pb2_grpc
 from motiongen_server.engine.types import Code
 from motiongen_server.errors import StreamRefused
-from motiongen_server.models.manager import CannotKeep, Kept, ModelManager, ModelState
+from motiongen_server.models.manager import CannotKeep, ModelManager
+from motiongen_server.models.registry import LoadedModel, ModelState
 
 MAX_GRACE_S = 3600.0
 
@@ -100,7 +101,7 @@ class AdminService(admin_pb2_grpc.MotionAdminServiceServicer):
         if not task.cancelled():
             task.exception()  # looked at: the caller may be gone
 
-    def _status(self, kept: Kept) -> admin_pb2.ModelStatus:
+    def _status(self, kept: LoadedModel) -> admin_pb2.ModelStatus:
         failure = kept.engine.failure
         return admin_pb2.ModelStatus(
             model_id=kept.model_id,

@@ -2,81 +2,125 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass
+from typing import Protocol
 
+from motiongen_server.background import start_in_background
 from motiongen_server.config import ServerConfig
-from motiongen_server.engine.ports import Deliver
-from motiongen_server.engine.scheduling.device import Device
-from motiongen_server.engine.scheduling.report import StepReport
-from motiongen_server.engine.types import Guidance
-from motiongen_server.models.hosting import Hosted, host_engine
-from motiongen_server.models.loader import Loaded, open_store
-from motiongen_server.models.registry import Served
+from motiongen_server.engine.engine_port import EnginePort
+from motiongen_server.engine.types import Guidance, ModelFacts
+from motiongen_server.models.loader import load_repertoire, open_store
+from motiongen_server.models.registry import LoadedModel
+from motiongen_server.models.repertoire import NOTHING_SAID, Repertoire
 from motiongen_server.ops.metrics import Metrics
-from motiongen_server.ops.model_metrics import EngineMetrics
+from motiongen_server.rpc.abilities import Abilities
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.limits import Limits
-from motiongen_server.text.prompts import PromptEncoder
+from motiongen_server.text.prompts import PromptEncoder, TextEncoder
+
+
+class ModelEngine(EnginePort, Protocol):
+    """A model that is loaded and takes events, and what it says of itself."""
+
+    @property
+    def facts(self) -> ModelFacts: ...
+
+    @property
+    def licence(self) -> str: ...
+
+    @property
+    def abilities(self) -> Abilities: ...
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """What is loaded on a thread of its own."""
+
+    engine: ModelEngine
+    encoder: TextEncoder
+    repertoire: Repertoire
+
+
+class Engines(Protocol):
+    """What computes: engine processes, or something in their place. Used from any thread. `str` is for the log."""
+
+    def load(self, source: str) -> ModelEngine:
+        """Load a model and measure it. Raises SettingError."""
+        ...
+
+    def load_text(self, facts: ModelFacts) -> TextEncoder:
+        """Load the text encoder for a model. Raises SettingError."""
+        ...
+
+    def stop(self) -> None:
+        """End everything, at once what is being loaded."""
+        ...
+
+    def join(self) -> bool:
+        """Wait for the end, for a while. True if it has come."""
+        ...
 
 
 class ModelFactory:
-    """Models of one server: they share a device, and an encoder where they take the same."""
+    """Models of one server share an encoder where they take the same. Its coroutine runs on the event loop only."""
 
-    def __init__(
-        self,
-        config: ServerConfig,
-        load: Callable[[ServerConfig], Loaded],
-        deliver: Deliver,
-        metrics: Metrics,
-        engine_command: Sequence[str],
-    ) -> None:
-        """load, engine_command: as for `host_engine`."""
+    def __init__(self, config: ServerConfig, metrics: Metrics) -> None:
         self._config = config
-        self._load = load
-        self._deliver = deliver
         self._metrics = metrics
-        self._engine_command = engine_command
-        self._device = Device()
+        self._engines: Engines | None = None
+        self._encoders: dict[int, TextEncoder] = {}
         self._prompts: dict[tuple[str, int], PromptEncoder] = {}
 
-    def host(self, source: str) -> Hosted:
-        """Load a model, on any thread. Raises SettingError."""
-        observe = _Observe()
-        config = replace(self._config, model=source)
-        hosted = host_engine(config, self._load, self._deliver, observe, self._engine_command, self._device)
-        observe.metrics = self._metrics.of_model(hosted.facts.model_id)
-        return hosted
+    def use(self, engines: Engines) -> None:
+        """Compute there; before anything is loaded."""
+        self._engines = engines
 
-    def serve(self, hosted: Hosted) -> Served:
-        """Make ready to offer it, on the event loop."""
-        self._metrics.build.labels(hosted.facts.model_id, hosted.facts.rig.rig_id).set(1)
-        return Served(hosted.engine, self._prompts_for(hosted), make_catalog(self._config, hosted))
+    async def load(self, source: str) -> LoadedModel:
+        """Load a model. Raises SettingError, or whatever else goes wrong with its engine."""
+        parts = await start_in_background(lambda: self._load(source), "loading")
+        facts = parts.engine.facts
+        prompts = self._prompts_for(parts.encoder, facts)
+        for preset in parts.repertoire.presets:
+            prompts.remember(preset.text, preset.embedding)
+        self._metrics.build.labels(facts.model_id, facts.rig.rig_id).set(1)
+        catalog = make_catalog(self._config, facts, parts.engine.licence, parts.encoder.identity, parts.repertoire)
+        return LoadedModel(source, parts.engine, prompts, catalog, parts.engine.licence)
 
-    def forget(self, hosted: Hosted) -> None:
+    def _load(self, source: str) -> _Parts:
+        engines = self._engines
+        if engines is None:
+            raise RuntimeError("there are no engines yet")
+        engine = engines.load(source)
+        try:
+            width = engine.facts.embedding_dim
+            if width not in self._encoders:
+                self._encoders[width] = engines.load_text(engine.facts)
+            encoder = self._encoders[width]
+            return _Parts(engine, encoder, load_repertoire(self._config, encoder, engine.facts, engine.abilities))
+        except Exception:
+            engine.stop()
+            raise
+
+    def forget(self, model: LoadedModel) -> None:
         """Measure nothing more of a model that has been unloaded."""
-        self._metrics.build.remove(hosted.facts.model_id, hosted.facts.rig.rig_id)
-        self._metrics.forget_model(hosted.facts.model_id)
+        facts = model.catalog.facts
+        self._metrics.build.remove(facts.model_id, facts.rig.rig_id)
+        self._metrics.forget_model(facts.model_id)
 
-    def _prompts_for(self, hosted: Hosted) -> PromptEncoder:
-        key = (hosted.encoder.identity, hosted.facts.embedding_dim)
+    def _prompts_for(self, encoder: TextEncoder, facts: ModelFacts) -> PromptEncoder:
+        key = (encoder.identity, facts.embedding_dim)
         if key not in self._prompts:
-            self._prompts[key] = self._make_prompts(hosted)
-        for preset in hosted.presets:
-            self._prompts[key].remember(preset.text, preset.embedding)
+            config, metrics = self._config, self._metrics
+            self._prompts[key] = PromptEncoder(
+                encoder,
+                config.prompt_cache,
+                metrics.prompt_seconds.observe,
+                store=open_store(config, encoder.identity, facts),
+                timeout_s=config.prompt_timeout_s,
+                max_waiting=config.max_waiting_prompts,
+                count=metrics.count_prompt,
+            )
         return self._prompts[key]
-
-    def _make_prompts(self, hosted: Hosted) -> PromptEncoder:
-        config, metrics = self._config, self._metrics
-        return PromptEncoder(
-            hosted.encoder,
-            config.prompt_cache,
-            metrics.prompt_seconds.observe,
-            store=open_store(config, hosted.encoder.identity, hosted.facts),
-            timeout_s=config.prompt_timeout_s,
-            max_waiting=config.max_waiting_prompts,
-            count=metrics.count_prompt,
-        )
 
     @property
     def num_waiting_prompts(self) -> int:
@@ -89,42 +133,31 @@ class ModelFactory:
             prompts.close()
 
 
-class _Observe:
-    """Counts an engine's steps once it is known which model that is."""
-
-    def __init__(self) -> None:
-        self.metrics: EngineMetrics | None = None
-
-    def __call__(self, report: StepReport) -> None:
-        if self.metrics is not None:
-            self.metrics.observe(report)
-
-
-def make_catalog(config: ServerConfig, hosted: Hosted) -> Catalog:
+def make_catalog(
+    config: ServerConfig, facts: ModelFacts, licence: str, text_encoder: str, repertoire: Repertoire = NOTHING_SAID
+) -> Catalog:
     """What sessions with a model may ask for."""
     limits = Limits(
         max_sessions_per_stream=config.max_sessions_per_stream,
         max_prompt_characters=config.max_prompt_characters,
         max_request_bytes=config.max_request_bytes,
-        default_lookahead_frames=config.lookahead_for(hosted.facts.horizon),
+        default_lookahead_frames=config.lookahead_for(facts.horizon),
         max_lookahead_frames=config.max_lookahead_frames,
         events_per_second=config.events_per_second,
         stream_events_per_second=config.stream_events_per_second,
     )
-    own = hosted.facts.guidance
     guidance = Guidance(
-        own.text if config.text_guidance is None else config.text_guidance,
-        own.constraint if config.constraint_guidance is None else config.constraint_guidance,
+        facts.guidance.text if config.text_guidance is None else config.text_guidance,
+        facts.guidance.constraint if config.constraint_guidance is None else config.constraint_guidance,
     )
-    encoder = hosted.encoder.identity
     return Catalog(
-        hosted.facts,
+        facts,
         limits,
         guidance,
-        hosted.licence,
-        encoder,
+        licence,
+        text_encoder,
         config.history_frames,
-        hosted.presets,
-        hosted.gaits,
-        hosted.abilities,
+        repertoire.presets,
+        repertoire.gaits,
+        repertoire.abilities,
     )

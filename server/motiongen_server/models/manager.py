@@ -5,35 +5,23 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from enum import IntEnum
+from collections.abc import Awaitable, Callable
 from typing import Protocol
 
 from motiongen_server.background import start_in_background
 from motiongen_server.engine.engine_port import EnginePort
 from motiongen_server.engine.ports import DeviceLost
 from motiongen_server.engine.types import Code
-from motiongen_server.errors import SettingError
-from motiongen_server.models.hosting import Hosted
-from motiongen_server.models.registry import ModelRegistry, Served
+from motiongen_server.models.registry import LoadedModel, ModelRegistry, ModelState
 from motiongen_server.ops.memory import settle_again
 from motiongen_server.rpc.event_errors import model_failed, model_reloading
+from motiongen_server.settings import SettingError
 
 _log = logging.getLogger(__name__)
 
 LOOK_EVERY_S = 0.05
 CLOSE_S = 2.0
 """For sessions that are told to close, and for an engine that is told to end."""
-
-
-class ModelState(IntEnum):
-    """What a model is doing; the numbers are those of the protocol."""
-
-    LOADING = 1
-    SERVING = 2
-    UNLOADING = 3
-    FAILED = 4
 
 
 class CannotKeep(Exception):
@@ -45,28 +33,10 @@ class CannotKeep(Exception):
         self.reason = reason
 
 
-@dataclass(eq=False)
-class Kept:
-    """One model and its engine. source: what it was loaded from, as it was asked for."""
-
-    source: str
-    hosted: Hosted
-    served: Served
-    state: ModelState = ModelState.SERVING
-
-    @property
-    def engine(self) -> EnginePort:
-        return self.hosted.engine
-
-    @property
-    def model_id(self) -> str:
-        return self.served.model_id
-
-
 class Closer(Protocol):
     """Ends the sessions of a model: the service."""
 
-    def close_model(self, model: Served) -> int: ...
+    def close_model(self, model: LoadedModel) -> int: ...
 
 
 class ModelManager:
@@ -76,37 +46,28 @@ class ModelManager:
     was.
     """
 
-    def __init__(
-        self, host: Callable[[str], Hosted], serve: Callable[[Hosted], Served], forget: Callable[[Hosted], None]
-    ) -> None:
-        """host: loads a model from its source, on any thread, raising SettingError. serve: makes ready to offer it.
-
-        forget: told of a model that is gone for good.
-        """
-        self._host = host
-        self._serve = serve
+    def __init__(self, make: Callable[[str], Awaitable[LoadedModel]], forget: Callable[[LoadedModel], None]) -> None:
+        """make: loads a model from its source, raising SettingError. forget: told of a model that is gone for good."""
+        self._make = make
         self._forget = forget
-        self._kept: list[Kept] = []
+        self._kept: list[LoadedModel] = []
         self._loading: str | None = None
         self._models: ModelRegistry | None = None
         self._closer: Closer | None = None
 
     # ---- the models -------------------------------------------------------------------------------------------------
 
-    def adopt(self, source: str, hosted: Hosted) -> None:
+    def adopt(self, model: LoadedModel) -> None:
         """Keep a model that start-up has loaded, and offer it."""
-        kept = Kept(source, hosted, self._serve(hosted))
-        self._kept.append(kept)
+        self._kept.append(model)
         if self._models is None:
-            self._models = ModelRegistry(kept.served)
+            self._models = ModelRegistry(model)
         else:
-            self._models.put(kept.served)
+            self._models.put(model)
 
     def open(self, closer: Closer) -> None:
-        """Have all engines begin to take events. closer: ends the sessions of a model that is unloaded."""
+        """Start-up is over. closer: ends the sessions of a model that is unloaded."""
         self._closer = closer
-        for kept in self._kept:
-            kept.engine.start()
 
     def __contains__(self, model_id: str) -> bool:
         return any(kept.model_id == model_id for kept in self._kept)
@@ -123,7 +84,7 @@ class ModelManager:
         return self._models
 
     @property
-    def kept(self) -> tuple[Kept, ...]:
+    def kept(self) -> tuple[LoadedModel, ...]:
         """All models there are, the default first."""
         return tuple(self._kept)
 
@@ -132,16 +93,15 @@ class ModelManager:
         """The source of the model that is being loaded, if one is."""
         return self._loading
 
-    async def load(self, source: str) -> Kept:
-        """Load one more model, offer it and start its engine. Raises CannotKeep."""
-        hosted = await self._load(source)
-        if hosted.facts.model_id in self:
-            await self._end(hosted.engine)
-            message = f"{hosted.facts.model_id} is loaded already; reload it to have it anew"
+    async def load(self, source: str) -> LoadedModel:
+        """Load one more model, and offer it. Raises CannotKeep."""
+        kept = await self._load(source)
+        if kept.model_id in self:
+            await self._end(kept.engine)
+            message = f"{kept.model_id} is loaded already; reload it to have it anew"
             raise CannotKeep(Code.ALREADY_EXISTS, "MODEL_LOADED", message)
-        kept = self._begin(source, hosted)
         self._kept.append(kept)
-        self.models.put(kept.served)
+        self.models.put(kept)
         settle_again()
         _log.info("%s is served now, from %r", kept.model_id, source)
         return kept
@@ -157,36 +117,37 @@ class ModelManager:
             message = f"{model_id} is the only model that is served; load another one first"
             raise CannotKeep(Code.FAILED_PRECONDITION, "LAST_MODEL", message)
         self._check_free(kept, grace_s)
-        self.models.remove(kept.served)
+        self.models.remove(kept)
         closed = await self._retire(kept, grace_s)
-        self._forget(kept.hosted)
+        self._forget(kept)
         del kept
         settle_again()
         _log.info("%s has been unloaded, %d sessions were closed", model_id, closed)
         return closed
 
-    async def reload(self, model_id: str, grace_s: float | None) -> tuple[Kept, int]:
+    async def reload(self, model_id: str, grace_s: float | None) -> tuple[LoadedModel, int]:
         """Load a model again and put it in the place of the old one; returns how many sessions had to be closed.
 
         grace_s: as for `unload`, from then on. Raises CannotKeep; the old one is then served as before.
         """
         old = self._find(model_id)
         self._check_free(old, grace_s)
-        refusal = old.served.refusal
+        refusal = old.refusal
         if grace_s is None:
-            old.served.refusal = model_reloading(model_id)
+            old.refusal = model_reloading(model_id)
         try:
-            hosted = await self._load(old.source)
-            if hosted.facts.model_id != model_id:
-                await self._end(hosted.engine)
-                message = f"{old.source!r} holds {hosted.facts.model_id} by now, not {model_id}; load it by itself"
+            kept = await self._load(old.source)
+            if kept.model_id != model_id:
+                await self._end(kept.engine)
+                if kept.model_id not in self:
+                    self._forget(kept)
+                message = f"{old.source!r} holds {kept.model_id} by now, not {model_id}; load it by itself"
                 raise CannotKeep(Code.FAILED_PRECONDITION, "ANOTHER_MODEL", message)
         except CannotKeep:
-            old.served.refusal = refusal
+            old.refusal = refusal
             raise
-        kept = self._begin(old.source, hosted)
         self._kept[self._kept.index(old)] = kept
-        self.models.put(kept.served)
+        self.models.put(kept)
         self._kept.append(old)
         closed = await self._retire(old, grace_s)
         del old
@@ -194,7 +155,7 @@ class ModelManager:
         _log.info("%s has been loaded anew, %d sessions were closed", model_id, closed)
         return kept, closed
 
-    def _find(self, model_id: str) -> Kept:
+    def _find(self, model_id: str) -> LoadedModel:
         """The model to do something to. Raises CannotKeep where there is none, or something is being done already."""
         for kept in self._kept:
             if kept.model_id == model_id:
@@ -206,7 +167,7 @@ class ModelManager:
         raise CannotKeep(Code.NOT_FOUND, "UNKNOWN_MODEL", f"no model {model_id[:80]!r} is loaded; there are {known}")
 
     @staticmethod
-    def _check_free(kept: Kept, grace_s: float | None) -> None:
+    def _check_free(kept: LoadedModel, grace_s: float | None) -> None:
         if grace_s is None and kept.engine.num_sessions:
             message = (
                 f"{kept.engine.num_sessions} sessions of {kept.model_id} are open; give a grace, after which they are "
@@ -214,14 +175,14 @@ class ModelManager:
             )
             raise CannotKeep(Code.FAILED_PRECONDITION, "SESSIONS_OPEN", message)
 
-    async def _load(self, source: str) -> Hosted:
+    async def _load(self, source: str) -> LoadedModel:
         if self._loading is not None:
             message = f"{self._loading!r} is being loaded; one model is loaded at a time"
             raise CannotKeep(Code.UNAVAILABLE, "LOADING", message)
         self._loading = source
         _log.info("loading %r", source)
         try:
-            return await start_in_background(lambda: self._host(source), "loading")
+            return await self._make(source)
         except SettingError as error:
             raise CannotKeep(Code.FAILED_PRECONDITION, "CANNOT_LOAD", str(error)) from error
         except Exception as error:
@@ -230,17 +191,12 @@ class ModelManager:
         finally:
             self._loading = None
 
-    def _begin(self, source: str, hosted: Hosted) -> Kept:
-        kept = Kept(source, hosted, self._serve(hosted))
-        kept.engine.start()
-        return kept
-
-    async def _retire(self, kept: Kept, grace_s: float | None) -> int:
+    async def _retire(self, kept: LoadedModel, grace_s: float | None) -> int:
         """Wait for the sessions of a model that is offered no more, close those that are left, and end its engine."""
         assert self._closer is not None
         kept.state = ModelState.UNLOADING
         await self._until_empty(kept.engine, grace_s or 0.0)
-        closed = self._closer.close_model(kept.served)
+        closed = self._closer.close_model(kept)
         await self._until_empty(kept.engine, CLOSE_S)
         await self._end(kept.engine)
         self._kept.remove(kept)
@@ -265,7 +221,7 @@ class ModelManager:
             if kept.state is ModelState.SERVING and kept.engine.failure is not None:
                 _log.error("%s is served no more: its engine has failed", kept.model_id)
                 kept.state = ModelState.FAILED
-                kept.served.refusal = model_failed(kept.model_id)
+                kept.refusal = model_failed(kept.model_id)
 
     @property
     def failure(self) -> BaseException | None:

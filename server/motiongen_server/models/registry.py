@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from enum import IntEnum
 
 from motiongen.v1 import service_pb2
-from motiongen_server.engine.engine_port import EventSink
+from motiongen_server.engine.engine_port import EnginePort
 from motiongen_server.errors import EventRefused
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.event_errors import unknown_model
@@ -15,13 +16,28 @@ from motiongen_server.rpc.limits import Limits
 from motiongen_server.text.prompts import PromptEncoder
 
 
-@dataclass(eq=False)
-class Served:
-    """One model, as its sessions know it. refusal: what new ones are told while it takes none."""
+class ModelState(IntEnum):
+    """What a model is doing; the numbers are those of the protocol."""
 
-    engine: EventSink
+    LOADING = 1
+    SERVING = 2
+    UNLOADING = 3
+    FAILED = 4
+
+
+@dataclass(eq=False)
+class LoadedModel:
+    """One model: its engine, and what its sessions are served with.
+
+    source: what it was loaded from, as it was asked for. refusal: what new sessions are told while it takes none.
+    """
+
+    source: str
+    engine: EnginePort
     prompts: PromptEncoder
     catalog: Catalog
+    licence: str = ""
+    state: ModelState = ModelState.SERVING
     refusal: EventRefused | None = None
 
     @property
@@ -33,11 +49,11 @@ class Served:
 class ModelRegistry:
     """The models that sessions can be opened with, the default first; never empty. Used from the event loop only."""
 
-    def __init__(self, first: Served) -> None:
+    def __init__(self, first: LoadedModel) -> None:
         self._served = {first.model_id: first}
         self._response = _catalog_response(self._served.values())
 
-    def __iter__(self) -> Iterator[Served]:
+    def __iter__(self) -> Iterator[LoadedModel]:
         return iter(tuple(self._served.values()))
 
     def __len__(self) -> int:
@@ -56,7 +72,7 @@ class ModelRegistry:
         """The same as a message."""
         return next(iter(self)).catalog.limits_message
 
-    def find(self, model_id: str) -> Served:
+    def find(self, model_id: str) -> LoadedModel:
         """The model of that name, the default for an empty one. Raises EventRefused where no session can be opened."""
         served = self._served.get(model_id) if model_id else next(iter(self))
         if served is None:
@@ -65,12 +81,12 @@ class ModelRegistry:
             raise served.refusal
         return served
 
-    def put(self, served: Served) -> None:
+    def put(self, served: LoadedModel) -> None:
         """Offer a model, in the place of the one of the same name if there is one, else as the last."""
         self._served[served.model_id] = served
         self._response = _catalog_response(self._served.values())
 
-    def remove(self, served: Served) -> None:
+    def remove(self, served: LoadedModel) -> None:
         """Offer a model no more, unless another has its place already. The next one is the default if it was."""
         if self._served.get(served.model_id) is served:
             del self._served[served.model_id]
@@ -83,7 +99,7 @@ class ModelRegistry:
         return self._response
 
 
-def _catalog_response(served: Iterable[Served]) -> service_pb2.GetCatalogResponse:
+def _catalog_response(served: Iterable[LoadedModel]) -> service_pb2.GetCatalogResponse:
     """The catalogues of single models as one."""
     whole = service_pb2.GetCatalogResponse()
     for number, each in enumerate(served):

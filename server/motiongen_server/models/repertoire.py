@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from motiongen_server.engine.types import Direction, Gait
-from motiongen_server.rpc.abilities import Abilities, FormSupport, GaitText, PresetText, PromptDomain
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities, FormSupport, GaitText, PresetText, PromptDomain
 from motiongen_server.text.presets import Preset
 from motiongen_server.text.prompts import TextEncoder
 
@@ -28,6 +28,9 @@ class Repertoire:
     presets: tuple[Preset, ...]
     gaits: tuple[Gait, ...]
     abilities: Abilities
+
+
+NOTHING_SAID = Repertoire((), (), NOTHING_CLAIMED)
 
 
 def as_abilities(capabilities: Capabilities) -> Abilities:

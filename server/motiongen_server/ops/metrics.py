@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector
 
-from motiongen_server.ops.model_metrics import LATENCY_BUCKETS, ByModel, EngineMetrics
+from motiongen_server.ops.model_metrics import LATENCY_BUCKETS, ByEngine, EngineMetrics
 
 CLIP_BUCKETS = (0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0, 150.0, 300.0, 600.0)
+
+
+class WatchedProcess(Protocol):
+    """An engine process, as far as metrics tell of it. pid: None while there is none."""
+
+    @property
+    def pid(self) -> int | None: ...
+
+    @property
+    def num_restarts(self) -> int: ...
+
+    @property
+    def rss_bytes(self) -> int: ...
 
 
 class Metrics:
@@ -15,8 +30,8 @@ class Metrics:
     def __init__(self) -> None:
         registry = CollectorRegistry()
         self.registry = registry
-        self._by_model = ByModel()
-        registry.register(self._by_model)
+        self._by_engine = ByEngine()
+        registry.register(self._by_engine)
         self.build = Gauge("motiongen_build_info", "What runs, always 1.", ["model", "rig"], registry=registry)
         self.prompts = Counter(
             "motiongen_prompts",
@@ -59,19 +74,37 @@ class Metrics:
         self.heartbeat_age = Gauge(
             "motiongen_engine_heartbeat_age_seconds", "Since the engine's loop last went round.", registry=registry
         )
+        self.engine_up = Gauge(
+            "motiongen_engine_up", "Whether there is an engine process.", ["engine"], registry=registry
+        )
+        self.engine_restarts = Gauge(
+            "motiongen_engine_restarts",
+            "Engine processes started in place of lost ones.",
+            ["engine"],
+            registry=registry,
+        )
+        self.engine_memory = Gauge(
+            "motiongen_engine_resident_memory_bytes", "Memory of an engine process.", ["engine"], registry=registry
+        )
         ProcessCollector(registry=registry)
 
-    def of_model(self, model_id: str) -> EngineMetrics:
-        """Those of a model's engine, from now on. From any thread."""
-        return self._by_model.of(model_id)
+    def of_engine(self, model_id: str, engine: str) -> EngineMetrics:
+        """Those of a model on an engine, from now on. From any thread."""
+        return self._by_engine.of(model_id, engine)
+
+    def watch_process(self, engine: str, process: WatchedProcess) -> None:
+        """Tell of an engine process whenever somebody asks."""
+        self.engine_up.labels(engine).set_function(lambda: float(process.pid is not None))
+        self.engine_restarts.labels(engine).set_function(lambda: process.num_restarts)
+        self.engine_memory.labels(engine).set_function(lambda: process.rss_bytes)
 
     def forget_model(self, model_id: str) -> None:
-        """Tell nothing more of a model's engine."""
-        self._by_model.forget(model_id)
+        """Tell nothing more of a model's engines."""
+        self._by_engine.forget(model_id)
 
     def load_of(self, model_id: str) -> float:
-        """The share of the machine in use, as a model's engine saw it."""
-        return self._by_model.load(model_id)
+        """The share of the machine in use, as a model's engines saw it on average."""
+        return self._by_engine.load(model_id)
 
     def count_prompt(self, source: str) -> None:
         """Note a prompt that was not in memory: where it came from, or the reason for which it did not."""

@@ -1,4 +1,4 @@
-"""The metrics of engines: declared once, kept for each model apart, and told with the model as a label."""
+"""The metrics of engines: declared once, kept for each model and engine apart, and told with both as labels."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ROW_BUCKETS = (1, 2, 4, 8, 16, 32, 64, 128)
 
 
 class EngineMetrics:
-    """What the engine of one model does, in a registry of its own."""
+    """What one engine does for one model, in a registry of its own."""
 
     def __init__(self) -> None:
         registry = CollectorRegistry()
@@ -145,37 +145,44 @@ class EngineMetrics:
                 self.sessions.labels(priority.name, state.name).set(counts.get((priority, state), 0))
 
 
-class ByModel(Collector):
-    """The metrics of all models, each sample with the name of its model."""
+class ByEngine(Collector):
+    """The metrics of all models on all engines, each sample with the name of its model and of its engine."""
 
     def __init__(self) -> None:
         self._blank = EngineMetrics()
-        self._models: dict[str, EngineMetrics] = {}
+        self._engines: dict[tuple[str, str], EngineMetrics] = {}
 
-    def of(self, model_id: str) -> EngineMetrics:
-        """Those of a model, from now on. From any thread."""
-        return self._models.setdefault(model_id, EngineMetrics())
+    def of(self, model_id: str, engine: str) -> EngineMetrics:
+        """Those of a model on an engine, from now on. From any thread."""
+        return self._engines.setdefault((model_id, engine), EngineMetrics())
 
     def forget(self, model_id: str) -> None:
         """Tell nothing more of a model."""
-        self._models.pop(model_id, None)
+        for key in tuple(self._engines):
+            if key[0] == model_id:
+                self._engines.pop(key, None)
 
     def load(self, model_id: str) -> float:
-        """The share of the machine that a model's engine saw in use."""
-        metrics = self._models.get(model_id)
-        return (metrics and metrics.registry.get_sample_value("motiongen_load")) or 0.0
+        """The share of their devices that the engines of a model saw in use, on average."""
+        loads = [
+            metrics.registry.get_sample_value("motiongen_load") or 0.0
+            for key, metrics in tuple(self._engines.items())
+            if key[0] == model_id
+        ]
+        return sum(loads) / max(1, len(loads))
 
     def describe(self) -> Iterable[Metric]:
         """What is declared, without samples."""
         return [_without_samples(family) for family in self._blank.registry.collect()]
 
     def collect(self) -> Iterable[Metric]:
-        """What is declared, with the samples of every model."""
+        """What is declared, with the samples of every model on every engine."""
         whole = {family.name: family for family in self.describe()}
-        for model_id, metrics in tuple(self._models.items()):
+        for (model_id, engine), metrics in tuple(self._engines.items()):
+            labels = {"model": model_id, "engine": engine}
             for family in metrics.registry.collect():
                 whole[family.name].samples += [
-                    Sample(each.name, {"model": model_id, **each.labels}, each.value, each.timestamp, each.exemplar)
+                    Sample(each.name, {**labels, **each.labels}, each.value, each.timestamp, each.exemplar)
                     for each in family.samples
                 ]
         return whole.values()

@@ -15,7 +15,7 @@ import grpc.aio
 from motiongen.v1 import service_pb2
 from motiongen_server.engine.types import CloseReason, Output
 from motiongen_server.errors import StreamRefused
-from motiongen_server.models.registry import ModelRegistry, Served
+from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.clip import ClipService
 from motiongen_server.rpc.convert import round_trip_s
 from motiongen_server.rpc.handlers import CatalogContext, ClipContext, StreamContext
@@ -215,7 +215,7 @@ class MotionService:
         goodbye.grace.FromMilliseconds(max(0, round(1000 * grace_s)))
         stream.reply(service_pb2.StreamMotionResponse(goodbye=goodbye))
 
-    def close_model(self, model: Served) -> int:
+    def close_model(self, model: LoadedModel) -> int:
         """Close every session of a model that is unloaded, and its clips; returns how many sessions those were."""
         self.clips.close_model(model)
         return sum(stream.close_all(CloseReason.MODEL_UNLOADED, model) for stream in list(self._streams.values()))

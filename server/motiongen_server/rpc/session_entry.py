@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import Code, Opened, Outcome, Output, SessionKey, Warned
-from motiongen_server.models.registry import Served
+from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.event_errors import invalid_event_seq, sequence_gap
 from motiongen_server.rpc.token_bucket import TokenBucket
 
@@ -24,7 +24,7 @@ class SessionEntry:
     """
 
     key: SessionKey
-    model: Served
+    model: LoadedModel
     request_id: str
     bucket: TokenBucket
     last_seq: int = 1

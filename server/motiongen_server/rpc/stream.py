@@ -26,7 +26,7 @@ from motiongen_server.engine.types import (
     SessionKey,
 )
 from motiongen_server.errors import EventRefused
-from motiongen_server.models.registry import ModelRegistry, Served
+from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.convert import (
     Parts,
     append_frames,
@@ -171,7 +171,7 @@ class Stream:
         if entry.encoding is None:
             entry.encoding = asyncio.get_running_loop().create_task(self._encode_waiting(entry))
 
-    def _known_embeddings(self, model: Served, event: session_pb2.SessionEvent) -> Embeddings | None:
+    def _known_embeddings(self, model: LoadedModel, event: session_pb2.SessionEvent) -> Embeddings | None:
         known = {}
         for text in prompt_texts(event, model.catalog):
             embedding = model.prompts.cached(text)
@@ -353,7 +353,7 @@ class Stream:
         self.send_queue.drop_frames()
         self.close_all(CloseReason.SLOW_READER)
 
-    def close_all(self, reason: CloseReason, model: Served | None = None) -> int:
+    def close_all(self, reason: CloseReason, model: LoadedModel | None = None) -> int:
         """Ask for every session of the stream to be closed that is not closing already; returns how many those were.
 
         model: those that were opened with this one only.

@@ -7,9 +7,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from motiongen_server.config import ServerConfig
+from motiongen_server.devices import EngineDevice
+from motiongen_server.engine.ports import Observe
 from motiongen_server.engine.scheduling.report import StepReport
 from motiongen_server.engine.types import (
     Chunk,
@@ -27,7 +30,8 @@ from motiongen_server.engine.types import (
     StartPose,
 )
 from motiongen_server.engine.types import PlayState as State
-from motiongen_server.engine_process.gateway import RemoteEngine
+from motiongen_server.engine_process.group import EngineGroup
+from motiongen_server.engine_process.pool import EnginePool
 
 LIMIT_S = 30.0
 KEY = SessionKey(1, 1)
@@ -50,6 +54,10 @@ class Audience:
         with self._heard:
             self.reports.append(report)
             self._heard.notify_all()
+
+    def observer_of(self, model_id: str, engine: str) -> Observe:
+        """The same for reports of any engine."""
+        return self.observe
 
     def wait_for(self, enough: Callable[[Audience], object]) -> None:
         """Raises AssertionError when that does not come."""
@@ -79,19 +87,43 @@ def command(how: str) -> list[str]:
     return [sys.executable, "-m", "tests.server.engine_process.fake_engine", how]
 
 
+@dataclass(frozen=True)
+class Remote:
+    """A model on engine processes with the fake runner."""
+
+    pool: EnginePool
+    engine: EngineGroup
+    audience: Audience
+
+    def pid(self, number: int = 0) -> int | None:
+        """Of an engine process."""
+        return self.pool.processes[number].pid
+
+
 @contextmanager
-def remote(
-    how: str = "nothing", hung_s: float = LIMIT_S, **settings: object
-) -> Iterator[tuple[RemoteEngine, Audience]]:
-    """A started engine process with the fake runner, ended when the test is over."""
+def pool_of(
+    how: str = "nothing", engines: int = 1, hung_s: float = LIMIT_S, rest_s: float = LIMIT_S, **settings: object
+) -> Iterator[tuple[EnginePool, Audience]]:
+    """Engine processes with the fake runner, ended when the test is over."""
     audience = Audience()
     config = ServerConfig(**settings)  # type: ignore[arg-type]
-    engine = RemoteEngine(config, audience.deliver, audience.observe, command(how), hung_s)
-    engine.load()
-    engine.start()
+    devices = [EngineDevice("cpu", 0, 1)] * engines
+    pool = EnginePool(config, devices, audience.deliver, audience.observer_of, command(how), hung_s, rest_s)
     try:
-        yield engine, audience
+        yield pool, audience
     finally:
+        pool.stop()
+        assert pool.join(LIMIT_S)
+
+
+@contextmanager
+def remote(
+    how: str = "nothing", engines: int = 1, hung_s: float = LIMIT_S, rest_s: float = LIMIT_S, **settings: object
+) -> Iterator[Remote]:
+    """The same with a model loaded, which is unloaded at the end."""
+    with pool_of(how, engines, hung_s, rest_s, **settings) as (pool, audience):
+        engine = pool.load("fake")
+        yield Remote(pool, engine, audience)
         engine.stop()
         assert engine.join(LIMIT_S)
 

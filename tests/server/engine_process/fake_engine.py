@@ -1,8 +1,8 @@
 """An engine process with the fake runner, for tests: `python -m tests.server.engine_process.fake_engine HOW FOLDER`.
 
-HOW says what is to go wrong: nothing; settings, load (refused, or failing, while it loads); schema (the greeting is of
-another version); garbage (after its first outputs it says what is no message); hang, die (in the second window of a
-session with the seed `FATAL_SEED`).
+HOW says what is to go wrong: nothing; small (an engine takes one session); settings, load (refused, or failing, while
+it loads); schema (the greeting is of another version); garbage (after its first outputs it says what is no message);
+hang, die, fail (in the second window of a session with the seed `FATAL_SEED`).
 """
 
 from __future__ import annotations
@@ -12,16 +12,21 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from motiongen_server.config import ServerConfig
+import numpy as np
+
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
-from motiongen_server.engine.ports import Deliver, Inbox, Observe
-from motiongen_server.engine.types import Output, RowStatus
-from motiongen_server.engine_process import engine_main
-from motiongen_server.engine_process.engine_main import Built, run
-from motiongen_server.errors import SettingError
+from motiongen_server.engine.ports import Deliver, DeviceLost, Inbox, Observe
+from motiongen_server.engine.types import Float32Array, Output, RowStatus
+from motiongen_server.engine_process import main as main_of_process
+from motiongen_server.engine_process.host import LoadText
+from motiongen_server.engine_process.main import run
+from motiongen_server.engine_process.messages import Begin
+from motiongen_server.engine_process.slot import BuildEngine, Built
+from motiongen_server.settings import SettingError
 from tests.server.engine.fakes import FakeRunner
 
 FATAL_SEED = 666
@@ -38,7 +43,7 @@ class RealTime:
 
 
 class FatalRunner(FakeRunner):
-    """Hangs or dies in the second window of a session with the fatal seed."""
+    """Hangs, dies or loses its device in the second window of a session with the fatal seed."""
 
     how: str = ""
 
@@ -50,34 +55,56 @@ class FatalRunner(FakeRunner):
                     time.sleep(60)
             if self.how == "die":
                 os.kill(os.getpid(), signal.SIGKILL)
+            if self.how == "fail":
+                raise DeviceLost("it fell off the bus")
         return super().denoise(job_ids)
 
 
-def build(how: str, config: ServerConfig, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
-    if how == "settings":
+def build(begin: Begin, how: str, source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
+    if how == "settings" or source == "unsound":
         raise SettingError("denoise_steps is too small")
     if how == "load":
         raise RuntimeError("the disk is gone")
     runner = FatalRunner(RealTime())  # type: ignore[arg-type]
     runner.how = how
-    engine_config = EngineConfig(max_sessions=config.max_sessions)
-    engine = Engine(runner, RealTime(), deliver, engine_config, observe, inbox)
-    return Built(engine, runner.facts, "CC0-1.0", threads=3)
+    runner.facts = replace(runner.facts, model_id=source)
+    engine_config = EngineConfig(max_sessions=1 if how == "small" else begin.config.max_sessions)
+    return Built(Engine(runner, RealTime(), deliver, engine_config, observe, inbox), runner.facts, "CC0-1.0")
+
+
+class Stutterer:
+    """Encodes a text by its length, but for one that it cannot."""
+
+    identity = "length-1"
+
+    def encode(self, texts: Sequence[str]) -> Float32Array:
+        if "fail" in texts:
+            raise RuntimeError("out of words")
+        if "die" in texts:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return np.array([[len(text), 0] for text in texts], np.float32)
 
 
 def main(how: str, folder: Path) -> int:
     if how == "schema":
-        engine_main.SCHEMA = "another"  # type: ignore[attr-defined]
+        main_of_process.SCHEMA = "another"  # type: ignore[attr-defined]
 
-    def building(config: ServerConfig, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
-        def babble(outputs: Sequence[Output]) -> None:
-            deliver(outputs)
-            inbox._outlet._unsent.append(b"\xc1 no message")  # type: ignore[attr-defined]
-            inbox._outlet.flush()  # type: ignore[attr-defined]
+    def prepare(begin: Begin) -> tuple[BuildEngine, LoadText]:
+        def building(source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
+            def babble(outputs: Sequence[Output]) -> None:
+                deliver(outputs)
+                deliver.__self__._wire.send(b"\xc1 no message")  # type: ignore[attr-defined]
 
-        return build(how, config, babble if how == "garbage" else deliver, observe, inbox)
+            return build(begin, how, source, babble if how == "garbage" else deliver, observe, inbox)
 
-    return run(folder, building)
+        def load_text(width: int) -> Stutterer:
+            if how == "settings":
+                raise SettingError("there is no such encoder")
+            return Stutterer()
+
+        return building, load_text
+
+    return run(folder, prepare)
 
 
 if __name__ == "__main__":

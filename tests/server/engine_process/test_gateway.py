@@ -7,11 +7,12 @@ import signal
 
 from motiongen_server.engine.types import Chunk, Closed, CloseReason, Opened, Outcome, SessionKey
 from tests.server.engine.fakes import FRAME, PLAN, SEED
-from tests.server.engine_process.audience import KEY, close, opening, play, playhead, remote
+from tests.server.engine_process.audience import KEY, LIMIT_S, close, opening, play, playhead, remote
 
 
 def test_a_session_from_open_to_close() -> None:
-    with remote() as (engine, audience):
+    with remote() as there:
+        engine, audience = there.engine, there.audience
         assert engine.submit(opening(seed=7)) is None
         audience.wait_for_frames(40)
         assert type(audience.outputs[0]) is Opened
@@ -33,7 +34,8 @@ def test_a_session_from_open_to_close() -> None:
 
 def test_refusals_of_the_engine_come_back_and_its_limits_hold() -> None:
     other = SessionKey(1, 2)
-    with remote(max_sessions=1) as (engine, audience):
+    with remote("small") as there:
+        engine, audience = there.engine, there.audience
         for event in (opening(), opening(other), play(2, other), close(3, other), play(2)):
             assert engine.submit(event) is None
         audience.wait_for(lambda heard: heard.answers() == [(2, "OK")] and len(heard.answers(other)) == 3)
@@ -45,11 +47,13 @@ def test_refusals_of_the_engine_come_back_and_its_limits_hold() -> None:
 
 
 def test_what_waits_for_an_engine_that_does_not_take_it_is_bounded_and_nothing_is_lost() -> None:
-    with remote() as (engine, audience):
+    with remote() as there:
+        engine, audience = there.engine, there.audience
         engine.submit(opening())
         audience.wait_for_frames(40)
-        assert engine.pid is not None
-        os.kill(engine.pid, signal.SIGSTOP)
+        pid = there.pid()
+        assert pid is not None
+        os.kill(pid, signal.SIGSTOP)
         try:
             refused: Outcome | None = None
             seq = 1
@@ -57,7 +61,7 @@ def test_what_waits_for_an_engine_that_does_not_take_it_is_bounded_and_nothing_i
                 seq += 1
                 refused = engine.submit(play(seq))
         finally:
-            os.kill(engine.pid, signal.SIGCONT)
+            os.kill(pid, signal.SIGCONT)
         assert refused is not None, "so many events were taken"
         assert refused.reason == "TOO_MANY_PENDING_EVENTS"
         audience.wait_for(lambda heard: len(heard.answers()) == seq - 2)
@@ -65,23 +69,26 @@ def test_what_waits_for_an_engine_that_does_not_take_it_is_bounded_and_nothing_i
 
 
 def test_a_close_overtakes_events_and_each_still_gets_its_answer_before_the_end() -> None:
-    with remote() as (engine, audience):
+    with remote() as there:
+        engine, audience = there.engine, there.audience
         engine.submit(opening())
         audience.wait_for_frames(40)
-        assert engine.pid is not None
-        os.kill(engine.pid, signal.SIGSTOP)
+        pid = there.pid()
+        assert pid is not None
+        os.kill(pid, signal.SIGSTOP)
         try:
             taken = [seq for seq in range(2, 40) if engine.submit(play(seq)) is None]
             assert engine.submit(close(40)) is None
         finally:
-            os.kill(engine.pid, signal.SIGCONT)
+            os.kill(pid, signal.SIGCONT)
         audience.wait_for_end()
         assert sorted(seq for seq, _ in audience.answers()) == taken
         assert type(audience.outputs[-1]) is Closed
 
 
 def test_a_key_can_be_used_again_at_once() -> None:
-    with remote() as (engine, audience):
+    with remote() as there:
+        engine, audience = there.engine, there.audience
         for seed in range(1, 6):
             engine.submit(opening(seed=seed))
             engine.submit(close(2))
@@ -93,7 +100,8 @@ def test_a_key_can_be_used_again_at_once() -> None:
 
 def test_draining_it_opens_nothing_more_and_stopped_it_closes_what_is_open() -> None:
     other = SessionKey(1, 2)
-    with remote() as (engine, audience):
+    with remote() as there:
+        engine, audience = there.engine, there.audience
         engine.submit(opening())
         audience.wait_for_frames(40)
         engine.drain()
@@ -104,3 +112,33 @@ def test_draining_it_opens_nothing_more_and_stopped_it_closes_what_is_open() -> 
         audience.wait_for_frames(60)
     assert audience.wait_for_end(KEY).reason is CloseReason.DRAINED
     assert engine.failure is None
+
+
+def test_the_limit_of_sessions_is_that_of_all_engines_together() -> None:
+    third = SessionKey(1, 3)
+    with remote(engines=2, max_sessions=2) as there:
+        for key in (KEY, SessionKey(1, 2)):
+            assert there.engine.submit(opening(key)) is None
+        refusal = there.engine.submit(opening(third))
+        assert refusal is not None
+        assert (refusal.code.name, refusal.reason) == ("RESOURCE_EXHAUSTED", "SESSION_LIMIT")
+        there.engine.submit(close(2))
+        there.audience.wait_for_end()
+        assert there.engine.submit(opening(third)) is None
+        there.audience.wait_for_frames(40, third)
+
+
+def test_two_models_are_held_and_one_is_unloaded_while_the_other_plays() -> None:
+    other = SessionKey(1, 2)
+    with remote() as there:
+        second = there.pool.load("second")
+        there.engine.submit(opening())
+        second.submit(opening(other))
+        there.audience.wait_for_frames(40, other)
+        assert (there.engine.num_sessions, second.num_sessions) == (1, 1)
+        assert second.facts.model_id == "second"
+        second.stop()
+        assert second.join(LIMIT_S)
+        assert there.audience.wait_for_end(other).reason is CloseReason.DRAINED
+        there.engine.submit(playhead(30))
+        there.audience.wait_for_frames(60)

@@ -13,20 +13,35 @@ from pathlib import Path
 import pytest
 
 from motiongen_server.config import ServerConfig
-from motiongen_server.engine.types import Chunk, Closed, CloseReason, Opened
+from motiongen_server.devices import EngineDevice
+from motiongen_server.engine.types import Chunk, Closed, CloseReason, Opened, SessionKey
 from motiongen_server.engine_process.connection import EngineLost
-from motiongen_server.engine_process.gateway import LOSSES, RemoteEngine
-from motiongen_server.errors import SettingError
-from tests.server.engine_process.audience import LIMIT_S, Audience, command, is_gone, opening, play, playhead, remote
+from motiongen_server.engine_process.group import EngineGroup
+from motiongen_server.engine_process.pool import EnginePool
+from motiongen_server.engine_process.process import LOSSES
+from motiongen_server.settings import SettingError
+from tests.server.engine_process.audience import (
+    KEY,
+    LIMIT_S,
+    Audience,
+    Remote,
+    command,
+    is_gone,
+    opening,
+    play,
+    playhead,
+    pool_of,
+    remote,
+)
 from tests.server.engine_process.fake_engine import FATAL_SEED
 
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def open_anew(engine: RemoteEngine, seed: int = 1) -> None:
+def open_anew(engine: EngineGroup, seed: int = 1, key: SessionKey = KEY) -> None:
     """Ask until an engine process takes the session; every refusal says when to ask again."""
     ends_at = time.monotonic() + LIMIT_S
-    while (refusal := engine.submit(opening(seed=seed))) is not None:
+    while (refusal := engine.submit(opening(key, seed))) is not None:
         assert refusal.reason == "ENGINE_RESTARTING"
         assert refusal.retry_after_s is not None
         assert refusal.retry_after_s > 0
@@ -35,10 +50,11 @@ def open_anew(engine: RemoteEngine, seed: int = 1) -> None:
 
 
 def test_a_killed_engine_ends_its_sessions_and_another_takes_its_place() -> None:
-    with remote() as (engine, audience):
+    with remote() as there:
+        engine, audience = there.engine, there.audience
         engine.submit(opening())
         audience.wait_for_frames(40)
-        first = engine.pid
+        first = there.pid()
         assert first is not None
         os.kill(first, signal.SIGSTOP)  # so that the edit cannot be answered any more
         assert engine.submit(play(2)) is None
@@ -49,14 +65,45 @@ def test_a_killed_engine_ends_its_sessions_and_another_takes_its_place() -> None
         assert engine.num_sessions == 0
         open_anew(engine)
         audience.wait_for_frames(80)
-        assert engine.pid != first
+        assert there.pid() != first
         assert engine.failure is None
+        assert there.pool.processes[0].num_restarts == 1
 
 
-@pytest.mark.parametrize("how", ["hang", "die", "garbage"])
+def test_sessions_of_other_engines_notice_nothing_and_new_ones_go_there() -> None:
+    keys = [SessionKey(1, handle) for handle in range(1, 5)]
+    with remote(engines=2) as there:
+        engine, audience = there.engine, there.audience
+        for key in keys:
+            assert engine.submit(opening(key)) is None
+            audience.wait_for_frames(40, key)
+        assert [process.num_sessions for process in there.pool.processes] == [2, 2]
+        pid = there.pid(1)
+        assert pid is not None
+        os.kill(pid, signal.SIGKILL)
+        audience.wait_for(lambda heard: sum(len(heard.of(Closed, key)) for key in keys) == 2)
+        stayed = [key for key in keys if not audience.of(Closed, key)]
+        assert engine.submit(opening(SessionKey(1, 9))) is None, "the other engine has room"
+        audience.wait_for_frames(40, SessionKey(1, 9))
+        for key in stayed:
+            assert engine.submit(playhead(30, key)) is None
+            assert engine.submit(play(2, key)) is None
+            audience.wait_for_frames(60, key)
+            assert audience.answers(key) == [(2, "OK")]
+        ends_at = time.monotonic() + LIMIT_S
+        while there.pool.processes[1].num_sessions == 0:
+            handle = 10 + len(audience.outputs)
+            assert engine.submit(opening(SessionKey(1, handle))) is None
+            assert time.monotonic() < ends_at, "the engine that was started again gets no sessions"
+            time.sleep(0.02)
+        assert all(not audience.of(Closed, key) for key in stayed)
+
+
+@pytest.mark.parametrize("how", ["hang", "die", "garbage", "fail"])
 def test_an_engine_that_hangs_dies_or_talks_nonsense_is_replaced(how: str) -> None:
-    with remote(how, hung_s=1.5) as (engine, audience):
-        first = engine.pid
+    with remote(how, hung_s=1.5) as there:
+        engine, audience = there.engine, there.audience
+        first = there.pid()
         assert first is not None
         engine.submit(opening(seed=FATAL_SEED))
         audience.wait_for(lambda heard: heard.of(Chunk) or heard.of(Closed))
@@ -68,16 +115,28 @@ def test_an_engine_that_hangs_dies_or_talks_nonsense_is_replaced(how: str) -> No
         assert engine.failure is None
 
 
-def test_lost_too_often_it_fails_as_a_whole() -> None:
-    with remote("die") as (engine, audience):
-        for number in range(1, LOSSES + 1):
-            open_anew(engine, seed=FATAL_SEED)
-            audience.wait_for(lambda heard, so_many=number: len(heard.of(Chunk)) >= so_many)
-            engine.submit(playhead(30))
-            audience.wait_for(lambda heard, so_many=number: len(heard.of(Closed)) == so_many)
-        assert engine.join(LIMIT_S)
-        assert isinstance(engine.failure, EngineLost)
-        assert engine.submit(play(2)) is not None
+def die_often(there: Remote) -> None:
+    for number in range(1, LOSSES + 1):
+        open_anew(there.engine, seed=FATAL_SEED)
+        there.audience.wait_for(lambda heard, so_many=number: len(heard.of(Chunk)) >= so_many)
+        there.engine.submit(playhead(30))
+        there.audience.wait_for(lambda heard, so_many=number: len(heard.of(Closed)) == so_many)
+
+
+def test_lost_too_often_it_counts_as_failed() -> None:
+    with remote("die") as there:
+        die_often(there)
+        there.audience.wait_for(lambda _: there.engine.failure)
+        assert isinstance(there.engine.failure, EngineLost)
+        assert there.engine.submit(play(2)) is not None
+
+
+def test_after_a_rest_a_failed_engine_is_tried_once_more() -> None:
+    with remote("die", rest_s=0.1) as there:
+        die_often(there)
+        open_anew(there.engine)
+        there.audience.wait_for(lambda heard: len(heard.of(Opened)) == LOSSES + 1)
+        assert there.engine.failure is None
 
 
 @pytest.mark.parametrize(
@@ -89,37 +148,56 @@ def test_lost_too_often_it_fails_as_a_whole() -> None:
     ],
 )
 def test_what_prevents_loading_is_said(how: str, error: type[Exception], says: str) -> None:
-    engine = RemoteEngine(ServerConfig(), Audience().deliver, Audience().observe, command(how))
-    with pytest.raises(error, match=says):
-        engine.load()
-    engine.stop()
+    with pool_of(how, engines=2) as (pool, _), pytest.raises(error, match=says):
+        pool.load("fake")
+
+
+def test_a_model_that_cannot_be_loaded_leaves_the_others_playing() -> None:
+    with remote(engines=2) as there:
+        there.engine.submit(opening())
+        there.audience.wait_for_frames(40)
+        with pytest.raises(SettingError):
+            there.pool.load("unsound")
+        there.engine.submit(playhead(30))
+        there.audience.wait_for_frames(60)
 
 
 def test_a_program_that_is_no_engine_is_said_to_be_none() -> None:
-    engine = RemoteEngine(ServerConfig(), Audience().deliver, Audience().observe, [sys.executable, "-c", "pass"])
+    audience = Audience()
+    pool = EnginePool(
+        ServerConfig(),
+        [EngineDevice("cpu", 0, 1)],
+        audience.deliver,
+        audience.observer_of,
+        [sys.executable, "-c", "pass"],
+    )
     with pytest.raises(EngineLost, match="exit code 0 before it was ready"):
-        engine.load()
-    engine.stop()
+        pool.load("fake")
+    pool.stop()
+    assert pool.join(LIMIT_S)
 
 
-def test_stopped_before_it_was_started_it_leaves_no_process() -> None:
-    engine = RemoteEngine(ServerConfig(), Audience().deliver, Audience().observe, command("nothing"))
-    engine.load()
-    pid = engine.pid
-    assert pid is not None
-    engine.stop()
-    assert is_gone(pid)
-    assert engine.join()
+def test_stopped_with_a_model_loaded_it_leaves_no_process() -> None:
+    with pool_of() as (pool, _):
+        pool.load("fake")
+        pid = pool.processes[0].pid
+        assert pid is not None
+        pool.stop()
+        assert pool.join(LIMIT_S)
+        assert is_gone(pid)
 
 
 GATEWAY = """
 import json, sys, time
 from motiongen_server.config import ServerConfig
-from motiongen_server.engine_process.gateway import RemoteEngine
-engine = RemoteEngine(ServerConfig(), lambda outputs: None, lambda report: None, json.loads(sys.argv[1]))
-engine.load()
-engine.start()
-print(engine.pid, flush=True)
+from motiongen_server.devices import EngineDevice
+from motiongen_server.engine_process.pool import EnginePool
+pool = EnginePool(
+    ServerConfig(), [EngineDevice("cpu", 0, 1)], lambda outputs: None, lambda *_: lambda report: None,
+    json.loads(sys.argv[1]),
+)
+pool.load("fake")
+print(pool.processes[0].pid, flush=True)
 time.sleep(600)
 """
 

@@ -1,4 +1,4 @@
-"""The whole server with its engine in a process of its own, and what clients notice when that process is killed."""
+"""The whole server with its engine processes, and what clients notice when one of these is killed."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import os
 import signal
 import sys
 from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
 
 import grpc.aio
 import httpx
@@ -20,34 +22,44 @@ from tests.contract.talk import Talk
 from tests.server.engine_process.audience import is_gone
 
 LIMIT_S = 90.0
-SETTINGS = ("--engine-process", "--model", str(TINY_MODEL), "--text-encoder", "hashed", "--threads", "1",
-            "--profile-s", "0", "--port", "0", "--ops-port", "0", "--print-ports",
-            "--drain-wait-s", "0", "--drain-grace-s", "0")  # fmt: skip
+SETTINGS = ("--model", str(TINY_MODEL), "--text-encoder", "hashed", "--profile-s", "0",
+            "--port", "0", "--ops-port", "0", "--print-ports", "--drain-wait-s", "0", "--drain-grace-s", "0",
+            "--devices")  # fmt: skip
 
 
-@pytest.fixture
-async def server() -> AsyncIterator[tuple[asyncio.subprocess.Process, dict[str, int]]]:
+async def start(devices: str) -> asyncio.subprocess.Process:
+    return await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "motiongen_server", *SETTINGS, devices,
+        cwd=ROOT, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+    )  # fmt: skip
+
+
+@asynccontextmanager
+async def serving(devices: str) -> AsyncIterator[tuple[asyncio.subprocess.Process, dict[str, int]]]:
     """A server that is ready, and its ports."""
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "motiongen_server", *SETTINGS, cwd=ROOT, stdout=asyncio.subprocess.PIPE, stderr=None
-    )
+    process = await start(devices)
     assert process.stdout is not None
-    yield process, json.loads(await process.stdout.readline())
-    if process.returncode is None:
-        process.kill()
-    await process.wait()
+    try:
+        yield process, json.loads(await process.stdout.readline())
+    finally:
+        if process.returncode is None:
+            process.kill()
+        await process.communicate()
 
 
-async def test_a_killed_engine_ends_sessions_not_streams_and_service_goes_on(
-    server: tuple[asyncio.subprocess.Process, dict[str, int]],
-) -> None:
-    process, ports = server
-    (engine,) = psutil.Process(process.pid).children()
+def loaded_libraries(pid: int) -> str:
+    """The files that a process has mapped: extension modules are among them."""
+    return Path(f"/proc/{pid}/maps").read_text(encoding="utf-8")
+
+
+async def test_a_killed_engine_ends_sessions_not_streams_and_service_goes_on() -> None:
     async with (
         asyncio.timeout(LIMIT_S),
+        serving("cpu:1") as (process, ports),
         grpc.aio.insecure_channel(f"localhost:{ports['grpc_port']}") as channel,
         httpx.AsyncClient(base_url=f"http://localhost:{ports['ops_port']}") as ops,
     ):
+        (engine,) = psutil.Process(process.pid).children()
         stub = service_pb2_grpc.MotionServiceStub(channel)
         talk = Talk(stub, await stub.GetCatalog(service_pb2.GetCatalogRequest()))  # type: ignore[arg-type, misc]
         await talk.hello()
@@ -79,3 +91,57 @@ async def test_a_killed_engine_ends_sessions_not_streams_and_service_goes_on(
         assert again.closed.reason == session_pb2.CLOSE_REASON_DRAINED
         assert await process.wait() == 0
         assert is_gone(engine.pid)
+
+
+async def test_with_two_engines_half_of_the_sessions_notice_nothing() -> None:
+    async with (
+        asyncio.timeout(LIMIT_S),
+        serving("cpu:2") as (process, ports),
+        grpc.aio.insecure_channel(f"localhost:{ports['grpc_port']}") as channel,
+        httpx.AsyncClient(base_url=f"http://localhost:{ports['ops_port']}") as ops,
+    ):
+        stub = service_pb2_grpc.MotionServiceStub(channel)
+        talk = Talk(stub, await stub.GetCatalog(service_pb2.GetCatalogRequest()))  # type: ignore[arg-type, misc]
+        await talk.hello()
+        heard = {handle: await talk.open(handle) for handle in range(1, 5)}
+        metrics = (await ops.get("/metrics")).text
+        for name in ("0", "1"):
+            assert f'motiongen_engine_up{{engine="{name}"}} 1.0' in metrics
+            assert f'engine="{name}",model="{heard[1].opened.model_id}"' in metrics
+        engines = psutil.Process(process.pid).children()
+        assert len(engines) == 2
+        os.kill(engines[0].pid, signal.SIGKILL)
+        await talk.until(lambda: sum(each.closed is not None for each in heard.values()) == 2)
+        for handle in [handle for handle, each in heard.items() if each.closed is None]:
+            await talk.plays_on(handle)
+        assert (await ops.get("/readyz")).status_code == 200
+        await talk.open(5)
+        await talk.plays_on(5)
+        process.send_signal(signal.SIGTERM)
+        assert await talk.to_the_end() is grpc.StatusCode.OK
+        assert await process.wait() == 0
+
+
+async def test_the_gateway_has_no_torch_and_an_engine_process_no_grpc() -> None:
+    async with asyncio.timeout(LIMIT_S), serving("cpu:1") as (process, _):
+        (engine,) = psutil.Process(process.pid).children()
+        gateway_has, engine_has = loaded_libraries(process.pid), loaded_libraries(engine.pid)
+    assert "/grpc/" in gateway_has
+    assert "/torch/" not in gateway_has
+    assert "/torch/" in engine_has
+    assert "/grpc/" not in engine_has
+
+
+@pytest.mark.parametrize("when", ["at once", "with torch"])
+async def test_sigterm_while_it_loads_ends_it_with_0_and_nothing_stays(when: str) -> None:
+    async with asyncio.timeout(LIMIT_S):
+        process = await start("cpu:1")
+        engines: list[psutil.Process] = []
+        while not engines or (when == "with torch" and "/torch/" not in loaded_libraries(engines[0].pid)):
+            await asyncio.sleep(0.01)
+            engines = psutil.Process(process.pid).children()
+        os.kill(engines[0].pid, signal.SIGTERM)  # as a service manager does, to every process of the group
+        process.send_signal(signal.SIGTERM)
+        _, err = await process.communicate()
+        assert (process.returncode, b"Traceback" in err, b"abort" in err.lower()) == (0, False, False)
+        assert is_gone(engines[0].pid)

@@ -18,13 +18,14 @@ from google.rpc import error_details_pb2
 from grpc_status import rpc_status
 
 from motiongen.v1 import admin_pb2, admin_pb2_grpc, service_pb2, service_pb2_grpc, session_pb2
-from motiongen_server.app import Application, Loaded
+from motiongen_server.app import Application
 from motiongen_server.config import ServerConfig
-from motiongen_server.errors import SettingError
 from motiongen_server.ops.memory import settled_objects
+from motiongen_server.settings import SettingError
 from tests.contract.local import LengthEncoder, RealTime
 from tests.contract.talk import Talk
 from tests.server.engine.fakes import FACTS, FakeRunner
+from tests.server.in_process import ENGINE, in_process
 
 LIMIT_S = 20.0
 
@@ -40,7 +41,7 @@ class Shop:
         self.named: dict[str, str] = {}
         self.made: list[weakref.ref[FakeRunner]] = []
 
-    def __call__(self, config: ServerConfig) -> Loaded:
+    def __call__(self, config: ServerConfig) -> FakeRunner:
         self.asked.append(config.model)
         assert self.go.wait(LIMIT_S)
         if config.model in self.broken:
@@ -49,7 +50,7 @@ class Shop:
         self.made.append(weakref.ref(runner))
         model_id = self.named.get(config.model, config.model)
         runner.facts = replace(FACTS, model_id=model_id, rig=replace(FACTS.rig, rig_id=f"rig-{model_id}"))
-        return Loaded(runner, LengthEncoder(), "CC0-1.0", 1)
+        return runner
 
 
 class Stage:
@@ -93,7 +94,7 @@ async def running(shop: Shop, model: str = "one,two") -> AsyncIterator[Stage]:
     settings = ServerConfig(
         port=0, ops_port=0, drain_wait_s=0, drain_grace_s=0, profile_s=0, model=model, admin_listen="127.0.0.1:0"
     )
-    application = Application(settings, shop)
+    application = Application(settings, in_process(shop, LengthEncoder()))
     await application.start()
     stage = Stage(application, shop)
     try:
@@ -302,7 +303,7 @@ async def test_an_engine_that_fails_takes_no_other_with_it_and_can_be_reloaded(s
     talk = await stage.talk()
     await talk.open(1)
     serving = asyncio.ensure_future(stage.application.serve())
-    metrics = stage.application._metrics.of_model("two")
+    metrics = stage.application._metrics.of_engine("two", ENGINE)
     sound = metrics.observe
     metrics.observe = observe  # type: ignore[method-assign]
     await stage.until(lambda models: models[1].state == admin_pb2.MODEL_STATE_FAILED)
@@ -347,7 +348,7 @@ async def test_one_model_named_twice_is_a_wrong_setting() -> None:
     shop.named["folder"] = "one"
     application = Application(
         ServerConfig(port=0, ops_port=0, profile_s=0, model="one,folder"),
-        shop,
+        in_process(shop, LengthEncoder()),
     )
     async with asyncio.timeout(LIMIT_S):
         with pytest.raises(SettingError, match="two of these are one"):

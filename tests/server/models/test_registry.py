@@ -8,7 +8,7 @@ import pytest
 
 from motiongen_server.engine.types import Code, Guidance, ModelFacts
 from motiongen_server.errors import EventRefused
-from motiongen_server.models.registry import ModelRegistry, Served
+from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.event_errors import model_failed
 from motiongen_server.rpc.limits import Limits
@@ -22,10 +22,10 @@ class NoEngine:
         raise AssertionError("nothing is submitted here")
 
 
-def served(model_id: str, rig_id: str = "fake") -> Served:
+def served(model_id: str, rig_id: str = "fake") -> LoadedModel:
     facts: ModelFacts = replace(FACTS, model_id=model_id, rig=replace(FACTS.rig, rig_id=rig_id))
     catalog = Catalog(facts, Limits(), Guidance(2.0, 2.0), "CC0-1.0", "length-1", history_frames=16)
-    return Served(NoEngine(), PromptEncoder(LengthEncoder(), 1), catalog)
+    return LoadedModel(model_id, NoEngine(), PromptEncoder(LengthEncoder(), 1), catalog)
 
 
 def test_the_first_is_the_default_and_the_others_go_by_name() -> None:

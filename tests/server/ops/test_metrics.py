@@ -19,6 +19,9 @@ SET_BY_THE_APPLICATION = {
     "motiongen_prompts",
     "motiongen_prompts_waiting",
     "motiongen_engine_heartbeat_age_seconds",
+    "motiongen_engine_up",
+    "motiongen_engine_restarts",
+    "motiongen_engine_resident_memory_bytes",
     "motiongen_admission_rejects",
     "motiongen_slow_reader_closes",
     "motiongen_frames_dropped",
@@ -62,7 +65,7 @@ def full_report() -> StepReport:
 
 def value_of(metrics: Metrics, name: str, **labels: str) -> float | None:
     """Of the engine of the model "tiny"."""
-    return metrics.registry.get_sample_value(name, {"model": "tiny", **labels})
+    return metrics.registry.get_sample_value(name, {"model": "tiny", "engine": "0", **labels})
 
 
 def families(metrics: Metrics) -> dict[str, Metric]:
@@ -82,7 +85,7 @@ def test_every_metric_has_the_prefix_and_a_meaning() -> None:
 
 def test_a_full_report_sets_every_metric_that_the_application_does_not() -> None:
     metrics = Metrics()
-    metrics.of_model("tiny").observe(full_report())
+    metrics.of_engine("tiny", "0").observe(full_report())
     untouched = {name for name, family in families(metrics).items() if not touched(family)}
     untouched = {name for name in untouched if not name.startswith(OF_THE_PROCESS)}
     assert untouched == SET_BY_THE_APPLICATION
@@ -90,8 +93,8 @@ def test_a_full_report_sets_every_metric_that_the_application_does_not() -> None
 
 def test_the_numbers_arrive() -> None:
     metrics = Metrics()
-    metrics.of_model("tiny").observe(full_report())
-    metrics.of_model("tiny").observe(full_report())
+    metrics.of_engine("tiny", "0").observe(full_report())
+    metrics.of_engine("tiny", "0").observe(full_report())
     value = partial(value_of, metrics)
     assert value("motiongen_frames_sent_total") == 80
     assert value("motiongen_batch_rows_sum") == 6
@@ -125,10 +128,10 @@ def test_where_prompts_came_from_is_counted() -> None:
 
 def test_the_tier_of_every_class_is_there_from_the_start_and_follows_the_reports() -> None:
     metrics = Metrics()
-    metrics.of_model("tiny")
+    metrics.of_engine("tiny", "0")
     value = partial(value_of, metrics)
     assert [value("motiongen_service_tier", **{"class": priority.name}) for priority in Priority] == [1] * len(Priority)
-    metrics.of_model("tiny").observe(full_report())
+    metrics.of_engine("tiny", "0").observe(full_report())
     assert value("motiongen_service_tier", **{"class": "CROWD"}) == ServiceTier.HOLD.value
 
 
@@ -138,41 +141,41 @@ def test_the_memory_of_the_process_is_told() -> None:
 
 def test_a_step_without_rows_is_no_denoising_step() -> None:
     metrics = Metrics()
-    metrics.of_model("tiny").observe(StepReport())
+    metrics.of_engine("tiny", "0").observe(StepReport())
     assert value_of(metrics, "motiongen_batch_rows_count") == 0
 
 
 def test_every_class_and_state_is_there_from_the_start_and_falls_back_to_0() -> None:
     metrics = Metrics()
-    metrics.of_model("tiny")
+    metrics.of_engine("tiny", "0")
     value = partial(value_of, metrics)
     for priority in Priority:
         for state in PlayState:
             assert value("motiongen_sessions", **{"class": priority.name, "state": state.name}) == 0
-    metrics.of_model("tiny").observe(full_report())
-    metrics.of_model("tiny").observe(StepReport(sessions={}))
+    metrics.of_engine("tiny", "0").observe(full_report())
+    metrics.of_engine("tiny", "0").observe(StepReport(sessions={}))
     assert value("motiongen_sessions", **{"class": "NEAR", "state": "PLAYING"}) == 0
 
 
 def test_models_are_told_apart_and_one_that_is_gone_is_told_no_more() -> None:
     metrics = Metrics()
-    metrics.of_model("tiny").observe(full_report())
+    metrics.of_engine("tiny", "0").observe(full_report())
     for _ in range(2):
-        metrics.of_model("large").observe(full_report())
+        metrics.of_engine("large", "0").observe(full_report())
     value = metrics.registry.get_sample_value
-    assert value("motiongen_frames_sent_total", {"model": "tiny"}) == 40
-    assert value("motiongen_frames_sent_total", {"model": "large"}) == 80
+    assert value("motiongen_frames_sent_total", {"model": "tiny", "engine": "0"}) == 40
+    assert value("motiongen_frames_sent_total", {"model": "large", "engine": "0"}) == 80
     metrics.forget_model("tiny")
-    assert value("motiongen_frames_sent_total", {"model": "tiny"}) is None
-    assert value("motiongen_frames_sent_total", {"model": "large"}) == 80
+    assert value("motiongen_frames_sent_total", {"model": "tiny", "engine": "0"}) is None
+    assert value("motiongen_frames_sent_total", {"model": "large", "engine": "0"}) == 80
     assert (metrics.load_of("large"), metrics.load_of("tiny")) == (0.7, 0.0)
 
 
 def test_what_is_served_is_what_prometheus_can_read() -> None:
     metrics = Metrics()
     for model_id in ("tiny", "large"):
-        metrics.of_model(model_id).observe(full_report())
+        metrics.of_engine(model_id, "0").observe(full_report())
     text = generate_latest(metrics.registry).decode()
     names = [family.name for family in text_string_to_metric_families(text)]
     assert len(names) == len(set(names))
-    assert 'motiongen_step_seconds_count{bucket="4",model="large"} 1.0' in text
+    assert 'motiongen_step_seconds_count{bucket="4",engine="0",model="large"} 1.0' in text

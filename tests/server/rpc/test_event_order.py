@@ -27,7 +27,7 @@ from motiongen_server.engine.types import (
     RigLayout,
     SetPrompts,
 )
-from motiongen_server.models.registry import ModelRegistry, Served
+from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.limits import Limits
 from motiongen_server.rpc.stream import Stream
@@ -90,7 +90,7 @@ class Line:
     prompts: Prompts = field(default_factory=Prompts)
 
     def __post_init__(self) -> None:
-        self.stream = Stream(1, ModelRegistry(Served(self.engine, self.prompts, self.catalog)))  # type: ignore[arg-type]
+        self.stream = Stream(1, ModelRegistry(LoadedModel("fake", self.engine, self.prompts, self.catalog)))  # type: ignore[arg-type]
         self.heard: list[session_pb2.SessionUpdate] = []
 
     def send(self, event_seq: int, **event: object) -> None:

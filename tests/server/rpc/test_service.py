@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from motiongen_server.engine.types import Code, Guidance, Outcome, SessionKey
-from motiongen_server.models.registry import ModelRegistry, Served
+from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.limits import Limits
 from motiongen_server.rpc.service import MotionService
@@ -33,7 +33,7 @@ def test_outputs_after_the_event_loop_s_end_are_dropped() -> None:
     async def make() -> MotionService:
         prompts = PromptEncoder(LengthEncoder(), 1)
         catalog = Catalog(FACTS, Limits(), Guidance(2.0, 2.0), "CC0-1.0", prompts.identity, history_frames=16)
-        return MotionService(ModelRegistry(Served(NoEngine(), prompts, catalog)))
+        return MotionService(ModelRegistry(LoadedModel("fake", NoEngine(), prompts, catalog)))
 
     asyncio.run(make()).deliver([STRAY])
 

@@ -10,8 +10,8 @@ import pytest
 from motiongen_ardy.text import HashedTextEncoder
 from motiongen_ardy.text.prompt_file import encode_prompts, write_prompt_file
 from motiongen_server.config import ServerConfig
-from motiongen_server.errors import SettingError
 from motiongen_server.models.loader import load_encoder, load_presets, open_store
+from motiongen_server.settings import SettingError
 from tests.server.engine.fakes import FACTS
 from tests.server.text.encoder.encoder_process import EncoderProcess
 

@@ -50,7 +50,7 @@ def short_scenario(tmp_path: Path) -> Path:
 def null_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Its address. It must end with 0 after all that was done to it."""
     log = tmp_path_factory.mktemp("null_server") / "stderr.txt"
-    settings = ["--port", "0", "--ops-port", "0", "--drain-wait-s", "0"]
+    settings = ["--port", "0", "--ops-port", "0", "--drain-wait-s", "0", "--devices", "cpu:1"]
     with log.open("w", encoding="utf-8") as errors:
         command = [sys.executable, "-m", "tests.bench.null_server", *settings]
         process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True)

@@ -30,7 +30,7 @@ from motiongen_server.engine.types import (
     Warned,
 )
 from motiongen_server.errors import EventRefused, StreamRefused
-from motiongen_server.models.registry import ModelRegistry, Served
+from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.clip.request import check_extent, clip_specs, opening_event
 from motiongen_server.rpc.clip.residuals import constrained_frames, residuals
 from motiongen_server.rpc.convert import prompt_texts, warnings_of, write_update
@@ -44,7 +44,7 @@ _log = logging.getLogger(__name__)
 class Call:
     """One call: its samples, and what the engine has said of them."""
 
-    def __init__(self, specs: Sequence[SessionSpec], model: Served, warnings: tuple[Warned, ...] = ()) -> None:
+    def __init__(self, specs: Sequence[SessionSpec], model: LoadedModel, warnings: tuple[Warned, ...] = ()) -> None:
         self.specs = specs
         self.model = model
         self.warnings = warnings
@@ -98,7 +98,7 @@ class ClipService:
         for call in self._calls.values():
             self._stop(call, CloseReason.DRAINED)
 
-    def close_model(self, model: Served) -> None:
+    def close_model(self, model: LoadedModel) -> None:
         """End every call that has its samples from a model that is unloaded."""
         for call in self._calls.values():
             if call.model is model:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import sys
 
-from motiongen_server.errors import SettingError
 from motiongen_server.ops.logs import configure_logs
+from motiongen_server.settings import SettingError
 from motiongen_server.text.encoder.app import run
 from motiongen_server.text.encoder.config import ENCODER
 

@@ -18,8 +18,8 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Proc
 from motiongen.v1 import encoder_pb2_grpc
 from motiongen_ardy.text import TextEncoder, load_text_encoder
 from motiongen_ardy.text.store import VectorStore
-from motiongen_server.errors import SettingError
 from motiongen_server.ops.http import OpsServer, ops_app
+from motiongen_server.settings import SettingError
 from motiongen_server.text.encoder.config import EncoderConfig
 from motiongen_server.text.encoder.service import SERVICE_NAME, TextEncoderService
 from motiongen_server.text.prompts import PromptEncoder

@@ -1,0 +1,117 @@
+"""Which engine processes there are: `--devices` as one device for each of them."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from motiongen_server.settings import SettingError
+
+MOST_BY_DEFAULT = 8
+"""Engines that are started on a processor where nobody says how many; each holds every model."""
+MOST_ENGINES = 64
+MOST_THREADS = 256
+FORMS = "cuda:0,cuda:1 (these), cuda:all, cpu:2 (two engines of a thread each), cpu:2x4 (two of four threads)"
+_CPU = re.compile(r"cpu:(\d{1,4})(?:x(\d{1,4}))?")
+_CUDA = re.compile(r"cuda:(\d{1,3}|all)")
+_PROBE = "import torch; print(torch.cuda.device_count() if torch.cuda.is_available() else 0)"
+_PROBE_S = 120.0
+_QUOTA = Path("/sys/fs/cgroup/cpu.max")
+
+
+@dataclass(frozen=True, slots=True)
+class EngineDevice:
+    """Where one engine process computes. kind: cpu or cuda; index: of the CUDA device; threads: on the processor."""
+
+    kind: str
+    index: int
+    threads: int
+
+    def environment(self) -> dict[str, str]:
+        """What its process must find in its environment before a library is loaded."""
+        if self.kind != "cuda":
+            return {"OMP_NUM_THREADS": str(self.threads)}
+        visible = [name for name in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if name]
+        # One device to a process: it can then neither fill the memory of another nor fail with it.
+        chosen = visible[self.index] if self.index < len(visible) else str(self.index)
+        return {"OMP_NUM_THREADS": str(self.threads), "CUDA_VISIBLE_DEVICES": chosen}
+
+    def __str__(self) -> str:
+        return f"cuda:{self.index}" if self.kind == "cuda" else f"cpu x {self.threads}"
+
+
+def check_devices(given: str) -> None:
+    """Raise SettingError for what no machine could have."""
+    _parsed(given, lambda: 1)
+
+
+def devices_of(given: str, count_cuda: Callable[[], int] | None = None) -> tuple[EngineDevice, ...]:
+    """The device of each engine process that the setting asks for.
+
+    Where it is empty: all CUDA devices, and a thread on each core of the processor where there is none. count_cuda:
+    how many CUDA devices there are; it may take seconds. Raises SettingError.
+    """
+    count = count_cuda or count_cuda_devices
+    if not given:
+        cuda = count()
+        given = "cuda:all" if cuda else f"cpu:{min(usable_cores(), MOST_BY_DEFAULT)}"
+        return _parsed(given, lambda: cuda)
+    return _parsed(given, count)
+
+
+def _parsed(given: str, count_cuda: Callable[[], int]) -> tuple[EngineDevice, ...]:
+    devices: list[EngineDevice] = []
+    for part in given.split(",") if given else ():
+        cpu, cuda = _CPU.fullmatch(part.strip()), _CUDA.fullmatch(part.strip())
+        if cpu is not None:
+            engines, threads = int(cpu[1]), int(cpu[2] or 1)
+            if not 1 <= engines <= MOST_ENGINES or not 1 <= threads <= MOST_THREADS:
+                raise SettingError(
+                    f"devices has {part.strip()!r}; there may be 1 to {MOST_ENGINES} engines of 1 to "
+                    f"{MOST_THREADS} threads"
+                )
+            devices += [EngineDevice("cpu", 0, threads)] * engines
+        elif cuda is not None and cuda[1] == "all":
+            num_devices = count_cuda()
+            if not num_devices:
+                raise SettingError(f"devices has {part.strip()!r}, but torch finds no CUDA device here; use cpu:1")
+            devices += [EngineDevice("cuda", index, 1) for index in range(num_devices)]
+        elif cuda is not None:
+            devices.append(EngineDevice("cuda", int(cuda[1]), 1))
+        else:
+            raise SettingError(f"devices is {given!r}; it must be of {FORMS}, or several of these with commas")
+    on_cuda = [device.index for device in devices if device.kind == "cuda"]
+    if len(set(on_cuda)) < len(on_cuda):
+        raise SettingError(f"devices is {given!r}; give each CUDA device once")
+    if len(devices) > MOST_ENGINES:
+        raise SettingError(f"devices is {given!r}, {len(devices)} engines; there may be {MOST_ENGINES}")
+    return tuple(devices)
+
+
+def usable_cores() -> int:
+    """Cores that this process may use, by its affinity and by the quota of its control group."""
+    cores = len(os.sched_getaffinity(0))
+    try:
+        quota, period = _QUOTA.read_text(encoding="ascii").split()
+        return cores if quota == "max" else max(1, min(cores, math.ceil(int(quota) / int(period))))
+    except (OSError, ValueError):  # no control group, or one of the first version
+        return cores
+
+
+def count_cuda_devices() -> int:
+    """CUDA devices that torch can use. Asked in a process of its own: this one never loads torch."""
+    if not any(Path("/dev").glob("nvidia[0-9]*")) and not Path("/dev/dxg").exists():
+        return 0
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", _PROBE], capture_output=True, text=True, timeout=_PROBE_S, check=False
+        )
+        return int(done.stdout) if done.returncode == 0 else 0
+    except (OSError, ValueError, subprocess.TimeoutExpired):
+        return 0

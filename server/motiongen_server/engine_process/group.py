@@ -1,0 +1,115 @@
+"""EngineGroup: one model on all engine processes, as one engine. Sessions go to the one with the most room."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from motiongen_server.engine.types import Event, ModelFacts, Open, Outcome, Playhead
+from motiongen_server.engine_process.ledger import refuse_beyond_limit, refuse_while_draining, refuse_without_engine
+from motiongen_server.engine_process.model_link import ModelLink
+from motiongen_server.engine_process.process import EngineProcess
+from motiongen_server.rpc.abilities import Abilities
+
+STALE_S = 5.0
+LOAD_STEPS = 20
+"""Loads that differ by less than one of so many steps are held to be equal: then the number of sessions decides."""
+
+
+class EngineGroup:
+    """The `EnginePort` of a model. A session stays with the engine process that it was opened on."""
+
+    def __init__(self, members: Sequence[tuple[EngineProcess, ModelLink]], max_sessions: int) -> None:
+        """max_sessions: open on all engine processes together, clips left out."""
+        self._members = tuple(members)
+        self._max_sessions = max_sessions
+        self._is_draining = False
+
+    @property
+    def facts(self) -> ModelFacts:
+        """Of the model; once it is loaded."""
+        return self._members[0][1].ready.result().facts
+
+    @property
+    def licence(self) -> str:
+        """Of its weights; once it is loaded."""
+        return self._members[0][1].ready.result().licence
+
+    @property
+    def abilities(self) -> Abilities:
+        """What it was trained for; once it is loaded."""
+        return self._members[0][1].ready.result().abilities
+
+    @property
+    def num_sessions(self) -> int:
+        """Sessions and clips on all engine processes."""
+        return sum(link.num_sessions for _, link in self._members)
+
+    @property
+    def heartbeat_at(self) -> float:
+        """When the engine that is best off last went round: one is enough to serve.
+
+        While all are started anew: too long ago to be ready, too lately for the server to be hung.
+        """
+        beats = [link.heartbeat_at for _, link in self._members if link.is_up]
+        return max(beats, default=time.monotonic() - STALE_S)
+
+    @property
+    def failure(self) -> BaseException | None:
+        """Why no engine process is left to serve it."""
+        failures = [process.failure for process, _ in self._members]
+        return failures[0] if all(failures) else None
+
+    @property
+    def load(self) -> float:
+        """The share in use of all devices together, as their engines see it."""
+        return sum(process.load for process, _ in self._members) / len(self._members)
+
+    def submit(self, event: Event) -> Outcome | None:
+        """Hand in an event. What is returned is a refusal; every other answer is delivered."""
+        link = next((link for _, link in self._members if link.holds(event.session)), None)
+        if link is None:
+            if isinstance(event, Open):
+                return self._open(event)
+            # Of a session that has ended meanwhile: any engine knows what to answer.
+            link = next((link for _, link in self._members if link.is_up), None)
+        if link is None:
+            return None if isinstance(event, Playhead) else refuse_without_engine(event.session, event.event_seq)
+        return link.submit(event)
+
+    def _open(self, event: Open) -> Outcome | None:
+        if self._is_draining:
+            return refuse_while_draining(event.session, event.event_seq)
+        if not event.spec.is_clip:
+            num_sessions = sum(link.num_sessions - link.num_clips for _, link in self._members)
+            if num_sessions >= self._max_sessions:
+                return refuse_beyond_limit(event.session, event.event_seq, self._max_sessions)
+        free = [member for member in self._members if member[1].is_up]
+        if not free:
+            return refuse_without_engine(event.session, event.event_seq)
+        is_clip = event.spec.is_clip
+        _, link = min(free, key=lambda member: _taken(member[0], member[1], is_clip))
+        return link.submit(event)
+
+    def drain(self) -> None:
+        """Take no new sessions; those that are open are served on."""
+        self._is_draining = True
+
+    def stop(self) -> None:
+        """Finish the windows that run, close every session as DRAINED, and forget the model."""
+        self._is_draining = True
+        for process, link in self._members:
+            process.unload_model(link)
+
+    def join(self, timeout_s: float | None = None) -> bool:
+        """Wait for the end. True if it has come."""
+        ends_at = None if timeout_s is None else time.monotonic() + timeout_s
+        for _, link in self._members:
+            link.ended.wait(None if ends_at is None else max(0.0, ends_at - time.monotonic()))
+        return all(link.ended.is_set() for _, link in self._members)
+
+
+def _taken(process: EngineProcess, link: ModelLink, by_clips: bool) -> tuple[int, int, int]:
+    """How little room an engine process has. Clips do not show in the load: they take what sessions leave."""
+    num_clips = link.num_clips if by_clips else 0
+    return num_clips, round(LOAD_STEPS * process.load), process.num_sessions

@@ -1,0 +1,203 @@
+"""EngineHost: all models of an engine process. Reads what the gateway says, and loads models on the main thread."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+import numpy as np
+import zmq
+
+from motiongen_server.engine.types import Float32Array
+from motiongen_server.engine_process.bell import Bell
+from motiongen_server.engine_process.codec import CodecError
+from motiongen_server.engine_process.messages import (
+    TO_ENGINE,
+    CloseAhead,
+    Encoded,
+    EncoderReady,
+    EncodeTexts,
+    Events,
+    Load,
+    LoadEncoder,
+    NotLoaded,
+    Ready,
+    Stop,
+    ToEngine,
+    Unload,
+    Unloaded,
+)
+from motiongen_server.engine_process.outlet import Outlet, Wire
+from motiongen_server.engine_process.slot import BuildEngine, Slot
+from motiongen_server.engine_process.sockets import EngineEnd, poller_of
+from motiongen_server.ops.memory import settle_again
+from motiongen_server.settings import SettingError
+
+_log = logging.getLogger(__name__)
+
+BLOCKED_MS = 10
+"""How often it is looked whether the gateway, or an engine, takes more again."""
+
+
+class TextEncoder(Protocol):
+    """What encodes prompts here, on a thread of its own."""
+
+    @property
+    def identity(self) -> str: ...
+
+    def encode(self, texts: Sequence[str]) -> Float32Array: ...
+
+
+LoadText = Callable[[int], TextEncoder]
+"""Loads the configured text encoder for a width. Raises SettingError."""
+
+
+class EngineHost:
+    """Three kinds of threads: the main one loads (libraries that crash elsewhere crash there too, and never while the
+    process is being ended), one reads the sockets, and each model's engine has one.
+    """
+
+    def __init__(self, end: EngineEnd, wire: Wire, build: BuildEngine, load_text: LoadText) -> None:
+        self._end = end
+        self._wire = wire
+        self._build = build
+        self._load_text = load_text
+        self._slots: dict[int, Slot] = {}
+        self._jobs: queue.SimpleQueue[Load | LoadEncoder | Stop | BaseException] = queue.SimpleQueue()
+        self._texts: queue.SimpleQueue[EncodeTexts] = queue.SimpleQueue()
+        self._bell = Bell()
+        self._is_over = False
+        self._is_stopping = False
+        self._news = poller_of([end.ahead, self._bell.fileno(), end.events])
+        self._ahead = poller_of([end.ahead, self._bell.fileno()])
+
+    # ---- the main thread --------------------------------------------------------------------------------------------
+
+    def run(self) -> BaseException | None:
+        """Serve until the gateway says Stop. Returns what went wrong, if something did."""
+        reader = threading.Thread(target=self._read, name="reader", daemon=True)
+        reader.start()
+        failure = self._work()
+        for slot in tuple(self._slots.values()):
+            slot.stop()
+        if failure is None:
+            for slot in tuple(self._slots.values()):
+                slot.join()
+        self._is_over = True
+        self._bell.ring()
+        reader.join()
+        return failure
+
+    def _work(self) -> BaseException | None:
+        while True:
+            job = self._jobs.get()
+            if isinstance(job, Load):
+                self._load(job)
+            elif isinstance(job, LoadEncoder):
+                self._load_encoder(job)
+            else:
+                return None if isinstance(job, Stop) else job
+
+    def _load(self, job: Load) -> None:
+        outlet = Outlet(self._wire, job.slot)
+        slot = Slot(job.slot, outlet.deliver)
+        try:
+            built = self._build(job.source, outlet.deliver, outlet.observe, slot.inbox)
+        except SettingError as error:
+            self._wire.say(NotLoaded(job.slot, str(error), is_setting=True))
+        except Exception as error:
+            _log.exception("loading %r failed", job.source)
+            self._wire.say(NotLoaded(job.slot, f"{type(error).__name__}: {error}", is_setting=False))
+        else:
+            self._slots[job.slot] = slot
+            slot.start(built.engine, self._ended)
+            self._wire.say(Ready(job.slot, built.facts, built.licence, built.abilities))
+            settle_again()
+
+    def _load_encoder(self, job: LoadEncoder) -> None:
+        try:
+            encoder = self._load_text(job.width)
+        except SettingError as error:
+            self._wire.say(EncoderReady("", 0, str(error)))
+            return
+        threading.Thread(target=self._encode, args=(encoder,), name="text", daemon=True).start()
+        self._wire.say(EncoderReady(encoder.identity, job.width, ""))
+
+    # ---- the encoder's thread ---------------------------------------------------------------------------------------
+
+    def _encode(self, encoder: TextEncoder) -> None:
+        while True:
+            job = self._texts.get()
+            try:
+                self._wire.say(Encoded(job.number, encoder.encode(job.texts), ""))
+            except Exception as error:
+                _log.exception("encoding a prompt failed")
+                self._wire.say(Encoded(job.number, np.zeros((0, 0), np.float32), f"{type(error).__name__}: {error}"))
+
+    # ---- an engine's thread -----------------------------------------------------------------------------------------
+
+    def _ended(self, slot: Slot, failure: BaseException | None) -> None:
+        del self._slots[slot.number]
+        if failure is not None:
+            self._jobs.put(failure)
+        else:
+            self._wire.say(Unloaded(slot.number))
+            if not self._is_stopping:
+                settle_again()
+
+    # ---- the reader's thread ----------------------------------------------------------------------------------------
+
+    def _read(self) -> None:
+        try:
+            while not self._is_over:
+                self._wire.flush()
+                # While the gateway does not read, only what goes ahead is taken: what waits on all ways stays bounded.
+                is_blocked = self._is_blocked
+                (self._ahead if is_blocked else self._news).poll(BLOCKED_MS if is_blocked else None)
+                self._bell.quiet()
+                while (message := self._receive(self._end.ahead)) is not None:
+                    self._obey(message)
+                if not self._is_blocked and (message := self._receive(self._end.events)) is not None:
+                    if not isinstance(message, Events):
+                        raise CodecError(f"{type(message).__name__} came on the way for events")
+                    self._pass_on(message)
+        except Exception as error:
+            _log.exception("what the gateway says cannot be read")
+            self._jobs.put(error)
+
+    @property
+    def _is_blocked(self) -> bool:
+        return self._wire.is_blocked or any(slot.is_full for slot in tuple(self._slots.values()))
+
+    def _obey(self, message: ToEngine) -> None:
+        if isinstance(message, CloseAhead):
+            self._pass_on(message)
+        elif isinstance(message, Unload):
+            slot = self._slots.get(message.slot)
+            if slot is not None:
+                slot.stop()
+        elif isinstance(message, EncodeTexts):
+            self._texts.put(message)
+        elif isinstance(message, Load | LoadEncoder):
+            self._jobs.put(message)
+        elif isinstance(message, Stop):
+            self._is_stopping = True
+            self._jobs.put(message)
+        else:
+            raise CodecError(f"{type(message).__name__} came on the way for what goes ahead")
+
+    def _pass_on(self, message: Events | CloseAhead) -> None:
+        slot = self._slots.get(message.slot)
+        if slot is not None:  # else it crossed the slot's end, of which the gateway is told
+            slot.take(message)
+
+    @staticmethod
+    def _receive(socket: zmq.Socket[bytes]) -> ToEngine | None:
+        try:
+            data = socket.recv(zmq.NOBLOCK)
+        except zmq.Again:
+            return None
+        return TO_ENGINE.decode(data)

@@ -1,0 +1,72 @@
+"""The engine process, from its greeting to its end."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import zmq
+
+from motiongen_server.engine_process.codec import CodecError
+from motiongen_server.engine_process.host import EngineHost, LoadText
+from motiongen_server.engine_process.messages import GREETING, SCHEMA, TO_ENGINE, Begin, Ended, Greeting, Joined
+from motiongen_server.engine_process.outlet import Wire
+from motiongen_server.engine_process.slot import BuildEngine
+from motiongen_server.engine_process.sockets import EngineEnd
+from motiongen_server.ops.logs import configure_logs
+from motiongen_server.ops.memory import settled_objects
+
+_log = logging.getLogger(__name__)
+
+GATEWAY_GONE = 3
+"""The exit code of an engine process that has lost its gateway."""
+
+Prepare = Callable[[Begin], tuple[BuildEngine, LoadText]]
+"""What an engine process loads models and a text encoder with."""
+
+
+def run(folder: Path, prepare: Prepare) -> int:
+    """Serve the gateway that listens in the folder. Returns the exit code: 0 after Stop, 1 for a failure."""
+    # A terminal's Ctrl-C and a service manager's SIGTERM reach every process of the group, but it is the gateway that
+    # drains; this process ends when the gateway tells it to, and at once when the gateway is gone.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    threading.Thread(target=_end_with_gateway, name="lifeline", daemon=True).start()
+    end = EngineEnd(folder)
+    end.back.send(GREETING.encode(Greeting(SCHEMA, time.monotonic())))
+    wire = Wire(end.back)
+    failure: BaseException | None
+    try:
+        begin = _begun(end.events)
+        _begun(end.ahead)
+        configure_logs(begin.config.log_level, begin.config.log_format)
+        wire.say(Joined())
+        with settled_objects():
+            failure = EngineHost(end, wire, *prepare(begin)).run()
+    except Exception as error:
+        _log.exception("the engine process failed")
+        failure = error
+    wire.say(Ended("" if failure is None else f"{type(failure).__name__}: {failure}"))
+    wire.finish()
+    end.close()
+    return 0 if failure is None else 1
+
+
+def _begun(socket: zmq.Socket[bytes]) -> Begin:
+    message = TO_ENGINE.decode(socket.recv())
+    if not isinstance(message, Begin):
+        raise CodecError(f"the first message was {type(message).__name__}, not Begin")
+    return message
+
+
+def _end_with_gateway() -> None:
+    """Standard input is held open by the gateway and nobody else; it ends when the gateway does, however that ends."""
+    while os.read(sys.stdin.fileno(), 1):
+        pass
+    os._exit(GATEWAY_GONE)

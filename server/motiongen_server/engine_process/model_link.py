@@ -1,0 +1,157 @@
+"""ModelLink: one model of one engine process, as the gateway sees it: its sessions, and what waits to be sent."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.mailbox import Mailbox, refuse_pending
+from motiongen_server.engine.ports import Deliver, Observe
+from motiongen_server.engine.types import CloseReason, Event, Open, Outcome, Output, Playhead, SessionKey
+from motiongen_server.engine_process.ledger import Ledger, refuse_without_engine
+from motiongen_server.engine_process.messages import TO_GATEWAY, CloseAhead, Events, Pulse, Ready
+
+MAX_PENDING = EngineConfig().max_pending_events
+
+
+class ModelLink:
+    """Lives as long as the model is held, over the ends of engine processes.
+
+    `submit` and the properties may be used from any thread; the rest belongs to the thread of the engine process.
+    """
+
+    def __init__(self, slot: int, source: str, deliver: Deliver, ring: Callable[[], None]) -> None:
+        """ring: wakes the thread of the engine process. deliver: takes outputs, on that thread."""
+        self.slot = slot
+        self.source = source
+        self.ready: Future[Ready] = Future()
+        self.ended = threading.Event()
+        self.is_retired = False  # it is being unloaded
+        self.silent_s = 0.0  # since the engine last said something
+        self.observe: Observe | None = None
+        self._deliver = deliver
+        self._ring = ring
+        self._lock = threading.Lock()
+        self._ledger = Ledger()
+        self._mailbox = Mailbox(MAX_PENDING)
+        self._has_events = False
+        self._is_up = False
+        self._facts = b""
+        self._load = 0.0
+        self._opens_since = 0  # the load was told
+        self.heartbeat_at = time.monotonic()
+
+    # ---- from any thread --------------------------------------------------------------------------------------------
+
+    @property
+    def is_up(self) -> bool:
+        """Whether its engine takes events."""
+        return self._is_up
+
+    @property
+    def num_sessions(self) -> int:
+        """Sessions and clips that are open, or about to be."""
+        return len(self._ledger)
+
+    @property
+    def num_clips(self) -> int:
+        """Those of them that are clips."""
+        return self._ledger.num_clips
+
+    @property
+    def load(self) -> float:
+        """The share of the device that is in use, as last told, and what sessions opened since will add to it."""
+        settled = self.num_sessions - self._opens_since
+        return self._load * (1 + self._opens_since / settled) if settled > 0 else self._load
+
+    def holds(self, session: SessionKey) -> bool:
+        """Whether events of the session belong here."""
+        return session in self._ledger
+
+    def submit(self, event: Event) -> Outcome | None:
+        """Hand in an event. What is returned is a refusal; every other answer is delivered."""
+        with self._lock:
+            if not self._is_up:
+                return None if isinstance(event, Playhead) else refuse_without_engine(event.session, event.event_seq)
+            if not self._ledger.goes_ahead(event):
+                if not self._mailbox.put(event):
+                    return refuse_pending(event, MAX_PENDING)
+                self._has_events = True
+            self._ledger.note(event)
+            self._opens_since += isinstance(event, Open)
+        self._ring()
+        return None
+
+    # ---- from the thread of the engine process ----------------------------------------------------------------------
+
+    def take_ready(self, message: Ready) -> bool:
+        """The engine takes events from now on. False where it is not the model that it was before."""
+        facts = TO_GATEWAY.encode(message)
+        if self._facts and facts != self._facts:
+            return False
+        self._facts = facts
+        self.silent_s = 0.0
+        self.heartbeat_at = time.monotonic()
+        with self._lock:
+            self._is_up = True
+        if not self.ready.done():
+            self.ready.set_result(message)
+        return True
+
+    def take_outputs(self, outputs: Sequence[Output]) -> None:
+        """Pass on what the engine has delivered."""
+        self.silent_s = 0.0
+        with self._lock:
+            settled = self._ledger.settle(outputs)
+        self._deliver(settled)
+
+    def take_pulse(self, pulse: Pulse) -> None:
+        """Note that the engine is well, and what it did."""
+        self.silent_s = 0.0
+        self.heartbeat_at = pulse.heartbeat_at
+        for report in pulse.reports:
+            if report.load is not None:
+                self._load, self._opens_since = report.load, 0
+            if self.observe is not None:
+                self.observe(report)
+
+    def take_events(self) -> Events | None:
+        """What is to be sent next, when there is room for it."""
+        if not self._has_events:
+            return None
+        with self._lock:
+            self._has_events = False
+            first, events = self._ledger.number(self._mailbox.take_all())
+        return Events(self.slot, first, tuple(events)) if events else None
+
+    def take_closes(self) -> list[CloseAhead]:
+        """What is to be sent ahead of events."""
+        with self._lock:
+            closes = self._ledger.take_closes()
+        return [CloseAhead(self.slot, close, opened, last) for close, opened, last in closes]
+
+    @property
+    def has_events(self) -> bool:
+        """Whether events wait to be sent."""
+        return self._has_events
+
+    def lose(self, reason: CloseReason, message: str) -> None:
+        """The engine is gone: end its sessions, and answer all that waits."""
+        with self._lock:
+            self._is_up = False
+            self._mailbox = Mailbox(MAX_PENDING)
+            self._has_events = False
+            self._load, self._opens_since = 0.0, 0
+            outputs = self._ledger.end_all(reason, message)
+        if outputs:
+            self._deliver(outputs)
+
+    def end(self, error: Exception | None = None) -> None:
+        """It is held no more. error: why it never was."""
+        self.lose(CloseReason.DRAINED, "the server is going away; open a session elsewhere")
+        if error is not None and not self.ready.done():
+            self.ready.set_exception(error)
+        self.ended.set()

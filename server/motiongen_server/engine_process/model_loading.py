@@ -1,0 +1,141 @@
+"""What an engine process loads: a model on its device, the engine around it, and a text encoder that needs torch."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass, replace
+
+from motiongen_server.config import ServerConfig
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.ports import Deliver, Inbox, Observe, Runner
+from motiongen_server.engine.scheduling.device import Device, InTurns
+from motiongen_server.engine.scheduling.profile import profile
+from motiongen_server.engine.scheduling.scheduler import Scheduler
+from motiongen_server.engine.types import ModelFacts
+from motiongen_server.engine_process.host import LoadText, TextEncoder
+from motiongen_server.engine_process.messages import Begin
+from motiongen_server.engine_process.slot import BuildEngine, Built
+from motiongen_server.models.repertoire import as_abilities
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
+from motiongen_server.settings import SettingError
+
+
+class MonotonicClock:
+    """The engine's clock."""
+
+    def now(self) -> float:
+        return time.monotonic()
+
+
+@dataclass(frozen=True)
+class RunnerOfModel:
+    """A model on its device, the weights' licence, and what it was trained for."""
+
+    runner: Runner
+    licence: str
+    abilities: Abilities = NOTHING_CLAIMED
+
+
+def prepare(begin: Begin) -> tuple[BuildEngine, LoadText]:
+    """The loaders of an engine process. Models that it holds take turns on its device."""
+    device = Device()
+
+    def build(source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
+        model = load_model(begin.config, source, begin.kind, begin.threads)
+        config = replace(begin.config, model=source)
+        engine = build_engine(config, model.runner, deliver, observe, inbox, device)
+        return Built(engine, model.runner.facts, model.licence, model.abilities)
+
+    def load_text(width: int) -> TextEncoder:
+        from motiongen_ardy.text import load_text_encoder
+
+        config = begin.config
+        try:
+            return load_text_encoder(config.text_encoder, width, config.text_device, config.text_precision)
+        except (ValueError, RuntimeError, ConnectionError) as error:
+            raise SettingError(f"cannot serve text encoder {config.text_encoder!r}: {error}") from error
+
+    return build, load_text
+
+
+def load_model(config: ServerConfig, source: str, kind: str = "cpu", threads: int = 1) -> RunnerOfModel:
+    """A model on a device of that kind. Raises SettingError saying what is wrong with the settings."""
+    # Threads that wait for each other by spinning make every product several times slower as soon as another process
+    # wants a core. OpenMP reads this once, when torch is loaded.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    import torch
+
+    from motiongen_ardy.capabilities import read_capabilities
+    from motiongen_ardy.checkpoint.model_card import model_folder, read_model_card
+    from motiongen_server.runner import load_runner
+
+    if kind == "cuda" and not torch.cuda.is_available():
+        raise SettingError("devices has cuda, but torch finds no such CUDA device and driver here; use cpu:1")
+    torch.set_num_threads(threads)
+    try:
+        runner = load_runner(source, kind, config.denoise_steps, config.precision)
+        folder = model_folder(source)
+        card = read_model_card(folder)
+        abilities = as_abilities(read_capabilities(folder))
+    except (ValueError, RuntimeError) as error:
+        raise SettingError(f"cannot serve model {source!r}: {error}") from error
+    return RunnerOfModel(runner, card.licence, abilities)
+
+
+def check_fit(config: ServerConfig, facts: ModelFacts) -> None:
+    """Raise SettingError where the settings ask for what the model cannot do."""
+    if not facts.min_steps <= config.denoise_steps <= facts.max_steps:
+        raise SettingError(
+            f"denoise_steps is {config.denoise_steps}; {facts.model_id} takes {facts.min_steps} to {facts.max_steps}"
+        )
+    for name, given in (
+        ("lookahead_frames", config.lookahead_for(facts.horizon)),
+        ("max_lookahead_frames", config.max_lookahead_frames),
+    ):
+        if given < facts.horizon:
+            raise SettingError(f"{name} is {given}; {facts.model_id} needs at least {facts.horizon}")
+
+
+def build_engine(
+    config: ServerConfig,
+    runner: Runner,
+    deliver: Deliver,
+    observe: Observe,
+    inbox: Inbox | None = None,
+    device: Device | None = None,
+) -> Engine:
+    """Check that the settings fit, measure the model, and make the engine. Raises SettingError where they do not.
+
+    device: where other engines are at work; they wait for single calls of what is measured.
+    """
+    check_fit(config, runner.facts)
+    clock = MonotonicClock()
+    lease = (device or Device()).lease()
+    try:
+        measured = profile(InTurns(runner, lease), clock, config.max_rows, config.history_frames, config.profile_s)
+        engine_config = EngineConfig(
+            max_sessions=config.max_sessions,
+            max_rows=measured.max_rows,
+            max_step_s=config.max_step_ms / 1000,
+            history_crop=config.history_frames,
+            flush_s=config.flush_ms / 1000,
+            idle_timeout_s=config.idle_timeout_s,
+            admit_load=admit_loads(config.admit_load),
+            degrade=config.degrade,
+        )
+        scheduler = Scheduler(measured.costs, measured.max_rows, max_step_s=engine_config.max_step_s)
+        return Engine(runner, clock, deliver, engine_config, observe, inbox, scheduler, lease)
+    except ValueError as error:
+        lease.leave()
+        raise SettingError(str(error)) from error
+    except Exception:
+        lease.leave()
+        raise
+
+
+def admit_loads(load: float) -> tuple[float, float, float, float]:
+    """Up to which load each class is let in: heroes a little beyond, so that there is room for them, the rest below."""
+    hero, near, crowd, batch = 1.05, 1.0, 0.95, 0.8
+    return hero * load, near * load, crowd * load, batch * load

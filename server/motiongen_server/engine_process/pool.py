@@ -1,0 +1,113 @@
+"""EnginePool: all engine processes of a server. Each holds every model; a session is given to one of them."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import wait
+
+from motiongen_server.config import ServerConfig
+from motiongen_server.devices import EngineDevice, devices_of
+from motiongen_server.engine.ports import Deliver, Observe
+from motiongen_server.engine.types import ModelFacts
+from motiongen_server.engine_process.group import EngineGroup
+from motiongen_server.engine_process.process import HUNG_S, REST_S, EngineProcess
+from motiongen_server.engine_process.text import EngineTextEncoder
+from motiongen_server.models.loader import load_encoder
+from motiongen_server.ops.metrics import Metrics
+from motiongen_server.settings import SettingError
+from motiongen_server.text.prompts import TextEncoder
+
+ENGINE_COMMAND = (sys.executable, "-m", "motiongen_server.engine_process")
+"""Starts an engine process, given the folder of its gateway's sockets."""
+END_S = 5.0
+
+ObserverOf = Callable[[str, str], Observe]
+"""Takes the reports of a model, by its id, on an engine, by its name."""
+
+
+class EnginePool:
+    """Loads models on all engine processes at once. Everything may be used from any thread."""
+
+    def __init__(
+        self,
+        config: ServerConfig,
+        devices: Sequence[EngineDevice],
+        deliver: Deliver,
+        observer_of: ObserverOf,
+        command: Sequence[str] = ENGINE_COMMAND,
+        hung_s: float = HUNG_S,
+        rest_s: float = REST_S,
+    ) -> None:
+        """command: starts an engine process, given a folder of sockets."""
+        self._config = config
+        self._observer_of = observer_of
+        self._slots = itertools.count(1)
+        self._text: EngineTextEncoder | None = None
+        self.processes = tuple(
+            EngineProcess(str(number), config, device, deliver, command, hung_s, rest_s)
+            for number, device in enumerate(devices)
+        )
+        for process in self.processes:
+            process.start()
+
+    def load(self, source: str) -> EngineGroup:
+        """Load a model on every engine process, and wait until it is warm.
+
+        Raises SettingError for what is wrong with the settings, EngineLost if it cannot be loaded for another reason.
+        """
+        slot = next(self._slots)
+        links = [process.load_model(slot, source) for process in self.processes]
+        done, _ = wait([link.ready for link in links])
+        errors = [error for error in (future.exception() for future in done) if error is not None]
+        group = EngineGroup(tuple(zip(self.processes, links, strict=True)), self._config.max_sessions)
+        if errors:
+            group.stop()
+            raise next((error for error in errors if isinstance(error, SettingError)), errors[0])
+        for process, link in zip(self.processes, links, strict=True):
+            link.observe = self._observer_of(link.ready.result().facts.model_id, process.name)
+        return group
+
+    def load_text(self, facts: ModelFacts) -> TextEncoder:
+        """The text encoder for a model, here where it needs no torch. Raises SettingError."""
+        return load_encoder(self._config, facts, self._text_encoder)
+
+    def _text_encoder(self, width: int, timeout_s: float) -> EngineTextEncoder:
+        """The configured text encoder, in the first engine process. Raises SettingError where it cannot be loaded."""
+        if self._text is None:
+            self._text = EngineTextEncoder(self.processes[0], width, timeout_s)
+        if self._text.width != width:
+            raise SettingError(
+                f"the text encoder gives vectors of {self._text.width} numbers, but the model takes {width}"
+            )
+        return self._text
+
+    def stop(self) -> None:
+        """End all engine processes; at once those that have loaded nothing yet."""
+        for process in self.processes:
+            process.stop()
+
+    def join(self, timeout_s: float = END_S) -> bool:
+        """Wait for their end; those that do not end in time are killed."""
+        ends_at = time.monotonic() + timeout_s
+        ends = [process.join(max(0.0, ends_at - time.monotonic())) for process in self.processes]
+        return all(ends)
+
+    def __str__(self) -> str:
+        return "engines on " + ", ".join(f"{process.name}: {process.device}" for process in self.processes)
+
+
+def start_engine_processes(
+    config: ServerConfig, deliver: Deliver, metrics: Metrics, command: Sequence[str] = ENGINE_COMMAND
+) -> EnginePool:
+    """The engine processes that the settings ask for. Raises SettingError where there are no such devices."""
+
+    def observer_of(model_id: str, engine: str) -> Observe:
+        return metrics.of_engine(model_id, engine).observe
+
+    pool = EnginePool(config, devices_of(config.devices), deliver, observer_of, command)
+    for process in pool.processes:
+        metrics.watch_process(process.name, process)
+    return pool

@@ -1,0 +1,81 @@
+"""Slot: one loaded model of an engine process: its engine on a thread of its own, and what comes in for it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.mailbox import Mailbox
+from motiongen_server.engine.ports import Deliver, Inbox, Observe
+from motiongen_server.engine.types import ModelFacts
+from motiongen_server.engine_process.arrivals import Arrivals
+from motiongen_server.engine_process.messages import CloseAhead, Events
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
+
+UNBOUNDED = 1 << 62
+MOST_WAITING = 2048
+"""Events of a slot that wait for its engine before no more are read. The gateway bounds what a session may have."""
+
+
+@dataclass(frozen=True)
+class Built:
+    """An engine that is loaded and warm, and what the gateway is told of it."""
+
+    engine: Engine
+    facts: ModelFacts
+    licence: str
+    abilities: Abilities = NOTHING_CLAIMED
+
+
+BuildEngine = Callable[[str, Deliver, Observe, Inbox], Built]
+"""Loads the model of a source and makes the engine. Raises SettingError saying what is wrong with the settings."""
+
+
+class Slot:
+    """`take` and `stop` belong to the thread that reads the sockets; the engine takes its events from `inbox`."""
+
+    def __init__(self, number: int, deliver: Deliver) -> None:
+        self.number = number
+        self.inbox = Mailbox(UNBOUNDED)
+        self._deliver = deliver
+        self._arrivals = Arrivals()
+        self._engine: Engine | None = None
+        self._thread: threading.Thread | None = None
+
+    def start(self, engine: Engine, ended: Callable[[Slot, BaseException | None], None]) -> None:
+        """Run the engine until it is stopped or fails. ended: is told, on the engine's thread."""
+
+        def run() -> None:
+            engine.run()
+            ended(self, engine.failure)
+
+        self._engine = engine
+        self._thread = threading.Thread(target=run, name=f"engine-{self.number}", daemon=True)
+        self._thread.start()
+
+    @property
+    def is_full(self) -> bool:
+        """Whether as many events wait as may."""
+        return len(self.inbox) > MOST_WAITING
+
+    def take(self, message: Events | CloseAhead) -> None:
+        """Hand in what has come. An Open that there is no room for is answered at once."""
+        if self._engine is None:
+            return
+        ahead = isinstance(message, CloseAhead)
+        for event in self._arrivals.ahead(message) if ahead else self._arrivals.in_order(message):  # type: ignore[arg-type]
+            refusal = self._engine.submit(event)
+            if refusal is not None:
+                self._deliver((refusal,))
+
+    def stop(self) -> None:
+        """Let the engine finish."""
+        if self._engine is not None:
+            self._engine.stop()
+
+    def join(self) -> None:
+        """Wait for the engine's end."""
+        if self._thread is not None:
+            self._thread.join()

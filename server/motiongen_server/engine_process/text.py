@@ -1,0 +1,83 @@
+"""EngineTextEncoder: a text encoder that needs torch, in the first engine process, as the gateway asks it."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Sequence
+from concurrent.futures import Future
+from typing import TypeVar
+
+from motiongen_server.engine.types import Float32Array
+from motiongen_server.engine_process.messages import Encoded, EncoderReady, EncodeTexts, LoadEncoder
+from motiongen_server.engine_process.process import EngineProcess
+from motiongen_server.settings import SettingError
+
+Answer = TypeVar("Answer")
+
+
+class EncoderLost(ConnectionError):
+    """The engine process cannot encode now; the message may be told to clients."""
+
+    retry_after_s = 2.0
+
+
+class EngineTextEncoder:
+    """Satisfies `motiongen_server.text.prompts.TextEncoder`. `encode` may be called from several threads."""
+
+    def __init__(self, process: EngineProcess, width: int, timeout_s: float) -> None:
+        """Load it, and wait for that. timeout_s: of one call. Raises SettingError where it cannot be loaded."""
+        self.width = width
+        self._process = process
+        self._timeout_s = timeout_s
+        self._numbers = itertools.count(1)
+        self._lock = threading.Lock()
+        self._waiting: dict[int, Future[Float32Array]] = {}
+        self._ready: Future[EncoderReady] = Future()
+        process.serve_text(self._take, lambda: (LoadEncoder(width),), self._lose)
+        self.identity = self._ready.result().identity
+
+    def encode(self, texts: Sequence[str]) -> Float32Array:
+        """(len(texts), width). Raises EncoderLost where the engine process cannot answer now."""
+        if self._process.failure is not None:
+            raise EncoderLost("the text encoder has failed")
+        number, answer = next(self._numbers), Future[Float32Array]()
+        with self._lock:
+            self._waiting[number] = answer
+        self._process.tell(EncodeTexts(number, tuple(texts)))
+        try:
+            return answer.result(self._timeout_s)
+        except TimeoutError:
+            raise EncoderLost(f"the text encoder takes longer than {self._timeout_s:g} s") from None
+        finally:
+            with self._lock:
+                self._waiting.pop(number, None)
+
+    # ---- from the thread of the engine process ----------------------------------------------------------------------
+
+    def _take(self, message: EncoderReady | Encoded) -> None:
+        if isinstance(message, EncoderReady):
+            if self._ready.done():
+                return
+            if message.error:
+                self._ready.set_exception(SettingError(message.error))
+            else:
+                self._ready.set_result(message)
+            return
+        with self._lock:
+            answer = self._waiting.pop(message.number, None)
+        if answer is None:
+            return
+        if message.error:
+            answer.set_exception(EncoderLost("the text encoder failed"))
+        else:
+            answer.set_result(message.vectors)
+
+    def _lose(self) -> None:
+        """The engine process is gone; the next one loads the encoder again."""
+        with self._lock:
+            waiting, self._waiting = self._waiting, {}
+        for answer in waiting.values():
+            answer.set_exception(EncoderLost("the text encoder is being started anew"))
+        if not self._ready.done():
+            self._ready.set_exception(SettingError("the engine process was lost while it loaded the text encoder"))

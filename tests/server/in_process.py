@@ -1,0 +1,98 @@
+"""Engines on threads of the test's own process, with whatever runners a test loads, in place of engine processes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from motiongen_server.app import MakeEngines
+from motiongen_server.config import ServerConfig
+from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.ports import Deliver, Runner
+from motiongen_server.engine.scheduling.device import Device
+from motiongen_server.engine.types import Event, ModelFacts, Outcome
+from motiongen_server.engine_process.model_loading import build_engine
+from motiongen_server.ops.metrics import Metrics
+from motiongen_server.text.prompts import TextEncoder
+
+ENGINE = "0"
+"""The name of the one engine, in metrics."""
+
+
+@dataclass(frozen=True)
+class InProcessModel:
+    """A model's engine, with what it says of itself."""
+
+    engine: Engine
+    facts: ModelFacts
+    licence: str
+
+    @property
+    def num_sessions(self) -> int:
+        return self.engine.num_sessions
+
+    @property
+    def heartbeat_at(self) -> float:
+        return self.engine.heartbeat_at
+
+    @property
+    def failure(self) -> BaseException | None:
+        return self.engine.failure
+
+    def submit(self, event: Event) -> Outcome | None:
+        return self.engine.submit(event)
+
+    def drain(self) -> None:
+        self.engine.drain()
+
+    def stop(self) -> None:
+        self.engine.stop()
+
+    def join(self, timeout_s: float | None = None) -> bool:
+        return self.engine.join(timeout_s)
+
+
+class InProcessEngines:
+    """Satisfies `motiongen_server.models.factory.Engines`."""
+
+    def __init__(
+        self,
+        config: ServerConfig,
+        deliver: Deliver,
+        metrics: Metrics,
+        load: Callable[[ServerConfig], Runner],
+        encoder: TextEncoder,
+    ) -> None:
+        self._config = config
+        self._deliver = deliver
+        self._metrics = metrics
+        self._load = load
+        self._encoder = encoder
+        self._device = Device()
+
+    def __str__(self) -> str:
+        return "an engine of this process"
+
+    def load(self, source: str) -> InProcessModel:
+        config = replace(self._config, model=source)
+        runner = self._load(config)
+        observe = self._metrics.of_engine(runner.facts.model_id, ENGINE)
+        engine = build_engine(
+            config, runner, self._deliver, lambda report: observe.observe(report), device=self._device
+        )
+        engine.start()
+        return InProcessModel(engine, runner.facts, "CC0-1.0")
+
+    def load_text(self, facts: ModelFacts) -> TextEncoder:
+        return self._encoder
+
+    def stop(self) -> None:
+        """Each model's engine is stopped by itself."""
+
+    def join(self) -> bool:
+        return True
+
+
+def in_process(load: Callable[[ServerConfig], Runner], encoder: TextEncoder) -> MakeEngines:
+    """Makes such engines for an application."""
+    return lambda config, deliver, metrics: InProcessEngines(config, deliver, metrics, load, encoder)

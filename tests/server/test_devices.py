@@ -1,0 +1,82 @@
+"""What `--devices` makes of what it is given."""
+
+from __future__ import annotations
+
+import pytest
+
+from motiongen_server.devices import EngineDevice, check_devices, count_cuda_devices, devices_of, usable_cores
+from motiongen_server.settings import SettingError
+
+
+@pytest.mark.parametrize(
+    ("given", "devices"),
+    [
+        ("cpu:2", [("cpu", 0, 1)] * 2),
+        ("cpu:2x4", [("cpu", 0, 4)] * 2),
+        ("cuda:1", [("cuda", 1, 1)]),
+        ("cuda:0, cuda:2", [("cuda", 0, 1), ("cuda", 2, 1)]),
+        ("cuda:all", [("cuda", 0, 1), ("cuda", 1, 1), ("cuda", 2, 1)]),
+        ("cuda:0,cpu:1x2", [("cuda", 0, 1), ("cpu", 0, 2)]),
+        ("", [("cuda", 0, 1), ("cuda", 1, 1), ("cuda", 2, 1)]),
+    ],
+)
+def test_each_engine_has_a_device(given: str, devices: list[tuple[str, int, int]]) -> None:
+    assert [(each.kind, each.index, each.threads) for each in devices_of(given, lambda: 3)] == devices
+
+
+def test_without_cuda_each_core_has_an_engine_up_to_eight(monkeypatch: pytest.MonkeyPatch) -> None:
+    for cores, engines in ((1, 1), (4, 4), (64, 8)):
+        monkeypatch.setattr("motiongen_server.devices.usable_cores", lambda cores=cores: cores)
+        assert devices_of("", lambda: 0) == (EngineDevice("cpu", 0, 1),) * engines
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("abacus", "it must be of cuda:0"),
+        ("cpu", "it must be of"),
+        ("cpu:0", "1 to 64 engines"),
+        ("cpu:65", "1 to 64 engines"),
+        ("cpu:1x0", "1 to 256"),
+        ("cpu:2,", "it must be of"),
+        ("cuda:0,cuda:0", "each CUDA device once"),
+        ("cpu:40,cpu:40", "80 engines"),
+    ],
+)
+def test_what_no_machine_has_is_refused_with_what_may_be(given: str, said: str) -> None:
+    with pytest.raises(SettingError, match=said):
+        check_devices(given)
+
+
+def test_cuda_where_there_is_none_is_said() -> None:
+    with pytest.raises(SettingError, match="finds no CUDA device"):
+        devices_of("cuda:all", lambda: 0)
+
+
+def test_an_engine_process_sees_its_own_device_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "4,7")
+    assert EngineDevice("cuda", 1, 1).environment()["CUDA_VISIBLE_DEVICES"] == "7"
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES")
+    assert EngineDevice("cuda", 1, 1).environment()["CUDA_VISIBLE_DEVICES"] == "1"
+    assert EngineDevice("cpu", 0, 3).environment() == {"OMP_NUM_THREADS": "3"}
+
+
+def test_the_quota_of_a_container_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Quota:
+        def __init__(self, text: str) -> None:
+            self.text = text
+
+        def read_text(self, encoding: str) -> str:
+            return self.text
+
+    monkeypatch.setattr("os.sched_getaffinity", lambda pid: set(range(16)))
+    for text, cores in (("max 100000", 16), ("250000 100000", 3), ("50000 100000", 1), ("nonsense", 16)):
+        monkeypatch.setattr("motiongen_server.devices._QUOTA", Quota(text))
+        assert usable_cores() == cores
+
+
+def test_without_a_driver_torch_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("motiongen_server.devices.Path.glob", lambda self, pattern: iter(()))
+    monkeypatch.setattr("motiongen_server.devices.Path.exists", lambda self: False)
+    monkeypatch.setattr("subprocess.run", None)
+    assert count_cuda_devices() == 0

@@ -11,6 +11,7 @@ LOWEST ?= $(OUT)/venv-lowest
 OUT ?= out
 DATA ?= $(OUT)/data
 RUN ?= $(OUT)/mini
+RECIPE ?= ardy/motiongen_ardy/train/configs/mini.yaml
 MODEL ?= motiongen-mini
 ARGS ?=
 DATA_USE := name the motion capture: make data CLIPS=folder-of-bvh LABELS=table.csv
@@ -38,7 +39,7 @@ $(READY): constraints.txt requirements-dev.txt $(PARTS:%=%/pyproject.toml)
 # ---- use
 
 .PHONY: demo
-demo: $(READY) ## serve the built-in model, drive eight characters for 12 s, write BVH files and a picture to out/demo
+demo: $(READY) ## serve the built-in model, play a story and seven characters beside it; BVH files and contact sheets in out/demo
 	$(PYTHON) -m motiongen_tools demo --out $(OUT)/demo $(ARGS)
 
 .PHONY: serve
@@ -127,13 +128,14 @@ data: $(READY) ## turn motion capture into a training set: make data CLIPS=folde
 	$(PYTHON) -m motiongen_ardy.data build "$(or $(CLIPS),$(error $(DATA_USE)))" "$(or $(LABELS),$(error $(DATA_USE)))" "$(DATA)" $(ARGS)
 
 .PHONY: train-mini
-train-mini: $(READY) ## train the built-in model on DATA: tokenizer, then denoiser; goes on where it was stopped
-	$(PYTHON) -m motiongen_ardy.train.tokenizer "$(DATA)" "$(RUN)/tokenizer" $(ARGS)
-	$(PYTHON) -m motiongen_ardy.train.denoiser "$(DATA)" "$(RUN)/denoiser" --tokenizer "$(RUN)/tokenizer" $(ARGS)
+train-mini: $(READY) ## train what RECIPE says on DATA (the built-in model): tokenizer, then denoiser; goes on where it was stopped
+	$(PYTHON) -m motiongen_ardy.train.tokenizer "$(DATA)" "$(RUN)/tokenizer" --config "$(RECIPE)" $(ARGS)
+	$(PYTHON) -m motiongen_ardy.train.denoiser "$(DATA)" "$(RUN)/denoiser" --tokenizer "$(RUN)/tokenizer" --config "$(RECIPE)" $(ARGS)
+	$(PYTHON) -m motiongen_ardy.train.prompt_domain "$(DATA)" "$(RUN)/denoiser"
 
 .PHONY: gate
-gate: $(READY) ## judge MODEL on the test split of DATA; exit code 1 if it misses a bound
-	$(PYTHON) -m motiongen_ardy.evaluate.gate "$(MODEL)" "$(DATA)" $(ARGS)
+gate: $(READY) ## judge the motion of MODEL on the test split of DATA; exit code 1 if it misses a bound
+	$(PYTHON) -m motiongen_ardy.evaluate "$(MODEL)" "$(DATA)" $(ARGS)
 
 .PHONY: clean
 clean: ## remove what make made, the environment too

@@ -26,7 +26,8 @@ class SettingError(ValueError):
 def setting(default: Any, meaning: str, least: float | None = None, most: float | None = None, **more: Any) -> Any:
     """A field of a program's settings: its default, what it means, and what it may be (a range, or `choices`).
 
-    many: its flag may be given again, for more values, which are joined with commas.
+    many: its flag may be given again, for more values, which are joined with commas. kind: the type of a value whose
+    default is None, which leaves it to the model.
     """
     return field(default=default, metadata={"meaning": meaning, "least": least, "most": most, **more})
 
@@ -42,6 +43,8 @@ def check_setting(name: str, value: Any, metadata: Mapping[str, Any]) -> None:
     choices, least, most = metadata.get("choices"), metadata["least"], metadata["most"]
     if choices is not None and value not in choices:
         raise SettingError(f"{name} is {value!r}; it must be one of {', '.join(choices)}")
+    if value is None and metadata.get("kind") is not None:
+        return
     if least is not None and not least <= value <= most:
         raise SettingError(f"{name} is {value}; it must be from {least:.12g} to {most:.12g}")
 
@@ -79,7 +82,7 @@ class Program(Generic[Config]):
             if given is None:
                 given = given_by_environment.get(self.environment_name(name))
             if given is not None:
-                values[name] = _converted(name, given, type(each.default))
+                values[name] = _converted(name, given, each.metadata.get("kind") or type(each.default))
         return self.kind(**values)
 
     def _own(self, environment: Mapping[str, str]) -> dict[str, str]:
@@ -106,9 +109,11 @@ class Program(Generic[Config]):
                 allowed = f"; {metadata['least']:.12g} to {metadata['most']:.12g}"
             is_switch = isinstance(each.default, bool)
             default = f"default {each.default}" if each.default != "" else "default none"
+            if each.default is None:
+                default = "default the model's own"
             parser.add_argument(
                 f"--{each.name.replace('_', '-')}",
-                metavar="true|false" if is_switch else type(each.default).__name__.upper(),
+                metavar="true|false" if is_switch else (metadata.get("kind") or type(each.default)).__name__.upper(),
                 action="append" if metadata.get("many") else "store",
                 nargs="?" if is_switch else None,
                 const="true" if is_switch else None,

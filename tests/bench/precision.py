@@ -19,7 +19,7 @@ from torch import Tensor
 
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.checkpoint.model_card import model_folder
-from motiongen_ardy.evaluate.measures import foot_sliding
+from motiongen_ardy.evaluate.measures.feet import skate_in_contact
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.precision import PRECISIONS
 from motiongen_server.engine.types import Float32Array
@@ -64,8 +64,10 @@ def figures(model: Model, walks: list[Walk], features: Float32Array) -> dict[str
         for index, walk in enumerate(walks)
         for frame, x, z in walk.waypoints
     ]
+    contacts = motion[..., layout.contact_block] > 0.5
+    sliding = [skate_in_contact(layout.skeleton, *pair, layout.fps) for pair in zip(positions, contacts, strict=True)]
     return {
-        "sliding m/s": float(foot_sliding(layout, motion)),
+        "sliding m/s": float(np.nanmean(sliding)),
         "waypoint error m": float(np.mean(misses)),
         "jerk m/s3": float(jerk),
         "seam ratio": seam_ratio(motion, positions, model.config.horizon),

@@ -106,6 +106,7 @@ class FakeStream:
         self.outgoing: queue.Queue[service_pb2.StreamMotionResponse | grpc.StatusCode | None] = queue.Queue()
         self.characters: dict[int, Character] = {}
         self.received: list[session_pb2.SessionEvent] = []
+        self.warnings: list[session_pb2.EventWarning] = []  # of every edit that is taken
         self.pings: list[service_pb2.Ping] = []
         self.agent = ""
 
@@ -237,7 +238,8 @@ class FakeStream:
         character.sent_to = valid_from
         self.announce(event.session, valid_from, session_pb2.PLAN_CAUSE_EDIT, (event.event_seq,))
         self.send_chunk(event.session, valid_from + 8)
-        self.push(event.session, outcome=session_pb2.EditOutcome(event_seq=event.event_seq, effective_frame=valid_from))
+        outcome = session_pb2.EditOutcome(event_seq=event.event_seq, effective_frame=valid_from, warnings=self.warnings)
+        self.push(event.session, outcome=outcome)
         self.send_frames(event.session)
 
     def close(self, handle: int) -> None:

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
-from motiongen_server.engine.types import Guidance
+from motiongen_server.engine.types import Gait, Guidance
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.handlers import add_methods
 from motiongen_server.rpc.limits import Limits
@@ -46,8 +47,16 @@ class LengthEncoder:
 class LocalServer:
     """Use as `async with LocalServer() as server`. address: where it listens."""
 
-    def __init__(self, limits: Limits | None = None, engine_config: EngineConfig | None = None) -> None:
+    def __init__(
+        self,
+        limits: Limits | None = None,
+        engine_config: EngineConfig | None = None,
+        abilities: Abilities = NOTHING_CLAIMED,
+        gaits: tuple[Gait, ...] = (),
+    ) -> None:
         self._limits = limits or Limits()
+        self._abilities = abilities
+        self._gaits = gaits
         self._engine_config = engine_config or EngineConfig()
 
     async def __aenter__(self) -> LocalServer:
@@ -55,7 +64,16 @@ class LocalServer:
         self.runner = FakeRunner(RealTime())
         self.prompts = PromptEncoder(LengthEncoder(), 1000)
         self.engine = Engine(self.runner, self.runner.clock, self._deliver, self._engine_config)
-        catalog = Catalog(FACTS, limits, Guidance(2.0, 2.0), "CC0-1.0", self.prompts.identity, history_frames=16)
+        catalog = Catalog(
+            FACTS,
+            limits,
+            Guidance(2.0, 2.0),
+            "CC0-1.0",
+            self.prompts.identity,
+            history_frames=16,
+            gaits=self._gaits,
+            abilities=self._abilities,
+        )
         self.service = MotionService(ModelRegistry(LoadedModel("fake", self.engine, self.prompts, catalog)))
         self._server = grpc.aio.server(options=[("grpc.max_receive_message_length", limits.max_request_bytes)])
         add_methods(self.service, self._server)

@@ -102,7 +102,10 @@ class Heard:
         self.outcomes.append(outcome)
         if outcome.code == 0:
             require(not (outcome.reason or outcome.field or outcome.allowed), "an accepted event has no reason")
+            told = all(warning.reason and warning.message for warning in outcome.warnings)
+            require(told, "a warning says what of, for programs and for people")
             return
+        require(not outcome.warnings, "a refused event is not warned of")
         require(bool(outcome.reason and outcome.message), "a refusal says why, for programs and for people")
         require(not outcome.HasField("effective_frame"), "a refused event is in effect nowhere")
 
@@ -110,7 +113,7 @@ class Heard:
         require(plan.plan > (self.plans[-1].plan if self.plans else 0), "plan numbers rise")
         require(plan.valid_from >= self.committed_to, "valid_from is not below committed_to")
         if plan.cause == session_pb2.PLAN_CAUSE_CONTINUE:
-            require(plan.valid_from >= self.end, "a continuation replaces nothing")
+            require(plan.valid_from >= self.next_frame, "a continuation replaces nothing")
         else:
             require(plan.cause == session_pb2.PLAN_CAUSE_EDIT, "a plan has a cause")
             require(len(plan.event_seqs) > 0, "an edit's plan names its events")

@@ -62,9 +62,11 @@ ROOMS = (
     room(f"{SERVER}/engine_process", "msgpack numpy zmq ~", never="asyncio"),
     room(
         f"{SERVER}/rpc/convert",
-        "google.protobuf numpy motiongen ~.engine.types ~.rpc.catalog ~.rpc.convert ~.rpc.limits ~.errors",
+        "google.protobuf numpy motiongen ~.engine.types ~.errors"
+        " ~.rpc.abilities ~.rpc.catalog ~.rpc.convert ~.rpc.limits",
     ),
-    room(f"{SERVER}/rpc/catalog.py", "motiongen ~.engine.types ~.rpc.limits ~.text.presets"),
+    room(f"{SERVER}/rpc/catalog.py", "motiongen ~.rpc.abilities ~.engine.types ~.rpc.limits ~.text.presets"),
+    room(f"{SERVER}/rpc/abilities.py", "numpy ~.engine.types"),
     room(f"{SERVER}/rpc/send_queue.py {SERVER}/rpc/token_bucket.py {SERVER}/rpc/limits.py", "~.engine.types"),
     room(
         f"{SERVER}/rpc",

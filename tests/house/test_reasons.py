@@ -1,4 +1,4 @@
-"""docs/protocol.md lists every reason with which the server refuses something, and none that it never gives."""
+"""docs/protocol.md lists every reason with which the server refuses or warns of something, and no other."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ REFUSALS = {
     "EditRefused",
     "StreamRefused",
     "Outcome",
+    "Warned",
     "refuse",
     "_refusal",
     "_full",

@@ -3,61 +3,88 @@
 from __future__ import annotations
 
 import asyncio
-import math
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_client import Motion
 from motiongen_tools.cli import run
-from motiongen_tools.demo import CAST, waypoint_ahead
+from motiongen_tools.demo.script import CAST, STORY_S, GoTo, Move, Say
 from tests.client.fake_server import FakeServer
 
 
-async def demo(server: FakeServer, out: Path) -> int:
-    return await asyncio.to_thread(run, ["demo", "--server", server.address, "--seconds", "1.5", "--out", str(out)])
+@pytest.fixture
+def slow_server() -> Iterator[FakeServer]:
+    """At the built-in model's frame rate: what is shown does not wait for real time."""
+    with FakeServer(frame_rate=20) as running:
+        yield running
 
 
-async def test_eight_characters_are_driven_written_and_measured(
-    server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+async def demo(server: FakeServer, out: Path, *more: str) -> int:
+    return await asyncio.to_thread(run, ["demo", "--server", server.address, "--out", str(out), *more])
+
+
+async def test_the_whole_script_is_asked_written_drawn_and_measured(
+    slow_server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert await demo(server, tmp_path) == 0
-    names = os.listdir(tmp_path)
-    assert sum(name.endswith(".bvh") for name in names) == 8
-    assert "contact_sheet.png" in names
+    assert await demo(slow_server, tmp_path, "--bound", "100") == 0
+    names = sorted(os.listdir(tmp_path))
+    bvh = [f"{number}-{role.name}.bvh" for number, role in enumerate(CAST, 1)]
+    assert names == sorted([*bvh, "contact_sheet.png", "contact_sheet_beside.png"])
     printed = capsys.readouterr().out
-    assert all(role.name in printed for role in CAST)
-    assert "of 2 events" in printed
-    kinds = [event.WhichOneof("event") for event in server.stream.received]
-    assert (kinds.count("open"), kinds.count("edit_prompts"), kinds.count("edit_constraints")) == (8, 1, 1)
-    assert len(server.streams) == 1
+    assert f"{len(CAST) * round(STORY_S * 20)} frames" in printed
+    assert "came too late for the playhead: 0" in printed
+    kinds = [event.WhichOneof("event") for event in slow_server.stream.received]
+    actions = [action for role in CAST for cue in role.cues for action in cue.actions]
+    assert kinds.count("open") == len(CAST)
+    assert kinds.count("set_velocity") == sum(isinstance(action, Move) for action in actions)
+    assert kinds.count("edit_prompts") == sum(isinstance(action, Say) for action in actions) + 1  # the circle's
+    assert len(slow_server.streams) == 1
+
+
+async def test_a_missed_waypoint_fails_the_demo(
+    slow_server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The fake server's characters obey nothing: they go 1 m/s along +Z."""
+    assert await demo(slow_server, tmp_path, "--bound", "0.3", "--seconds", "10.5") == 1
+    problems = [line for line in capsys.readouterr().out.splitlines() if line.startswith("problem: ")]
+    num_places = sum(isinstance(action, GoTo) for role in CAST for cue in role.cues for action in cue.actions)
+    assert 1 <= sum(line.startswith("problem: story: ") for line in problems) <= num_places
+    assert all("missed by" in line and "more than 30" in line for line in problems)
+
+
+async def test_what_is_not_due_yet_is_not_missed(slow_server: FakeServer, tmp_path: Path) -> None:
+    assert await demo(slow_server, tmp_path, "--seconds", "3") == 0
 
 
 async def test_a_character_that_gets_no_motion_fails_the_demo(
-    server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    slow_server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def end_of_the_third(event: session_pb2.SessionEvent) -> str:
         if event.WhichOneof("event") == "playhead" and event.session == 3:
             closed = session_pb2.SessionClosed(reason=session_pb2.CLOSE_REASON_ENGINE_FAULT, code=13, message="broken")
-            server.stream.push(3, closed=closed)
+            slow_server.stream.push(3, closed=closed)
         return ""
 
-    server.refuse = end_of_the_third
-    assert await demo(server, tmp_path) == 1
-    printed = capsys.readouterr().out
-    assert "problem: wave-right: the session has ended (engine_fault): broken" in printed
+    slow_server.refuse = end_of_the_third
+    assert await demo(slow_server, tmp_path, "--seconds", "2") == 1
+    assert "problem: circle: the session has ended (engine_fault): broken" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("heading", "place"), [(0.0, (0.5, 5.0)), (math.pi / 2, (0.0, 4.5))])
-def test_the_waypoint_is_where_the_walk_leads_and_half_a_metre_to_the_left(
-    stick_motion: Motion, heading: float, place: tuple[float, float]
+async def test_a_refused_cue_and_a_warning_are_told(
+    slow_server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The stick figure moves 1 m/s along +Z, here facing along it or to its left, and has come to 1.95 m."""
-    rows = stick_motion.rows.copy()
-    rows[:, 0] = 0
-    rows[:, 3:7] = [math.cos(heading / 2), 0, math.sin(heading / 2), 0]
-    waypoint = waypoint_ahead(Motion(stick_motion.rig, 100, rows), 3.05)
-    assert waypoint.frame == 139 + 61
-    assert (waypoint.x_m, waypoint.z_m) == pytest.approx(place, abs=1e-4)
+    def refuse(event: session_pb2.SessionEvent) -> str:
+        slow_server.stream.warnings = [
+            session_pb2.EventWarning(reason="PROMPT_OUTSIDE_DOMAIN", message="this is outside", field="prompts[0]")
+        ]
+        return "HOLD_OUT_OF_RANGE" if event.WhichOneof("event") == "set_velocity" and event.session == 2 else ""
+
+    slow_server.refuse = refuse
+    assert await demo(slow_server, tmp_path, "--seconds", "7") == 1
+    printed = capsys.readouterr().out
+    assert "problem: run: " in printed
+    assert "HOLD_OUT_OF_RANGE" in printed
+    assert "warning for outside: this is outside" in printed

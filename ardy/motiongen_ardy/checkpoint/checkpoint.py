@@ -19,14 +19,17 @@ from motiongen_ardy.checkpoint.config import (
 )
 from motiongen_ardy.checkpoint.config_writer import write_model_config, write_tokenizer_config
 from motiongen_ardy.checkpoint.files import CheckpointError, TensorFile, path_inside, read_yaml
+from motiongen_ardy.checkpoint.sampling_file import SAMPLING_FILE, read_options, write_options
 from motiongen_ardy.checkpoint.stats import load_stats, save_stats
 from motiongen_ardy.core.problems import Problems
 from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH, Representation
 from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.core.stats import Stats
-from motiongen_ardy.model.config import ConfigError
+from motiongen_ardy.model.config import ConfigError, ModelConfig
 from motiongen_ardy.model.model import Model, build_model
 from motiongen_ardy.model.precision import PRECISIONS, matrix_names, set_precision
+from motiongen_ardy.model.sampling.limbs import arms
+from motiongen_ardy.model.sampling.options import SamplingOptions, released_options
 from motiongen_ardy.model.tokenizer import Tokenizer, build_tokenizer
 
 CONFIG_FILE = "config.yaml"
@@ -51,6 +54,8 @@ def load_checkpoint(
     stats = _collect(problems, lambda: _read_stats(folder, layout.motion_stats, feature_dim + LOCAL_ROOT_WIDTH))
     with torch.device("meta"):
         model = _built(folder, lambda: build_model(config, stats or _identity_stats(feature_dim + LOCAL_ROOT_WIDTH)))
+    sampling = _collect(problems, lambda: _read_sampling(folder, config))
+    model.sampling = sampling or model.sampling
     fill_denoiser = _collect(problems, lambda: _prepare(model.denoiser, folder, layout.denoiser, _denoiser_name, dtype))
     fill_tokenizer = None
     if model.tokenizer is not None:
@@ -95,6 +100,10 @@ def save_checkpoint(model: Model, folder: str | Path) -> None:
     }
     _write_tensors(denoiser, folder / DENOISER_FILE)
     save_stats(model.representation.stats, folder / MOTION_STATS)
+    if model.sampling != released_options(model.config.guidance):
+        _write_yaml(write_options(model.sampling), folder / SAMPLING_FILE)
+    else:
+        (folder / SAMPLING_FILE).unlink(missing_ok=True)
     if model.tokenizer is not None:
         _write_tokenizer_files(model.tokenizer, folder)
 
@@ -129,6 +138,20 @@ def _collect(problems: list[str], read: Callable[[], PART]) -> PART | None:
 def _read_config(folder: Path, read: Callable[[object], PART]) -> PART:
     content = read_yaml(path_inside(folder, CONFIG_FILE))
     return _built(folder, lambda: read(content))
+
+
+def _read_sampling(folder: Path, config: ModelConfig) -> SamplingOptions:
+    """What `sampling.yaml` says, as released where there is none. Raises CheckpointError."""
+    path = path_inside(folder, SAMPLING_FILE)
+    if not path.exists():
+        return released_options(config.guidance)
+    try:
+        options = read_options(read_yaml(path), config.guidance)
+        if options.clean_feet or options.reach_joints:
+            arms(load_skeleton(config.skeleton))
+        return options
+    except ConfigError as error:
+        raise CheckpointError([f"{path}: {problem}" for problem in error.problems]) from error
 
 
 def _built(folder: Path, build: Callable[[], PART]) -> PART:

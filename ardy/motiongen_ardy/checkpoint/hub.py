@@ -13,7 +13,7 @@ CHECKPOINT_FILES = (
     *(f"stats/{part}/{name}.npy" for part in ("motion", "post_quantization", "pre_quantization")
       for name in ("mean", "std")),
 )  # fmt: skip
-COMPANIONS = ("MODEL_CARD.md", "README.md", "LICENSE*")
+COMPANIONS = ("MODEL_CARD.md", "README.md", "LICENSE*", "capabilities.yaml", "prompt_domain.safetensors")
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 
 

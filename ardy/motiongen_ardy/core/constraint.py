@@ -43,6 +43,8 @@ class Targets:
 
     Frames are absolute; `fill` is told which of them it is to lay out, and leaves the others alone. The groups are
     independent: a waypoint overrides the ground position of an earlier keyframe at its frame but not its pose.
+    planned, faced: frames whose ground position, and whose heading, nobody asked for, but which lead to what was asked:
+    the root may sway about them.
     """
 
     def __init__(self, skeleton: Skeleton) -> None:
@@ -52,6 +54,8 @@ class Targets:
         self.heading: dict[int, Tensor] = {}
         self.positions: dict[tuple[int, int], Tensor] = {}
         self.rotations: dict[tuple[int, int], Tensor] = {}
+        self.planned: set[int] = set()
+        self.faced: set[int] = set()
 
     @property
     def frames(self) -> set[int]:
@@ -65,8 +69,22 @@ class Targets:
         if heading is not None:
             require_numbers("headings", heading, (len(frames),))
         self.ground.update(zip(frames, ground.unbind(), strict=True))
+        self.planned.difference_update(frames)
         if heading is not None:
-            self.heading.update(zip(frames, torch.stack([heading.cos(), heading.sin()], dim=-1).unbind(), strict=True))
+            self.add_heading(frames, heading)
+
+    def add_heading(self, frames: Sequence[int], heading: Tensor) -> None:
+        """The root's facing alone. heading: (K) radians."""
+        require_numbers("headings", heading, (len(frames),))
+        self.heading.update(zip(frames, torch.stack([heading.cos(), heading.sin()], dim=-1).unbind(), strict=True))
+        self.faced.difference_update(frames)
+
+    def copy(self) -> Targets:
+        """The same targets, to be changed apart from these."""
+        other = Targets(self.skeleton)
+        for name in ("ground", "height", "heading", "positions", "rotations", "planned", "faced"):
+            setattr(other, name, getattr(self, name).copy())
+        return other
 
     def _add_pose_root(self, frames: Sequence[int], positions: Tensor, ground: Tensor | None) -> None:
         angle = heading_angle(self.skeleton, positions)
@@ -171,6 +189,13 @@ class Targets:
                 f" give the position of {self.skeleton.joint_names[0]} at that frame too"
             )
         return self.positions[frame, joint] - root * root.new_tensor([1.0, 0.0, 1.0])
+
+    def planned_frames(self, first_frame: int, num_frames: int) -> Tensor:
+        """(num_frames, 2) bool of frames from first_frame on: whose ground position, whose heading was only planned."""
+        flags = torch.zeros(num_frames, 2, dtype=torch.bool)
+        for column, frames in enumerate((self.planned, self.faced)):
+            flags[[frame - first_frame for frame in frames if 0 <= frame - first_frame < num_frames], column] = True
+        return flags
 
     def observe(self, layout: Representation, first_frame: int, num_frames: int) -> tuple[Tensor, Tensor]:
         """As `fill`, on the layout's device, the observed features normalised and zero where the mask is zero."""

@@ -11,8 +11,9 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
+from motiongen_ardy.core.constants import constant, index
 from motiongen_ardy.core.motion import Motion
-from motiongen_ardy.core.rotation import matrix_from_6d, matrix_to_6d, rotation_y
+from motiongen_ardy.core.rotation import matrix_from_6d, matrix_to_6d
 from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics, global_to_local
 from motiongen_ardy.core.stats import Stats
 
@@ -21,6 +22,7 @@ LOCAL_ROOT_WIDTH = 4
 CONTACT_WIDTH = 4
 CONTACT_SPEED_M_S = 0.15
 CONTACT_HEIGHT_M = 0.10
+ON_GROUND = (1.0, 0.0, 1.0)  # what remains of a position when its height is taken away
 
 
 def heading_angle(skeleton: Skeleton, positions: Tensor) -> Tensor:
@@ -48,7 +50,7 @@ def velocities(positions: Tensor, lengths: Tensor, fps: int) -> Tensor:
 
 def contact_labels(skeleton: Skeleton, positions: Tensor, velocity: Tensor) -> Tensor:
     """Whether (..., 4) each contact joint is slow and low, from positions (metres) and velocities (m/s) (..., J, 3)."""
-    contact_joints = torch.as_tensor(skeleton.contact_joints, device=positions.device)
+    contact_joints = index(tuple(skeleton.contact_joints), positions.device)
     slow = velocity.index_select(-2, contact_joints).norm(dim=-1) < CONTACT_SPEED_M_S
     low = positions.index_select(-2, contact_joints)[..., 1] < CONTACT_HEIGHT_M
     return slow & low
@@ -145,7 +147,7 @@ class Representation(nn.Module):
 
     def positions_block(self, features: Tensor) -> Tensor:
         """World positions (..., J, 3) of the position block of (..., D) natural units; the root's height is 0."""
-        ground = features[..., None, self.root_position_block] * features.new_tensor([1.0, 0.0, 1.0])
+        ground = features[..., None, self.root_position_block] * constant(ON_GROUND, features.dtype, features.device)
         others = features[..., self.position_block].unflatten(-1, (self.skeleton.num_joints - 1, 3)) + ground
         return torch.cat([ground, others], dim=-2)
 
@@ -165,13 +167,14 @@ class Representation(nn.Module):
 
         Rotations come out orthonormal; `orthonormal` says that they already are, which is much cheaper.
         """
-        turn = rotation_y(angle)  # (B, 3, 3)
+        cosine, sine = torch.cos(angle)[:, None], torch.sin(angle)[:, None]
 
         def turned(vectors: Tensor) -> Tensor:  # (B, T, 3k) -> (B, T, 3k)
-            return (vectors.unflatten(-1, (-1, 3)) @ turn.transpose(-1, -2)[:, None]).flatten(-2)
+            x, y, z = vectors[..., 0::3], vectors[..., 1::3], vectors[..., 2::3]
+            across, along = cosine[..., None], sine[..., None]
+            return torch.stack([across * x + along * z, y, across * z - along * x], dim=-1).flatten(-2)
 
         heading = features[..., self.heading_block]
-        cosine, sine = torch.cos(angle)[:, None], torch.sin(angle)[:, None]
         rotations = features[..., self.rotation_block]
         if not orthonormal:
             rotations = matrix_to_6d(self.global_rotations(features)).flatten(-2)
@@ -215,7 +218,7 @@ class Representation(nn.Module):
         turn = self.fps * wrapped_difference(natural[..., self.heading_block])
         turn = repeat_last_valid(torch.cat([turn, turn.new_zeros(turn.shape[0], 1)], dim=1)[..., None], lengths)
         velocity = velocities(natural[..., self.root_position_block], lengths, self.fps)
-        local = torch.cat([turn, velocity[..., [0, 2]], natural[..., 1:2]], dim=-1)
+        local = torch.cat([turn, velocity[..., 0::2], natural[..., 1:2]], dim=-1)
         return self.local_root_stats.normalize(local)
 
     def recentre(self, root: Tensor, frame: Tensor | int) -> tuple[Tensor, Tensor]:
@@ -225,7 +228,7 @@ class Representation(nn.Module):
         """
         rows = torch.arange(root.shape[0], device=root.device)
         natural = self.root_stats.denormalize(root[rows, frame])
-        centre = natural[:, self.root_position_block] * natural.new_tensor([1.0, 0.0, 1.0])
+        centre = natural[:, self.root_position_block] * constant(ON_GROUND, natural.dtype, natural.device)
         return self.translate_root(root, -centre), centre
 
     def translate_root(self, root: Tensor, offset: Tensor) -> Tensor:

@@ -15,6 +15,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.constants import constant, index
+
 
 class UnknownSkeleton(ValueError):
     """Raised for a skeleton name that is not one of `skeleton_names()`."""
@@ -63,6 +65,21 @@ class Skeleton:
         parents = np.maximum(self.parents, 0)
         offsets: np.ndarray = self.neutral_joints - self.neutral_joints[parents]
         return offsets
+
+    @cached_property
+    def offset_rows(self) -> tuple[tuple[float, ...], ...]:
+        """`offsets` as nested tuples, which can name a constant on a device."""
+        return tuple(tuple(float(number) for number in row) for row in self.offsets)
+
+    @cached_property
+    def chain_rows(self) -> tuple[tuple[float, ...], ...]:
+        """Row j has a 1 for joint j and each of its ancestors, else 0."""
+        rows: list[list[float]] = []
+        for joint, parent in enumerate(self.parents):
+            row = list(rows[parent]) if parent >= 0 else [0.0] * self.num_joints
+            row[joint] = 1.0
+            rows.append(row)
+        return tuple(tuple(row) for row in rows)
 
     def index(self, joint_name: str) -> int:
         """The index of a joint. Raises UnknownJoint, which lists the names there are."""
@@ -113,7 +130,7 @@ def forward_kinematics(skeleton: Skeleton, local_rotations: Tensor, root_positio
     Returns global rotations (..., J, 3, 3) and positions (..., J, 3) in metres. For a joint j with parent a:
     G_j = G_a R_j and q_j = q_a + G_a (n_j - n_a).
     """
-    offsets = torch.as_tensor(skeleton.offsets, dtype=local_rotations.dtype, device=local_rotations.device)
+    offsets = constant(skeleton.offset_rows, local_rotations.dtype, local_rotations.device)
     rotations: list[Tensor] = [local_rotations[..., 0, :, :]]
     positions: list[Tensor] = [torch.zeros_like(root_positions)]
     for joint in range(1, skeleton.num_joints):
@@ -129,19 +146,18 @@ def positions_from_global(skeleton: Skeleton, global_rotations: Tensor, root_pos
     The same as `forward_kinematics` of the matching local rotations, without a chain of matrix products, which makes
     it the form for losses.
     """
-    parents = torch.as_tensor([max(parent, 0) for parent in skeleton.parents], device=global_rotations.device)
-    offsets = torch.as_tensor(skeleton.offsets, dtype=global_rotations.dtype, device=global_rotations.device)
+    parents = index(tuple(max(parent, 0) for parent in skeleton.parents), global_rotations.device)
+    offsets = constant(skeleton.offset_rows, global_rotations.dtype, global_rotations.device)
     bones = (global_rotations.index_select(-3, parents) @ offsets.unsqueeze(-1)).squeeze(-1)
     bones = torch.cat([root_positions.unsqueeze(-2), bones[..., 1:, :]], dim=-2)
-    positions = list(bones.unbind(dim=-2))
-    for joint in range(1, skeleton.num_joints):
-        positions[joint] = positions[joint] + positions[skeleton.parents[joint]]
-    return torch.stack(positions, dim=-2)
+    # A joint's position is the sum of the bones that lead to it.
+    chains = constant(skeleton.chain_rows, bones.dtype, bones.device)
+    return chains @ bones
 
 
 def global_to_local(skeleton: Skeleton, global_rotations: Tensor) -> Tensor:
     """Parent-relative rotations from global ones, both (..., J, 3, 3): R_0 = G_0, R_j = G_a^T G_j."""
-    parents = torch.as_tensor(skeleton.parents[1:], device=global_rotations.device)
+    parents = index(tuple(skeleton.parents[1:]), global_rotations.device)
     parent_rotations = global_rotations.index_select(-3, parents)
     children = parent_rotations.transpose(-1, -2) @ global_rotations[..., 1:, :, :]
     return torch.cat([global_rotations[..., :1, :, :], children], dim=-3)

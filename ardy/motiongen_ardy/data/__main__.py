@@ -12,9 +12,10 @@ from rich.progress import Progress
 from rich.table import Table
 
 from motiongen_ardy.core.skeleton import UnknownSkeleton, load_skeleton
-from motiongen_ardy.data.build import BuildSettings, build
+from motiongen_ardy.data.build import BuildSettings, build, more_labels
 from motiongen_ardy.data.dataset import DatasetError, MotionDataset, skipped_clips
 from motiongen_ardy.data.figures import figures_table, measure
+from motiongen_ardy.data.kinds import kinds_table
 from motiongen_ardy.data.labels import LabelsError, read_labels
 from motiongen_ardy.data.retarget_file import RetargetError, built_in_retargets, read_retarget
 
@@ -51,6 +52,13 @@ def _parser() -> argparse.ArgumentParser:
     building.add_argument(
         "--standing", action=argparse.BooleanOptionalAction, default=True, help="derive clips of standing from gestures"
     )
+    building.add_argument(
+        "--derive",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="derive starts, stops, changes, bends, sideways steps, turns on the spot and speeds from walks and runs",
+    )
+    building.add_argument("--seed", type=int, default=7, help="of what is drawn at random for --derive (default 7)")
     building.add_argument("--strict", action="store_true", help="end with an error if any file could not be used")
     building.set_defaults(run=_build)
 
@@ -77,6 +85,8 @@ def _positive(text: str) -> float:
 def _build(options: argparse.Namespace, console: Console) -> int:
     skeleton = load_skeleton(options.skeleton)
     labels = read_labels(options.labels)
+    named = {label.id for label in labels}
+    labels += tuple(label for label in more_labels(options.folder) if label.id not in named)
     if options.retarget == "auto":
         retargets = tuple(entry for entry in built_in_retargets() if entry.skeleton is skeleton)
         if not retargets:
@@ -93,12 +103,16 @@ def _build(options: argparse.Namespace, console: Console) -> int:
         skip_flags=frozenset(filter(None, options.skip_flags.split(","))),
         min_seconds=options.min_seconds,
         derive_standing=options.standing,
+        derive_moving=options.derive,
+        seed=options.seed,
     )
     with Progress(console=console) as progress:
         task = progress.add_task("converting", total=len(labels))
         result = build(labels, settings, lambda: progress.advance(task))
     for id_, reason in result.skipped:
         console.print(f"skipped {id_}: {reason}", markup=False, highlight=False)
+    for reason, count in sorted(result.dropped.items()):
+        console.print(f"dropped {count} derived clips of {reason}", markup=False, highlight=False)
     if not result.clips:
         print("error: no clip could be used", file=sys.stderr)
         return 2
@@ -135,6 +149,7 @@ def _check(options: argparse.Namespace, console: Console) -> int:
     dataset = MotionDataset.load(options.set)
     figures = measure(dataset)
     console.print(figures_table(figures))
+    console.print(kinds_table(dataset))
     for id_, reason in skipped_clips(options.set):
         console.print(f"left out {id_}: {reason}", markup=False, highlight=False)
     for line in figures.verdicts:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from importlib import resources
 from pathlib import Path
 
 import torch
@@ -14,8 +16,9 @@ from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics
 from motiongen_ardy.data.bvh import BvhError, read_bvh
 from motiongen_ardy.data.captions import mirror_content, paraphrases
 from motiongen_ardy.data.dataset import Clip, MotionDataset, Segment
-from motiongen_ardy.data.derive import derived_spans, standing_clips
-from motiongen_ardy.data.labels import Label
+from motiongen_ardy.data.derive import derived_spans, standing_clips, turning_spans
+from motiongen_ardy.data.labels import Label, read_labels
+from motiongen_ardy.data.recipes import make
 from motiongen_ardy.data.retarget import RetargetedClip, apply_retarget, choose_retarget
 from motiongen_ardy.data.retarget_file import Retarget, RetargetError
 
@@ -23,6 +26,11 @@ from motiongen_ardy.data.retarget_file import Retarget, RetargetError
 MAX_JOINT_SPEED_M_S = 25.0
 # A foot is planted while its joints move slower than this in the source.
 PLANTED_M_S = 0.03
+# A clip with this flag is cut into pieces no longer than this.
+CUT_FLAG = "cut"
+MAX_CUT_S = 20.0
+# With this many hours of captured walking, all the derived hours of the recipes are made; with less, in proportion.
+FULL_WALKING_H = 0.3
 
 
 class SkippedClip(ValueError):
@@ -40,17 +48,29 @@ class BuildSettings:
     skip_flags: frozenset[str] = frozenset({"label_suspect", "fragment"})
     min_seconds: float = 0.5
     derive_standing: bool = True
+    derive_moving: bool = True
+    seed: int = 7
 
 
 @dataclass
 class BuildResult:
-    """Clips in the order of the table, and what was left out: (clip id, reason)."""
+    """Clips in the order of the table, then derived ones; what was left out: (clip id, reason).
+
+    dropped: how many derived clips were not good enough, by kind and reason.
+    """
 
     clips: list[Clip] = field(default_factory=list)
     skipped: list[tuple[str, str]] = field(default_factory=list)
+    dropped: dict[str, int] = field(default_factory=dict)
 
     def dataset(self, settings: BuildSettings) -> MotionDataset:
         return MotionDataset(settings.skeleton, settings.fps, tuple(self.clips))
+
+
+def more_labels(folder: Path) -> tuple[Label, ...]:
+    """The rows that this package adds for known captures that come without a table, of the files in the folder."""
+    with resources.as_file(resources.files("motiongen_ardy") / "data" / "more_labels.csv") as path:
+        return tuple(label for label in read_labels(path) if (folder / label.file).is_file())
 
 
 def build(labels: Iterable[Label], settings: BuildSettings, advance: Callable[[], None] = lambda: None) -> BuildResult:
@@ -67,7 +87,21 @@ def build(labels: Iterable[Label], settings: BuildSettings, advance: Callable[[]
         except (SkippedClip, BvhError, RetargetError, OSError) as error:
             result.skipped.append((label.id, str(error)))
         advance()
+    if settings.derive_moving and settings.skeleton.name == "core27":
+        _derive(result, settings)
     return result
+
+
+def _derive(result: BuildResult, settings: BuildSettings) -> None:
+    """Add starts, stops, changes, bends and the like, in proportion to the walks of each split."""
+    for place, split in enumerate(("train", "test")):
+        clips = [clip for clip in result.clips if clip.split == split]
+        walking = sum(clip.num_frames for clip in clips if clip.content == "walk") / settings.fps / 3600
+        share = min(1.0, walking / (FULL_WALKING_H if split == "train" else 4 * FULL_WALKING_H))
+        made, dropped = make(clips, settings.skeleton, settings.fps, settings.seed + place, share)
+        result.clips += made
+        for reason, count in dropped.items():
+            result.dropped[f"{split}, {reason}"] = count
 
 
 def build_clip(label: Label, settings: BuildSettings, unseen: frozenset[tuple[str, str, str]]) -> list[Clip]:
@@ -89,7 +123,10 @@ def build_clip(label: Label, settings: BuildSettings, unseen: frozenset[tuple[st
     )
     segments = tuple(
         Segment(span.start, span.length, span.content, paraphrases(span.content, label.style))
-        for span in derived_spans(settings.skeleton, label.content, positions, settings.fps)
+        for span in (
+            *derived_spans(settings.skeleton, label.content, positions, settings.fps),
+            *turning_spans(settings.skeleton, label.content, positions, settings.fps),
+        )
         if paraphrases(span.content, label.style)
     )
     clip = Clip(
@@ -107,7 +144,23 @@ def build_clip(label: Label, settings: BuildSettings, unseen: frozenset[tuple[st
         local_rotations=motion.local_rotations.to(torch.float32),
         root_positions=motion.root_positions.to(torch.float32),
     )
+    if CUT_FLAG in label.flags:
+        return list(cut(clip, round(MAX_CUT_S * settings.fps)))
     return [clip, *(_standing(clip, settings) if settings.derive_standing else ())]
+
+
+def cut(clip: Clip, max_frames: int) -> Iterable[Clip]:
+    """A long clip without segments as equal pieces of at most max_frames frames, named ~cut1, ~cut2 and so on."""
+    count = -(-clip.num_frames // max_frames)
+    edges = [clip.num_frames * number // count for number in range(count + 1)]
+    for number, (start, end) in enumerate(itertools.pairwise(edges), start=1):
+        yield replace(
+            clip,
+            id=f"{clip.id}~cut{number}",
+            segments=(),
+            local_rotations=clip.local_rotations[start:end],
+            root_positions=clip.root_positions[start:end],
+        )
 
 
 def _standing(clip: Clip, settings: BuildSettings) -> list[Clip]:

@@ -20,6 +20,7 @@ from torch import Tensor
 from motiongen_ardy.core.skeleton import Skeleton, load_skeleton
 from motiongen_ardy.data.captions import mirror_caption, mirror_content
 from motiongen_ardy.data.mirror import mirror_clip
+from motiongen_ardy.data.validation import with_validation
 
 FORMAT = 1
 MOTION_FILE = "motion.npz"
@@ -105,8 +106,9 @@ class MotionDataset:
 
     @classmethod
     def load(cls, folder: Path, split: str | None = None) -> MotionDataset:
-        """Read a set, or one split of it ("train", "test", "test_unseen"). Raises DatasetError.
+        """Read a set, or one split of it ("train", "validation", "test", "test_unseen"). Raises DatasetError.
 
+        "validation" is cut out of the clips that the table calls "train", always the same, as `validation.py` says.
         The clips are views of two shared tensors: do not write to them.
         """
         document = _read_document(folder)
@@ -124,10 +126,13 @@ class MotionDataset:
                 f"{folder}: {CLIPS_FILE} promises {total} frames of {skeleton.num_joints} joints, {MOTION_FILE} has"
                 f" {tuple(rotations.shape)} rotations and {tuple(positions.shape)} positions; build the set again"
             )
-        splits = sorted({row["split"] for row in rows})
+        by_id = with_validation(
+            {row["id"]: row["split"] for row in rows}, {row["id"]: row["derived_from"] for row in rows}
+        )
+        splits = sorted(set(by_id.values()))
         if split is not None and split not in splits:
             raise DatasetError(f"{folder}: no split {split!r}; this set has {', '.join(splits)}")
-        clips = tuple(_clip(row, rotations, positions) for row in rows if split in (None, row["split"]))
+        clips = tuple(_clip(row, rotations, positions) for row in rows if split in (None, by_id[row["id"]]))
         return cls(skeleton, float(document["fps"]), clips)
 
     def save(self, folder: Path, skipped: Sequence[tuple[str, str]] = (), notes: str = "") -> None:

@@ -15,17 +15,21 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from motiongen_ardy.core.rotation import quaternion_to_matrix
 from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics
 from motiongen_ardy.data.mirror import mirror_clip
+from motiongen_ardy.data.poses import smooth
 
 QUIET_M_S = 0.25
 MIN_QUIET_S = 1.0
 # A hand is up when it is above its shoulder joint, and down when it is at least this far below it.
 HAND_DOWN_M = 0.25
+# A smaller net turn is not told apart from the sway of walking.
+MIN_TURN_RAD = 0.5
 _ONE_HAND = re.compile(r"(?:wave|raise-up)-(left|right)-hand")
 _RAISE = re.compile(r"raise-up-(left|right|both)-hands?")
 
@@ -72,6 +76,28 @@ def derived_spans(skeleton: Skeleton, content: str, positions: Tensor, fps: floa
     # A second hold means the hand did not come down in between, so only what follows the last one is lowering.
     lowering = [span for span in spans if span.content.startswith("lower-")]
     return [span for span in spans if span not in lowering[:-1]]
+
+
+def turning_spans(skeleton: Skeleton, content: str, positions: Tensor, fps: float) -> list[Span]:
+    """A walk with one turn as walking, turning and walking on. positions: (T, J, 3) metres.
+
+    The turn is where the smoothed heading goes from a tenth to nine tenths of its net change, and 0.2 s to either
+    side. Empty for other contents, and for a clip whose turn cannot be told apart.
+    """
+    if not content.startswith("walk-turn-"):
+        return []
+    right, left = skeleton.hip_joints
+    across = (positions[:, left] - positions[:, right]).double().numpy()
+    heading = smooth(np.unwrap(np.arctan2(-across[:, 2], across[:, 0])), 0.4 * fps)
+    net = heading[-1] - heading[0]
+    if abs(net) < MIN_TURN_RAD or (net > 0) != content.endswith("left"):
+        return []
+    part = (heading - heading[0]) / net
+    margin = round(0.2 * fps)
+    start = max(int(np.argmax(part > 0.1)) - margin, 0)
+    end = min(int(np.argmax(part > 0.9)) + margin, len(part))
+    edges = [(0, start, "walk"), (start, end, content), (end, len(part), "walk")]
+    return [Span(first, last - first, what) for first, last, what in edges if last > first]
 
 
 def standing_clips(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from motiongen_ardy.data.derived_phrases import PLAIN, SIDED
+
 SUBJECTS = ("a person", "the person", "someone", "a character", "the character")
 
 
@@ -227,14 +229,21 @@ class Action:
 
 
 # Further verbs of a phrase, which take the same form as its first one.
-_FORMS = {"turn": ("turn", "turns", "turning"), "make": ("make", "makes", "making")}
+_FORMS = {
+    "turn": ("turn", "turns", "turning"),
+    "make": ("make", "makes", "making"),
+    "walk": ("walk", "walks", "walking"),
+    "start_walking": ("start walking", "starts walking", "starting to walk"),
+    "wait": ("wait", "waits", "waiting"),
+    "stop": ("stop", "stops", "stopping"),
+}
 
 
 def actions(content: str) -> tuple[Action, ...]:
     """The ways of saying a content label, most usual first; none for a content without phrases."""
-    phrases = _PLAIN.get(content, ())
+    phrases = _PLAIN.get(content) or PLAIN.get(content, ())
     side = ""
-    for slug, sided in _SIDED.items():
+    for slug, sided in (_SIDED | SIDED).items():
         for candidate in ("left", "right"):
             if slug.format(side=candidate) == content:
                 phrases, side = sided, candidate

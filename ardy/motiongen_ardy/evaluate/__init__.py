@@ -1,1 +1,1 @@
-"""How good is a model: reconstruction, obedience to text and constraints, sliding feet."""
+"""How good is a model: obedience to text and constraints, feet, starts and stops, seams, long sessions."""

@@ -10,9 +10,20 @@ from torch.nn import functional
 
 from motiongen_ardy.core.representation import ROOT_WIDTH
 from motiongen_ardy.model.config import FRAMES_PER_TOKEN
-from motiongen_ardy.model.denoiser.guidance import DEFAULT_WEIGHTS, GuidanceWeights
+from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.rollout import WindowRequest, WindowState, denoise_step, lay_out, move_root, recentre_tokens
+from motiongen_ardy.model.rollout import (
+    WindowRequest,
+    WindowState,
+    commit_window,
+    denoise_step,
+    denoise_window,
+    finish_window,
+    lay_out,
+    move_root,
+    recentre_tokens,
+)
+from motiongen_ardy.model.sampling.plan import plan_observed
 from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens
 from motiongen_ardy.model.window import WindowError
 
@@ -33,7 +44,7 @@ class ClipRequest:
     noise: Tensor
     heading: Tensor | None = None
     history: Tensor | None = None
-    weights: GuidanceWeights = DEFAULT_WEIGHTS
+    weights: GuidanceWeights | None = None
     observed: Tensor | None = None
     mask: Tensor | None = None
     crop_frames: int | None = None
@@ -90,25 +101,40 @@ def recentred(model: Model, state: ClipState) -> ClipState:
     return replace(state, tokens=tokens, translation=state.translation + centre)
 
 
+def _goals_ahead(
+    model: Model, request: ClipRequest, start: int, root: Tensor, translation: Tensor, heading: Tensor
+) -> tuple[Tensor | None, Tensor | None, Tensor | None]:
+    """Observed features, mask and planned frames of the window that begins at frame `start`; None without constraints.
+
+    root: (B, H, 5), normalised, the window's history in the world frame; translation, heading: as of `ClipState`.
+    """
+    if request.observed is None or request.mask is None:
+        return None, None, None
+    total = request.num_history_frames + request.noise.shape[0] * model.config.horizon
+    observed, mask = (
+        functional.pad(part, (0, 0, 0, total - part.shape[1]))[:, start:] for part in (request.observed, request.mask)
+    )
+    return plan_observed(model, observed, mask, root, translation, heading)
+
+
 def clip_window(model: Model, request: ClipRequest, state: ClipState, index: int) -> WindowState:
     """The finished window `index` in the frame of `state`. It sees every constraint that is still ahead."""
     horizon = model.config.horizon
     total = request.num_history_frames + request.noise.shape[0] * horizon
     start = 0 if request.crop_frames is None else max(0, state.num_frames - request.crop_frames)
 
-    def ahead(constraints: Tensor | None) -> Tensor | None:
-        if constraints is None:
-            return None
-        return functional.pad(constraints, (0, 0, 0, total - constraints.shape[1]))[:, start:]
-
+    seen = move_root(model.representation, state.tokens[:, start // FRAMES_PER_TOKEN :], state.translation)
+    where = root_from_tokens(seen), state.translation, state.heading
+    observed, mask, planned = _goals_ahead(model, request, start, *where)
     window_request = WindowRequest(
         num_frames=total - start,
         num_steps=request.num_steps,
         text=request.text,
         noise=request.noise[index],
         weights=request.weights,
-        observed=ahead(request.observed),
-        mask=ahead(request.mask),
+        observed=observed,
+        mask=mask,
+        planned=planned,
     )
     history = state.tokens[:, start // FRAMES_PER_TOKEN :]
     window = lay_out(model, window_request, history, state.translation, state.heading)
@@ -143,10 +169,41 @@ def generate_clip(model: Model, request: ClipRequest) -> Tensor:
             f"noise is for {request.noise.shape[0]} windows; {request.num_frames} frames, of which"
             f" {request.num_history_frames} are history, take {needed}"
         )
+    if model.sampling.corrects:
+        return _generate_corrected(model, request)[:, : request.num_frames]
     state = start_clip(model, request)
     for index in range(needed):
         state = append_window(model, request, state, clip_window(model, request, state, index))
     return decode_clip(model, request, state)[:, : request.num_frames]
+
+
+def _generate_corrected(model: Model, request: ClipRequest) -> Tensor:
+    """Features (B, T, D) of all windows, each encoding those before it anew: tokens know nothing of corrections."""
+    batch, device = request.text.shape[0], request.text.device
+    features = torch.zeros(batch, 0, model.representation.feature_dim, device=device)
+    if request.history is not None:
+        features = request.history
+    translation = torch.zeros(batch, 3, device=device)
+    heading = torch.zeros(batch, device=device) if request.heading is None else request.heading
+    for noise in request.noise:
+        start = 0 if request.crop_frames is None else max(0, features.shape[1] - request.crop_frames)
+        seen = features[:, start:]
+        observed, mask, planned = _goals_ahead(model, request, start, seen[..., :ROOT_WIDTH], translation, heading)
+        window = WindowRequest(
+            num_frames=request.num_history_frames + request.noise.shape[0] * model.config.horizon - start,
+            num_steps=request.num_steps,
+            text=request.text,
+            noise=noise,
+            weights=request.weights,
+            history=seen,
+            heading=heading,
+            observed=observed,
+            mask=mask,
+            planned=planned,
+        )
+        finished = finish_window(model, denoise_window(model, window))
+        features = torch.cat([features, commit_window(model, window, finished)], dim=1)
+    return features
 
 
 def decode_clip(model: Model, request: ClipRequest, state: ClipState) -> Tensor:

@@ -9,23 +9,31 @@ from motiongen_ardy.core.skeleton import Skeleton, load_skeleton
 from motiongen_ardy.core.stats import Stats
 from motiongen_ardy.model.config import ConfigError, ModelConfig
 from motiongen_ardy.model.denoiser import Denoiser, build_denoiser
+from motiongen_ardy.model.sampling.options import SamplingOptions, released_options
 from motiongen_ardy.model.tokenizer import ExplicitBody, Tokenizer, build_tokenizer
 
 
 class Model(nn.Module):
     """Everything that turns noise, history, text and constraints into motion.
 
-    tokenizer is None for the explicit-representation ablation.
+    tokenizer is None for the explicit-representation ablation. sampling: how it wants to be sampled; as released models
+    are, unless given.
     """
 
     def __init__(
-        self, config: ModelConfig, representation: Representation, denoiser: Denoiser, tokenizer: Tokenizer | None
+        self,
+        config: ModelConfig,
+        representation: Representation,
+        denoiser: Denoiser,
+        tokenizer: Tokenizer | None,
+        sampling: SamplingOptions | None = None,
     ) -> None:
         super().__init__()
         self.config = config
         self.representation = representation
         self.denoiser = denoiser
         self.tokenizer = tokenizer
+        self.sampling = released_options(config.guidance) if sampling is None else sampling
 
     @property
     def skeleton(self) -> Skeleton:

@@ -17,7 +17,6 @@ from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
 from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.model.denoiser.blocks import MAX_TOKENS
 from motiongen_ardy.model.denoiser.guidance import (
-    DEFAULT_WEIGHTS,
     GuidanceWeights,
     PassBatch,
     batch_passes,
@@ -27,6 +26,9 @@ from motiongen_ardy.model.denoiser.guidance import (
 from motiongen_ardy.model.diffusion import cosine_schedule
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.noise import window_noise
+from motiongen_ardy.model.sampling.correct import correct_window
+from motiongen_ardy.model.sampling.plan import plan_targets
+from motiongen_ardy.model.sampling.projection import make_projection
 from motiongen_ardy.model.token_history import TokenHistory
 from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens, root_to_tokens
 from motiongen_ardy.model.window import Window, WindowError
@@ -42,20 +44,23 @@ class WindowRequest:
     text: (B, n, W), zeros for no text. history: (B, H, D) normalised features in the world frame, or None.
     history_tokens: (B, H / 4, 20 + L) in the world frame, the tokens of `history` where they are known.
     translation: (B, 3) with y = 0, metres, and heading: (B) radians, where a first window starts (with history they
-    follow from it). observed, mask: (B, num_frames, D), normalised, in the world frame, from the first of history on.
+    follow from it). weights: the model's own where None.
+    observed, mask: (B, num_frames, D), normalised, in the world frame, from the first of history on. planned: (B,
+    num_frames, 2) bool, frames whose observed ground position and heading nobody asked for; None for none.
     """
 
     num_frames: int
     num_steps: int
     text: Tensor
     noise: Tensor
-    weights: GuidanceWeights = DEFAULT_WEIGHTS
+    weights: GuidanceWeights | None = None
     history: Tensor | None = None
     history_tokens: Tensor | None = None
     translation: Tensor | None = None
     heading: Tensor | None = None
     observed: Tensor | None = None
     mask: Tensor | None = None
+    planned: Tensor | None = None
 
 
 @dataclass(frozen=True)
@@ -113,6 +118,12 @@ def start_window(model: Model, request: WindowRequest) -> WindowState:
     return lay_out(model, request, history, translation, heading)
 
 
+def weights_of(model: Model, asked: GuidanceWeights | None) -> GuidanceWeights:
+    """The weights that are asked for, or the model's own."""
+    own = model.sampling.guidance
+    return GuidanceWeights(own.text, own.constraint) if asked is None else asked
+
+
 def check_request(model: Model, request: WindowRequest) -> None:
     """Raise WindowError for what the model cannot do."""
     config = model.config
@@ -141,9 +152,14 @@ def lay_out(model: Model, request: WindowRequest, history: Tensor, translation: 
     tokens = history.new_zeros(batch, num_tokens, history.shape[-1])
     tokens[:, :history_tokens] = history
     tokens[:, history_tokens : history_tokens + request.noise.shape[1]] = request.noise
-    observed, mask = request.observed, request.mask
+    observed, mask, projection = request.observed, request.mask, None
     if observed is not None and mask is not None:
         observed, mask = local_goals(model.representation, observed, mask, translation, history_len)
+        if model.sampling.project_root:
+            first, count = history_tokens * FRAMES_PER_TOKEN, request.noise.shape[1] * FRAMES_PER_TOKEN
+            projection = make_projection(
+                model.representation, observed, mask, request.planned, first, count, model.sampling
+            )
     window = Window(
         history_len=history_len,
         generation_len=torch.full_like(history_len, request.noise.shape[1] * FRAMES_PER_TOKEN),
@@ -152,8 +168,10 @@ def lay_out(model: Model, request: WindowRequest, history: Tensor, translation: 
         heading=heading,
         observed=observed,
         mask=mask,
+        projection=projection,
     )
-    passes = batch_passes([full_passes(model.config.guidance, request.weights)] * batch, history.device)
+    group = full_passes(model.sampling.guidance.mode, weights_of(model, request.weights))
+    passes = batch_passes([group] * batch, history.device)
     return WindowState(tokens, window, translation, passes)
 
 
@@ -163,7 +181,10 @@ def denoise_step(model: Model, state: WindowState, index: int, num_steps: int) -
     rows = torch.full_like(state.window.history_len, index)
     counts = torch.full_like(rows, num_steps)
     base_step = schedule.base_step[counts, rows]
-    clean = guided_prediction(model.denoiser, state.tokens, base_step, state.window, state.passes)
+    window = state.window
+    if index >= model.sampling.projection.last_steps:
+        window = replace(window, projection=None)
+    clean = guided_prediction(model.denoiser, state.tokens, base_step, window, state.passes)
     moved = schedule.reverse_step(state.tokens, clean, rows, counts)
     horizon = state.window.generation_tokens[..., None]
     return replace(state, tokens=torch.where(horizon, moved, state.tokens))
@@ -197,10 +218,27 @@ def denoise_window(model: Model, request: WindowRequest) -> WindowState:
     return state
 
 
+def commit_window(model: Model, request: WindowRequest, finished: Tensor) -> Tensor:
+    """The horizon of a finished window as it is to be played: normalised features (B, G, D) in the world frame, with
+    what the model's sampling options correct. finished: (B, H + G, D), as `finish_window`.
+    """
+    end = finished.shape[1]
+    start = end - request.noise.shape[1] * FRAMES_PER_TOKEN
+    history = finished[:, :0] if request.history is None else request.history
+    goals = None
+    if request.observed is not None and request.mask is not None:
+        goals = request.observed[:, start:end], request.mask[:, start:end]
+    return correct_window(model.representation, history, finished[:, start:], goals, model.sampling)
+
+
 @torch.no_grad()
 def generate_window(model: Model, request: WindowRequest) -> Tensor:
-    """One whole window: normalised features (B, H + G, D) in the world frame."""
-    return finish_window(model, denoise_window(model, request))
+    """One whole window: normalised features (B, H + G, D) in the world frame; of the history a re-synthesis, of the
+    horizon what `commit_window` makes of it.
+    """
+    finished = finish_window(model, denoise_window(model, request))
+    committed = commit_window(model, request, finished)
+    return torch.cat([finished[:, : -committed.shape[1]], committed], dim=1)
 
 
 def visible_frames(model: Model, history_frames: int, targets: Targets | None, first_frame: int) -> int:
@@ -224,14 +262,15 @@ class RolloutRequest:
     time; a window that would run across a prompt's first frame is kept only up to it.
     seed: the k-th window starts from `window_noise(seed, k)`. history_frames: the most decided frames that a window
     starts with, a multiple of 4; reuse_tokens: a history that whole tokens of earlier windows cover is not encoded
-    again. targets: constraints by absolute frame. start: x and z in metres, heading in radians.
+    again, unless windows are corrected, which their tokens do not know. targets: constraints by absolute frame. start:
+    x and z in metres, heading in radians.
     """
 
     num_frames: int
     text: Tensor
     seed: int = 0
     num_steps: int = 10
-    weights: GuidanceWeights = DEFAULT_WEIGHTS
+    weights: GuidanceWeights | None = None
     history_frames: int = DEFAULT_HISTORY_FRAMES
     reuse_tokens: bool = False
     targets: Targets | None = None
@@ -273,10 +312,12 @@ def rollout(model: Model, request: RolloutRequest) -> Tensor:
         history_len = min(request.history_frames, done // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN)
         first_frame = done - history_len
         text, text_end = request.prompt_at(done)
-        span = visible_frames(model, history_len, request.targets, first_frame)
-        observed, mask = (None, None)
-        if request.targets is not None:
-            observed, mask = (part[None] for part in request.targets.observe(layout, first_frame, span))
+        targets = plan_targets(model, request.targets, features[first_frame:], done, request.start)
+        span = visible_frames(model, history_len, targets, first_frame)
+        observed, mask, planned = (None, None, None)
+        if targets is not None:
+            observed, mask = (part[None] for part in targets.observe(layout, first_frame, span))
+            planned = targets.planned_frames(first_frame, span)[None].to(device)
         known = kept.before(done, history_len) if request.reuse_tokens else None
         window = WindowRequest(
             num_frames=span,
@@ -290,8 +331,10 @@ def rollout(model: Model, request: RolloutRequest) -> Tensor:
             heading=torch.tensor([heading], device=device),
             observed=observed,
             mask=mask,
+            planned=planned,
         )
         state = denoise_window(model, window)
-        new = finish_window(model, state)[0, history_len:]
-        kept.replace_from(done, world_tokens(model, state)[0, history_len // FRAMES_PER_TOKEN :])
+        new = commit_window(model, window, finish_window(model, state))[0]
+        if not model.sampling.corrects:  # tokens know nothing of what is corrected after them
+            kept.replace_from(done, world_tokens(model, state)[0, history_len // FRAMES_PER_TOKEN :])
         features = torch.cat([features, new[: text_end - done]])

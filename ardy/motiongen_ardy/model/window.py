@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.model.sampling.projection import RootProjection
 
 
 class WindowError(ValueError):
@@ -25,6 +26,7 @@ class Window:
     heading: (B) radians, of the first frame.
     observed, mask: (B, T, D), constraints as normalised features and where they hold (0 or 1); both are zero in the
     history. None = no constraints in any row.
+    projection: what the root is brought onto between the stages; None for nothing.
     """
 
     history_len: Tensor
@@ -35,6 +37,7 @@ class Window:
     observed: Tensor | None = None
     mask: Tensor | None = None
     text_mask: Tensor | None = None
+    projection: RootProjection | None = None
 
     def __post_init__(self) -> None:
         if self.num_frames < FRAMES_PER_TOKEN or self.num_frames % FRAMES_PER_TOKEN:

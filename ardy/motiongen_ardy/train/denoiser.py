@@ -1,152 +1,114 @@
 """Train the denoiser on a trained tokenizer: `python -m motiongen_ardy.train.denoiser DATA OUT --tokenizer RUN`.
 
-Hybrid, decoded-body, goal and consistency losses with equal weights (paper, section 3.4). The tokenizer stays as it is.
+The tokenizer stays as it is. From `OWN_HISTORY_FROM` of the training on, a share of the batches starts from windows
+that the model made itself, which is what it will start from when it serves.
 """
 
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
+import shutil
+from collections.abc import Hashable, Sequence
 from pathlib import Path
 
 import torch
-import yaml
-from torch import Tensor, nn
-from torch.nn import functional
+from torch import nn
 
-from motiongen_ardy.checkpoint.checkpoint import load_tokenizer, save_checkpoint
-from motiongen_ardy.core.representation import ROOT_WIDTH
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint, load_tokenizer, save_checkpoint
 from motiongen_ardy.data.dataset import MotionDataset
-from motiongen_ardy.model.config import DenoiserConfig, ModelConfig, TransformerConfig
+from motiongen_ardy.model.config import DenoiserConfig, ModelConfig
 from motiongen_ardy.model.denoiser import build_denoiser
-from motiongen_ardy.model.diffusion import cosine_schedule
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.tokenizer import ExplicitBody
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH, Tokenizer, root_from_tokens
-from motiongen_ardy.model.window import Window
+from motiongen_ardy.model.tokenizer.model import Tokenizer
 from motiongen_ardy.text import load_text_encoder
+from motiongen_ardy.train.denoiser_loss import DenoiserLoss
 from motiongen_ardy.train.feature_bank import build_feature_bank, natural_layout
 from motiongen_ardy.train.loop import LoopSettings, Trainer, add_loop_arguments, distributed, loop_settings
-from motiongen_ardy.train.losses import consistency, masked_mean, smooth_l1
-from motiongen_ardy.train.windows import TrainingWindows, WindowSampler
+from motiongen_ardy.train.recipe import Recipe, read_recipe
+from motiongen_ardy.train.windows import OwnHistory, TrainingWindows, WindowSampler, WindowShape
 
-TEXT_DIM = 256
-MINI_DENOISER = DenoiserConfig(
-    transformer=TransformerConfig(width=256, feed_forward=512, num_layers=5, num_heads=4),
-    latent_dim=64,
-    text_tokens=1,
-    text_dim=TEXT_DIM,
-)
-
-
-class DenoiserLoss(nn.Module):
-    """A denoiser with its training loss; the codec is frozen and its weights are no part of the training state."""
-
-    def __init__(self, model: Model) -> None:
-        super().__init__()
-        self.denoiser = model.denoiser
-        self.config = model.config
-        self.schedule = cosine_schedule(model.config.num_base_steps)
-        self._frozen = [model.codec]  # in a list, so that it is not registered as a submodule
-
-    @property
-    def codec(self) -> Tokenizer | ExplicitBody:
-        return self._frozen[0]
-
-    def forward(self, batch: TrainingWindows) -> tuple[Tensor, dict[str, Tensor]]:
-        window = Window(
-            history_len=batch.history_len,
-            generation_len=batch.generation_len,
-            num_frames=batch.features.shape[1],
-            text=batch.text,
-            heading=batch.heading,
-            observed=batch.observed,
-            mask=batch.mask,
-        )
-        known = batch.history_len + batch.generation_len
-        num_known = int(known.max())
-        valid_known = torch.arange(num_known, device=known.device) < known[:, None]
-        with torch.no_grad():
-            hybrid = self.codec.to_hybrid(batch.features[:, :num_known], valid_known).float()
-        clean = functional.pad(hybrid, (0, 0, 0, window.num_tokens - hybrid.shape[1]))
-        step = torch.randint(self.config.num_base_steps, known.shape).to(known.device)
-        noisy = self.schedule.add_noise(clean, torch.randn_like(clean), step)
-        horizon, history = window.generation_tokens[..., None], window.history_tokens[..., None]
-        tokens = torch.where(horizon, noisy, clean * history)
-        predicted = self.denoiser(tokens, step, window).float()
-        return self._losses(predicted, clean, batch, window, valid_known)
-
-    def _losses(
-        self, predicted: Tensor, clean: Tensor, batch: TrainingWindows, window: Window, valid_known: Tensor
-    ) -> tuple[Tensor, dict[str, Tensor]]:
-        num_known = valid_known.shape[1]
-        tokens = predicted[:, : num_known // 4]
-        root = root_from_tokens(tokens)
-        codes = self.codec.denormalize_latents(tokens[..., ROOT_TOKEN_WIDTH:])
-        body, _ = self.codec.decode_codes(codes, root, valid_known.sum(1), valid_known)
-        features = torch.cat([root, body.float()], dim=-1)
-        horizon = window.generation_frames[:, :num_known]
-        target = batch.features[:, :num_known]
-        goal_mask = batch.mask[:, :num_known] * horizon[..., None]
-        goal_error = (goal_mask * (features - target)).abs().sum() / goal_mask.sum().clamp(min=1)
-        layout = self.codec.representation
-        parts = {
-            "root": smooth_l1(
-                predicted[..., :ROOT_TOKEN_WIDTH], clean[..., :ROOT_TOKEN_WIDTH], window.generation_tokens
-            ),
-            "latent": smooth_l1(
-                predicted[..., ROOT_TOKEN_WIDTH:], clean[..., ROOT_TOKEN_WIDTH:], window.generation_tokens
-            ),
-            "decoded": masked_mean((features - target)[..., ROOT_WIDTH:].abs(), horizon),
-            "goal": goal_error,
-            "consistency": consistency(layout, layout.denormalize(features), horizon),
-        }
-        total = torch.stack(list(parts.values())).sum()
-        return total, {name: value.detach() for name, value in parts.items()}
+OWN_HISTORY_FROM = 0.3
+OWN_HISTORY_CHANCE = 0.3
 
 
 class DenoiserTask:
     """Draws windows and exports whole checkpoints."""
 
-    def __init__(self, model: Model, sampler: WindowSampler) -> None:
+    def __init__(self, model: Model, sampler: WindowSampler, recipe: Recipe) -> None:
         self.model = model
         self.sampler = sampler
-        self.module = DenoiserLoss(model)
+        self.files = recipe.files
+        self.module = DenoiserLoss(model, recipe.loss)
 
-    def sample(self, generator: torch.Generator) -> TrainingWindows:
+    def kinds(self, progress: float) -> Sequence[tuple[Hashable, float]]:
+        """The windows' shapes, and later in the training windows that start from the model's own motion."""
+        shapes = [(shape, shape.chance) for shape in self.sampler.shapes]
+        if progress < OWN_HISTORY_FROM:
+            return shapes
+        own = OWN_HISTORY_CHANCE * sum(chance for _, chance in shapes)
+        return [*shapes, (OwnHistory(), own)]
+
+    def sample(self, kind: Hashable, generator: torch.Generator | None) -> TrainingWindows:
         """A batch of windows on the training device."""
-        return self.sampler.sample(generator)
+        if not isinstance(kind, WindowShape | OwnHistory):
+            raise TypeError(f"batches are drawn by window shape, not by {kind!r}")
+        return self.sampler.sample(kind, generator)
 
     def export(self, averaged: nn.Module, folder: Path) -> None:
-        """Write a checkpoint folder that holds the averaged denoiser and, if there is one, the tokenizer."""
-        assert isinstance(averaged, DenoiserLoss)
+        """Write a checkpoint folder: the averaged denoiser, the tokenizer if there is one, the recipe's files."""
+        if not isinstance(averaged, DenoiserLoss):
+            raise TypeError(f"a denoiser's training exports a DenoiserLoss, not a {type(averaged).__name__}")
         model = self.model
         save_checkpoint(Model(model.config, model.representation, averaged.denoiser, model.tokenizer), folder)
+        for name, source in self.files:
+            shutil.copyfile(source, folder / name)
 
 
 def train_denoiser(
-    model: Model, dataset: MotionDataset, text_encoder: str, settings: LoopSettings, batch: int
+    model: Model,
+    dataset: MotionDataset,
+    text_encoder: str,
+    settings: LoopSettings,
+    batch: int,
+    recipe: Recipe | None = None,
 ) -> Trainer:
     """Train a model's denoiser where it lies and return the finished trainer; its folder holds the checkpoint."""
     with distributed() as (rank, num_processes):
         torch.manual_seed(settings.seed + rank)
         config = model.config
-        bank = build_feature_bank(dataset, natural_layout(dataset.skeleton, config.fps))
-        embeddings = load_text_encoder(text_encoder, config.denoiser.text_dim).encode(bank.texts)
+        device = model.representation.stats.mean.device
+        bank = build_feature_bank(dataset, natural_layout(dataset.skeleton, config.fps), device=device)
+        embeddings = load_text_encoder(text_encoder, config.denoiser.text_dim).encode(bank.captions.texts)
         sampler = WindowSampler(bank, embeddings, model.representation, config.horizon, batch)
-        trainer = Trainer(DenoiserTask(model, sampler), settings, rank, num_processes)
+        trainer = Trainer(DenoiserTask(model, sampler, recipe or Recipe()), settings, rank, num_processes)
         trainer.run()
         return trainer
 
 
-def denoiser_of(tokenizer: Tokenizer, config: DenoiserConfig, horizon: int) -> Model:
+def denoiser_of(tokenizer: Tokenizer, config: DenoiserConfig, horizon: int, num_base_steps: int = 10) -> Model:
     """A model with a fresh denoiser on a trained tokenizer, on the tokenizer's device."""
     layout = tokenizer.representation
     model_config = ModelConfig(
-        skeleton=layout.skeleton.name, fps=layout.fps, horizon=horizon, denoiser=config, tokenizer=tokenizer.config
+        skeleton=layout.skeleton.name,
+        fps=layout.fps,
+        horizon=horizon,
+        denoiser=config,
+        tokenizer=tokenizer.config,
+        num_base_steps=num_base_steps,
     )
     denoiser = build_denoiser(config, layout).to(layout.stats.mean.device)
     return Model(model_config, layout, denoiser, tokenizer)
+
+
+def starting_model(tokenizer: Tokenizer, recipe: Recipe, init: Path | None) -> Model:
+    """A fresh model, or one that starts from the denoiser of a checkpoint. Raises CheckpointError or ValueError."""
+    model = denoiser_of(tokenizer, recipe.denoiser, recipe.horizon, recipe.num_base_steps)
+    if init is not None:
+        given = load_checkpoint(init).denoiser
+        if given.config != model.denoiser.config:
+            raise ValueError(f"{init} has a denoiser of other sizes: {given.config}; the recipe's is {recipe.denoiser}")
+        model.denoiser.load_state_dict(given.state_dict())
+    return model
 
 
 def main() -> None:
@@ -155,17 +117,15 @@ def main() -> None:
     add_loop_arguments(parser, steps=60_000, learning_rate=5e-4, batch=64)
     parser.add_argument("--tokenizer", type=Path, required=True, help="folder of a trained tokenizer")
     parser.add_argument("--text-encoder", default="static", help="static, hashed or a folder (default %(default)s)")
-    parser.add_argument("--config", type=Path, help="YAML with DenoiserConfig fields to change, e.g. num_stages: 1")
-    parser.add_argument("--horizon", type=int, default=40, help="frames a window generates (default %(default)s)")
+    parser.add_argument("--config", type=Path, help="YAML with sections tokenizer, denoiser, model, loss")
+    parser.add_argument("--init", type=Path, help="checkpoint folder whose denoiser the training starts from")
     arguments = parser.parse_args()
+    recipe = read_recipe(arguments.config)
     tokenizer = load_tokenizer(arguments.tokenizer, arguments.device)
-    config = replace(MINI_DENOISER, latent_dim=tokenizer.config.latent_dim)
-    if arguments.config is not None:
-        config = replace(config, **yaml.safe_load(arguments.config.read_text(encoding="utf-8")))
     torch.manual_seed(arguments.seed)
-    model = denoiser_of(tokenizer, config, arguments.horizon)
+    model = starting_model(tokenizer, recipe, arguments.init)
     dataset = MotionDataset.load(arguments.data, "train")
-    train_denoiser(model, dataset, arguments.text_encoder, loop_settings(arguments), arguments.batch)
+    train_denoiser(model, dataset, arguments.text_encoder, loop_settings(arguments), arguments.batch, recipe)
 
 
 if __name__ == "__main__":

@@ -1,55 +1,60 @@
-"""All clips of a training set as feature frames in memory, each also mirrored where that is allowed."""
+"""All clips of a training set as feature frames on one device, each also mirrored where that is allowed."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
 
 from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH, ROOT_WIDTH, Representation
 from motiongen_ardy.core.rotation import quaternion_to_matrix
 from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.core.stats import Stats
 from motiongen_ardy.data.dataset import Clip, MotionDataset
+from motiongen_ardy.train.caption_spans import CaptionSpans, caption_spans
 
 MIN_CLIP_FRAMES = 16
+CLIPS_AT_ONCE = 64
 
 
 @dataclass(frozen=True)
 class FeatureBank:
-    """Clips one after another.
+    """Clips one after another, every tensor on one device.
 
     features: (F, D) float32 in natural units, world frame of each clip.
-    first, length: (C) int64, where each clip lies; weight: (C) float64, chance of drawing it.
-    clips: the clips themselves, in the same order; text_index: every caption's place in a table of embeddings.
+    first, length: (C) int64, where each clip lies; weight: (C) float64, chance of drawing it, sums to 1.
+    clips: the clips themselves, in the same order. captions: what may be said of each frame.
     """
 
     features: Tensor
-    first: np.ndarray
-    length: np.ndarray
-    weight: np.ndarray
+    first: Tensor
+    length: Tensor
+    weight: Tensor
     clips: tuple[Clip, ...]
-    text_index: dict[str, int]
+    captions: CaptionSpans
 
     @property
     def num_clips(self) -> int:
-        return len(self.length)
+        return len(self.clips)
 
     @property
-    def texts(self) -> list[str]:
-        return list(self.text_index)
+    def device(self) -> torch.device:
+        return self.features.device
 
-    def draw_caption(self, random: np.random.Generator, clip: int, start: int, length: int) -> int:
-        """The index of a caption that may be said of frames start..start+length-1 of a clip, drawn at random."""
-        captions = self.clips[clip].captions_for(start, length)
-        return self.text_index[captions[int(random.integers(len(captions)))]]
+    def draw_clips(self, count: int, generator: torch.Generator | None = None) -> Tensor:
+        """(count) int64 clips, by weight."""
+        share = torch.rand(count, generator=generator, device=self.device, dtype=torch.float64)
+        return torch.searchsorted(self.weight.cumsum(0), share, right=True).clamp(max=len(self.weight) - 1)
 
-    def gather(self, clips: np.ndarray, starts: np.ndarray, num_frames: int) -> Tensor:
+    def gather(self, clips: Tensor, starts: Tensor, num_frames: int) -> Tensor:
         """Frames starts..starts+num_frames-1 of clips (B) -> (B, num_frames, D); past a clip's end its last frame."""
-        within = np.minimum(starts[:, None] + np.arange(num_frames), self.length[clips][:, None] - 1)
-        return self.features[torch.from_numpy(self.first[clips][:, None] + within)]
+        within = starts[:, None] + torch.arange(num_frames, device=self.device)
+        within = torch.minimum(within, self.length[clips][:, None] - 1)
+        return self.features[self.first[clips][:, None] + within]
 
 
 def natural_layout(skeleton: Skeleton, fps: int) -> Representation:
@@ -58,7 +63,9 @@ def natural_layout(skeleton: Skeleton, fps: int) -> Representation:
     return Representation(skeleton, fps, Stats(torch.zeros(width), torch.ones(width)))
 
 
-def build_feature_bank(dataset: MotionDataset, layout: Representation, mirror: bool = True) -> FeatureBank:
+def build_feature_bank(
+    dataset: MotionDataset, layout: Representation, mirror: bool = True, device: torch.device | str = "cpu"
+) -> FeatureBank:
     """Features of every clip of at least `MIN_CLIP_FRAMES` frames, and of its mirror image.
 
     Clips are drawn in proportion to their length over the square root of their content's total length, so that rare
@@ -67,27 +74,41 @@ def build_feature_bank(dataset: MotionDataset, layout: Representation, mirror: b
     clips = [clip for clip in dataset.clips if clip.num_frames >= MIN_CLIP_FRAMES]
     if mirror:
         clips += [clip.mirrored(dataset.skeleton) for clip in clips if clip.mirror_allowed]
-    blocks = []
-    for clip in clips:
-        local = quaternion_to_matrix(clip.local_rotations)
-        blocks.append(layout.features(local[None], clip.root_positions[None])[0])
     length = np.array([clip.num_frames for clip in clips])
+    return FeatureBank(
+        features=_features(clips, layout.to(device), torch.device(device)),
+        first=torch.from_numpy(np.concatenate([[0], np.cumsum(length)[:-1]])).to(device),
+        length=torch.from_numpy(length).to(device),
+        weight=torch.from_numpy(_weights(clips)).to(device),
+        clips=tuple(clips),
+        captions=caption_spans(clips, device),
+    )
+
+
+def _features(clips: Sequence[Clip], layout: Representation, device: torch.device) -> Tensor:
+    """Features (F, D) of clips one after another; clips of about one length are worked out together."""
+    order = sorted(range(len(clips)), key=lambda number: clips[number].num_frames)
+    blocks: list[Tensor] = [torch.empty(0)] * len(clips)
+    for start in range(0, len(order), CLIPS_AT_ONCE):
+        numbers = order[start : start + CLIPS_AT_ONCE]
+        rotations = pad_sequence([clips[number].local_rotations for number in numbers], batch_first=True).to(device)
+        roots = pad_sequence([clips[number].root_positions for number in numbers], batch_first=True).to(device)
+        lengths = torch.tensor([clips[number].num_frames for number in numbers], device=device)
+        beyond = torch.arange(rotations.shape[1], device=device) >= lengths[:, None]
+        rotations[beyond] = torch.nn.functional.one_hot(torch.tensor(0, device=device), 4).float()  # no rotation
+        features = layout.features(quaternion_to_matrix(rotations), roots, lengths)
+        for row, number in enumerate(numbers):
+            blocks[number] = features[row, : clips[number].num_frames].clone()
+    return torch.cat(blocks)
+
+
+def _weights(clips: Sequence[Clip]) -> np.ndarray:
     totals: dict[str, int] = {}
-    text_index: dict[str, int] = {}
     for clip in clips:
         totals[clip.content] = totals.get(clip.content, 0) + clip.num_frames
-        for captions in (clip.captions, *(segment.captions for segment in clip.segments)):
-            for caption in captions:
-                text_index.setdefault(caption, len(text_index))
-    weight = length / np.sqrt([totals[clip.content] for clip in clips])
-    return FeatureBank(
-        features=torch.cat(blocks),
-        first=np.concatenate([[0], np.cumsum(length)[:-1]]),
-        length=length,
-        weight=weight / weight.sum(),
-        clips=tuple(clips),
-        text_index=text_index,
-    )
+    weight = np.array([clip.num_frames / np.sqrt(totals[clip.content]) for clip in clips])
+    normalised: np.ndarray = weight / weight.sum()
+    return normalised
 
 
 def measure_stats(bank: FeatureBank, layout: Representation, num_windows: int = 4096, seed: int = 0) -> Stats:
@@ -96,15 +117,17 @@ def measure_stats(bank: FeatureBank, layout: Representation, num_windows: int = 
     The windows span history, horizon and future with the origin at their last history frame, so that the root's
     spread is what the denoiser will see.
     """
-    generator = np.random.default_rng(seed)
-    num_frames, origin = 80, 20
-    clips = generator.choice(bank.num_clips, size=num_windows, p=bank.weight)
-    starts = (generator.random(num_windows) * np.maximum(1, bank.length[clips] - num_frames)).astype(np.int64)
+    generator = torch.Generator(bank.device).manual_seed(seed)
+    layout = layout.to(bank.device)
+    num_frames, origin, device = 80, 20, bank.device
+    clips = bank.draw_clips(num_windows, generator)
+    room = (bank.length[clips] - num_frames).clamp(min=1)
+    starts = (torch.rand(num_windows, generator=generator, device=device) * room).long()
     frames = bank.gather(clips, starts, num_frames)
-    angle = torch.from_numpy(generator.uniform(-np.pi, np.pi, num_windows)).float()
+    angle = (torch.rand(num_windows, generator=generator, device=device) * 2 - 1) * torch.pi
     frames = layout.rotate(frames, angle, orthonormal=True)
-    frames = layout.translate_ground(frames, -frames[:, origin, [0, 2]])
-    valid = torch.from_numpy(starts[:, None] + np.arange(num_frames) < bank.length[clips][:, None])
+    frames = layout.translate_ground(frames, -frames[:, origin, 0:3:2])
+    valid = starts[:, None] + torch.arange(num_frames, device=device) < bank.length[clips][:, None]
     # The identity statistics (mean 0, std 1) leave the local root in natural units up to the variance floor.
     lengths = valid.sum(1)
     local = layout.local_root_stats.denormalize(

@@ -1,4 +1,8 @@
-"""The training loop both parts share: mixed precision, EMA, resuming, progress, TensorBoard, one or many processes."""
+"""The training loop both parts share: mixed precision, EMA, resuming, progress, TensorBoard, one or many processes.
+
+On a CUDA device each shape of batch is captured once, drawing of the batch and update of the weights included, and
+replayed from then on: these networks are so small that launching their kernels one by one would take most of the time.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +13,12 @@ import copy
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
 import torch
 import torch.distributed
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -21,12 +26,13 @@ from torch import Tensor, nn
 from torch.nn.attention import SDPBackend, sdpa_kernel
 from torch.nn.parallel import DistributedDataParallel
 from torch.optim.lr_scheduler import LambdaLR
-from torch.optim.swa_utils import AveragedModel
 from torch.utils.tensorboard import SummaryWriter
 
 from motiongen_ardy.train.optimizer import AdamAtan2, warmup_cosine
 
 STATE_FILE = "state.pt"
+WARM_UP_UPDATES = 3
+AVERAGE_EVERY = 5
 Batch = Any
 
 
@@ -35,8 +41,11 @@ class Task(Protocol):
 
     module: nn.Module
 
-    def sample(self, generator: torch.Generator) -> Batch:
-        """A random batch, on the module's device."""
+    def kinds(self, progress: float) -> Sequence[tuple[Hashable, float]]:
+        """The kinds of batches, each of one shape, and how often each is drawn, at a share 0..1 of the training."""
+
+    def sample(self, kind: Hashable, generator: torch.Generator | None) -> Batch:
+        """A random batch of a kind, on the module's device; with None, everything random is the device's own."""
 
     def export(self, averaged: nn.Module, folder: Path) -> None:
         """Write what training has reached, from the averaged weights, into `folder`."""
@@ -56,7 +65,7 @@ class LoopSettings:
     clip_norm: float = 1.0
     bfloat16: bool = True
     seed: int = 0
-    log_every: int = 50
+    log_every: int = 100
 
 
 def add_loop_arguments(parser: argparse.ArgumentParser, steps: int, learning_rate: float, batch: int) -> None:
@@ -66,6 +75,7 @@ def add_loop_arguments(parser: argparse.ArgumentParser, steps: int, learning_rat
     parser.add_argument("--steps", type=int, default=steps, help="length of the schedule (default %(default)s)")
     parser.add_argument("--batch", type=int, default=batch, help="windows a step and process (default %(default)s)")
     parser.add_argument("--lr", type=float, default=learning_rate, help="peak learning rate (default %(default)s)")
+    parser.add_argument("--warmup", type=int, default=500, help="steps of rising rate (default %(default)s)")
     parser.add_argument("--minutes", type=float, default=0.0, help="stop, saved, after so many minutes; 0 = never")
     parser.add_argument("--save-minutes", type=float, default=5.0, help="minutes between saves (default %(default)s)")
     parser.add_argument("--float32", action="store_true", help="no bfloat16 mixed precision")
@@ -79,6 +89,7 @@ def loop_settings(arguments: argparse.Namespace) -> LoopSettings:
         out=arguments.out,
         steps=arguments.steps,
         learning_rate=arguments.lr,
+        warmup_steps=arguments.warmup,
         minutes=arguments.minutes,
         save_minutes=arguments.save_minutes,
         bfloat16=not arguments.float32,
@@ -86,18 +97,33 @@ def loop_settings(arguments: argparse.Namespace) -> LoopSettings:
     )
 
 
-def moving_average(decay: float) -> Callable[[list[Tensor], list[Tensor], Tensor | int], None]:
-    """Exponential moving average of parameters whose memory grows from nothing to 1 / (1 - decay) updates.
+class MovingAverage:
+    """Exponential moving average of a module's weights, whose memory grows from nothing to 1 / (1 - decay) updates.
 
     With a constant decay, the untrained weights would still weigh in after thousands of steps.
     """
 
-    @torch.no_grad()
-    def update(averaged: list[Tensor], current: list[Tensor], num_averaged: Tensor | int) -> None:
-        count = int(num_averaged)
-        torch._foreach_lerp_(averaged, current, 1 - min(decay, (1 + count) / (10 + count)))
+    def __init__(self, module: nn.Module, decay: float) -> None:
+        self.module = copy.deepcopy(module).requires_grad_(False)
+        self.decay = decay
+        self.count = torch.zeros((), device=next(module.parameters()).device)
 
-    return update
+    @torch.no_grad()
+    def update(self, module: nn.Module, steps: int = 1) -> None:
+        """Move towards the module's present weights, as far as in so many single updates."""
+        share = 1 - torch.clamp((1 + self.count) / (10 + self.count), max=self.decay) ** steps
+        averaged = list(self.module.parameters())
+        moves = torch._foreach_sub([parameter.detach() for parameter in module.parameters()], averaged)
+        torch._foreach_mul_(moves, share)
+        torch._foreach_add_(averaged, moves)
+        self.count.add_(steps)
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"module": self.module.state_dict(), "count": self.count}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self.module.load_state_dict(state["module"])
+        self.count.copy_(state["count"])
 
 
 @contextlib.contextmanager
@@ -127,17 +153,31 @@ class Trainer:
         self.rank = rank
         self.device = next(task.module.parameters()).device
         trained = [parameter for parameter in task.module.parameters() if parameter.requires_grad]
-        self.optimizer = AdamAtan2(trained, settings.learning_rate)
+        self.captures = self.device.type == "cuda" and num_processes == 1
+        rate = torch.tensor(settings.learning_rate, device=self.device) if self.captures else settings.learning_rate
+        self.optimizer = AdamAtan2(trained, rate)
         self.schedule = LambdaLR(self.optimizer, warmup_cosine(settings.warmup_steps, settings.steps))
-        self.averaged = AveragedModel(task.module, multi_avg_fn=moving_average(settings.ema_decay))
+        self.schedule.base_lrs = [settings.learning_rate]
+        self.averaged = MovingAverage(task.module, settings.ema_decay)
         self.forward: nn.Module = task.module
         if num_processes > 1:
             # A tokenizer carries tensors that take no part (`target_cond_blocks`), which must not be waited for.
             self.forward = DistributedDataParallel(task.module, find_unused_parameters=True)
-        self.generator = torch.Generator().manual_seed(settings.seed * num_processes + rank)
+        self.seed = settings.seed * num_processes + rank
+        self.generator = torch.Generator(self.device)
+        self.choices = np.random.default_rng(self.seed)
+        self.graphs: dict[Hashable, tuple[torch.cuda.CUDAGraph, dict[str, Tensor]]] = {}
         self.step = 0
         self.stopping = False
+        self._seed()
         self._resume()
+
+    def _seed(self) -> None:
+        """Start the random numbers of the present step; a resumed run does not repeat those it began with."""
+        seed = self.seed + 7919 * self.step
+        torch.manual_seed(seed)
+        self.generator.manual_seed(seed)
+        self.choices = np.random.default_rng(seed)
 
     def _resume(self) -> None:
         path = self.settings.out / STATE_FILE
@@ -149,11 +189,13 @@ class Trainer:
         self.optimizer.load_state_dict(state["optimizer"])
         self.step = state["step"]
         # The schedule is a function of the step alone, so a longer --steps or another --lr holds from here on.
+        rate = self.settings.learning_rate
         for group in self.optimizer.param_groups:
-            group["initial_lr"] = self.settings.learning_rate
-        self.schedule.base_lrs = [self.settings.learning_rate]
+            group["initial_lr"] = rate
+            group["lr"] = torch.tensor(rate, device=self.device) if self.captures else rate
+            group["step"] = group["step"].to(self.device)
         self.schedule.last_epoch = self.step
-        self.generator.manual_seed(self.settings.seed + 7919 * self.step + self.rank)
+        self._seed()
 
     def save(self) -> None:
         """Write the state to resume from (atomically) and export the averaged weights."""
@@ -172,25 +214,63 @@ class Trainer:
         self.task.export(copy.deepcopy(self.averaged.module).eval(), self.settings.out)
 
     def train_step(self) -> dict[str, Tensor]:
-        """One batch, one update. Returns the named losses; raises FloatingPointError when the loss is not finite."""
+        """One batch, one update. Returns the named losses, which the next step may overwrite."""
         self.task.module.train()
-        batch = self.task.sample(self.generator)
+        kinds = self.task.kinds(self.step / max(1, self.settings.steps))
+        chances = np.array([chance for _, chance in kinds])
+        kind = kinds[int(self.choices.choice(len(kinds), p=chances / chances.sum()))][0]
+        losses = self._replay(kind) if self.captures else self._update(kind, self.generator)
+        self.schedule.step()
+        self.step += 1
+        return losses
+
+    def _update(self, kind: Hashable, generator: torch.Generator | None) -> dict[str, Tensor]:
+        """Draw a batch, and move the weights and their average."""
+        batch = self.task.sample(kind, generator)
         self.optimizer.zero_grad(set_to_none=True)
         with contextlib.ExitStack() as stack:
             if self.device.type == "cpu":
                 # The fused kernel's backward pass on a CPU takes three times as long as plain matrix products.
                 stack.enter_context(sdpa_kernel(SDPBackend.MATH))
-            with torch.autocast(self.device.type, torch.bfloat16, enabled=self.settings.bfloat16):
+            # A captured step must cast the weights anew at every replay, so casts are not kept there.
+            mixed = torch.autocast(
+                self.device.type, torch.bfloat16, enabled=self.settings.bfloat16, cache_enabled=not self.captures
+            )
+            with mixed:
                 total, parts = self.forward(batch)
             total.backward()
         norm = nn.utils.clip_grad_norm_(self.task.module.parameters(), self.settings.clip_norm)
-        if not torch.isfinite(norm):
-            raise FloatingPointError(f"step {self.step}: the gradient is not finite; losses are {parts}")
         self.optimizer.step()
-        self.schedule.step()
-        self.averaged.update_parameters(self.task.module)
-        self.step += 1
+        if self.captures:
+            self.averaged.update(self.task.module)
+        elif self.step % AVERAGE_EVERY == 0:  # a pass over all weights, which on a CPU costs as much as a small batch
+            self.averaged.update(self.task.module, AVERAGE_EVERY)
         return {"total": total.detach(), "gradient": norm.detach()} | parts
+
+    def _replay(self, kind: Hashable) -> dict[str, Tensor]:
+        """The same, captured at the first batch of a kind. The first updates of a kind are made to warm up."""
+        if kind in self.graphs:
+            graph, losses = self.graphs[kind]
+            graph.replay()
+            return losses
+        side = torch.cuda.Stream()
+        side.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(side):
+            for _ in range(WARM_UP_UPDATES):
+                losses = self._update(kind, None)
+        torch.cuda.current_stream().wait_stream(side)
+        graph = torch.cuda.CUDAGraph()
+        self.optimizer.zero_grad(set_to_none=True)
+        with torch.cuda.graph(graph):
+            captured = self._update(kind, None)
+        self.graphs[kind] = graph, captured
+        return losses
+
+    def check_finite(self, losses: dict[str, Tensor]) -> None:
+        """Raise FloatingPointError where a loss or the gradient is not finite."""
+        wrong = {name: float(value) for name, value in losses.items() if not bool(torch.isfinite(value))}
+        if wrong:
+            raise FloatingPointError(f"step {self.step}: these are not finite: {wrong}")
 
     def run(self) -> None:
         """Train until done; saves every few minutes and at the end, also after SIGTERM and Ctrl-C."""
@@ -204,9 +284,12 @@ class Trainer:
                 bar = progress.add_task("training", total=settings.steps, completed=self.step)
                 running: dict[str, Tensor] = {}
                 while self.step < settings.steps and not self.stopping:
-                    for name, value in self.train_step().items():
-                        running[name] = value if name not in running else running[name].lerp(value, 0.02)
+                    losses = self.train_step()
+                    for name, value in losses.items():
+                        running[name] = value.clone() if name not in running else running[name].lerp(value, 0.02)
                     now = time.monotonic()
+                    if self.step % settings.log_every == 0:
+                        self.check_finite(losses)
                     if self.step % settings.log_every == 0 and writer is not None:
                         self._log(writer, running)
                         text = " ".join(f"{name} {float(value):.4f}" for name, value in running.items())

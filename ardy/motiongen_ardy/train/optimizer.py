@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -15,13 +16,14 @@ INNER_SCALE = 1.27  # makes a step of |m| = sqrt(v) as long as Adam's: 1.27 * at
 class AdamAtan2(Optimizer):
     """Adam with m / (sqrt(v) + eps) replaced by atan2(m, sqrt(v)), which needs no epsilon and is scale invariant.
 
+    The learning rate may be a tensor, which a captured step reads anew at every replay.
     Everett et al. 2024, "Scaling exponents across parameterizations and optimizers", section 5.
     """
 
     def __init__(
         self,
         parameters: Iterable[Tensor],
-        lr: float,
+        lr: float | Tensor,
         betas: tuple[float, float] = (0.9, 0.99),
         weight_decay: float = 0.0,
     ) -> None:
@@ -38,29 +40,36 @@ class AdamAtan2(Optimizer):
                 continue
             for parameter in parameters:
                 if not self.state[parameter]:
-                    self.state[parameter]["step"] = torch.zeros(())
                     self.state[parameter]["mean"] = torch.zeros_like(parameter)
                     self.state[parameter]["square"] = torch.zeros_like(parameter)
             self._update(group, parameters)
 
-    def _update(self, group: dict[str, object], parameters: list[Tensor]) -> None:
-        learning_rate, decay = float(group["lr"]), float(group["weight_decay"])  # type: ignore[arg-type]
-        beta_mean, beta_square = group["betas"]  # type: ignore[misc]
+    def _update(self, group: dict[str, Any], parameters: list[Tensor]) -> None:
+        learning_rate, decay = group["lr"], group["weight_decay"]
+        beta_mean, beta_square = group["betas"]
         gradients = [parameter.grad for parameter in parameters]
         means = [self.state[parameter]["mean"] for parameter in parameters]
         squares = [self.state[parameter]["square"] for parameter in parameters]
-        steps = [self.state[parameter]["step"] for parameter in parameters]
-        torch._foreach_add_(steps, 1)
+        # A tensor on the device, so that a captured step counts on by itself.
+        step = group.setdefault("step", torch.zeros((), device=parameters[0].device))
+        step.add_(1)
         torch._foreach_lerp_(means, gradients, 1 - beta_mean)
         torch._foreach_mul_(squares, beta_square)
         torch._foreach_addcmul_(squares, gradients, gradients, 1 - beta_square)
         if decay:
             torch._foreach_mul_(parameters, 1 - learning_rate * decay)
-        for parameter, mean, square, step in zip(parameters, means, squares, steps, strict=True):
-            count = float(step)
-            unbiased = mean / (1 - beta_mean**count)
-            spread = (square / (1 - beta_square**count)).sqrt_()
-            parameter.add_(torch.atan2(unbiased, spread), alpha=-learning_rate * INNER_SCALE)
+        # The corrections of both averages' bias, 1 - beta^step, as one factor: atan2 sees only the ratio.
+        # By expm1, which keeps its digits where the power rounds to almost 1.
+        unbiased = torch.expm1(step * math.log(beta_square)).neg().sqrt() / -torch.expm1(step * math.log(beta_mean))
+        moves = torch._foreach_mul(means, unbiased)
+        spread = torch._foreach_sqrt(squares)
+        for move, width in zip(moves, spread, strict=True):
+            torch.atan2(move, width, out=move)
+        if isinstance(learning_rate, Tensor):
+            torch._foreach_mul_(moves, -learning_rate * INNER_SCALE)
+            torch._foreach_add_(parameters, moves)
+        else:
+            torch._foreach_add_(parameters, moves, alpha=-learning_rate * INNER_SCALE)
 
 
 def warmup_cosine(warmup_steps: int, total_steps: int, floor: float = 0.02) -> Callable[[int], float]:

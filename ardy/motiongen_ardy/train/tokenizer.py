@@ -1,41 +1,55 @@
 """Train the tokenizer: `python -m motiongen_ardy.train.tokenizer DATA OUT`.
 
 Reconstruction (smooth L1 on normalised features), foot skate (weight 0.01, as in the paper), consistency of positions
-with rotations, and for a VAE the divergence of its latents from a unit normal.
+with rotations, for a VAE the divergence of its latents from a unit normal, and kinematics: joints' positions and
+velocities, and rotations, of what is decoded, in world units. Positions alone would leave a thigh turned about itself.
 """
 
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
-import yaml
 from torch import Tensor, nn
 
-from motiongen_ardy.checkpoint.checkpoint import save_tokenizer
+from motiongen_ardy.checkpoint.checkpoint import load_tokenizer, save_tokenizer
 from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
 from motiongen_ardy.core.stats import Stats
 from motiongen_ardy.data.dataset import MotionDataset
-from motiongen_ardy.model.config import TokenizerConfig, TransformerConfig
+from motiongen_ardy.model.config import FRAMES_PER_TOKEN, TokenizerConfig
 from motiongen_ardy.model.tokenizer import Tokenizer, build_tokenizer
 from motiongen_ardy.train.feature_bank import FeatureBank, build_feature_bank, measure_stats, natural_layout
-from motiongen_ardy.train.loop import LoopSettings, Trainer, add_loop_arguments, distributed, loop_settings
-from motiongen_ardy.train.losses import consistency, skate, smooth_l1
+from motiongen_ardy.train.loop import STATE_FILE, LoopSettings, Trainer, add_loop_arguments, distributed, loop_settings
+from motiongen_ardy.train.losses import captured_kinematics, consistency, kinematic_errors, kinematics, skate, smooth_l1
+from motiongen_ardy.train.recipe import read_recipe
 
-SKATE_WEIGHT = 0.01
-DIVERGENCE_WEIGHT = 1e-4
-LOCAL_ROOT_WEIGHT = 0.1
-CROP_FRAMES = (24, 40, 64, 96, 200)
-CROP_CHANCES = (0.15, 0.25, 0.3, 0.2, 0.1)
+WEIGHTS = {
+    "reconstruction": 1.0,
+    "consistency": 1.0,
+    "skate": 0.01,
+    "local_root": 0.1,
+    "divergence": 1e-6,
+    "joints": 4.0,
+    "ends": 2.0,
+    "speed": 0.3,
+    "planted": 1.0,
+    "turn": 0.5,
+}
+MIN_CROP_FRAMES = 12
 
-MINI_TOKENIZER = TokenizerConfig(
-    transformer=TransformerConfig(width=128, feed_forward=512, num_layers=4, num_heads=4),
-    latent_dim=64,
-    levels=(64,) * 64,
-)
+
+@dataclass(frozen=True)
+class Crop:
+    """A batch's shape: frames of every crop, and how often batches have it."""
+
+    frames: int
+    chance: float
+
+
+CROPS = (Crop(24, 0.2), Crop(64, 0.6), Crop(200, 0.2))
 
 
 class TokenizerLoss(nn.Module):
@@ -48,25 +62,32 @@ class TokenizerLoss(nn.Module):
     def forward(self, batch: tuple[Tensor, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
         """batch: normalised features (B, T, D) and valid frames (B, T) bool."""
         features, valid = batch
-        tokenizer, representation = self.tokenizer, self.tokenizer.representation
+        tokenizer = self.tokenizer
         body, root = features[..., ROOT_WIDTH:], features[..., :ROOT_WIDTH]
         codes, divergence = self._codes(body, valid)
-        lengths = valid.sum(1)
-        decoded, local_root = tokenizer.decode_codes(codes, root, lengths, valid)
-        decoded = decoded.float()
-        natural = representation.denormalize(torch.cat([root, decoded], dim=-1))
-        parts = {
-            "reconstruction": smooth_l1(decoded, body, valid),
-            "consistency": consistency(representation, natural, valid),
-            "skate": skate(representation, natural, valid),
-            "local_root": smooth_l1(local_root.float(), representation.local_root(root, lengths), valid),
-        }
-        total = parts["reconstruction"] + parts["consistency"] + SKATE_WEIGHT * parts["skate"]
-        total = total + LOCAL_ROOT_WEIGHT * parts["local_root"]
+        decoded, local_root = tokenizer.decode_codes(codes, root, valid.sum(1), valid)
+        with torch.autocast(features.device.type, enabled=False):
+            parts = self._parts(features, decoded.float(), local_root.float(), valid)
         if divergence is not None:
             parts["divergence"] = divergence
-            total = total + DIVERGENCE_WEIGHT * divergence
+        total = sum((WEIGHTS[name] * value for name, value in parts.items()), features.new_zeros(()))
         return total, {name: value.detach() for name, value in parts.items()}
+
+    def _parts(self, features: Tensor, decoded: Tensor, local_root: Tensor, valid: Tensor) -> dict[str, Tensor]:
+        layout = self.tokenizer.representation
+        root = features[..., :ROOT_WIDTH]
+        natural, true = layout.denormalize(torch.cat([root, decoded], dim=-1)), layout.denormalize(features)
+        pose = kinematics(layout, natural)
+        errors = kinematic_errors(
+            layout, pose, captured_kinematics(layout, true), true[..., layout.contact_block], valid
+        )
+        return {
+            "reconstruction": smooth_l1(decoded, features[..., ROOT_WIDTH:], valid),
+            "consistency": consistency(layout, natural, pose, valid),
+            "skate": skate(layout, natural, valid),
+            "local_root": smooth_l1(local_root, layout.local_root(root, valid.sum(1)), valid),
+            **errors._asdict(),
+        }
 
     def _codes(self, body: Tensor, valid: Tensor) -> tuple[Tensor, Tensor | None]:
         if self.tokenizer.config.kind == "vae":
@@ -87,27 +108,33 @@ class TokenizerTask:
         self.batch = batch
         self.module = TokenizerLoss(build_tokenizer(config, representation))
 
-    def sample(self, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    def kinds(self, _progress: float) -> Sequence[tuple[Hashable, float]]:
+        """Crops of every length, all the time."""
+        return [(crop, crop.chance) for crop in CROPS]
+
+    def sample(self, kind: Hashable, generator: torch.Generator | None) -> tuple[Tensor, Tensor]:
         """Normalised features (B, T, D) and valid frames (B, T); the number of frames is kept near 64 B."""
-        seed = int(torch.randint(2**62, (), generator=generator))
-        random = np.random.default_rng(seed)
-        num_frames = int(random.choice(CROP_FRAMES, p=CROP_CHANCES))
+        if not isinstance(kind, Crop):
+            raise TypeError(f"batches are drawn by crop, not by {kind!r}")
+        device, num_frames = self.bank.device, kind.frames
         batch = max(1, self.batch * 64 // num_frames)
-        clips = random.choice(self.bank.num_clips, size=batch, p=self.bank.weight)
+        clips = self.bank.draw_clips(batch, generator)
+        length = self.bank.length[clips]
         # Starting up to 16 frames before the last possible crop's end lets clips end inside a crop.
-        room = np.maximum(1, self.bank.length[clips] - num_frames + 16)
-        starts = np.minimum((random.random(batch) * room).astype(np.int64), self.bank.length[clips] - 12)
-        angle = torch.from_numpy(random.uniform(-np.pi, np.pi, batch)).float()
+        room = (length - num_frames + 16).clamp(min=1)
+        starts = (torch.rand(batch, generator=generator, device=device) * room).long()
+        starts = torch.minimum(starts, length - MIN_CROP_FRAMES)
+        angle = (torch.rand(batch, generator=generator, device=device) * 2 - 1) * torch.pi
         frames = self.representation.rotate(self.bank.gather(clips, starts, num_frames), angle, orthonormal=True)
-        frames = self.representation.translate_ground(frames, -frames[:, 0, [0, 2]])
-        left = (self.bank.length[clips] - starts) // 4 * 4  # whole tokens
-        valid = torch.from_numpy(np.arange(num_frames) < left[:, None])
-        device = self.representation.stats.mean.device
-        return self.representation.normalize(frames.to(device)), valid.to(device)
+        frames = self.representation.translate_ground(frames, -frames[:, 0, 0:3:2])
+        left = (length - starts) // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN
+        valid = torch.arange(num_frames, device=device) < left[:, None]
+        return self.representation.normalize(frames), valid
 
     def export(self, averaged: nn.Module, folder: Path) -> None:
         """Write the tokenizer folder: weights, config, motion statistics, latent statistics."""
-        assert isinstance(averaged, TokenizerLoss)
+        if not isinstance(averaged, TokenizerLoss):
+            raise TypeError(f"a tokenizer's training exports a TokenizerLoss, not a {type(averaged).__name__}")
         measure_latents(averaged.tokenizer, self, num_batches=24)
         save_tokenizer(averaged.tokenizer, folder)
 
@@ -115,12 +142,13 @@ class TokenizerTask:
 @torch.no_grad()
 def measure_latents(tokenizer: Tokenizer, task: TokenizerTask, num_batches: int) -> None:
     """Set the tokenizer's latent statistics, before and after quantisation, from random training crops."""
-    generator = torch.Generator().manual_seed(1)
+    device = task.bank.device
+    generator = torch.Generator(device).manual_seed(1)
     raw = []
-    for _ in range(num_batches):
-        features, valid = task.sample(generator)
+    for number in range(num_batches):
+        features, valid = task.sample(CROPS[number % len(CROPS)], generator)
         latents = tokenizer.raw_latents(features[..., ROOT_WIDTH:], valid)
-        raw.append(latents[valid[:, ::4]].float())
+        raw.append(latents[valid[:, ::FRAMES_PER_TOKEN]].float())
     before = torch.cat(raw)
     after = tokenizer.quantizer.quantize(before) if tokenizer.config.kind == "fsq" else before
     tokenizer.pre_stats = Stats(before.mean(0), before.std(0))
@@ -134,8 +162,11 @@ def train_tokenizer(
     with distributed() as (rank, num_processes):
         torch.manual_seed(settings.seed)
         layout = natural_layout(dataset.skeleton, int(dataset.fps))
-        bank = build_feature_bank(dataset, layout)
-        representation = Representation(dataset.skeleton, int(dataset.fps), measure_stats(bank, layout))
+        bank = build_feature_bank(dataset, layout, device=device)
+        # A run that goes on keeps the statistics it began with: its weights know no others.
+        going_on = (settings.out / STATE_FILE).exists()
+        stats = load_tokenizer(settings.out).representation.stats if going_on else measure_stats(bank, layout)
+        representation = Representation(dataset.skeleton, int(dataset.fps), stats).to(device)
         task = TokenizerTask(config, bank, representation, batch)
         task.module.to(device)
         trainer = Trainer(task, settings, rank, num_processes)
@@ -147,11 +178,9 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(prog="python -m motiongen_ardy.train.tokenizer", description=__doc__)
     add_loop_arguments(parser, steps=30_000, learning_rate=1e-3, batch=64)
-    parser.add_argument("--config", type=Path, help="YAML with TokenizerConfig fields to change, e.g. kind: vae")
+    parser.add_argument("--config", type=Path, help="YAML with sections tokenizer, denoiser, model, loss")
     arguments = parser.parse_args()
-    config = MINI_TOKENIZER
-    if arguments.config is not None:
-        config = replace(config, **yaml.safe_load(arguments.config.read_text(encoding="utf-8")))
+    config = read_recipe(arguments.config).tokenizer
     dataset = MotionDataset.load(arguments.data, "train")
     train_tokenizer(config, dataset, loop_settings(arguments), arguments.batch, arguments.device)
 

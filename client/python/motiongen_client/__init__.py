@@ -35,7 +35,9 @@ from motiongen_client.types import (
     JointTargets,
     Keyframe,
     Limits,
+    LocomotionPreset,
     Model,
+    ModelWarning,
     Opened,
     Outcome,
     Priority,
@@ -54,6 +56,7 @@ __all__ = [
     "SessionOptions", "StartPose", "Priority", "Waypoint", "RootTrajectory", "Keyframe", "JointTargets",
     "Preset", "TextEmbedding",
     "Clip", "Residual", "Deviation", "Catalog", "Model", "Limits", "Opened", "Outcome", "ServiceLevel", "SessionEnd",
+    "LocomotionPreset", "ModelWarning",
     "MotiongenError", "InvalidInput", "UnknownName", "ServerUnavailable", "StreamLost", "SessionEnded",
     "EventRefused", "DeadlineExceeded", "ProtocolViolation", "MissingExtra",
 ]  # fmt: skip

@@ -171,10 +171,20 @@ class Session:
         return self._edit(self._inner.clear_constraints)
 
     def set_velocity(
-        self, x_mps: float, z_mps: float, *, seconds: float = 1.0, heading_rad: float | None = None
+        self,
+        x_mps: float,
+        z_mps: float,
+        *,
+        seconds: float = 1.0,
+        heading_rad: float | None = None,
+        keep_prompt: bool = False,
     ) -> Edit:
         """Move over the ground at a velocity, metres a second, for so many seconds or until the next call."""
-        return self._edit(lambda: self._inner.set_velocity(x_mps, z_mps, seconds=seconds, heading_rad=heading_rad))
+        return self._edit(
+            lambda: self._inner.set_velocity(
+                x_mps, z_mps, seconds=seconds, heading_rad=heading_rad, keep_prompt=keep_prompt
+            )
+        )
 
     def pause(self) -> Edit:
         """Stop the playhead."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -17,6 +18,8 @@ from motiongen_client.motion import Float32, Motion, Rig
 from motiongen_client.prompts import Prompt
 from motiongen_client.status import error_of
 from motiongen_client.types import Catalog, Clip, Constraint, Opened, Priority, Residual, SessionOptions
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(eq=False)
@@ -48,7 +51,8 @@ class _Sample:
         if len(self.residuals) != num_constraints:
             raise ProtocolViolation(f"{len(self.residuals)} residuals came for {num_constraints} constraints")
         motion = Motion(rig, 0, np.concatenate(self.rows))
-        return Clip(self.opened.model_id, self.opened.seed, self.opened.denoise_steps, motion, self.residuals)
+        opened = self.opened
+        return Clip(opened.model_id, opened.seed, opened.denoise_steps, motion, self.residuals, opened.warnings)
 
 
 async def generate_clip(
@@ -81,7 +85,10 @@ async def generate_clip(
         if failure.code() is grpc.StatusCode.DEADLINE_EXCEEDED:
             raise DeadlineExceeded("the clip", timeout_s) from None
         raise error_of(failure, "the clip", address) from None
-    return [sample.clip(rig, num_frames, len(constraints)) for sample in samples]
+    clips = [sample.clip(rig, num_frames, len(constraints)) for sample in samples]
+    for warning in clips[0].warnings:  # the others have the same
+        _log.warning("%s", warning.message)
+    return clips
 
 
 def check_request(catalog: Catalog, num_frames: int, num_samples: int, options: SessionOptions) -> None:

@@ -18,7 +18,9 @@ from motiongen_client.types import (
     JointTargets,
     Keyframe,
     Limits,
+    LocomotionPreset,
     Model,
+    ModelWarning,
     Opened,
     Outcome,
     Priority,
@@ -152,6 +154,13 @@ def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
                 num_parameters=entry.num_parameters,
                 default_history_frames=entry.default_history_frames,
                 max_history_frames=entry.max_history_frames,
+                preset_descriptions={each.preset_id: each.description for each in entry.presets if each.description},
+                constraint_forms={each.form: _support_name(each.support) for each in entry.constraint_forms},
+                locomotion_presets=tuple(
+                    LocomotionPreset(each.name, each.text, each.from_speed_mps, each.direction)
+                    for each in entry.locomotion_presets
+                ),
+                known_motions=tuple(entry.known_motions),
             )
             for entry in message.models
         ),
@@ -233,14 +242,19 @@ def opened(message: session_pb2.SessionOpened) -> Opened:
         lookahead_frames=message.lookahead_frames,
         committed_horizon_frames=message.committed_horizon_frames,
         denoise_steps=message.denoise_steps,
+        warnings=warnings(message.warnings),
     )
+
+
+def warnings(messages: Iterable[session_pb2.EventWarning]) -> tuple[ModelWarning, ...]:
+    return tuple(ModelWarning(each.reason, each.message, each.field) for each in messages)
 
 
 def outcome(message: session_pb2.EditOutcome, event: str) -> Outcome | EventRefused:
     """What became of an event; `event` says in words what it was."""
     if message.code == 0:
         effective_frame = message.effective_frame if message.HasField("effective_frame") else None
-        return Outcome(event_seq=message.event_seq, effective_frame=effective_frame)
+        return Outcome(message.event_seq, effective_frame, warnings(message.warnings))
     retry_after_s = _seconds(message.retry_after) if message.HasField("retry_after") else None
     code = code_name(message.code)
     return EventRefused(event, code, message.reason, message.message, message.field, message.allowed, retry_after_s)
@@ -288,6 +302,12 @@ def _seconds(duration: Duration) -> float:
     return duration.seconds + duration.nanos / 1e9
 
 
+def _support_name(support: int) -> str:
+    name = service_pb2.FormSupport.Name(support) if support in _FORM_SUPPORTS else "UNSPECIFIED"
+    return name.removeprefix("FORM_SUPPORT_").lower()
+
+
+_FORM_SUPPORTS = frozenset(service_pb2.FormSupport.values())
 _CLOSE_REASONS = frozenset(session_pb2.CloseReason.values())
 _SERVICE_TIERS = frozenset(session_pb2.ServiceTier.values())
 

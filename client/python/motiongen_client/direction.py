@@ -103,19 +103,30 @@ class Direction:
         return self._edit_constraints("the removal of all constraints", (), clear=True)
 
     def set_velocity(
-        self, x_mps: float, z_mps: float, *, seconds: float = 1.0, heading_rad: float | None = None
+        self,
+        x_mps: float,
+        z_mps: float,
+        *,
+        seconds: float = 1.0,
+        heading_rad: float | None = None,
+        keep_prompt: bool = False,
     ) -> Edit:
         """Move over the ground at a velocity in the world, metres a second, as soon as possible; 0, 0 is to stand.
 
         Each call takes the place of the one before, and it ends `seconds` later: call it again while a stick is held.
-        heading_rad: where to face meanwhile; None leaves it to the motion.
+        heading_rad: where to face meanwhile; None leaves it to the motion. The prompt is meanwhile the model's own for
+        that speed (`Model.locomotion_presets`), where it has any, unless keep_prompt says that the session's holds.
         """
         for name, value in (("x_mps", x_mps), ("z_mps", z_mps), ("seconds", seconds)):
             check_finite(name, value)
         if heading_rad is not None:
             check_finite("heading_rad", heading_rad)
         velocity = session_pb2.SetVelocity(
-            x=x_mps, z=z_mps, heading=heading_rad, hold_frames=max(self.rig.frames_in(seconds), 0)
+            x=x_mps,
+            z=z_mps,
+            heading=heading_rad,
+            hold_frames=max(self.rig.frames_in(seconds), 0),
+            keep_prompt=keep_prompt,
         )
         return self._send_edit("the velocity", session_pb2.SessionEvent(set_velocity=velocity))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
+from collections.abc import AsyncGenerator, Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from motiongen.v1 import session_pb2
@@ -17,6 +17,7 @@ from motiongen_client.prompts import Prompt
 from motiongen_client.types import (
     Catalog,
     Constraint,
+    ModelWarning,
     Opened,
     ServiceLevel,
     SessionEnd,
@@ -256,6 +257,7 @@ class Session(Direction):
 
     def _handle_opened(self, opened: Opened) -> None:
         self.opened = opened
+        self._log_warnings(opened.warnings)
         self.service_level = ServiceLevel("full", opened.denoise_steps)
         try:
             self.rig = self._catalog.rig(opened.rig_id)
@@ -288,7 +290,13 @@ class Session(Direction):
         answer = convert.outcome(message, edit.what)
         if isinstance(answer, EventRefused):
             _log.warning("session %d: %s", self.handle, answer)
+        else:
+            self._log_warnings(answer.warnings)
         self._edits.answer(edit, answer)
+
+    def _log_warnings(self, warnings: Iterable[ModelWarning]) -> None:
+        for each in warnings:
+            _log.warning("session %d: %s", self.handle, each.message)
 
     def _note_frames(self, num_frames: int, end_frame: int) -> None:
         now_s = self._clock()

@@ -153,8 +153,20 @@ class SessionOptions:
 
 
 @dataclass(frozen=True)
+class ModelWarning:
+    """What was taken although the model was not trained for it: the motion may not show it.
+
+    reason: PROMPT_OUTSIDE_DOMAIN or UNTRAINED_CONSTRAINT; message: for people; field: where it was in the message.
+    """
+
+    reason: str
+    message: str
+    field: str
+
+
+@dataclass(frozen=True)
 class Opened:
-    """What the server chose for a session."""
+    """What the server chose for a session. warnings: of its first prompts and constraints."""
 
     session_id: str
     seed: int
@@ -165,14 +177,19 @@ class Opened:
     lookahead_frames: int
     committed_horizon_frames: int
     denoise_steps: int
+    warnings: tuple[ModelWarning, ...] = ()
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The answer to an accepted event. effective_frame: first frame it shows at; None when it alters no frame."""
+    """The answer to an accepted event. effective_frame: first frame it shows at; None when it alters no frame.
+
+    warnings: of what was taken, but may not come out as asked.
+    """
 
     event_seq: int
     effective_frame: int | None
+    warnings: tuple[ModelWarning, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -206,13 +223,17 @@ class Residual:
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """One sample of a clip. residuals: one for each constraint, in the order they were given."""
+    """One sample of a clip. residuals: one for each constraint, in the order they were given.
+
+    warnings: of prompts and constraints that the model was not trained for.
+    """
 
     model_id: str
     seed: int
     denoise_steps: int
     motion: Motion
     residuals: tuple[Residual, ...]
+    warnings: tuple[ModelWarning, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -226,10 +247,23 @@ class SessionEnd:
 
 
 @dataclass(frozen=True)
+class LocomotionPreset:
+    """The prompt that holds while a velocity of from_speed_mps or more leads in a direction, seen from the heading."""
+
+    name: str
+    text: str
+    from_speed_mps: float
+    direction: str
+
+
+@dataclass(frozen=True)
 class Model:
     """A motion generator of the catalogue; durations are frames of its rig.
 
-    text_width: numbers in a TextEmbedding for it. presets: the texts of prompts that a `Preset` can name, by their ids.
+    text_width: numbers in a TextEmbedding for it. presets: the texts of prompts that a `Preset` can name, by their ids;
+    preset_descriptions: the motion to expect of them, where it is told. constraint_forms: by name "trained",
+    "untrained" (taken with a warning) or "refused"; empty where nothing is claimed. known_motions: what its training
+    captions are about, in words.
     """
 
     model_id: str
@@ -247,6 +281,10 @@ class Model:
     num_parameters: int
     default_history_frames: int
     max_history_frames: int
+    preset_descriptions: Mapping[str, str] = field(default_factory=dict)
+    constraint_forms: Mapping[str, str] = field(default_factory=dict)
+    locomotion_presets: tuple[LocomotionPreset, ...] = ()
+    known_motions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

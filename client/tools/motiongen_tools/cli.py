@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
+import logging
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from motiongen_client.errors import MotiongenError
-from motiongen_tools import cli_admin, cli_bench, cli_catalog, cli_generate, cli_stream, demo
+from motiongen_tools import cli_admin, cli_bench, cli_catalog, cli_generate, cli_stream
+from motiongen_tools.demo import command
+from motiongen_tools.demo.script import PLACE_BOUND_M, STORY_S
 
 DEFAULT_SERVER = "localhost:50051"
 
@@ -31,7 +35,8 @@ def run(arguments: Sequence[str]) -> int:
     except SystemExit as end:  # argparse has printed why, or the help
         return int(end.code or 0)
     try:
-        result: int = asyncio.run(options.command(options))
+        with _warnings_shown():
+            result: int = asyncio.run(options.command(options))
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
@@ -39,6 +44,19 @@ def run(arguments: Sequence[str]) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     return result
+
+
+@contextlib.contextmanager
+def _warnings_shown() -> Iterator[None]:
+    """What the library warns of, on standard error: prompts and constraints that a model does not know, refusals."""
+    shown = logging.StreamHandler(sys.stderr)
+    shown.setFormatter(logging.Formatter("warning: %(message)s"))
+    log = logging.getLogger("motiongen_client")
+    log.addHandler(shown)
+    try:
+        yield
+    finally:
+        log.removeHandler(shown)
 
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
@@ -122,13 +140,19 @@ def _parser() -> argparse.ArgumentParser:
 
     show = commands.add_parser(
         "demo",
-        help="start a server and drive eight characters in real time",
-        description="Start a server with the built-in model, drive eight characters on one stream in real time, write "
-        "a BVH file for each and one picture of all, and print what was measured. Needs the motiongen package.",
+        help="start a server and play a story of one character, with seven beside it",
+        description="Start a server with the built-in model and play a script on one stream, faster than real time: a "
+        "character stands, walks, turns, goes to places, stops and waves, and seven others show velocities, a path, "
+        "turns, hands, styles, gestures and a prompt outside what the model knows. Writes a BVH file for each and two "
+        "contact sheets, and prints how near each goal came. Needs the motiongen package.",
+        epilog="Exit code 1: a frame or a character is missing, or a waypoint was missed by more than --bound.",
     )
-    show.set_defaults(command=demo.demo)
+    show.set_defaults(command=command.demo)
     show.add_argument("--out", type=Path, default=Path("demo_out"), metavar="FOLDER", help="default: %(default)s")
-    show.add_argument("--seconds", type=_positive, default=12.0, help="how long (default: %(default)s)")
+    seconds = "how much of the script (default: %(default)s, all of it)"
+    show.add_argument("--seconds", type=_positive, default=STORY_S, help=seconds)
+    bound = "what a waypoint may be missed by (default: %(default)s)"
+    show.add_argument("--bound", type=_positive, default=PLACE_BOUND_M, metavar="METRES", help=bound)
     show.add_argument("--server", metavar="HOST:PORT", help="use this server instead of starting one")
 
     bench = commands.add_parser(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from motiongen_client.client import MotionClient
+from motiongen_client.types import Model
 from motiongen_tools.console import make_console, make_table
 
 
@@ -20,12 +21,30 @@ async def catalog(options: argparse.Namespace) -> int:
         steps = f"{model.default_denoise_steps} ({model.min_denoise_steps} to {model.max_denoise_steps})"
         size = f"{model.num_parameters / 1e6:.1f} M"
         models.add_row(model.model_id, model.rig_id, window, steps, size, model.text_encoder, model.licence)
+    trained = make_table("what the models were trained for", "model", "knows", "with a warning", "refused")
+    for model in offered.models:
+        if model.known_motions or model.constraint_forms:
+            forms = [_forms(model, support) for support in ("untrained", "refused")]
+            trained.add_row(model.model_id, ", ".join(model.known_motions) or "-", *forms)
+    prompts = make_table("prompts", "model", "preset", "text", "what to expect")
+    for model in offered.models:
+        for name, text in model.presets.items():
+            prompts.add_row(model.model_id, name, text, model.preset_descriptions.get(name, ""))
+        for gait in model.locomotion_presets:
+            speed = f"velocity {gait.direction} from {gait.from_speed_mps:.2g} m/s"
+            prompts.add_row(model.model_id, f"({gait.name})", gait.text, speed)
     rigs = make_table("rigs", "name", "joints", "frames a second", "numbers a frame")
     for rig in offered.rigs:
         rigs.add_row(rig.rig_id, str(rig.num_joints), str(rig.frame_rate_hz), str(rig.row_width))
     limits = make_table("limits", "name", "value")
     for name, value in vars(offered.limits).items():
         limits.add_row(name, f"{value:g}" if isinstance(value, float) else str(value))
-    for table in (models, rigs, limits):
-        console.print(table)
+    for table in (models, trained, prompts, rigs, limits):
+        if table.row_count:
+            console.print(table)
     return 0
+
+
+def _forms(model: Model, support: str) -> str:
+    """The forms of constraints that a model supports like this."""
+    return ", ".join(form for form, how in model.constraint_forms.items() if how == support) or "-"

@@ -198,6 +198,7 @@ def clip_report(clip: Clip, constraints: Sequence[Constraint]) -> dict[str, Any]
         "denoise_steps": clip.denoise_steps,
         "frames": len(clip.motion),
         "frame_rate_hz": clip.motion.rig.frame_rate_hz,
+        "warnings": [{"reason": one.reason, "message": one.message} for one in clip.warnings],
         "residuals": residuals,
     }
 

@@ -9,6 +9,7 @@ from motiongen_server.engine.types import Event, ModelFacts, Open, Outcome, Play
 from motiongen_server.engine_process.ledger import refuse_beyond_limit, refuse_while_draining, refuse_without_engine
 from motiongen_server.engine_process.model_link import ModelLink
 from motiongen_server.engine_process.process import EngineProcess
+from motiongen_server.rpc.abilities import Abilities
 
 STALE_S = 5.0
 LOAD_STEPS = 20
@@ -33,6 +34,11 @@ class EngineGroup:
     def licence(self) -> str:
         """Of its weights; once it is loaded."""
         return self._members[0][1].ready.result().licence
+
+    @property
+    def abilities(self) -> Abilities:
+        """What it was trained for; once it is loaded."""
+        return self._members[0][1].ready.result().abilities
 
     @property
     def num_sessions(self) -> int:

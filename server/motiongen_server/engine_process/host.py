@@ -114,7 +114,7 @@ class EngineHost:
         else:
             self._slots[job.slot] = slot
             slot.start(built.engine, self._ended)
-            self._wire.say(Ready(job.slot, built.facts, built.licence))
+            self._wire.say(Ready(job.slot, built.facts, built.licence, built.abilities))
             settle_again()
 
     def _load_encoder(self, job: LoadEncoder) -> None:

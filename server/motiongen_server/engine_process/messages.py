@@ -12,6 +12,7 @@ from motiongen_server.config import ServerConfig
 from motiongen_server.engine.scheduling.report import StepReport
 from motiongen_server.engine.types import Close, Event, Float32Array, ModelFacts, Output
 from motiongen_server.engine_process.codec import Codec
+from motiongen_server.rpc.abilities import Abilities
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,11 +99,12 @@ class Joined:
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """The model of a slot is loaded, warm, and takes events."""
+    """The model of a slot is loaded, warm, and takes events. abilities: what it was trained for."""
 
     slot: int
     facts: ModelFacts
     licence: str
+    abilities: Abilities
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,8 @@ from motiongen_server.engine.types import ModelFacts
 from motiongen_server.engine_process.host import LoadText, TextEncoder
 from motiongen_server.engine_process.messages import Begin
 from motiongen_server.engine_process.slot import BuildEngine, Built
+from motiongen_server.models.repertoire import as_abilities
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.settings import SettingError
 
 
@@ -29,10 +31,11 @@ class MonotonicClock:
 
 @dataclass(frozen=True)
 class RunnerOfModel:
-    """A model on its device, and the weights' licence."""
+    """A model on its device, the weights' licence, and what it was trained for."""
 
     runner: Runner
     licence: str
+    abilities: Abilities = NOTHING_CLAIMED
 
 
 def prepare(begin: Begin) -> tuple[BuildEngine, LoadText]:
@@ -43,7 +46,7 @@ def prepare(begin: Begin) -> tuple[BuildEngine, LoadText]:
         model = load_model(begin.config, source, begin.kind, begin.threads)
         config = replace(begin.config, model=source)
         engine = build_engine(config, model.runner, deliver, observe, inbox, device)
-        return Built(engine, model.runner.facts, model.licence)
+        return Built(engine, model.runner.facts, model.licence, model.abilities)
 
     def load_text(width: int) -> TextEncoder:
         from motiongen_ardy.text import load_text_encoder
@@ -64,6 +67,7 @@ def load_model(config: ServerConfig, source: str, kind: str = "cpu", threads: in
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     import torch
 
+    from motiongen_ardy.capabilities import read_capabilities
     from motiongen_ardy.checkpoint.model_card import model_folder, read_model_card
     from motiongen_server.runner import load_runner
 
@@ -72,10 +76,12 @@ def load_model(config: ServerConfig, source: str, kind: str = "cpu", threads: in
     torch.set_num_threads(threads)
     try:
         runner = load_runner(source, kind, config.denoise_steps, config.precision)
-        card = read_model_card(model_folder(source))
+        folder = model_folder(source)
+        card = read_model_card(folder)
+        abilities = as_abilities(read_capabilities(folder))
     except (ValueError, RuntimeError) as error:
         raise SettingError(f"cannot serve model {source!r}: {error}") from error
-    return RunnerOfModel(runner, card.licence)
+    return RunnerOfModel(runner, card.licence, abilities)
 
 
 def check_fit(config: ServerConfig, facts: ModelFacts) -> None:

@@ -12,6 +12,7 @@ from motiongen_server.engine.ports import Deliver, Inbox, Observe
 from motiongen_server.engine.types import ModelFacts
 from motiongen_server.engine_process.arrivals import Arrivals
 from motiongen_server.engine_process.messages import CloseAhead, Events
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 
 UNBOUNDED = 1 << 62
 MOST_WAITING = 2048
@@ -25,6 +26,7 @@ class Built:
     engine: Engine
     facts: ModelFacts
     licence: str
+    abilities: Abilities = NOTHING_CLAIMED
 
 
 BuildEngine = Callable[[str, Deliver, Observe, Inbox], Built]

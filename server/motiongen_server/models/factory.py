@@ -9,12 +9,13 @@ from motiongen_server.background import start_in_background
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.engine_port import EnginePort
 from motiongen_server.engine.types import Guidance, ModelFacts
-from motiongen_server.models.loader import load_presets, open_store
+from motiongen_server.models.loader import load_repertoire, open_store
 from motiongen_server.models.registry import LoadedModel
+from motiongen_server.models.repertoire import NOTHING_SAID, Repertoire
 from motiongen_server.ops.metrics import Metrics
+from motiongen_server.rpc.abilities import Abilities
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.limits import Limits
-from motiongen_server.text.presets import Preset
 from motiongen_server.text.prompts import PromptEncoder, TextEncoder
 
 
@@ -27,6 +28,9 @@ class ModelEngine(EnginePort, Protocol):
     @property
     def licence(self) -> str: ...
 
+    @property
+    def abilities(self) -> Abilities: ...
+
 
 @dataclass(frozen=True)
 class _Parts:
@@ -34,7 +38,7 @@ class _Parts:
 
     engine: ModelEngine
     encoder: TextEncoder
-    presets: tuple[Preset, ...]
+    repertoire: Repertoire
 
 
 class Engines(Protocol):
@@ -76,10 +80,10 @@ class ModelFactory:
         parts = await start_in_background(lambda: self._load(source), "loading")
         facts = parts.engine.facts
         prompts = self._prompts_for(parts.encoder, facts)
-        for preset in parts.presets:
+        for preset in parts.repertoire.presets:
             prompts.remember(preset.text, preset.embedding)
         self._metrics.build.labels(facts.model_id, facts.rig.rig_id).set(1)
-        catalog = make_catalog(self._config, facts, parts.engine.licence, parts.encoder.identity, parts.presets)
+        catalog = make_catalog(self._config, facts, parts.engine.licence, parts.encoder.identity, parts.repertoire)
         return LoadedModel(source, parts.engine, prompts, catalog, parts.engine.licence)
 
     def _load(self, source: str) -> _Parts:
@@ -92,7 +96,7 @@ class ModelFactory:
             if width not in self._encoders:
                 self._encoders[width] = engines.load_text(engine.facts)
             encoder = self._encoders[width]
-            return _Parts(engine, encoder, load_presets(self._config, encoder.identity, engine.facts))
+            return _Parts(engine, encoder, load_repertoire(self._config, encoder, engine.facts, engine.abilities))
         except Exception:
             engine.stop()
             raise
@@ -130,7 +134,7 @@ class ModelFactory:
 
 
 def make_catalog(
-    config: ServerConfig, facts: ModelFacts, licence: str, text_encoder: str, presets: tuple[Preset, ...] = ()
+    config: ServerConfig, facts: ModelFacts, licence: str, text_encoder: str, repertoire: Repertoire = NOTHING_SAID
 ) -> Catalog:
     """What sessions with a model may ask for."""
     limits = Limits(
@@ -142,5 +146,18 @@ def make_catalog(
         events_per_second=config.events_per_second,
         stream_events_per_second=config.stream_events_per_second,
     )
-    guidance = Guidance(config.text_guidance, config.constraint_guidance)
-    return Catalog(facts, limits, guidance, licence, text_encoder, config.history_frames, presets)
+    guidance = Guidance(
+        facts.guidance.text if config.text_guidance is None else config.text_guidance,
+        facts.guidance.constraint if config.constraint_guidance is None else config.constraint_guidance,
+    )
+    return Catalog(
+        facts,
+        limits,
+        guidance,
+        licence,
+        text_encoder,
+        config.history_frames,
+        repertoire.presets,
+        repertoire.gaits,
+        repertoire.abilities,
+    )

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.types import ModelFacts
+from motiongen_server.models.repertoire import Repertoire, encoded
+from motiongen_server.rpc.abilities import Abilities
 from motiongen_server.settings import SettingError
 from motiongen_server.text.presets import Preset
 from motiongen_server.text.prompts import Store, TextEncoder
@@ -84,6 +87,17 @@ def load_presets(config: ServerConfig, text_encoder: str, facts: ModelFacts) -> 
             f"{prompts.text_encoder!r}; {facts.model_id} takes {facts.embedding_dim}, here from {text_encoder!r}"
         )
     return tuple(map(Preset, prompts.ids, prompts.texts, prompts.vectors))
+
+
+def load_repertoire(config: ServerConfig, encoder: TextEncoder, facts: ModelFacts, abilities: Abilities) -> Repertoire:
+    """The prompts of the checkpoint and the configured presets, which take the place of those of the same name.
+
+    Raises SettingError as `load_presets` does.
+    """
+    own = load_presets(config, encoder.identity, facts)
+    repertoire = encoded(abilities, encoder, facts.model_id)
+    named = {preset.preset_id: preset for preset in (*repertoire.presets, *own)}
+    return replace(repertoire, presets=tuple(named.values()))
 
 
 def open_store(config: ServerConfig, text_encoder: str, facts: ModelFacts) -> Store | None:

@@ -6,7 +6,8 @@ import hashlib
 from collections.abc import Sequence
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from motiongen_server.engine.types import Guidance, ModelFacts
+from motiongen_server.engine.types import Gait, Guidance, ModelFacts
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.rpc.limits import MAX_COORDINATE_M, MAX_GUIDANCE, MAX_SPEED_MPS, Limits
 from motiongen_server.text.presets import Preset
 
@@ -23,8 +24,15 @@ class Catalog:
         text_encoder: str,
         history_frames: int,
         presets: Sequence[Preset] = (),
+        gaits: Sequence[Gait] = (),
+        abilities: Abilities = NOTHING_CLAIMED,
     ) -> None:
-        """history_frames: the history given to a window, which its view of the future shares the window with."""
+        """history_frames: the history given to a window, which its view of the future shares the window with.
+
+        gaits: the prompts of velocities. abilities: what the model was trained for.
+        """
+        self.gaits = tuple(gaits)
+        self.abilities = abilities
         self.text_encoder = text_encoder
         self.presets = {preset.preset_id: preset for preset in presets}
         self.facts = facts
@@ -59,12 +67,29 @@ class Catalog:
             max_denoise_steps=facts.max_steps,
             text_encoder=text_encoder,
             text_width=facts.embedding_dim,
-            presets=[service_pb2.Preset(preset_id=preset.preset_id, text=preset.text) for preset in presets],
+            presets=[
+                service_pb2.Preset(preset_id=preset.preset_id, text=preset.text, description=preset.description)
+                for preset in presets
+            ],
             default_guidance=session_pb2.Guidance(text=guidance.text, constraint=guidance.constraint),
             num_parameters=facts.num_parameters,
             future_frames=facts.max_window_frames - facts.horizon - history_frames,
             default_history_frames=history_frames,
             max_history_frames=facts.max_history // facts.patch * facts.patch,
+            constraint_forms=[
+                service_pb2.ConstraintForm(form=form, support=support.value)  # type: ignore[arg-type]  # as the protocol
+                for form, support in self.abilities.forms.items()
+            ],
+            locomotion_presets=[
+                service_pb2.LocomotionPreset(
+                    name=gait.name,
+                    text=gait.text,
+                    from_speed_mps=gait.from_mps,
+                    direction=gait.direction.name.lower(),
+                )
+                for gait in gaits
+            ],
+            known_motions=self.abilities.known_motions,
         )
         self._response = service_pb2.GetCatalogResponse(
             rigs=[rig_message(facts)], limits=self.limits_message, models=[model]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import SessionKey
+from motiongen_server.engine.types import Code, Opened, Outcome, Output, SessionKey, Warned
 from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.event_errors import invalid_event_seq, sequence_gap
 from motiongen_server.rpc.token_bucket import TokenBucket
@@ -20,7 +20,7 @@ class SessionEntry:
     last_seq: the highest event number taken. answered: numbers above applied_seq that have been answered already.
     waiting: events held back behind one whose prompt is being encoded. known_to_engine: whether its open was passed on.
     closing: whether its close was. muted: frames for it are dropped, since its client does not read. model: what it was
-    opened with.
+    opened with. warnings: by event number, of events that have not been answered.
     """
 
     key: SessionKey
@@ -35,6 +35,7 @@ class SessionEntry:
     known_to_engine: bool = False
     closing: bool = False
     muted: bool = False
+    warnings: dict[int, tuple[Warned, ...]] = field(default_factory=dict)
 
     def takes(self, event_seq: int) -> bool:
         """Whether an event is new and next; false for a repetition. Raises EventRefused for a gap or no number."""
@@ -46,6 +47,14 @@ class SessionEntry:
             raise sequence_gap(event_seq, self.last_seq + 1)
         self.last_seq = event_seq
         return True
+
+    def with_warnings(self, output: Output) -> Output:
+        """An output of the session with what is to be told beside it."""
+        if self.warnings and isinstance(output, Opened | Outcome):
+            warnings = self.warnings.pop(1 if isinstance(output, Opened) else output.event_seq, ())
+            if warnings and (isinstance(output, Opened) or output.code is Code.OK):
+                return replace(output, warnings=warnings)
+        return output
 
     def answer(self, event_seq: int) -> None:
         """Note that an event has been answered, and move applied_seq over all that are."""

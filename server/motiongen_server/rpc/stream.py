@@ -35,6 +35,7 @@ from motiongen_server.rpc.convert import (
     engine_event,
     playhead_of,
     prompt_texts,
+    warnings_of,
     write_update,
 )
 from motiongen_server.rpc.event_errors import (
@@ -219,6 +220,9 @@ class Stream:
         if entry.closing:
             raise closed_before()
         event = engine_event(message, entry.key, now, embeddings, entry.model.catalog)
+        warnings = warnings_of(message, event, entry.model.catalog)
+        if warnings:
+            entry.warnings[message.event_seq] = warnings
         entry.closing = isinstance(event, Close)
         entry.known_to_engine = True
         refusal = entry.model.engine.submit(event)
@@ -239,8 +243,9 @@ class Stream:
 
     def take_all(self, outputs: Iterable[Output]) -> None:
         """Take outputs for this stream's client, in order, and keep the books of their sessions."""
-        for output in outputs:
-            entry = self._entries.get(output.session.handle)
+        for said in outputs:
+            entry = self._entries.get(said.session.handle)
+            output = said if entry is None else entry.with_warnings(said)
             if entry is not None and entry.muted and isinstance(output, Chunk | PlanNotice):
                 continue
             if isinstance(output, Chunk):

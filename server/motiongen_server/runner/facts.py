@@ -6,17 +6,17 @@ import numpy as np
 
 from motiongen_ardy.core.constraint import limb_chains
 from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, needed_passes
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
-from motiongen_server.engine.types import ChannelBlock, Limb, ModelFacts, RigLayout
+from motiongen_server.engine.types import ChannelBlock, Guidance, Limb, ModelFacts, RigLayout
 
 MIN_STEPS = 2  # one step alone would tell the model that pure noise is almost clean
-_GUIDANCE_PASSES = {"separated": 3, "regular": 2, "none": 1}
 
 
 def model_facts(model: Model, model_id: str, default_steps: int) -> ModelFacts:
     """The facts of a loaded model, under the name that clients ask for it by."""
-    skeleton, config = model.skeleton, model.config
+    skeleton, config, own = model.skeleton, model.config, model.sampling.guidance
     return ModelFacts(
         model_id=model_id,
         rig=RigLayout(
@@ -42,6 +42,8 @@ def model_facts(model: Model, model_id: str, default_steps: int) -> ModelFacts:
         default_steps=default_steps,
         embedding_dim=config.denoiser.text_dim,
         token_width=ROOT_TOKEN_WIDTH + config.denoiser.latent_dim,
-        guidance_passes=_GUIDANCE_PASSES[config.guidance],
+        guidance_passes=len(needed_passes(own.mode, GuidanceWeights(own.text, own.constraint), True, True)),
+        guidance=Guidance(own.text, own.constraint),
+        guidance_joint=own.mode == "joint",
         num_parameters=model.num_parameters,
     )

@@ -17,6 +17,8 @@ from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.noise import window_noise
 from motiongen_ardy.model.packed import PackedDenoiser, RowRequest
 from motiongen_ardy.model.rollout import local_goals, recentre_tokens, visible_frames
+from motiongen_ardy.model.sampling.plan import plan_targets
+from motiongen_ardy.model.sampling.projection import RootProjection, make_projection
 from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_server.engine.types import WindowJob
 from motiongen_server.runner.row import Row
@@ -43,7 +45,7 @@ class Preparation:
     def passes(self, job: WindowJob) -> tuple[Pass, ...]:
         """The evaluations that one step of this job needs."""
         return needed_passes(
-            self._model.config.guidance,
+            self._model.sampling.guidance.mode,
             GuidanceWeights(job.guidance.text, job.guidance.constraint),
             has_text=job.embedding is not None and bool(np.any(job.embedding)),
             has_constraints=bool(job.constraints),
@@ -53,24 +55,44 @@ class Preparation:
         """A row for every job, in any order."""
         groups: dict[_Shape, list[tuple[WindowJob, Targets | None]]] = {}
         for job in jobs:
-            targets = job_targets(self._model.skeleton, job)
+            targets = self._targets(job)
             history_len = len(job.history)
             num_frames = visible_frames(self._model, history_len, targets, job.first_frame - history_len)
             shape = _Shape(history_len, num_frames, targets is not None, job.history_tokens is not None)
             groups.setdefault(shape, []).append((job, targets))
         return [row for shape, members in groups.items() for row in self._group(shape, members)]
 
+    def _targets(self, job: WindowJob) -> Targets | None:
+        """The job's constraints, with what leads there from where the character is."""
+        options = self._model.sampling
+        targets = job_targets(self._model.skeleton, job, options.plan.stride_frames if options.plan_root else 1)
+        history = torch.from_numpy(job.history) if len(job.history) else None
+        pose = job.start_pose
+        start = (pose.x, pose.z, pose.heading) if pose else (0.0, 0.0, 0.0)
+        return plan_targets(self._model, targets, history, job.first_frame, start)
+
     def _group(self, shape: _Shape, members: list[tuple[WindowJob, Targets | None]]) -> list[Row]:
         jobs = [job for job, _ in members]
         history, translation, heading = self._history(shape, jobs)
-        observed, mask = None, None
+        observed, mask, projection, goals = None, None, None, None
         if shape.has_targets:
             observed, mask = self._goals(shape, members, translation)
+            projection = self._projection(shape, members, observed, mask)
+            horizon = slice(shape.history_len, shape.history_len + self._model.config.horizon)
+            goals = observed[:, horizon], mask[:, horizon]
         passes = [self.passes(job) for job in jobs]
-        conditions = self._denoiser.conditions(RowRequest(history, self._texts(jobs), heading, observed, mask, passes))
+        request = RowRequest(history, self._texts(jobs), heading, observed, mask, passes, projection)
+        conditions = self._denoiser.conditions(request)
         noise = torch.stack([self._noise(job) for job in jobs]).to(self._device)
         return [
-            Row(job, noise[index], history[index], translation[index], conditions[index])
+            Row(
+                job,
+                noise[index],
+                history[index],
+                translation[index],
+                conditions[index],
+                None if goals is None else (goals[0][index], goals[1][index]),
+            )
             for index, job in enumerate(jobs)
         ]
 
@@ -104,6 +126,24 @@ class Preparation:
         observed = layout.normalize(torch.stack([observed for observed, _ in filled]).to(self._device)) * mask
         history_len = torch.full((len(members),), shape.history_len, device=self._device)
         return local_goals(layout, observed, mask, translation, history_len)
+
+    def _projection(
+        self, shape: _Shape, members: list[tuple[WindowJob, Targets | None]], observed: Tensor, mask: Tensor
+    ) -> RootProjection | None:
+        model = self._model
+        if not model.sampling.project_root:
+            return None
+        planned = torch.stack(
+            [
+                targets.planned_frames(job.first_frame - shape.history_len, shape.num_frames)
+                for job, targets in members
+                if targets is not None
+            ]
+        )
+        planned, horizon = planned.to(self._device), model.config.horizon
+        return make_projection(
+            model.representation, observed, mask, planned, shape.history_len, horizon, model.sampling
+        )
 
     def _texts(self, jobs: Sequence[WindowJob]) -> Tensor:
         """(B, n, W), zeros for no prompt; fewer vectors than the model takes are filled up, more are cut off."""

@@ -15,7 +15,8 @@ class Row:
     """A job in the runner's care.
 
     tokens: (G / 4, 20 + L), the horizon, noisy until the last step. history: (H / 4, 20 + L), clean, both in the
-    window's frame. translation: (3) metres from there to the world's frame.
+    window's frame. translation: (3) metres from there to the world's frame. goals: observed features (G, D) of the
+    horizon, normalised, in the window's frame, and their mask.
     """
 
     job: WindowJob
@@ -23,4 +24,5 @@ class Row:
     history: Tensor
     translation: Tensor
     conditions: RowConditions
+    goals: tuple[Tensor, Tensor] | None = None
     steps_done: int = 0

@@ -6,11 +6,14 @@ import torch
 
 from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.core.skeleton import Skeleton
-from motiongen_server.engine.types import JointTargets, Keyframe, RootTrajectory, Waypoint, WindowJob
+from motiongen_server.engine.types import VELOCITY_ID, JointTargets, Keyframe, RootTrajectory, Waypoint, WindowJob
 
 
-def job_targets(skeleton: Skeleton, job: WindowJob) -> Targets | None:
-    """The job's constraints, None when it has none."""
+def job_targets(skeleton: Skeleton, job: WindowJob, stride_frames: int = 1) -> Targets | None:
+    """The job's constraints, None when it has none.
+
+    stride_frames: of the frames through which a velocity leads, one in so many is asked for; the root may sway between.
+    """
     if not job.constraints:
         return None
     targets = Targets(skeleton)
@@ -19,9 +22,14 @@ def job_targets(skeleton: Skeleton, job: WindowJob) -> Targets | None:
             heading = None if constraint.heading is None else torch.tensor([constraint.heading])
             targets.add_waypoints([constraint.frame], torch.tensor([[constraint.x, constraint.z]]), heading)
         elif isinstance(constraint, RootTrajectory):
-            frames = range(constraint.first_frame, constraint.last_frame + 1)
-            headings = None if constraint.heading is None else torch.from_numpy(constraint.heading)
-            targets.add_waypoints(frames, torch.from_numpy(constraint.xz), headings)
+            leads = constraint.constraint_id == VELOCITY_ID and stride_frames > 1
+            rows = list(range(len(constraint.xz) - 1, -1, -stride_frames if leads else -1))[::-1]
+            frames = [constraint.first_frame + row for row in rows]
+            headings = None if constraint.heading is None else torch.from_numpy(constraint.heading[rows])
+            targets.add_waypoints(frames, torch.from_numpy(constraint.xz[rows]), headings)
+            if leads:
+                targets.planned.update(frames)
+                targets.faced.update(frames)
         elif isinstance(constraint, JointTargets):
             positions, turns = torch.from_numpy(constraint.positions), constraint.turns
             targets.add_joints(constraint.frame, constraint.joints, positions)

@@ -14,6 +14,7 @@ from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.packed import PackedBatch, PackedDenoiser
 from motiongen_ardy.model.rollout import world_tokens_of
 from motiongen_server.engine.types import Float32Array, ModelFacts, RowStatus, WindowJob, WindowResult
+from motiongen_server.runner.correction import corrected
 from motiongen_server.runner.device_errors import device_errors
 from motiongen_server.runner.facts import model_facts
 from motiongen_server.runner.frames import features_of_rows, wire_rows
@@ -79,7 +80,9 @@ class TorchRunner:
         tokens = torch.stack([row.tokens for row in rows.values()])
         num_steps = torch.tensor([row.job.num_steps for row in rows.values()], device=self._device)
         index = num_steps - 1 - torch.tensor([row.steps_done for row in rows.values()], device=self._device)
-        clean = self._denoiser.predict(batch, tokens, self._schedule.base_step[num_steps, index])
+        last_steps = self._model.sampling.projection.last_steps
+        project = [row.job.num_steps - row.steps_done <= last_steps for row in rows.values()]
+        clean = self._denoiser.predict(batch, tokens, self._schedule.base_step[num_steps, index], project)
         moved = self._schedule.reverse_step(tokens, clean, index, num_steps)
         return moved, moved.isfinite().flatten(1).all(dim=1).tolist()
 
@@ -99,20 +102,27 @@ class TorchRunner:
         results: dict[int, WindowResult] = {}
         with device_errors():
             for history_tokens, ids in by_history.items():
-                arrays = self._decode([self._rows[job_id] for job_id in ids], history_tokens)
-                for job_id, frames, features, tokens in zip(ids, *arrays, strict=True):
-                    results[job_id] = WindowResult(job_id, frames, features, tokens)
+                rows = [self._rows[job_id] for job_id in ids]
+                frames, features, tokens = self._decode(rows, history_tokens)
+                for index, job_id in enumerate(ids):
+                    kept = None if tokens is None else tokens[index]
+                    results[job_id] = WindowResult(job_id, frames[index], features[index], kept)
         self.discard(job_ids)
         return [results[job_id] for job_id in job_ids]
 
-    def _decode(self, rows: Sequence[Row], history_tokens: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Wire rows, features and tokens of rows whose histories are equally long; the causal decoder reads those."""
+    def _decode(self, rows: Sequence[Row], history_tokens: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Wire rows, features and tokens of rows whose histories are equally long; the causal decoder reads those.
+
+        No tokens where frames are corrected: they would stand for frames that nobody was shown.
+        """
         tokens = torch.stack([torch.cat([row.history, row.tokens]) for row in rows])
         tokens = world_tokens_of(self._model, tokens, torch.stack([row.translation for row in rows]))
         lengths = torch.full((len(rows),), tokens.shape[1] * FRAMES_PER_TOKEN, device=self._device)
         features = self._model.codec.from_hybrid(tokens, lengths)[:, history_tokens * FRAMES_PER_TOKEN :]
-        frames = wire_rows(self._model.representation, features)
-        return frames.cpu().numpy(), features.cpu().numpy(), tokens[:, history_tokens:].cpu().numpy()
+        features = corrected(self._model, rows, features)
+        frames = wire_rows(self._model.representation, features).cpu().numpy()
+        kept = None if self._model.sampling.corrects else tokens[:, history_tokens:].cpu().numpy()
+        return frames, features.cpu().numpy(), kept
 
     def discard(self, job_ids: Sequence[int]) -> None:
         """Forget jobs at any stage."""

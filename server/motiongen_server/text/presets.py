@@ -9,8 +9,12 @@ from motiongen_server.engine.types import Float32Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Preset:
-    """A prompt by a name. embedding: (E,) float32, from the encoder that the model was trained with."""
+    """A prompt by a name. embedding: (E,) float32, from the encoder that the model was trained with.
+
+    description: what motion to expect, for people.
+    """
 
     preset_id: str
     text: str
     embedding: Float32Array
+    description: str = ""

@@ -69,7 +69,7 @@ def test_plain_captions_promise_plain_motion() -> None:
 
 def test_the_built_in_retargets_are_sound_and_name_their_joints() -> None:
     names = {retarget.name for retarget in built_in_retargets()}
-    assert names == {"bandai_namco", "cmu"}
+    assert names == {"bandai_namco", "cmu", "cmu_bvh", "react_idle"}
     assert all(retarget.skeleton is CORE for retarget in built_in_retargets())
 
 

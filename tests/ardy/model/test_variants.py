@@ -16,7 +16,7 @@ from motiongen_ardy.model.model import Model, build_model
 from motiongen_ardy.model.rollout import RolloutRequest, WindowRequest, rollout, start_window
 from motiongen_ardy.model.tokenizer import ExplicitBody
 from motiongen_ardy.model.window import WindowError
-from motiongen_ardy.train.denoiser import DenoiserLoss
+from motiongen_ardy.train.denoiser_loss import DenoiserLoss
 from motiongen_ardy.train.windows import TrainingWindows
 from tests.ardy.variants import VARIANTS, varied
 
@@ -82,6 +82,8 @@ def make_batch(model: Model) -> TrainingWindows:
         history_len=torch.tensor([8, 4]),
         generation_len=torch.full((2,), horizon),
         length=torch.full((2,), num_frames),
+        num_known=8 + horizon,
+        exact=torch.ones(2, dtype=torch.bool),
         observed=features * mask,
         mask=mask,
         text=torch.ones(2, 1, model.config.denoiser.text_dim),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from motiongen_ardy.train.loop import moving_average
+from motiongen_ardy.train.loop import MovingAverage
 from motiongen_ardy.train.optimizer import INNER_SCALE, AdamAtan2, warmup_cosine
 
 
@@ -55,8 +55,26 @@ def test_the_schedule_warms_up_and_ends_at_its_floor() -> None:
 
 
 def test_the_moving_average_forgets_the_untrained_weights() -> None:
-    update = moving_average(0.999)
-    averaged, current = [torch.tensor([100.0])], [torch.tensor([1.0])]
-    for count in range(100):
-        update(averaged, current, count)
-    assert float(averaged[0]) == pytest.approx(1.0, abs=1e-3)
+    module = torch.nn.Linear(1, 1, bias=False)
+    with torch.no_grad():
+        module.weight.fill_(100.0)
+    average = MovingAverage(module, 0.999)
+    with torch.no_grad():
+        module.weight.fill_(1.0)
+    for _ in range(20):
+        average.update(module, 5)
+    assert float(average.module.weight.detach()) == pytest.approx(1.0, abs=1e-3)
+    assert float(average.count) == 100
+
+
+def test_a_rate_in_a_tensor_moves_as_far_as_a_number() -> None:
+    results = []
+    for rate in (0.1, torch.tensor(0.1)):
+        parameter = torch.nn.Parameter(torch.tensor([1.0, -2.0]))
+        optimizer = AdamAtan2([parameter], lr=rate)
+        for _ in range(3):
+            optimizer.zero_grad()
+            parameter.square().sum().backward()
+            optimizer.step()
+        results.append(parameter.detach())
+    torch.testing.assert_close(results[0], results[1])

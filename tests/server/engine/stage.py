@@ -17,6 +17,7 @@ from motiongen_server.engine.types import (
     Close,
     Code,
     Constraint,
+    Gait,
     Guidance,
     Open,
     Outcome,
@@ -52,6 +53,7 @@ def spec(
     history_frames: int | None = None,
     prior_rows: np.ndarray | None = None,
     clip_frames: int | None = None,
+    gaits: tuple[Gait, ...] = (),
 ) -> SessionSpec:
     return SessionSpec(
         key,
@@ -66,6 +68,7 @@ def spec(
         history_frames=history_frames,
         prior_rows=prior_rows,
         clip_frames=clip_frames,
+        gaits=gaits,
     )
 
 
@@ -127,9 +130,17 @@ class Stage:
         return self._ask(viewer, lambda seq, now: SetConstraints(viewer.key, seq, now, upsert, remove, clear))
 
     def set_velocity(
-        self, viewer: Viewer, x: float, z: float, heading: float | None = None, hold_frames: int = 80
+        self,
+        viewer: Viewer,
+        x: float,
+        z: float,
+        heading: float | None = None,
+        hold_frames: int = 80,
+        keep_prompt: bool = False,
     ) -> int:
-        return self._ask(viewer, lambda seq, now: SetVelocity(viewer.key, seq, now, x, z, heading, hold_frames))
+        return self._ask(
+            viewer, lambda seq, now: SetVelocity(viewer.key, seq, now, x, z, heading, hold_frames, keep_prompt)
+        )
 
     def pause(self, viewer: Viewer, paused: bool) -> int:
         viewer.set_paused(paused, self.clock.now())

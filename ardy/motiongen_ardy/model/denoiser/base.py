@@ -13,9 +13,9 @@ from torch.nn import functional
 
 from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.model.config import FRAMES_PER_TOKEN, DenoiserConfig
-from motiongen_ardy.model.denoiser.goals import Goals, goals_of
+from motiongen_ardy.model.denoiser.goals import Goals, by_token, goals_of
 from motiongen_ardy.model.precision import InWeightPrecision
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens
 from motiongen_ardy.model.window import Window
 
 
@@ -93,6 +93,16 @@ class Denoiser(InWeightPrecision, ABC):
         """Horizon tokens from the prediction, history tokens as given, zero elsewhere; all (B, N, C)."""
         kept = given * window.history_tokens[..., None]
         return torch.where(window.generation_tokens[..., None], prediction.to(given.dtype), kept)
+
+    def on_goals(self, root: Tensor, window: Window) -> Tensor:
+        """Root tokens (B, N, 20) whose horizon is brought onto the window's root goals, where it says so."""
+        projection = window.projection
+        if projection is None:
+            return root
+        frames = root_from_tokens(root)
+        end = projection.first + projection.asked.shape[1]
+        horizon = projection.apply(self.representation, frames[:, projection.first : end])
+        return by_token(torch.cat([frames[:, : projection.first], horizon, frames[:, end:]], dim=1))
 
     def visible(self, window: Window) -> Tensor:
         """(B, N) bool: the motion tokens that attention may look at; a model without goals knows no future."""

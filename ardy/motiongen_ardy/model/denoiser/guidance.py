@@ -1,6 +1,7 @@
 """Classifier-free guidance: which passes a row needs, and their weighted sum.
 
-separated: u + w_t (text - u) + w_c (constraints - u), u being neither; regular: u + w_t (both - u); none: both.
+separated: u + w_t (text - u) + w_c (constraints - u), u being neither; joint: both + (w_t - 1) (text - u) + (w_c - 1)
+(constraints - u), one pass at 1 and 1; regular: u + w_t (both - u); none: both.
 """
 
 from __future__ import annotations
@@ -12,14 +13,14 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from motiongen_ardy.model.config import GuidanceMode
 from motiongen_ardy.model.denoiser.base import Denoiser
+from motiongen_ardy.model.sampling.options import PassMode
 from motiongen_ardy.model.window import Window
 
 
 @dataclass(frozen=True)
 class GuidanceWeights:
-    """The two weights of one row; the constraint weight counts in separated guidance only."""
+    """The two weights of one row; the constraint weight counts in separated and joint guidance only."""
 
     text: float = 2.0
     constraint: float = 2.0
@@ -41,12 +42,19 @@ class Pass(NamedTuple):
     weight: float
 
 
-def full_passes(mode: GuidanceMode, weights: GuidanceWeights) -> tuple[Pass, ...]:
+def full_passes(mode: PassMode, weights: GuidanceWeights) -> tuple[Pass, ...]:
     """The passes as the formulas have them, needed or not."""
     if mode == "none":
         return (Pass(True, True, 1.0),)
     if mode == "regular":
         return (Pass(True, True, weights.text), Pass(False, False, 1.0 - weights.text))
+    if mode == "joint":
+        return (
+            Pass(True, True, 1.0),
+            Pass(True, False, weights.text - 1.0),
+            Pass(False, True, weights.constraint - 1.0),
+            Pass(False, False, 2.0 - weights.text - weights.constraint),
+        )
     return (
         Pass(True, False, weights.text),
         Pass(False, True, weights.constraint),
@@ -54,9 +62,7 @@ def full_passes(mode: GuidanceMode, weights: GuidanceWeights) -> tuple[Pass, ...
     )
 
 
-def needed_passes(
-    mode: GuidanceMode, weights: GuidanceWeights, has_text: bool, has_constraints: bool
-) -> tuple[Pass, ...]:
+def needed_passes(mode: PassMode, weights: GuidanceWeights, has_text: bool, has_constraints: bool) -> tuple[Pass, ...]:
     """The same weighted sum with as few passes as give it.
 
     Without text or constraints some passes are the same evaluation, and a weight of 0 makes a pass vanish.
@@ -108,6 +114,7 @@ def expand_window(window: Window, batch: PassBatch) -> Window:
         observed=observed,
         mask=mask,
         text_mask=None if window.text_mask is None else window.text_mask[rows],
+        projection=None if window.projection is None else window.projection.rows(rows),
     )
 
 

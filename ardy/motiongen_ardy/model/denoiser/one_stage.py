@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
 from motiongen_ardy.core.representation import Representation
@@ -23,4 +24,6 @@ class OneStageDenoiser(Denoiser):
     @in_weight_precision
     def forward(self, tokens: Tensor, step: Tensor, window: Window) -> Tensor:
         inputs, _ = self.hybrid_inputs(tokens, self.goals(window), window)
-        return self.fuse(self.root_model(inputs, self.visible(window), window, step), tokens, window)
+        result = self.fuse(self.root_model(inputs, self.visible(window), window, step), tokens, window)
+        root = self.on_goals(result[..., :ROOT_TOKEN_WIDTH], window)
+        return torch.cat([root, result[..., ROOT_TOKEN_WIDTH:]], dim=-1)

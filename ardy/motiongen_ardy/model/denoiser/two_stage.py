@@ -37,7 +37,7 @@ class TwoStageDenoiser(Denoiser):
         visible = self.visible(window)
         inputs, ahead = self.hybrid_inputs(tokens, goals, window)
         root = self.root_model(inputs, visible, window, step)
-        root = self.fuse(root, tokens[..., :ROOT_TOKEN_WIDTH], window)
+        root = self.on_goals(self.fuse(root, tokens[..., :ROOT_TOKEN_WIDTH], window), window)
         # The body stage learns from the predicted root but does not train it (paper, section 3.4).
         inputs = self.local_inputs(tokens, root.detach(), goals, ahead, window)
         latent = self.body_model(inputs, visible, window, step)

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from motiongen_ardy.model.packed.conditions import RowConditions
 from motiongen_ardy.model.packed.stack import Group
+from motiongen_ardy.model.sampling.projection import RootProjection
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +36,7 @@ class PackedBatch:
 
     rows: (Q) each sequence's row among those of the step; weight: (Q, 1, 1). inputs: by stage, (P, width).
     horizon: (S, Q, G, width), what is added to the horizon's vectors. last: (Q, 1, 20 + L), last history tokens.
+    projection: of every sequence, None where no row has one.
     told: (C), the sequences that see constraints, with their observed root and its mask (C, G, 20); None for none.
     """
 
@@ -55,6 +57,7 @@ class PackedBatch:
         self.last = torch.stack([rows[row].last for row, _ in sequences])[:, None]
         self._lay_out(rows, sequences, horizon_of, step_position)
         self._note_goals(rows, sequences)
+        self.projection = _projection_of([rows[row].projection for row, _ in sequences])
 
     def _lay_out(
         self,
@@ -131,3 +134,12 @@ class PackedBatch:
         """The horizon's part (Q, G, width) of encoded sequences (P, width)."""
         parts = [slot.group.of(encoded)[:, slot.skip : slot.skip + self.num_tokens] for slot in self.slots]
         return parts[0] if len(parts) == 1 else torch.cat(parts)
+
+
+def _projection_of(rows: Sequence[RootProjection | None]) -> RootProjection | None:
+    """The projections of sequences side by side, without goals where there is none."""
+    known = next((row for row in rows if row is not None), None)
+    if known is None:
+        return None
+    none = known.none()
+    return RootProjection.stacked([none if row is None else row for row in rows])

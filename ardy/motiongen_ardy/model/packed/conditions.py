@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from motiongen_ardy.model.denoiser.guidance import Pass
+from motiongen_ardy.model.sampling.projection import RootProjection
 
 
 @dataclass(frozen=True)
@@ -16,6 +17,7 @@ class RowRequest:
 
     history: (B, N_h, 20 + L), recentred. text: (B, n, W), zeros for no text; heading: (B) radians, of the first frame.
     observed, mask: (B, 4N, D), constraints in the window's own frame, zero in the history; None for none at all.
+    projection: what the rows' roots are brought onto in their last steps; None for nothing.
     passes: what each row's guidance needs.
     """
 
@@ -25,6 +27,7 @@ class RowRequest:
     observed: Tensor | None
     mask: Tensor | None
     passes: Sequence[tuple[Pass, ...]]
+    projection: RootProjection | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +50,7 @@ class RowConditions:
 
     prefix: (S, passes, P, width). history: (N_h, width), placed vectors of the first stage; decided: (N_h - 1 or 0,
     width), those of the second stage, which for the last history token depend on the frame after it. last: (20 + L),
-    that token, zeros without history.
+    that token, zeros without history. projection: of this row alone.
     """
 
     passes: tuple[Pass, ...]
@@ -56,6 +59,7 @@ class RowConditions:
     decided: Tensor
     last: Tensor
     goals: RowGoals | None
+    projection: RootProjection | None = None
 
     @property
     def history_tokens(self) -> int:

@@ -77,7 +77,15 @@ class PackedDenoiser:
         goals = self._goals(request, history_tokens)
         last = request.history[:, -1] if history_tokens else request.history.new_zeros(num_rows, token_width)
         return [
-            RowConditions(passes, prefix, history[row], decided[row], last[row], goals[row])
+            RowConditions(
+                passes,
+                prefix,
+                history[row],
+                decided[row],
+                last[row],
+                goals[row],
+                None if request.projection is None else request.projection.rows(row),
+            )
             for row, (passes, prefix) in enumerate(zip(request.passes, prefixes, strict=True))
         ]
 
@@ -148,8 +156,13 @@ class PackedDenoiser:
     # ---- once a step ------------------------------------------------------------------------------------------------
 
     @torch.inference_mode()
-    def predict(self, batch: PackedBatch, tokens: Tensor, step: Tensor) -> Tensor:
-        """The guided clean horizon (R, G, 20 + L) of noisy horizon tokens of that shape; step: (R) base steps."""
+    def predict(
+        self, batch: PackedBatch, tokens: Tensor, step: Tensor, project: Sequence[bool] | None = None
+    ) -> Tensor:
+        """The guided clean horizon (R, G, 20 + L) of noisy horizon tokens of that shape; step: (R) base steps.
+
+        project: of each row, whether its root is brought onto its goals in this step; None for no row.
+        """
         noisy = tokens[batch.rows]
         if batch.told is not None:
             where, root, root_mask = batch.told
@@ -157,6 +170,8 @@ class PackedDenoiser:
         step_vectors = self._step_vectors[:, step[batch.rows]]
         horizon = self._projections[0].noisy.plus(noisy, batch.horizon[0])
         result = self._run(batch, 0, step_vectors, horizon)
+        if batch.projection is not None and project is not None and any(project):
+            result = self._on_goals(batch, result, torch.tensor(project, device=tokens.device)[batch.rows])
         if len(self.stages) > 1:
             latent = tokens[batch.rows, :, ROOT_TOKEN_WIDTH:]
             known = self._local(torch.cat([batch.last, torch.cat([result, latent], dim=-1)], dim=1))
@@ -174,6 +189,13 @@ class PackedDenoiser:
             slot.horizon[number].copy_(horizon[slot.first : slot.end])
         stage = self.stages[number]
         return stage.output(batch.encoded_horizon(stage.stack(batch.inputs[number], batch.groups)))
+
+    def _on_goals(self, batch: PackedBatch, result: Tensor, active: Tensor) -> Tensor:
+        """Predictions (Q, G, 20 or more), their roots on the goals of the sequences that are active (Q)."""
+        if batch.projection is None:
+            return result
+        root = batch.projection.apply(self._layout, root_from_tokens(result), active.to(result.dtype))
+        return torch.cat([by_token(root), result[..., ROOT_TOKEN_WIDTH:]], dim=-1)
 
     def _local(self, tokens: Tensor) -> Tensor:
         """Hybrid tokens (B, N, 20 + L) with their root made local: (B, N, 16 + L)."""

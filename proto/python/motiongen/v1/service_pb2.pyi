@@ -13,8 +13,19 @@ class GoodbyeReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     GOODBYE_REASON_UNSPECIFIED: _ClassVar[GoodbyeReason]
     GOODBYE_REASON_DRAINING: _ClassVar[GoodbyeReason]
+
+class FormSupport(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    FORM_SUPPORT_UNSPECIFIED: _ClassVar[FormSupport]
+    FORM_SUPPORT_TRAINED: _ClassVar[FormSupport]
+    FORM_SUPPORT_UNTRAINED: _ClassVar[FormSupport]
+    FORM_SUPPORT_REFUSED: _ClassVar[FormSupport]
 GOODBYE_REASON_UNSPECIFIED: GoodbyeReason
 GOODBYE_REASON_DRAINING: GoodbyeReason
+FORM_SUPPORT_UNSPECIFIED: FormSupport
+FORM_SUPPORT_TRAINED: FormSupport
+FORM_SUPPORT_UNTRAINED: FormSupport
+FORM_SUPPORT_REFUSED: FormSupport
 
 class GetCatalogRequest(_message.Message):
     __slots__ = ("catalog_etag",)
@@ -35,7 +46,7 @@ class GetCatalogResponse(_message.Message):
     def __init__(self, catalog_etag: _Optional[str] = ..., rigs: _Optional[_Iterable[_Union[_motion_pb2.Rig, _Mapping]]] = ..., limits: _Optional[_Union[Limits, _Mapping]] = ..., models: _Optional[_Iterable[_Union[Model, _Mapping]]] = ...) -> None: ...
 
 class Model(_message.Message):
-    __slots__ = ("model_id", "rig_id", "licence", "horizon_frames", "patch_frames", "default_denoise_steps", "max_denoise_steps", "text_encoder", "default_guidance", "future_frames", "min_denoise_steps", "num_parameters", "default_history_frames", "max_history_frames", "text_width", "presets")
+    __slots__ = ("model_id", "rig_id", "licence", "horizon_frames", "patch_frames", "default_denoise_steps", "max_denoise_steps", "text_encoder", "default_guidance", "future_frames", "min_denoise_steps", "num_parameters", "default_history_frames", "max_history_frames", "text_width", "presets", "constraint_forms", "locomotion_presets", "known_motions")
     MODEL_ID_FIELD_NUMBER: _ClassVar[int]
     RIG_ID_FIELD_NUMBER: _ClassVar[int]
     LICENCE_FIELD_NUMBER: _ClassVar[int]
@@ -52,6 +63,9 @@ class Model(_message.Message):
     MAX_HISTORY_FRAMES_FIELD_NUMBER: _ClassVar[int]
     TEXT_WIDTH_FIELD_NUMBER: _ClassVar[int]
     PRESETS_FIELD_NUMBER: _ClassVar[int]
+    CONSTRAINT_FORMS_FIELD_NUMBER: _ClassVar[int]
+    LOCOMOTION_PRESETS_FIELD_NUMBER: _ClassVar[int]
+    KNOWN_MOTIONS_FIELD_NUMBER: _ClassVar[int]
     model_id: str
     rig_id: str
     licence: str
@@ -68,15 +82,40 @@ class Model(_message.Message):
     max_history_frames: int
     text_width: int
     presets: _containers.RepeatedCompositeFieldContainer[Preset]
-    def __init__(self, model_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., licence: _Optional[str] = ..., horizon_frames: _Optional[int] = ..., patch_frames: _Optional[int] = ..., default_denoise_steps: _Optional[int] = ..., max_denoise_steps: _Optional[int] = ..., text_encoder: _Optional[str] = ..., default_guidance: _Optional[_Union[_session_pb2.Guidance, _Mapping]] = ..., future_frames: _Optional[int] = ..., min_denoise_steps: _Optional[int] = ..., num_parameters: _Optional[int] = ..., default_history_frames: _Optional[int] = ..., max_history_frames: _Optional[int] = ..., text_width: _Optional[int] = ..., presets: _Optional[_Iterable[_Union[Preset, _Mapping]]] = ...) -> None: ...
+    constraint_forms: _containers.RepeatedCompositeFieldContainer[ConstraintForm]
+    locomotion_presets: _containers.RepeatedCompositeFieldContainer[LocomotionPreset]
+    known_motions: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, model_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., licence: _Optional[str] = ..., horizon_frames: _Optional[int] = ..., patch_frames: _Optional[int] = ..., default_denoise_steps: _Optional[int] = ..., max_denoise_steps: _Optional[int] = ..., text_encoder: _Optional[str] = ..., default_guidance: _Optional[_Union[_session_pb2.Guidance, _Mapping]] = ..., future_frames: _Optional[int] = ..., min_denoise_steps: _Optional[int] = ..., num_parameters: _Optional[int] = ..., default_history_frames: _Optional[int] = ..., max_history_frames: _Optional[int] = ..., text_width: _Optional[int] = ..., presets: _Optional[_Iterable[_Union[Preset, _Mapping]]] = ..., constraint_forms: _Optional[_Iterable[_Union[ConstraintForm, _Mapping]]] = ..., locomotion_presets: _Optional[_Iterable[_Union[LocomotionPreset, _Mapping]]] = ..., known_motions: _Optional[_Iterable[str]] = ...) -> None: ...
+
+class ConstraintForm(_message.Message):
+    __slots__ = ("form", "support")
+    FORM_FIELD_NUMBER: _ClassVar[int]
+    SUPPORT_FIELD_NUMBER: _ClassVar[int]
+    form: str
+    support: FormSupport
+    def __init__(self, form: _Optional[str] = ..., support: _Optional[_Union[FormSupport, str]] = ...) -> None: ...
+
+class LocomotionPreset(_message.Message):
+    __slots__ = ("name", "text", "from_speed_mps", "direction")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    TEXT_FIELD_NUMBER: _ClassVar[int]
+    FROM_SPEED_MPS_FIELD_NUMBER: _ClassVar[int]
+    DIRECTION_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    text: str
+    from_speed_mps: float
+    direction: str
+    def __init__(self, name: _Optional[str] = ..., text: _Optional[str] = ..., from_speed_mps: _Optional[float] = ..., direction: _Optional[str] = ...) -> None: ...
 
 class Preset(_message.Message):
-    __slots__ = ("preset_id", "text")
+    __slots__ = ("preset_id", "text", "description")
     PRESET_ID_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
+    DESCRIPTION_FIELD_NUMBER: _ClassVar[int]
     preset_id: str
     text: str
-    def __init__(self, preset_id: _Optional[str] = ..., text: _Optional[str] = ...) -> None: ...
+    description: str
+    def __init__(self, preset_id: _Optional[str] = ..., text: _Optional[str] = ..., description: _Optional[str] = ...) -> None: ...
 
 class Limits(_message.Message):
     __slots__ = ("max_sessions_per_stream", "max_constraints", "max_events_per_second", "max_lookahead_frames", "max_prompts", "max_prompt_characters", "max_request_bytes", "default_lookahead_frames", "max_trajectory_frames", "max_coordinate_m", "max_guidance", "max_stream_events_per_second", "max_speed_mps", "max_hold_frames", "max_clip_frames", "max_clip_samples")

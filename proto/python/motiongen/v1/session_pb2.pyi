@@ -178,16 +178,18 @@ class EditConstraints(_message.Message):
     def __init__(self, upsert: _Optional[_Iterable[_Union[_motion_pb2.Constraint, _Mapping]]] = ..., remove: _Optional[_Iterable[int]] = ..., clear: bool = ...) -> None: ...
 
 class SetVelocity(_message.Message):
-    __slots__ = ("x", "z", "heading", "hold_frames")
+    __slots__ = ("x", "z", "heading", "hold_frames", "keep_prompt")
     X_FIELD_NUMBER: _ClassVar[int]
     Z_FIELD_NUMBER: _ClassVar[int]
     HEADING_FIELD_NUMBER: _ClassVar[int]
     HOLD_FRAMES_FIELD_NUMBER: _ClassVar[int]
+    KEEP_PROMPT_FIELD_NUMBER: _ClassVar[int]
     x: float
     z: float
     heading: float
     hold_frames: int
-    def __init__(self, x: _Optional[float] = ..., z: _Optional[float] = ..., heading: _Optional[float] = ..., hold_frames: _Optional[int] = ...) -> None: ...
+    keep_prompt: bool
+    def __init__(self, x: _Optional[float] = ..., z: _Optional[float] = ..., heading: _Optional[float] = ..., hold_frames: _Optional[int] = ..., keep_prompt: bool = ...) -> None: ...
 
 class Playhead(_message.Message):
     __slots__ = ("frame", "buffered_to", "underruns")
@@ -258,7 +260,7 @@ class SessionUpdate(_message.Message):
     def __init__(self, session: _Optional[int] = ..., applied_seq: _Optional[int] = ..., durable_seq: _Optional[int] = ..., opened: _Optional[_Union[SessionOpened, _Mapping]] = ..., chunk: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., plan: _Optional[_Union[PlanNotice, _Mapping]] = ..., outcome: _Optional[_Union[EditOutcome, _Mapping]] = ..., service_level: _Optional[_Union[ServiceLevel, _Mapping]] = ..., closed: _Optional[_Union[SessionClosed, _Mapping]] = ..., constraint_reached: _Optional[_Union[ConstraintReached, _Mapping]] = ..., snapshot: _Optional[_Union[SessionSnapshot, _Mapping]] = ...) -> None: ...
 
 class SessionOpened(_message.Message):
-    __slots__ = ("session_id", "seed", "start_frame", "rig_id", "model_id", "frame_rate", "lookahead_frames", "committed_horizon_frames", "denoise_steps", "scalar_type", "session_token")
+    __slots__ = ("session_id", "seed", "start_frame", "rig_id", "model_id", "frame_rate", "lookahead_frames", "committed_horizon_frames", "denoise_steps", "scalar_type", "warnings", "session_token")
     SESSION_ID_FIELD_NUMBER: _ClassVar[int]
     SEED_FIELD_NUMBER: _ClassVar[int]
     START_FRAME_FIELD_NUMBER: _ClassVar[int]
@@ -269,6 +271,7 @@ class SessionOpened(_message.Message):
     COMMITTED_HORIZON_FRAMES_FIELD_NUMBER: _ClassVar[int]
     DENOISE_STEPS_FIELD_NUMBER: _ClassVar[int]
     SCALAR_TYPE_FIELD_NUMBER: _ClassVar[int]
+    WARNINGS_FIELD_NUMBER: _ClassVar[int]
     SESSION_TOKEN_FIELD_NUMBER: _ClassVar[int]
     session_id: str
     seed: int
@@ -280,8 +283,9 @@ class SessionOpened(_message.Message):
     committed_horizon_frames: int
     denoise_steps: int
     scalar_type: _motion_pb2.ScalarType
+    warnings: _containers.RepeatedCompositeFieldContainer[EventWarning]
     session_token: str
-    def __init__(self, session_id: _Optional[str] = ..., seed: _Optional[int] = ..., start_frame: _Optional[int] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., frame_rate: _Optional[int] = ..., lookahead_frames: _Optional[int] = ..., committed_horizon_frames: _Optional[int] = ..., denoise_steps: _Optional[int] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., session_token: _Optional[str] = ...) -> None: ...
+    def __init__(self, session_id: _Optional[str] = ..., seed: _Optional[int] = ..., start_frame: _Optional[int] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., frame_rate: _Optional[int] = ..., lookahead_frames: _Optional[int] = ..., committed_horizon_frames: _Optional[int] = ..., denoise_steps: _Optional[int] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., warnings: _Optional[_Iterable[_Union[EventWarning, _Mapping]]] = ..., session_token: _Optional[str] = ...) -> None: ...
 
 class PlanNotice(_message.Message):
     __slots__ = ("plan", "valid_from", "cause", "event_seqs")
@@ -296,7 +300,7 @@ class PlanNotice(_message.Message):
     def __init__(self, plan: _Optional[int] = ..., valid_from: _Optional[int] = ..., cause: _Optional[_Union[PlanCause, str]] = ..., event_seqs: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class EditOutcome(_message.Message):
-    __slots__ = ("event_seq", "code", "reason", "message", "effective_frame", "field", "allowed", "retry_after", "spare_sessions")
+    __slots__ = ("event_seq", "code", "reason", "message", "effective_frame", "field", "allowed", "retry_after", "warnings", "spare_sessions")
     EVENT_SEQ_FIELD_NUMBER: _ClassVar[int]
     CODE_FIELD_NUMBER: _ClassVar[int]
     REASON_FIELD_NUMBER: _ClassVar[int]
@@ -305,6 +309,7 @@ class EditOutcome(_message.Message):
     FIELD_FIELD_NUMBER: _ClassVar[int]
     ALLOWED_FIELD_NUMBER: _ClassVar[int]
     RETRY_AFTER_FIELD_NUMBER: _ClassVar[int]
+    WARNINGS_FIELD_NUMBER: _ClassVar[int]
     SPARE_SESSIONS_FIELD_NUMBER: _ClassVar[int]
     event_seq: int
     code: int
@@ -314,8 +319,19 @@ class EditOutcome(_message.Message):
     field: str
     allowed: str
     retry_after: _duration_pb2.Duration
+    warnings: _containers.RepeatedCompositeFieldContainer[EventWarning]
     spare_sessions: int
-    def __init__(self, event_seq: _Optional[int] = ..., code: _Optional[int] = ..., reason: _Optional[str] = ..., message: _Optional[str] = ..., effective_frame: _Optional[int] = ..., field: _Optional[str] = ..., allowed: _Optional[str] = ..., retry_after: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., spare_sessions: _Optional[int] = ...) -> None: ...
+    def __init__(self, event_seq: _Optional[int] = ..., code: _Optional[int] = ..., reason: _Optional[str] = ..., message: _Optional[str] = ..., effective_frame: _Optional[int] = ..., field: _Optional[str] = ..., allowed: _Optional[str] = ..., retry_after: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., warnings: _Optional[_Iterable[_Union[EventWarning, _Mapping]]] = ..., spare_sessions: _Optional[int] = ...) -> None: ...
+
+class EventWarning(_message.Message):
+    __slots__ = ("reason", "message", "field")
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    MESSAGE_FIELD_NUMBER: _ClassVar[int]
+    FIELD_FIELD_NUMBER: _ClassVar[int]
+    reason: str
+    message: str
+    field: str
+    def __init__(self, reason: _Optional[str] = ..., message: _Optional[str] = ..., field: _Optional[str] = ...) -> None: ...
 
 class ConstraintReached(_message.Message):
     __slots__ = ("constraint_id", "met", "frame", "position_error_m", "rotation_error_rad")

@@ -7,8 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from motiongen_server.engine.locomotion import gait_prompt
 from motiongen_server.engine.session.velocity import Velocity
-from motiongen_server.engine.types import Code, Constraint, Outcome, Prompt, SessionKey, SetConstraints, SetPrompts
+from motiongen_server.engine.types import (
+    Code,
+    Constraint,
+    Gait,
+    Outcome,
+    Prompt,
+    SessionKey,
+    SetConstraints,
+    SetPrompts,
+)
 
 
 class EditRefused(Exception):
@@ -28,14 +38,30 @@ class EditRefused(Exception):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Conditions:
-    """What steers a session. Both tuples are in the order in which their items were set."""
+    """What steers a session. Both tuples are in the order in which their items were set.
+
+    gait: whose prompt holds at the frames that the velocity leads; None: the session's own do.
+    """
 
     prompts: tuple[Prompt, ...] = ()
     constraints: tuple[Constraint, ...] = ()
     velocity: Velocity | None = None
+    gait: Gait | None = None
+
+    def gait_at(self, frame: int) -> Gait | None:
+        """The gait that holds at a frame. A velocity that leads no frame yet is taken to begin there."""
+        ends = self.velocity is None or self.velocity.end_if_from(frame) <= frame
+        return None if ends else self.gait
 
     def prompt_at(self, frame: int) -> Prompt | None:
-        """The prompt that holds at a frame: of those that cover it the one that starts last, then the one set last."""
+        """The prompt that holds at a frame: that of a velocity that leads there, else the session's own.
+
+        Of its own that cover the frame it is the one that starts last, then the one set last.
+        """
+        gait = self.gait_at(frame)
+        return self._own_prompt_at(frame) if gait is None else gait_prompt(gait)
+
+    def _own_prompt_at(self, frame: int) -> Prompt | None:
         best: Prompt | None = None
         for prompt in self.prompts:
             covers = _start(prompt) <= frame and (prompt.end_frame is None or frame < prompt.end_frame)
@@ -44,12 +70,49 @@ class Conditions:
         return best
 
     def prompt_change_after(self, frame: int, end: int) -> int:
-        """The first frame after `frame` whose prompt is another one than at `frame`; `end` if there is none before."""
-        held = self.prompt_at(frame)
-        for candidate in _boundaries(self.prompts):
-            if frame < candidate < end and not _same(held, self.prompt_at(candidate)):
+        """The first frame after `frame` whose prompt is another one than at `frame`; `end` if there is none before.
+
+        A velocity that ends soon counts from half way to `end` on: one that is renewed many times a second would else
+        leave a client with a few frames at a time.
+        """
+        from_here = self.led_from(frame)
+        held = from_here.prompt_at(frame)
+        half_way = (frame + end) // 2
+        led_to = from_here._led_to(frame)
+        frames = {max(each, half_way) if each == led_to else each for each in from_here._boundaries(frame)}
+        for candidate in sorted(frames):
+            if frame < candidate < end and not _same(held, from_here.prompt_at(candidate)):
                 return candidate
         return end
+
+    def led_from(self, frame: int) -> Conditions:
+        """The same with a velocity that leads from a frame on, where it leads none yet."""
+        velocity = self.velocity
+        if velocity is None or velocity.steers_from is not None:
+            return self
+        return replace(self, velocity=replace(velocity, steers_from=frame))
+
+    def first_change(self, before: Conditions, floor: int, changed_at: int | None) -> int | None:
+        """The first frame from floor on that is led elsewhere, at changed_at, or has another prompt than before.
+
+        None where neither is so. Both are taken to be led from floor on by a velocity that leads no frame yet.
+        """
+        before, after = before.led_from(floor), self.led_from(floor)
+        for frame in sorted({floor, *before._boundaries(floor), *after._boundaries(floor)}):
+            if changed_at is not None and frame >= changed_at:
+                return changed_at
+            if frame >= floor and not _same(before.prompt_at(frame), after.prompt_at(frame)):
+                return frame
+        return changed_at
+
+    def _boundaries(self, frame: int) -> list[int]:
+        """The frames at which the prompt may change, in order. frame: where a velocity that leads none yet begins."""
+        led_to = self._led_to(frame)
+        return sorted({*_boundaries(self.prompts), *(() if led_to is None else (led_to,))})
+
+    def _led_to(self, frame: int) -> int | None:
+        """Where a velocity with a gait ends; None where there is none. frame: as for `_boundaries`."""
+        return None if self.velocity is None or self.gait is None else self.velocity.end_if_from(frame)
 
     def constraints_within(self, begin: int, end: int) -> tuple[Constraint, ...]:
         """The constraints with a frame in begin <= frame < end."""
@@ -66,10 +129,12 @@ class Conditions:
         prompts = tuple(item for item in self.prompts if item.end_frame is None or item.end_frame > frame)
         constraints = tuple(item for item in self.constraints if item.last_frame >= frame)
         velocity = self.velocity
-        if velocity is not None and velocity.end_if_from(frame) <= frame:
+        if velocity is not None and velocity.end_if_from(frame) + velocity.slowing_frames <= frame:
             velocity = None
         unchanged = len(prompts) == len(self.prompts) and len(constraints) == len(self.constraints)
-        return self if unchanged and velocity is self.velocity else Conditions(prompts, constraints, velocity)
+        if unchanged and velocity is self.velocity:
+            return self
+        return Conditions(prompts, constraints, velocity, None if velocity is None else self.gait)
 
 
 def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) -> tuple[Conditions, int | None]:
@@ -92,10 +157,7 @@ def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) ->
     if len(prompts) > limit:
         raise _too_many("prompts", len(prompts), limit)
     edited = replace(held, prompts=tuple(prompts.values()))
-    for frame in [floor, *_boundaries((*held.prompts, *edited.prompts))]:
-        if frame >= floor and not _same(held.prompt_at(frame), edited.prompt_at(frame)):
-            return edited, frame
-    return edited, None
+    return edited, edited.first_change(held, floor, None)
 
 
 def edit_constraints(

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.locomotion import gait_of
 from motiongen_server.engine.session.conditions import Conditions, EditRefused, edit_constraints, edit_prompts
 from motiongen_server.engine.session.velocity import changed_velocity
-from motiongen_server.engine.types import Code, SetConstraints, SetPrompts, SetVelocity
+from motiongen_server.engine.types import Code, Gait, SetConstraints, SetPrompts, SetVelocity
 
 EditEvent: TypeAlias = SetPrompts | SetConstraints | SetVelocity
 
@@ -26,9 +27,10 @@ class PendingEdit:
 
 
 def edited(
-    held: Conditions, event: EditEvent, floor: int, reach: int, config: EngineConfig
+    held: Conditions, event: EditEvent, floor: int, reach: int, config: EngineConfig, gaits: Sequence[Gait] = ()
 ) -> tuple[Conditions, str, int | None]:
-    """Apply an event. floor: the first frame that can still change; reach: the frames a window from there on sees.
+    """Apply an event. floor: the first frame that can still change; reach: the frames a window from there on sees;
+    gaits: prompts that hold while a velocity leads.
 
     Returns the new conditions, the kind of edit, and the first frame that is to change, None if none is.
     Raises EditRefused for what cannot be done.
@@ -39,7 +41,8 @@ def edited(
             return conditions, "prompts", dirty_from
         case SetVelocity():
             velocity, dirty_from = changed_velocity(held.velocity, event, floor)
-            return replace(held, velocity=velocity), "velocity", dirty_from
+            conditions = replace(held, velocity=velocity, gait=gait_of(gaits, event, held.gait_at(floor)))
+            return conditions, "velocity", conditions.first_change(held, floor, dirty_from)
         case SetConstraints():
             conditions, changed = edit_constraints(held, event, floor, config.max_constraints)
             # What lies beyond the reach waits until a later window sees it.

@@ -164,7 +164,7 @@ class SessionState:
         floor = self._replaceable_from(now, self.delivery.commit_s)
         crop = history_crop(self.spec, self.config)
         reach = self.facts.max_window_frames - history_frames(floor, self.timeline, crop, self.facts.patch)
-        self.conditions, kind, dirty_from = edited(self.conditions, event, floor, reach, self.config)
+        self.conditions, kind, dirty_from = edited(self.conditions, event, floor, reach, self.config, self.spec.gaits)
         if dirty_from is None:
             return [Outcome(self.key, event.event_seq, Code.OK)]
         if dirty_from > 0:

@@ -10,7 +10,7 @@ from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.drift import Correction, DriftGuard
 from motiongen_server.engine.session.edits import PendingEdit
 from motiongen_server.engine.session.timeline import Timeline
-from motiongen_server.engine.session.velocity import RootState, Velocity, root_state
+from motiongen_server.engine.session.velocity import STATE_FRAMES, RootState, Velocity, root_state
 from motiongen_server.engine.types import Constraint, Guidance, ModelFacts, PlanCause, SessionSpec, StartPose, WindowJob
 
 
@@ -109,7 +109,7 @@ class WindowSite:
     def _root_before(self, first_frame: int) -> RootState:
         """What the root does just before a window; it stands in the start pose before the first."""
         reader, start = self.guard.reader, self.spec.start_pose
-        rows = self.timeline.rows_between(max(self.timeline.first, first_frame - 2), first_frame)
+        rows = self.timeline.rows_between(max(self.timeline.first, first_frame - STATE_FRAMES), first_frame)
         if not len(rows):
             return RootState(start.x, start.z, 0.0, 0.0, start.heading)
         return root_state(reader.positions(rows), reader.heading(rows[-1]), self.facts.fps)
@@ -132,6 +132,8 @@ def guidance_at(level: Level, asked: Guidance, has_constraints: bool, facts: Mod
     """
     if not level.drop_guidance:
         return asked
+    if facts.guidance_joint:
+        return Guidance(1.0, 1.0)
     apart = facts.guidance_passes > 2
     return Guidance(0.5, 0.5) if apart and has_constraints else Guidance(1.0, 0.0)
 

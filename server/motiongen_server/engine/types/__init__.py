@@ -9,6 +9,7 @@ from motiongen_server.engine.types.arrays import (
     Float32Array,
 )
 from motiongen_server.engine.types.conditions import (
+    VELOCITY_ID,
     Constraint,
     JointTargets,
     Keyframe,
@@ -37,6 +38,10 @@ from motiongen_server.engine.types.jobs import (
     WindowJob,
     WindowResult,
 )
+from motiongen_server.engine.types.locomotion import (
+    Direction,
+    Gait,
+)
 from motiongen_server.engine.types.names import (
     CloseReason,
     Code,
@@ -54,6 +59,7 @@ from motiongen_server.engine.types.outputs import (
     Output,
     PlanNotice,
     ServiceLevel,
+    Warned,
 )
 from motiongen_server.engine.types.spec import (
     Guidance,
@@ -62,6 +68,7 @@ from motiongen_server.engine.types.spec import (
 )
 
 __all__ = [
+    "VELOCITY_ID",
     "ChannelBlock",
     "Chunk",
     "Close",
@@ -69,8 +76,10 @@ __all__ = [
     "Closed",
     "Code",
     "Constraint",
+    "Direction",
     "Event",
     "Float32Array",
+    "Gait",
     "Guidance",
     "JointTargets",
     "Limb",
@@ -99,6 +108,7 @@ __all__ = [
     "SetPrompts",
     "SetVelocity",
     "StartPose",
+    "Warned",
     "WindowJob",
     "WindowResult",
 ]

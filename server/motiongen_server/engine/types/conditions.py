@@ -7,6 +7,10 @@ from typing import TypeAlias
 
 from motiongen_server.engine.types.arrays import Float32Array
 
+# Numbers that clients choose start at 1, so this one can name no constraint of theirs.
+VELOCITY_ID = 0
+"""The constraint that a velocity becomes in a window: it leads the root, and nobody asked for its places."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prompt:

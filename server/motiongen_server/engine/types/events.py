@@ -55,6 +55,7 @@ class SetVelocity:
     """Move so fast for so long: x, z in metres a second in the world, heading in radians or None for any.
 
     Replaces the velocity before it, and ends hold_frames after the first frame that it steers; x = z = 0 is to stand.
+    keep_prompt: the session's own prompts hold meanwhile, not the gaits of its model.
     """
 
     session: SessionKey
@@ -64,6 +65,7 @@ class SetVelocity:
     z: float
     heading: float | None
     hold_frames: int
+    keep_prompt: bool = False
 
 
 class Playhead(NamedTuple):

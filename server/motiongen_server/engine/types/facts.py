@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from motiongen_server.engine.types.arrays import Float32Array
+from motiongen_server.engine.types.spec import Guidance
+
+RELEASED_GUIDANCE = Guidance(2.0, 2.0)
 
 # the names of blocks that the server itself reads
 ROOT_BLOCK = "root_translation_m"
@@ -56,8 +59,9 @@ class ModelFacts:
 
     horizon: frames that one window generates. patch: frames of one token. row_width: floats of one frame on the wire.
     feature_dim: D. max_window_frames: history, horizon and future together. Steps are denoising steps per window.
-    token_width: floats of one token, root and latent. guidance_passes: most evaluations of the denoiser in one step.
-    num_parameters: of all networks together.
+    token_width: floats of one token, root and latent. guidance_passes: most evaluations of the denoiser in one step,
+    with the model's own guidance, the weights of a session that does not say. guidance_joint: one
+    evaluation can be told text and constraints. num_parameters: of all networks together.
     """
 
     model_id: str
@@ -73,6 +77,8 @@ class ModelFacts:
     embedding_dim: int
     token_width: int = 0
     guidance_passes: int = 1
+    guidance: Guidance = RELEASED_GUIDANCE
+    guidance_joint: bool = False
     num_parameters: int = 0
 
     @property

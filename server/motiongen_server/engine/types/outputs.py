@@ -10,6 +10,18 @@ from motiongen_server.engine.types.names import CloseReason, Code, PlanCause, Se
 
 
 @dataclass(frozen=True, slots=True)
+class Warned:
+    """What was taken but may not come out as asked. The engine warns of nothing; what knows the model's training does.
+
+    reason: an UPPER_SNAKE word a program can act on; field: the path of the field it is about, in the protocol's words.
+    """
+
+    reason: str
+    message: str
+    field: str
+
+
+@dataclass(frozen=True, slots=True)
 class Opened:
     """The first output of a session. committed_horizon: least frames from the playhead to what an edit can change."""
 
@@ -22,6 +34,7 @@ class Opened:
     model_id: str
     rig_id: str
     fps: int
+    warnings: tuple[Warned, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +80,7 @@ class Outcome:
     field: str = ""
     allowed: str = ""
     retry_after_s: float | None = None
+    warnings: tuple[Warned, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

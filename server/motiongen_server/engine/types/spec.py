@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from motiongen_server.engine.types.arrays import Float32Array
 from motiongen_server.engine.types.conditions import Constraint, Prompt
+from motiongen_server.engine.types.locomotion import Gait
 from motiongen_server.engine.types.names import Priority, SessionKey
 
 
@@ -34,6 +35,7 @@ class SessionSpec:
     prior_rows: (H, row_width) float32, the frames just before frame 0, whole patches of them; start_pose counts only
     where there are none. clip_frames: not None makes the session a clip: that many frames, as fast as there is room
     beside the sessions, with all that was asked for; it has no playhead, and closes itself after its last frame.
+    gaits: the prompts that hold while a velocity leads; none: the session's own do.
     """
 
     session: SessionKey
@@ -49,6 +51,7 @@ class SessionSpec:
     history_frames: int | None = None
     prior_rows: Float32Array | None = None
     clip_frames: int | None = None
+    gaits: tuple[Gait, ...] = ()
 
     @property
     def is_clip(self) -> bool:

@@ -7,6 +7,7 @@ import logging
 import secrets
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import grpc
 import grpc.aio
@@ -26,12 +27,13 @@ from motiongen_server.engine.types import (
     Output,
     SessionKey,
     SessionSpec,
+    Warned,
 )
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.clip.request import check_extent, clip_specs, opening_event
 from motiongen_server.rpc.clip.residuals import constrained_frames, residuals
-from motiongen_server.rpc.convert import prompt_texts, write_update
+from motiongen_server.rpc.convert import prompt_texts, warnings_of, write_update
 from motiongen_server.rpc.event_errors import draining
 from motiongen_server.rpc.handlers import ClipContext
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
@@ -42,9 +44,10 @@ _log = logging.getLogger(__name__)
 class Call:
     """One call: its samples, and what the engine has said of them."""
 
-    def __init__(self, specs: Sequence[SessionSpec], model: LoadedModel) -> None:
+    def __init__(self, specs: Sequence[SessionSpec], model: LoadedModel, warnings: tuple[Warned, ...] = ()) -> None:
         self.specs = specs
         self.model = model
+        self.warnings = warnings
         self.said: asyncio.Queue[Output] = asyncio.Queue()
         self.under_way: set[SessionKey] = set()
         self.frames = constrained_frames(specs[0].constraints)
@@ -138,7 +141,9 @@ class ClipService:
         texts = prompt_texts(opening_event(request), model.catalog)
         embeddings = {text: await model.prompts.encode(text) for text in texts}
         number = next(self._numbers)
-        call = Call(clip_specs(request, number, embeddings, received_at, model.catalog), model)
+        specs = clip_specs(request, number, embeddings, received_at, model.catalog)
+        opening = Open(specs[0], 1, received_at)
+        call = Call(specs, model, warnings_of(opening_event(request), opening, model.catalog))
         self._calls[number] = call
         self._idle.clear()
         try:
@@ -174,7 +179,7 @@ class ClipService:
             return [service_pb2.GenerateClipResponse(sample=sample, chunk=_frames(output))]
         if isinstance(output, Opened):
             update = session_pb2.SessionUpdate()
-            write_update(update, output)
+            write_update(update, replace(output, warnings=call.warnings))
             update.opened.lookahead_frames = update.opened.committed_horizon_frames = 0
             return [service_pb2.GenerateClipResponse(sample=sample, opened=update.opened)]
         if isinstance(output, Outcome):  # only an Open that is refused has one

@@ -21,6 +21,7 @@ from motiongen_server.rpc.convert.checks import (
     points,
     refuse,
 )
+from motiongen_server.rpc.convert.forms import check_forms
 from motiongen_server.rpc.convert.unserved import check_served
 
 UNIT_TOLERANCE = 1e-3
@@ -28,7 +29,11 @@ UNIT_TOLERANCE = 1e-3
 
 def constraints_of(messages: Sequence[motion_pb2.Constraint], field: str, catalog: Catalog) -> tuple[Constraint, ...]:
     check_count(messages, catalog.limits.max_constraints, "TOO_MANY_CONSTRAINTS", field)
-    return tuple(_constraint(message, f"{field}[{index}]", catalog) for index, message in enumerate(messages))
+    constraints = []
+    for index, message in enumerate(messages):
+        constraints.append(_constraint(message, f"{field}[{index}]", catalog))
+        check_forms(constraints[-1], f"{field}[{index}]", catalog)
+    return tuple(constraints)
 
 
 def _constraint(message: motion_pb2.Constraint, field: str, catalog: Catalog) -> Constraint:

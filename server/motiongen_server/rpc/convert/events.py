@@ -34,6 +34,7 @@ from motiongen_server.rpc.convert.checks import (
     refuse,
 )
 from motiongen_server.rpc.convert.constraints import constraints_of
+from motiongen_server.rpc.convert.forms import check_forms
 from motiongen_server.rpc.convert.history import history_frames_of, prior_rows_of
 from motiongen_server.rpc.convert.prompts import Embeddings, prompts_of
 from motiongen_server.rpc.convert.unserved import UNSERVED_SCALARS, check_served, not_served
@@ -117,7 +118,10 @@ def _velocity(
         raise refuse("SPEED_OUT_OF_RANGE", "set_velocity", f"the speed is {speed:g} m/s", allowed)
     check_range(message.hold_frames, 1, catalog.limits.max_hold_frames, "HOLD_OUT_OF_RANGE", "set_velocity.hold_frames")
     heading = heading_of(message, "set_velocity")
-    return SetVelocity(key, sequence, received_at, message.x, message.z, heading, message.hold_frames)
+    x, z, hold, keep = message.x, message.z, message.hold_frames, message.keep_prompt
+    velocity = SetVelocity(key, sequence, received_at, x, z, heading, hold, keep)
+    check_forms(velocity, "set_velocity", catalog)
+    return velocity
 
 
 def _session_spec(
@@ -163,6 +167,7 @@ def _session_spec(
         constraints=constraints_of(message.constraints, "open.constraints", catalog),
         history_frames=history_frames_of(message, catalog.facts),
         prior_rows=prior_rows_of(message, catalog),
+        gaits=catalog.gaits,
     )
 
 

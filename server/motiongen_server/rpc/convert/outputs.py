@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import secrets
+from collections.abc import Iterable
 
 from motiongen.v1 import motion_pb2, session_pb2
-from motiongen_server.engine.types import Closed, Opened, Outcome, Output, ServiceLevel
+from motiongen_server.engine.types import Closed, Opened, Outcome, Output, ServiceLevel, Warned
 
 
 def write_update(update: session_pb2.SessionUpdate, output: Output) -> None:
@@ -38,6 +39,7 @@ def _write_opened(opened: session_pb2.SessionOpened, output: Opened) -> None:
     opened.committed_horizon_frames = output.committed_horizon
     opened.denoise_steps = output.denoise_steps
     opened.scalar_type = motion_pb2.SCALAR_TYPE_F32_LE
+    opened.warnings.extend(_warnings(output.warnings))
 
 
 def _write_outcome(message: session_pb2.EditOutcome, outcome: Outcome) -> None:
@@ -52,3 +54,10 @@ def _write_outcome(message: session_pb2.EditOutcome, outcome: Outcome) -> None:
         message.allowed = outcome.allowed
     if outcome.retry_after_s is not None:
         message.retry_after.FromMilliseconds(max(1, round(1000 * outcome.retry_after_s)))
+    if outcome.warnings:
+        message.warnings.extend(_warnings(outcome.warnings))
+
+
+def _warnings(warnings: Iterable[Warned]) -> Iterable[session_pb2.EventWarning]:
+    for each in warnings:
+        yield session_pb2.EventWarning(reason=each.reason, message=each.message, field=each.field)

@@ -6,7 +6,7 @@ import pytest
 
 from motiongen_server.engine.session.conditions import Conditions, EditRefused
 from motiongen_server.engine.session.edits import EditQueue, PendingEdit
-from motiongen_server.engine.session.velocity import Velocity
+from motiongen_server.engine.session.velocity import SLOWING_FRAMES, Velocity
 from motiongen_server.engine.types import Code
 
 
@@ -73,5 +73,5 @@ def test_the_time_of_a_velocity_begins_with_the_first_window_that_obeys_the_newe
     landed = held.with_velocity_landed(new, 50)
     assert landed.velocity == Velocity(2.0, 0.0, None, 40, steers_from=50)
     assert landed.with_velocity_landed(landed.velocity, 90) is landed
-    assert landed.without_past(89) is landed
-    assert landed.without_past(90).velocity is None
+    assert landed.without_past(89 + SLOWING_FRAMES) is landed
+    assert landed.without_past(90 + SLOWING_FRAMES).velocity is None

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.session.velocity import RootState, Velocity, changed_velocity, root_state
+from motiongen_server.engine.session.velocity import SLOWING_FRAMES, RootState, Velocity, changed_velocity, root_state
 from motiongen_server.engine.types import Code, PlanCause, RootTrajectory, SessionKey, SetVelocity, Waypoint
 from tests.server.engine.fakes import SPEED
 from tests.server.engine.stage import Stage, prompt
@@ -32,21 +32,66 @@ def test_a_path_sets_out_from_the_root_and_comes_to_the_speed(
     velocity: tuple[float, float], before: tuple[float, float], begin: int, hold_frames: int
 ) -> None:
     root = RootState(5.0, -7.0, *before, 0.0)
-    path = Velocity(*velocity, None, hold_frames).path(begin, begin + 40, root, FPS)
+    heading = math.atan2(*velocity)
+    path = Velocity(*velocity, heading, hold_frames).path(begin, begin + 80, root, FPS)
     assert path is not None
     assert path.first_frame == begin
-    assert len(path.xz) == min(40, hold_frames)
-    steps = np.diff(np.concatenate(([[5.0, -7.0]], path.xz)), axis=0) * FPS
-    assert steps[6:] == pytest.approx(np.broadcast_to(velocity, steps[6:].shape), abs=1e-3)
+    slowing = 0 if velocity == (0.0, 0.0) else SLOWING_FRAMES
+    assert len(path.xz) == min(80, hold_frames + slowing)
+    steps = (np.diff(np.concatenate(([[5.0, -7.0]], path.xz)), axis=0) * FPS)[: min(80, hold_frames)]
+    ramp = math.ceil(FPS * max(0.3, math.dist(velocity, before) / 2.2))
+    assert steps[ramp:] == pytest.approx(np.broadcast_to(velocity, steps[ramp:].shape), abs=1e-3)
     low, high = np.minimum(velocity, before) - 1e-3, np.maximum(velocity, before) + 1e-3
     assert ((steps >= low) & (steps <= high)).all()
+
+
+@pytest.mark.parametrize(("speed", "within_s"), [(0.5, 1.0), (1.5, 1.0), (3.0, 2.0)])
+def test_a_speed_is_reached_in_the_time_that_people_take(speed: float, within_s: float) -> None:
+    path = Velocity(0.0, speed, None, 100).path(0, 60, RootState(0.0, 0.0, 0.0, 0.0, 0.0), FPS)
+    assert path is not None
+    reached = np.diff(path.xz[:, 1]) * FPS
+    assert reached[int(within_s * FPS) :] == pytest.approx(speed, rel=0.01)
+    assert np.abs(np.diff(reached)).max() * FPS < 3.0
+
+
+def test_who_goes_the_other_way_turns_round_and_does_not_walk_backwards() -> None:
+    for root in (RootState(0.0, 0.0, 0.0, 1.5, 0.0), RootState(0.0, 0.0, 0.0, 0.0, 0.0)):
+        path = Velocity(0.0, -1.5, None, 200).path(0, 80, root, FPS)
+        assert path is not None
+        assert path.heading is not None
+        speed = np.diff(path.xz[:, 1], prepend=0.0) * FPS
+        assert (speed * np.cos(path.heading) > -0.15).all()
+        assert math.remainder(float(path.heading[-1]) - math.pi, math.tau) == pytest.approx(0.0, abs=1e-5)
+        assert speed[50] == pytest.approx(-1.5, abs=0.01)
+
+
+def test_a_heading_that_is_asked_for_is_kept_whatever_the_way() -> None:
+    path = Velocity(0.0, -1.0, 0.0, 40).path(0, 40, RootState(0.0, 0.0, 0.0, 0.0, 0.0), FPS)
+    assert path is not None
+    assert path.heading is not None
+    assert np.abs(path.heading).max() == 0.0
+
+
+def test_a_velocity_that_ends_slows_to_a_stand() -> None:
+    velocity = Velocity(1.5, 0.0, None, 20, steers_from=100)
+    path = velocity.path(100, 140, RootState(0.0, 0.0, 1.5, 0.0, math.pi / 2), FPS)
+    assert path is not None
+    speed = np.diff(path.xz[:, 0], prepend=0.0) * FPS
+    assert speed[:20] == pytest.approx(1.5, abs=1e-3)
+    assert speed[20:] == pytest.approx(1.5 * (1 - np.arange(1, 17) / 16), abs=1e-3)
+    later = velocity.path(128, 168, RootState(2.0, 0.0, 0.7, 0.0, math.pi / 2), FPS)
+    assert later is not None
+    assert len(later.xz) == 8
+    assert np.diff(later.xz[-2:, 0])[0] == pytest.approx(0.0, abs=1e-6)
+    assert velocity.path(136, 176, AT_REST, FPS) is None
 
 
 def test_standing_is_a_path_that_comes_to_rest() -> None:
     path = Velocity(0.0, 0.0, None, 40).path(100, 140, RootState(0.0, 0.0, 1.0, 0.0, 0.0), FPS)
     assert path is not None
-    assert (path.xz[6:] == path.xz[6]).all()
-    assert 0 < path.xz[6, 0] < 0.3
+    assert len(path.xz) == 40
+    assert (path.xz[10:] == path.xz[10]).all()
+    assert 0 < path.xz[10, 0] < 0.3
 
 
 @pytest.mark.parametrize(("before", "asked"), [(3.0, -3.0), (-3.0, 3.0), (0.0, 9 * math.tau + 0.5)])
@@ -62,8 +107,8 @@ def test_a_velocity_ends_after_the_frames_that_it_holds() -> None:
     velocity = Velocity(1.0, 0.0, None, 50, steers_from=100)
     path = velocity.path(140, 180, AT_REST, FPS)
     assert path is not None
-    assert path.last_frame == 149
-    assert velocity.path(150, 190, AT_REST, FPS) is None
+    assert path.last_frame == 149 + SLOWING_FRAMES
+    assert velocity.path(150 + SLOWING_FRAMES, 230, AT_REST, FPS) is None
 
 
 def test_saying_the_same_again_changes_only_where_it_ends() -> None:
@@ -78,8 +123,8 @@ def test_saying_the_same_again_changes_only_where_it_ends() -> None:
     assert changed_velocity(held, _event(1.0, 0.0, 0.5), floor=140)[1] == 140
 
 
-def test_the_root_state_is_read_from_the_last_two_frames() -> None:
-    positions = np.array([[9, 9, 9], [1, 1, 2], [1.1, 1, 1.8]], np.float32)
+def test_the_root_state_is_read_from_the_last_few_frames() -> None:
+    positions = np.array([[9, 9, 9], [0.8, 1, 2.4], [0.9, 1, 2.3], [1, 1, 2], [1.1, 1, 1.8]], np.float32)
     state = root_state(positions, 0.25, FPS)
     assert (state.x, state.z, state.heading) == pytest.approx((1.1, 1.8, 0.25))
     assert (state.speed_x, state.speed_z) == pytest.approx((2.0, -4.0), abs=1e-4)
@@ -115,9 +160,10 @@ def test_a_velocity_replans_at_once_from_where_the_root_is() -> None:
     ((frame, path),) = _paths(stage)
     assert frame == path.first_frame == notice.valid_from
     assert len(path.xz) == 40
-    root = (frame - 1) * SPEED / FPS
-    assert path.xz[0] == pytest.approx([root + SPEED / FPS * 5 / 6, 1.5 / FPS / 6], abs=1e-3)
-    assert path.heading is None
+    root, step = (frame - 1) * SPEED / FPS, 2.2 / FPS / math.hypot(SPEED, 1.5)
+    assert path.xz[0] == pytest.approx([root + SPEED / FPS * (1 - step), 1.5 / FPS * step], abs=1e-3)
+    assert path.heading is not None
+    assert path.heading[-1] == pytest.approx(0.0, abs=1e-5)
 
 
 def test_a_velocity_holds_over_windows_and_ends_by_itself() -> None:
@@ -127,7 +173,7 @@ def test_a_velocity_holds_over_windows_and_ends_by_itself() -> None:
     start = viewer.outcomes[seq].effective_frame
     assert start is not None
     covered = [frame for _, path in _paths(stage) for frame in range(path.first_frame, path.last_frame + 1)]
-    assert covered == list(range(start, start + 60))
+    assert covered == list(range(start, start + 60 + SLOWING_FRAMES))
     assert stage.engine._sessions[viewer.key].conditions.velocity is None
 
 
@@ -137,7 +183,7 @@ def test_each_velocity_replaces_the_last_and_each_is_answered() -> None:
     stage.run(0.1)
     assert {viewer.outcomes[seq].effective_frame for seq in seqs} == {viewer.notices[-1].valid_from}
     (path,) = [path for _, path in _paths(stage)]
-    assert path.xz[-1, 0] - path.xz[-2, 0] == pytest.approx(4.0 / FPS, abs=1e-4)
+    assert path.xz[39, 0] - path.xz[38, 0] == pytest.approx(4.0 / FPS, abs=1e-4)
 
 
 def test_a_velocity_said_again_while_it_holds_makes_no_plan() -> None:
@@ -149,7 +195,7 @@ def test_a_velocity_said_again_while_it_holds_makes_no_plan() -> None:
     stage.run(15.0)
     assert viewer.outcomes[seq].code is Code.OK
     assert len([notice for notice in viewer.notices if notice.cause is PlanCause.EDIT]) == plans
-    assert shown + 200 < max(path.last_frame for _, path in _paths(stage)) <= shown + 210
+    assert shown + 200 < max(path.last_frame for _, path in _paths(stage)) <= shown + 210 + SLOWING_FRAMES
 
 
 def test_root_targets_of_the_client_hold_where_there_are_any() -> None:
@@ -170,7 +216,7 @@ def test_a_velocity_before_the_first_frame_sets_out_from_the_start_pose() -> Non
     stage.run(0.1)
     assert viewer.outcomes[seq].effective_frame == 0
     ((_, path),) = _paths(stage)
-    assert path.xz[0] == pytest.approx([0.0, 2.0 / FPS / 6], abs=1e-6)
+    assert path.xz[0] == pytest.approx([0.0, 2.2 / FPS**2], abs=1e-6)
     assert path.heading is not None
 
 
@@ -184,4 +230,4 @@ def test_the_time_a_velocity_holds_starts_with_the_window_that_obeys_it_not_with
     assert stage.total("windows_discarded") == 1
     start = viewer.outcomes[seq].effective_frame
     assert start is not None
-    assert max(path.last_frame for _, path in _paths(stage)) == start + 49
+    assert max(path.last_frame for _, path in _paths(stage)) == start + 49 + SLOWING_FRAMES

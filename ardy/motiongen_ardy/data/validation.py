@@ -1,0 +1,44 @@
+"""The validation split: one train clip in 25, by a hash of its id, with all that was derived from it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+
+SHARE = 25
+SEPARATOR = "+"
+
+
+def is_validation(origins: Sequence[str]) -> bool:
+    """Whether a clip belongs to validation. origins: the ids of the captured clips that it was made of.
+
+    A clip made of several belongs to it as soon as one of them does, so that training sees none of their frames.
+    """
+    return any(int(hashlib.sha1(f"validation:{one}".encode()).hexdigest(), 16) % SHARE == 0 for one in origins)
+
+
+def origins(clip_id: str, derived_from: Mapping[str, str]) -> list[str]:
+    """The captured clips that a clip was made of, itself where it is one. derived_from: of every clip, "" for captured.
+
+    Several origins are joined by "+". An id that is in no set counts as captured.
+    """
+    found, open_ids, seen = [], [clip_id], set()
+    while open_ids:
+        one = open_ids.pop()
+        if one in seen:
+            continue
+        seen.add(one)
+        parents = [part for part in derived_from.get(one, "").split(SEPARATOR) if part]
+        if parents:
+            open_ids += parents
+        else:
+            found.append(one)
+    return found
+
+
+def with_validation(splits: Mapping[str, str], derived_from: Mapping[str, str]) -> dict[str, str]:
+    """The split of every clip by id, "validation" cut out of "train"."""
+    return {
+        clip: "validation" if split == "train" and is_validation(origins(clip, derived_from)) else split
+        for clip, split in splits.items()
+    }

@@ -1,0 +1,159 @@
+"""Judge a model by its motion: `python -m motiongen_ardy.evaluate MODEL DATA`; exit code 1 where a bound is missed.
+
+Windows are made as the server makes them: 16 frames of history, the model's own guidance and corrections.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+from rich.console import Console
+
+from motiongen_ardy.capabilities import LocomotionPreset, parse_capabilities, read_capabilities
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.checkpoint.files import CheckpointError, read_yaml
+from motiongen_ardy.checkpoint.model_card import UnknownModel, model_folder
+from motiongen_ardy.checkpoint.sampling_file import read_options
+from motiongen_ardy.data.dataset import DatasetError, MotionDataset
+from motiongen_ardy.evaluate.cases import captured_figures, load_cases
+from motiongen_ardy.evaluate.context import QUICK, Context, Size
+from motiongen_ardy.evaluate.report import Report
+from motiongen_ardy.evaluate.rows.table import FAMILIES
+from motiongen_ardy.evaluate.sampler import Sampler, Sampling
+from motiongen_ardy.model.config import ConfigError
+from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.text import load_text_encoder
+from motiongen_ardy.train.feature_bank import natural_layout
+
+
+def main() -> None:
+    """Command line."""
+    arguments = _arguments()
+    console = Console(stderr=True)
+    torch.set_num_threads(arguments.threads)
+    try:
+        folder = model_folder(arguments.model)
+        model, abilities = load_checkpoint(folder), read_capabilities(folder)
+        if arguments.capabilities is not None:
+            abilities = parse_capabilities(read_yaml(arguments.capabilities), str(arguments.capabilities))
+        if arguments.sampling is not None:
+            model.sampling = read_options(read_yaml(arguments.sampling), model.config.guidance)
+        dataset = MotionDataset.load(arguments.data, arguments.split)
+    except (UnknownModel, DatasetError, ConfigError, CheckpointError) as error:
+        sys.exit(f"python -m motiongen_ardy.evaluate: {error}")
+    reports = [_judge(model, abilities.locomotion, dataset, steps, arguments, console) for steps in arguments.steps]
+    for report in reports:
+        Console(width=190).print(report.table())
+        if arguments.json is not None:
+            report.write(_of_steps(arguments.json, report, len(reports)))
+    sys.exit(1 if any(report.missed for report in reports) else 0)
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m motiongen_ardy.evaluate", description=__doc__)
+    parser.add_argument("model", help="built-in model's name or a checkpoint folder")
+    parser.add_argument("data", type=Path, help="data set made by `python -m motiongen_ardy.data build`")
+    parser.add_argument("--split", default="test", choices=("test", "validation"), help="default %(default)s")
+    parser.add_argument("--steps", type=_numbers, default=(4,), help="denoising steps, as 4 or 4,10 (default 4)")
+    parser.add_argument("--rows", type=_families, default=tuple(FAMILIES), help=f"of {','.join(FAMILIES)}; default all")
+    parser.add_argument("--seeds", type=int, default=Size.seeds, help="takes of each clip (default %(default)s)")
+    parser.add_argument("--quick", action="store_true", help="few clips, one seed, one-minute sessions")
+    parser.add_argument(
+        "--raw", action="store_true", help="without projection of the root and clean-up; its own bounds"
+    )
+    parser.add_argument("--sampling", type=Path, help="a sampling.yaml in place of the model's own")
+    parser.add_argument("--capabilities", type=Path, help="a capabilities.yaml in place of the model's own")
+    parser.add_argument("--text-guidance", type=float, help="the model's own if absent")
+    parser.add_argument("--constraint-guidance", type=float, help="the model's own if absent")
+    parser.add_argument("--text-encoder", default="static")
+    parser.add_argument("--json", type=Path, help="write the figures here; with several step counts one file each")
+    parser.add_argument("--png", type=Path, help="folder to draw a sheet of each part into")
+    parser.add_argument("--threads", type=int, default=1, help="cores (default %(default)s)")
+    return parser.parse_args()
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in text.split(","))
+
+
+def _families(text: str) -> tuple[str, ...]:
+    names = tuple(text.split(","))
+    unknown = [name for name in names if name not in FAMILIES]
+    if unknown:
+        raise argparse.ArgumentTypeError(f"no rows {', '.join(unknown)}; there are {', '.join(FAMILIES)}")
+    return names
+
+
+def _of_steps(path: Path, report: Report, num_reports: int) -> Path:
+    return path if num_reports == 1 else path.with_stem(f"{path.stem}-{report.about['steps']}")
+
+
+def _weights(model: Model, arguments: argparse.Namespace) -> GuidanceWeights:
+    own = model.sampling.guidance
+    text, constraint = arguments.text_guidance, arguments.constraint_guidance
+    return GuidanceWeights(own.text if text is None else text, own.constraint if constraint is None else constraint)
+
+
+def uncorrected(model: Model) -> None:
+    """Switch off what brings a model's motion onto its goals and its feet to rest."""
+    model.sampling = replace(model.sampling, project_root=False, clean_feet=False, reach_joints=False)
+
+
+def _judge(
+    model: Model,
+    gaits: Sequence[LocomotionPreset],
+    dataset: MotionDataset,
+    steps: int,
+    arguments: argparse.Namespace,
+    console: Console,
+) -> Report:
+    if arguments.raw:
+        uncorrected(model)
+    weights = _weights(model, arguments)
+    encoder = load_text_encoder(arguments.text_encoder, model.config.denoiser.text_dim)
+    sampler = Sampler(model, encoder, Sampling(steps, weights), gaits)
+    layout = natural_layout(dataset.skeleton, model.config.fps)
+    cases = load_cases(dataset, layout)
+    size = QUICK if arguments.quick else replace(Size(), seeds=arguments.seeds)
+    context = Context(sampler, cases, captured_figures(cases, layout), size, arguments.raw)
+    began = time.monotonic()
+    for name in arguments.rows:
+        start = time.monotonic()
+        FAMILIES[name](context)
+        console.print(f"{name}: {time.monotonic() - start:.0f} s, {sampler.num_windows} windows so far")
+        if arguments.png is not None:
+            _draw(context, name, arguments.png, steps)
+    captured = context.captured
+    about = {
+        "model": arguments.model,
+        "data": arguments.data.name,
+        "split": arguments.split,
+        "steps": steps,
+        "guidance": f"{model.sampling.guidance.mode} {weights.text:g} / {weights.constraint:g}",
+        "corrections": "none" if arguments.raw else "as served",
+        "captures": f"feet {captured.walking.feet:.2f}, running {captured.running.feet:.2f}; accelerations"
+        f" {captured.walking.acceleration:.0f}, running {captured.running.acceleration:.0f} m/s2",
+        "windows": sampler.num_windows,
+        "seconds": round(time.monotonic() - began),
+    }
+    return Report(about, context.figures)
+
+
+def _draw(context: Context, name: str, folder: Path, steps: int) -> None:
+    from motiongen_ardy.evaluate.sheets import draw_sheet  # matplotlib takes a second to import
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for family, exhibits in context.exhibits.items():
+        draw_sheet(exhibits, context.layout, folder / f"{family}-{steps}.png")
+    context.exhibits.clear()
+
+
+if __name__ == "__main__":
+    main()

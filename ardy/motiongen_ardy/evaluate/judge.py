@@ -1,0 +1,108 @@
+"""TextJudge: how well a motion and a text belong together, by two small encoders trained to agree.
+
+A motion becomes a sequence of frames at 10 a second about its own start; a GRU reads it. A text is its static embedding
+through two layers. Both end on the unit sphere of `DIM` dimensions, as in TMR (Petrovich et al. 2023), whose decoder is
+left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
+from torch.nn import functional
+from torch.nn.utils.rnn import pack_padded_sequence
+
+from motiongen_ardy.core.representation import Representation
+
+DIM = 64
+HIDDEN = 128
+STRIDE = 2
+MAX_FRAMES = 120
+FOLDER = Path(__file__).parent / "text_judge"
+WEIGHTS_FILE = "judge.safetensors"
+
+
+class JudgeMissing(ValueError):
+    """Raised where the judge's weights cannot be read or do not fit."""
+
+
+class TextJudge(nn.Module):
+    """The two encoders. frame_dim: width of `judge_frames`; text_dim: of the text embeddings."""
+
+    mean: Tensor
+    std: Tensor
+
+    def __init__(self, frame_dim: int, text_dim: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(frame_dim))
+        self.register_buffer("std", torch.ones(frame_dim))
+        self.frame = nn.Sequential(nn.Linear(frame_dim, HIDDEN), nn.GELU())
+        self.gru = nn.GRU(HIDDEN, HIDDEN, batch_first=True, bidirectional=True)
+        self.motion = nn.Linear(4 * HIDDEN, DIM)
+        self.text = nn.Sequential(nn.Linear(text_dim, 2 * HIDDEN), nn.GELU(), nn.Linear(2 * HIDDEN, DIM))
+        self.log_scale = nn.Parameter(torch.tensor(2.3))
+
+    def motions(self, frames: Tensor, lengths: Tensor) -> Tensor:
+        """Unit vectors (B, DIM) of frames (B, T, F) as `judge_frames` makes them, lengths (B) of them valid."""
+        hidden = self.frame((frames - self.mean) / self.std)
+        packed = pack_padded_sequence(hidden, lengths.cpu(), batch_first=True, enforce_sorted=False)
+        steps, last = self.gru(packed)
+        steps, _ = nn.utils.rnn.pad_packed_sequence(steps, batch_first=True, total_length=frames.shape[1])
+        mean = steps.sum(dim=1) / lengths[:, None]
+        return functional.normalize(self.motion(torch.cat([mean, last[0], last[1]], dim=-1)), dim=-1)
+
+    def texts(self, embeddings: Tensor) -> Tensor:
+        """Unit vectors (B, DIM) of text embeddings (B, W)."""
+        return functional.normalize(self.text(embeddings), dim=-1)
+
+    @torch.no_grad()
+    def embed(self, layout: Representation, motions: Sequence[Tensor], batch: int = 64) -> Tensor:
+        """Unit vectors (N, DIM) of features (T, D) in natural units, of at most MAX_FRAMES frames each."""
+        rows = [judge_frames(layout, features[:MAX_FRAMES]) for features in motions]
+        parts = []
+        for first in range(0, len(rows), batch):
+            group = rows[first : first + batch]
+            lengths = torch.tensor([len(row) for row in group])
+            parts.append(self.motions(nn.utils.rnn.pad_sequence(group, batch_first=True), lengths))
+        return torch.cat(parts)
+
+
+def judge_frames(layout: Representation, features: Tensor) -> Tensor:
+    """Every second frame of features (T, D) in natural units, turned and moved to start facing +Z at the origin.
+
+    Positions, root, heading and velocities, without rotations and contacts.
+    """
+    told = layout.canonicalize(features[None])[0, ::STRIDE]
+    return torch.cat([told[:, : layout.position_block.stop], told[:, layout.velocity_block]], dim=-1)
+
+
+def frame_dim(layout: Representation) -> int:
+    """The width of `judge_frames`."""
+    return layout.position_block.stop + layout.velocity_block.stop - layout.velocity_block.start
+
+
+def save_judge(judge: TextJudge, folder: Path) -> None:
+    """Weights as float16, which halves the file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    save_file({name: value.half().contiguous() for name, value in judge.state_dict().items()}, folder / WEIGHTS_FILE)
+
+
+def load_judge(layout: Representation, text_dim: int, folder: Path = FOLDER) -> TextJudge:
+    """The judge of a folder; the one that comes with the package by default.
+
+    Raises JudgeMissing for a folder without readable weights, or with those for another skeleton or text encoder.
+    """
+    judge = TextJudge(frame_dim(layout), text_dim)
+    try:
+        state = load_file(folder / WEIGHTS_FILE)
+        judge.load_state_dict({name: value.float() for name, value in state.items()})
+    except (OSError, RuntimeError) as error:
+        raise JudgeMissing(
+            f"{folder / WEIGHTS_FILE} is no judge for {layout.skeleton.name} and texts of width {text_dim}: {error};"
+            " train one with `python -m motiongen_ardy.evaluate.judge_training DATA FOLDER`"
+        ) from error
+    return judge.eval()

@@ -1,0 +1,1 @@
+"""Figures of motion in metres, seconds, radians, from world joint positions."""

@@ -1,0 +1,128 @@
+"""Poses: whole keyframes, hands, feet, the head's rotation, the root's height; joints and root apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from motiongen_ardy.core.constraint import Targets, limb_chains
+from motiongen_ardy.core.rotation import rotation_vector, rotation_y
+from motiongen_ardy.evaluate.cases import HISTORY, Case
+from motiongen_ardy.evaluate.context import Context, Exhibit
+from motiongen_ardy.evaluate.take import Result, Take
+
+AHEAD = 30
+HEAD_TURN_DEG = 45
+LOWER_M = 0.10
+
+
+def add(context: Context) -> None:
+    """All rows of poses, of the clip's own pose 1.5 s ahead."""
+    forms: dict[str, tuple[str, tuple[int, ...]]] = {"keyframe, body": ("keyframe", _all(context))}
+    chains = limb_chains(context.skeleton)
+    forms |= {
+        "one hand": ("hand", chains["RightHand"][:1]),
+        "one foot": ("foot", chains["LeftFoot"]),
+        "both hands": ("hand", (chains["LeftHand"][0], chains["RightHand"][0])),
+    }
+    limbs = {"one hand": ["RightHand"], "one foot": ["LeftFoot"], "both hands": ["LeftHand", "RightHand"]}
+    frame = HISTORY - 1 + AHEAD
+    takes: dict[str, list[Take]] = {name: [] for name in (*forms, "head rotation", "root height")}
+    for number, case in enumerate(context.both(frame + 1)):
+        for name, group in takes.items():
+            targets = Targets(context.skeleton)
+            pose, turns = case.motion.positions[[frame]], case.motion.rotations[[frame]]
+            if name == "keyframe, body":
+                targets.add_keyframes([frame], pose)
+            elif name in limbs:
+                asked = [0, *(joint for limb in limbs[name] for joint in chains[limb])]
+                first = [chains[limb][0] for limb in limbs[name]]
+                targets.add_joints(frame, asked, pose[0, asked])
+                targets.add_joints(frame, first, pose[0, first], turns[0, first])
+            else:
+                _ask(context, targets, name, frame, pose[0], turns[0], 1 if number % 2 else -1)
+            for seed in context.seeds:
+                group.append(_take(case, name, seed, frame, targets))
+    results = iter(context.run([take for group in takes.values() for take in group]))
+    for name, group in takes.items():
+        done = [next(results) for _ in group]
+        if name in forms:
+            bound, joints = forms[name]
+            context.add_goal("pose", f"{name}: joints", "m", done, _joints(frame, joints), bound)
+            context.add_goal("pose", f"{name}: root", "m", done, _root(frame))
+        elif name == "head rotation":
+            head = context.skeleton.index("Head")
+            context.add_goal("pose", f"{name}, turned {HEAD_TURN_DEG}", "degrees", done, _turn(frame, head), "head")
+        else:
+            context.add_goal("pose", f"{name}, {LOWER_M * 100:g} cm lower", "m", done, _height(frame), "keyframe")
+        title = f"{name} at frame {frame}"
+        context.show("pose", [Exhibit(title, result) for result in (done[0], done[-1])])
+
+
+def _all(context: Context) -> tuple[int, ...]:
+    return tuple(range(1, context.skeleton.num_joints))
+
+
+def _take(case: Case, name: str, seed: int, frame: int, targets: Targets) -> Take:
+    end = frame + 1 + 9
+    return Take(f"{case.id} {name}", seed, end, ((0, case.caption),), case.group, case.history, targets)
+
+
+def _ask(context: Context, targets: Targets, name: str, frame: int, pose: Tensor, turns: Tensor, side: int) -> None:
+    """The clip's root with its head turned aside, or lowered."""
+    head = context.skeleton.index("Head")
+    if name == "head rotation":
+        aside = rotation_y(torch.tensor(math.radians(side * HEAD_TURN_DEG))) @ turns[head]
+        targets.add_joints(frame, [0, head], pose[[0, head]])
+        targets.add_joints(frame, [head], pose[[head]], aside[None])
+    else:
+        targets.add_joints(frame, [0], pose[:1] - torch.tensor([0.0, LOWER_M, 0.0]))
+
+
+def _joints(frame: int, joints: tuple[int, ...]) -> Callable[[Result], float]:
+    """The mean distance of joints, the root laid over the asked root's ground position."""
+
+    def measure(result: Result) -> float:
+        asked, done = _asked(result, frame, joints), result.positions[frame]
+        shift = (_ground(result, frame) - done[0]) * torch.tensor([1.0, 0.0, 1.0])
+        return float((done[list(joints)] + shift - asked).norm(dim=-1).mean())
+
+    return measure
+
+
+def _ground(result: Result, frame: int) -> Tensor:
+    assert result.take.targets is not None
+    x, z = result.take.targets.ground[frame]
+    return torch.stack([x, torch.zeros_like(x), z])
+
+
+def _asked(result: Result, frame: int, joints: tuple[int, ...]) -> Tensor:
+    assert result.take.targets is not None
+    return torch.stack([result.take.targets.positions[frame, joint] for joint in joints])
+
+
+def _root(frame: int) -> Callable[[Result], float]:
+    def measure(result: Result) -> float:
+        return float((result.positions[frame, 0] - _ground(result, frame))[[0, 2]].norm())
+
+    return measure
+
+
+def _height(frame: int) -> Callable[[Result], float]:
+    def measure(result: Result) -> float:
+        assert result.take.targets is not None
+        return abs(float(result.positions[frame, 0, 1] - result.take.targets.height[frame]))
+
+    return measure
+
+
+def _turn(frame: int, joint: int) -> Callable[[Result], float]:
+    def measure(result: Result) -> float:
+        assert result.take.targets is not None
+        asked = result.take.targets.rotations[frame, joint]
+        return math.degrees(float(rotation_vector(asked.T @ result.rotations[frame, joint]).norm()))
+
+    return measure

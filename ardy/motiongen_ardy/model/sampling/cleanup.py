@@ -1,0 +1,109 @@
+"""Foot clean-up: feet that carry weight stay where they are, on the ground and not in it.
+
+What a window's frames need follows from themselves and from the one frame before them, whose feet stand already where
+they are to stay; so stances go on across the seam and nothing else is remembered.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from motiongen_ardy.model.sampling.limb_ik import SOFT_REACH, swing
+from motiongen_ardy.model.sampling.limbs import Limb, legs
+from motiongen_ardy.model.sampling.options import FeetOptions
+from motiongen_ardy.model.sampling.pose import Poses
+from motiongen_ardy.model.sampling.spread import smooth_step, spread
+from motiongen_ardy.model.sampling.stance import contact_states, slip
+from motiongen_ardy.model.sampling.steps import ground_offsets
+
+LANDING_FRAMES = 5
+SINK_M = 0.004  # how far below its height on the ground a foot joint may be
+LOWER_FRAMES = 3
+
+
+def clean_feet(poses: Poses, options: FeetOptions, pinned: Tensor, height_held: Tensor) -> None:
+    """Hold the feet of poses (B, T) in place while they stand. Frame 0 is of the history and does not change.
+
+    pinned: (B, T, 2) bool, frames at which the left or the right foot is where it shall be; height_held: (B, T) bool,
+    frames at which the root is as high as it shall be.
+    """
+    limbs = legs(poses.layout.skeleton)
+    positions = poses.positions()
+    feet = positions[:, :, list(poses.layout.skeleton.contact_joints)]
+    states = contact_states(poses.contacts, feet, poses.layout.fps, options)
+    standing = states.unflatten(2, (2, 2)).any(dim=-1)
+    offsets, lift, standing = ground_offsets(standing, slip(states, feet), pinned, options)
+    states = states.unflatten(2, (2, 2)) & standing[..., None]
+    rise = _heights(feet, states.flatten(2), pinned, options).unflatten(2, (2, 2)) + lift[..., None]
+
+    heel, toe = feet[:, :, 0::2], feet[:, :, 1::2]
+    up = feet.new_tensor([0.0, 1.0, 0.0])
+    sole = toe - heel
+    length = sole.norm(dim=-1, keepdim=True)
+    aimed = sole + (rise[..., 1] - rise[..., 0])[..., None] * up
+    aimed = length * aimed / aimed.norm(dim=-1, keepdim=True).clamp(min=1e-8)
+    ankle = heel + offsets + rise[..., :1] * up
+
+    lowered = _lowering(limbs, positions, ankle, states[..., 0], options)
+    held = height_held[..., None]
+    lowered = lowered * (1 - spread(held[..., None].to(lowered.dtype), held, options.fade_frames)[..., 0, 0])
+    poses.root -= lowered[..., None] * up
+    positions = positions - lowered[..., None, None] * up
+    raised = _heel_rise(limbs, positions, ankle, ankle + aimed, states[..., 1])
+    turned = swing(sole / length, (ankle + aimed - raised) / length)
+    poses.bend_limbs(limbs, positions, raised)
+    for side, limb in enumerate(limbs):
+        poses.turn((limb.end, *limb.beyond), turned[:, :, side, None])
+
+
+def _heights(feet: Tensor, states: Tensor, pinned: Tensor, options: FeetOptions) -> Tensor:
+    """How much (B, T, 4) heels and toes are to rise: onto the ground where they stand, out of it everywhere."""
+    ground = feet.new_tensor([options.heel_m, options.toe_m] * 2)
+    short = ground - feet[..., 1]
+    pins = pinned.repeat_interleave(2, dim=2)
+    rise = spread(torch.where(states & ~pins, short, 0.0)[..., None], states | pins, LANDING_FRAMES)[..., 0]
+    rise = torch.maximum(rise, torch.where(pins, rise, short - SINK_M))
+    frames = torch.arange(feet.shape[1], device=feet.device)[None, :, None]
+    return rise - smooth_step(1 - frames / options.fade_frames) * rise[:, :1]
+
+
+def _lowering(
+    limbs: tuple[Limb, Limb], positions: Tensor, ankle: Tensor, heels: Tensor, options: FeetOptions
+) -> Tensor:
+    """How far (B, T) metres the pelvis gives way, so that legs reach ankles (B, T, 2, 3) whose heels stand."""
+    hips = positions[:, :, [limb.upper for limb in limbs]]
+    before = (positions[:, :, [limb.end for limb in limbs]] - hips).norm(dim=-1)
+    longest = torch.maximum(before, before.new_tensor([SOFT_REACH * limb.length_m for limb in limbs]))
+    line = hips - ankle
+    over_ground = line[..., [0, 2]].square().sum(dim=-1)
+    room = (longest.square() - over_ground).clamp(min=0).sqrt()
+    needed = torch.where(heels, line[..., 1] - room, 0.0).amax(dim=-1).clamp(0, options.lower_m)
+    width = 2 * LOWER_FRAMES + 1
+    padded = functional.pad(needed[:, None], (2 * LOWER_FRAMES, 2 * LOWER_FRAMES))
+    smooth = functional.avg_pool1d(functional.max_pool1d(padded, width, stride=1), width, stride=1)[:, 0]
+    frames = torch.arange(needed.shape[1], device=needed.device)
+    return smooth * smooth_step(frames / (2 * LOWER_FRAMES))
+
+
+def _heel_rise(limbs: tuple[Limb, Limb], positions: Tensor, ankle: Tensor, toe: Tensor, toes: Tensor) -> Tensor:
+    """Ankles (B, T, 2, 3) that a leg which is too short reaches by lifting the heel over toes that stand.
+
+    The ankle goes along the circle about the toe, in the plane of hip, ankle and toe, to where the leg is long enough.
+    """
+    hips = positions[:, :, [limb.upper for limb in limbs]]
+    longest = ankle.new_tensor([SOFT_REACH * limb.length_m for limb in limbs])
+    before = (positions[:, :, [limb.end for limb in limbs]] - hips).norm(dim=-1)
+    longest = torch.maximum(longest, before)
+    sole, line = ankle - toe, hips - toe
+    length, distance = sole.norm(dim=-1), line.norm(dim=-1).clamp(min=1e-6)
+    toward = line / distance[..., None]
+    off = sole - (sole * toward).sum(-1, keepdim=True) * toward
+    off = off / off.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+    cosine = (distance.square() + length.square() - longest.square()) / (2 * distance * length).clamp(min=1e-6)
+    cosine = cosine.clamp(-1, 1)[..., None]
+    lifted = toe + length[..., None] * (cosine * toward + (1 - cosine.square()).sqrt() * off)
+    too_long = ((hips - ankle).norm(dim=-1) > longest)[..., None]
+    weight = spread(toes[..., None].to(ankle.dtype), toes, LANDING_FRAMES)
+    return torch.where(too_long, ankle + weight * (lifted - ankle), ankle)

@@ -1,0 +1,39 @@
+"""Facing: the body turned to where its root looks.
+
+A root says its heading, a body shows one in the line of its hips, and in people's motion the two are the same. A body
+stage that did not follow its root leaves them apart: then the whole body is turned about its root, as smoothly as they
+part.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from motiongen_ardy.core.representation import heading_angle
+from motiongen_ardy.core.rotation import rotation_y
+from motiongen_ardy.model.sampling.pose import Poses
+
+# Less than this is the error of a decoder and the sway of hips, and stays.
+SWAY_RAD = 0.05
+_WEIGHTS = (1.0, 6.0, 15.0, 20.0, 15.0, 6.0, 1.0)
+
+
+def face_root(poses: Poses, heading: Tensor) -> None:
+    """Turn poses (B, T), frame 0 of which is of the history and does not change. heading: (B, T, 2) cosine and sine."""
+    shown = heading_angle(poses.layout.skeleton, poses.positions())
+    off = torch.atan2(heading[..., 1], heading[..., 0]) - shown
+    off = torch.atan2(off.sin(), off.cos())
+    # A body that is turned right round goes on turning the way it began.
+    steps = off[:, 1:] - off[:, :-1]
+    off = torch.cat([off[:, :1], off[:, :1] + torch.atan2(steps.sin(), steps.cos()).cumsum(dim=1)], dim=1)
+    off = off.sign() * (off.abs() - SWAY_RAD).clamp(min=0)
+    kernel = off.new_tensor(_WEIGHTS) / sum(_WEIGHTS)
+    reach = len(_WEIGHTS) // 2
+    padded = functional.pad(off[:, None], (reach, reach), mode="replicate")
+    turn = functional.conv1d(padded, kernel[None, None])[:, 0]
+    # Where the history ends nothing is turned: the turn sets in over the next frames.
+    rise = (torch.arange(turn.shape[1], device=turn.device) / (2.0 * reach)).clamp(max=1)
+    turn = turn * rise * rise * (3 - 2 * rise)
+    poses.turn(range(poses.layout.skeleton.num_joints), rotation_y(turn)[:, :, None])

@@ -1,0 +1,73 @@
+"""Joins: jumps of speed between the frames of one token and those of the next are taken out.
+
+A decoder makes the frames of a token together, so motion is smoother inside a token than from one to the next. A jump
+is what a step between two frames has more than its two neighbours have on average; constant acceleration has none. It
+is shared out to the frames on both sides; at the start of a window, where the history cannot change, to those after.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+
+from motiongen_ardy.core.representation import Representation
+from motiongen_ardy.core.rotation import matrix_from_6d, matrix_to_6d
+from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.model.sampling.options import JoinOptions
+from motiongen_ardy.model.sampling.spread import smooth_step, spread
+
+HISTORY_FRAMES = 2
+SHARES = (0.375, 0.125)  # of a jump, that the first and the second frame on either side move against it
+JUMP = (0.5, -1.5, 1.5, -0.5)  # of two frames before a join and two after it
+JUMP_FROM_ONE = (-1.0, 2.0, -1.0)  # where only one frame is known before it
+
+
+@lru_cache
+def join_operator(num_before: int, num_new: int, seam_frames: int) -> Tensor:
+    """(num_new, num_before + num_new): what joined frames are of the frames they were.
+
+    num_before: frames of the history, 0 to 2, which do not change; the first new frame starts a token.
+    """
+    total = num_before + num_new
+    joined = torch.eye(total, dtype=torch.float64)
+
+    def share_out(share: Tensor, first: int, jump: tuple[float, ...], joined: Tensor) -> Tensor:
+        read = torch.zeros(total, dtype=torch.float64)
+        read[first : first + len(jump)] = torch.tensor(jump, dtype=torch.float64)
+        return joined + share[:, None] * (read @ joined)
+
+    if num_before and num_new > 1:
+        fade = smooth_step((torch.arange(total, dtype=torch.float64) - num_before) / seam_frames) - 1
+        fade[:num_before] = 0
+        joined = share_out(fade, 0, JUMP if num_before == HISTORY_FRAMES else JUMP_FROM_ONE, joined)
+    for first in range(num_before + FRAMES_PER_TOKEN, total - 1, FRAMES_PER_TOKEN):
+        share = torch.zeros(total, dtype=torch.float64)
+        for distance, part in enumerate(SHARES):
+            share[first - 1 - distance], share[first + distance] = part, -part
+        joined = share_out(share, first - 2, JUMP, joined)
+    return joined[num_before:].float()
+
+
+def join_tokens(
+    layout: Representation, history: Tensor, new: Tensor, options: JoinOptions, root_held: Tensor
+) -> Tensor:
+    """New frames (B, G, D), in natural units, with root positions and rotations joined; the rest stays as it was.
+
+    history: (B, H, D), of which the last two frames count. root_held: (B, G) bool, frames at which the root is where it
+    shall be and stays there.
+    """
+    before = history[:, -HISTORY_FRAMES:]
+    frames = torch.cat([before, new], dim=1)
+    operator = join_operator(before.shape[1], new.shape[1], options.seam_frames).to(new)
+    root, rotation = layout.root_position_block, layout.rotation_block
+    moved = torch.einsum("ts,bsk->btk", operator, frames[..., root])
+    back = (new[..., root] - moved)[:, :, None]
+    moved = moved + spread(back, root_held[..., None], options.seam_frames)[:, :, 0]
+    plain = matrix_to_6d(layout.global_rotations(frames)).flatten(-2)
+    turned = torch.einsum("ts,bsk->btk", operator, plain)
+    turned = matrix_to_6d(matrix_from_6d(turned.unflatten(-1, (-1, 6)))).flatten(-2)
+    joined = new.clone()
+    joined[..., root], joined[..., rotation] = moved, turned
+    return joined

@@ -1,0 +1,75 @@
+"""Poses: a window's frames as global rotations and roots, while they are corrected, and back to features."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from motiongen_ardy.core.representation import Representation, contact_labels, velocities
+from motiongen_ardy.core.rotation import matrix_to_6d
+from motiongen_ardy.core.skeleton import positions_from_global
+from motiongen_ardy.model.sampling.limb_ik import bend
+from motiongen_ardy.model.sampling.limbs import Limb
+
+
+class Poses:
+    """Frames (B, T) that are changed in place.
+
+    rotations: (B, T, J, 3, 3) global; root: (B, T, 3) metres; contacts: (B, T, 4), about 0 to 1, as the model says.
+    """
+
+    def __init__(self, layout: Representation, features: Tensor) -> None:
+        """features: (B, T, D) in natural units."""
+        self.layout = layout
+        self.rotations = layout.global_rotations(features)
+        self.root = features[..., layout.root_position_block].clone()
+        self.contacts = features[..., layout.contact_block]
+
+    def positions(self) -> Tensor:
+        """World positions (B, T, J, 3) of all joints by kinematics."""
+        return positions_from_global(self.layout.skeleton, self.rotations, self.root)
+
+    def turn(self, joints: Sequence[int], delta: Tensor) -> None:
+        """Turn joints (n) by world rotations (B, T, n or 1, 3, 3); what hangs on them keeps its own rotation."""
+        self.rotations[:, :, joints] = delta @ self.rotations[:, :, joints]
+
+    def bend_limbs(
+        self, limbs: Sequence[Limb], positions: Tensor, targets: Tensor, where: Tensor | None = None
+    ) -> None:
+        """Put the limbs' ends at targets (B, T, n, 3). positions: as `positions()`; where: (B, T, n or 1), the others
+        stay exactly as they are.
+        """
+        upper, middle, end = ([getattr(limb, name) for limb in limbs] for name in ("upper", "middle", "end"))
+        rotations = (self.rotations[:, :, upper], self.rotations[:, :, middle])
+        neutral = positions.new_tensor([limb.pole for limb in limbs])
+        pole = (rotations[0] @ neutral[..., None]).squeeze(-1)
+        joints = (positions[:, :, upper], positions[:, :, middle], positions[:, :, end])
+        first, second, _, _ = bend(joints, rotations, targets, pole)
+        if where is not None:
+            first, second = (
+                torch.where(where[..., None, None], new, old)
+                for new, old in zip((first, second), rotations, strict=True)
+            )
+        self.rotations[:, :, upper], self.rotations[:, :, middle] = first, second
+
+    def features(self, old: Tensor) -> Tensor:
+        """Features (B, T, D) in natural units that agree with each other: everything but ground position and heading
+        of the root, which stay those of `old`, follows from the poses by kinematics.
+        """
+        layout, positions = self.layout, self.positions()
+        lengths = torch.full(old.shape[:1], old.shape[1], device=old.device)
+        velocity = velocities(positions, lengths, layout.fps)
+        ground = self.root[..., None, :] * self.root.new_tensor([1.0, 0.0, 1.0])
+        return torch.cat(
+            [
+                self.root,
+                old[..., layout.heading_block],
+                (positions[..., 1:, :] - ground).flatten(-2),
+                matrix_to_6d(self.rotations).flatten(-2),
+                velocity.flatten(-2),
+                contact_labels(layout.skeleton, positions, velocity).to(old.dtype),
+            ],
+            dim=-1,
+        )

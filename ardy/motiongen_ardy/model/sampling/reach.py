@@ -1,0 +1,71 @@
+"""Joint goals: hands, feet, head, the root's height and whole poses are brought onto what is asked of them.
+
+The correction that a goal needs at its frame comes and goes smoothly over the frames around it. Frame 0, the last of
+the history, does not change, and close behind it a goal is corrected only as far as a bounded acceleration allows.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from motiongen_ardy.core.rotation import axis_angle_to_matrix
+from motiongen_ardy.model.sampling.joint_goals import JointGoals
+from motiongen_ardy.model.sampling.limbs import arms, legs
+from motiongen_ardy.model.sampling.options import ReachOptions
+from motiongen_ardy.model.sampling.pose import Poses
+from motiongen_ardy.model.sampling.spread import PEAK_ACCELERATION, spread
+from motiongen_ardy.model.sampling.turns import middle_turns, pose_turns
+
+ROOT_SHARE = 0.25  # of the acceleration that a joint may get
+LEVER_M = 0.5  # how far from its axis a turned joint moves what hangs on it
+
+
+def over_time(values: Tensor, known: Tensor, most_acceleration: float, fps: int, options: ReachOptions) -> Tensor:
+    """Corrections (B, T, C, k), known at some frames (B, T, C), at all frames; smaller where they come too early."""
+    frames = torch.arange(values.shape[1], device=values.device, dtype=values.dtype)
+    room = (frames.clamp(max=options.fade_frames) / fps).square() * most_acceleration / PEAK_ACCELERATION
+    unlimited = frames >= options.fade_frames
+    room = torch.where(unlimited, torch.inf, room)[:, None, None]
+    size = values.norm(dim=-1, keepdim=True)
+    values = torch.where(known[..., None], values * (room / size.clamp(min=1e-8)).clamp(max=1), 0.0)
+    known = known.clone()
+    known[:, 0] = True
+    return spread(values, known, options.fade_frames)
+
+
+def reach_joints(poses: Poses, goals: JointGoals, options: ReachOptions) -> Tensor:
+    """Bring poses (B, T) onto their goals. Returns where (B, T, 2) the left and the right foot had one."""
+    layout, skeleton = poses.layout, poses.layout.skeleton
+    most, fps = options.acceleration_m_s2, layout.fps
+    if bool(goals.has_height.any()):
+        _set_height(poses, goals, options)
+    turns, known = pose_turns(skeleton, goals, poses.rotations, poses.positions())
+    poses.turn(range(skeleton.num_joints), axis_angle_to_matrix(over_time(turns, known, most / LEVER_M, fps, options)))
+    limbs = (*legs(skeleton), *arms(skeleton))
+    turns, known = middle_turns(skeleton, goals, poses.positions())
+    if bool(known.any()):
+        turned = axis_angle_to_matrix(over_time(turns, known, most / LEVER_M, fps, options))
+        poses.turn([limb.upper for limb in limbs], turned)
+    ends, tips = [limb.end for limb in limbs], [limb.tip for limb in limbs]
+    at_end, at_tip = goals.has_position[:, :, ends], goals.has_position[:, :, tips]
+    if bool((at_end | at_tip).any()):
+        positions = poses.positions()
+        to_end, to_tip = ((goals.positions - positions)[:, :, joints] for joints in (ends, tips))
+        offset = torch.where(at_end[..., None], to_end, to_tip)
+        moved = over_time(offset, at_end | at_tip, most, fps, options)
+        poses.bend_limbs(limbs, positions, positions[:, :, ends] + moved, (moved != 0).any(dim=-1))
+    return (at_end | at_tip | goals.has_rotation[:, :, ends])[:, :, :2]
+
+
+def _set_height(poses: Poses, goals: JointGoals, options: ReachOptions) -> None:
+    """Raise or lower the root onto its goals while the feet stay where they are."""
+    positions = poses.positions()
+    off = torch.where(goals.has_height, goals.height - poses.root[..., 1], 0.0)[..., None, None]
+    most = ROOT_SHARE * options.acceleration_m_s2
+    rise = over_time(off, goals.has_height[..., None], most, poses.layout.fps, options)[:, :, 0]
+    rise = rise * rise.new_tensor([0.0, 1.0, 0.0])
+    poses.root += rise
+    limbs = legs(poses.layout.skeleton)
+    ankles = positions[:, :, [limb.end for limb in limbs]]
+    poses.bend_limbs(limbs, positions + rise[:, :, None], ankles, (rise != 0).any(dim=-1, keepdim=True))

@@ -1,0 +1,112 @@
+"""Where a person walks to be at a place in time: bounded speed, acceleration and turn, the body turned first."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from motiongen_ardy.model.sampling.options import PlanOptions
+
+# A goal nearer than this is stepped to as the body stands, sideways or backwards.
+STEP_M = 0.5
+# Who has time to spare walks at this speed and waits, rather than creep.
+STROLL_M_S = 0.6
+# Nobody is asked to run who does not run already.
+FASTEST_M_S = 4.0
+_SPEED_MARGIN = 1.15
+_BRAKING_M_S2 = 1.5
+
+
+class RootState(NamedTuple):
+    """What the root does at one frame: ground position (2) in metres, velocity (2) in m/s, heading in radians."""
+
+    position: np.ndarray
+    velocity: np.ndarray
+    heading: float
+
+
+class Path(NamedTuple):
+    """The root at consecutive frames. ground: (T, 2) metres; heading: (T) radians, not wrapped."""
+
+    ground: np.ndarray
+    heading: np.ndarray
+
+
+def wrapped(angle: float) -> float:
+    """An angle in -pi..pi."""
+    return math.remainder(angle, math.tau)
+
+
+def smoothstep(share: np.ndarray) -> np.ndarray:
+    """3 s^2 - 2 s^3 of shares, held at 0 and 1 outside: flat at both ends, greatest slope 1.5, bend 6."""
+    held = np.clip(share, 0.0, 1.0)
+    smooth: np.ndarray = held * held * (3.0 - 2.0 * held)
+    return smooth
+
+
+def steer(
+    start: RootState, goal: np.ndarray, heading: float | None, num_frames: int, fps: int, options: PlanOptions
+) -> Path:
+    """The frames after `start` up to the one at which a goal (2) is to be reached, num_frames of them.
+
+    Faces along the way, and at the end as `heading` says, if it says so. The last frame misses a goal that is out of
+    reach.
+    """
+    x, z = (float(value) for value in start.position)
+    speed_x, speed_z = (float(value) for value in start.velocity)
+    goal_x, goal_z = (float(value) for value in goal)
+    facing, dt = start.heading, 1.0 / fps
+    fastest = min(FASTEST_M_S, max(options.speed_m_s, _SPEED_MARGIN * math.hypot(speed_x, speed_z)))
+    walks = math.hypot(goal_x - x, goal_z - z) > STEP_M
+    turn_rate = 0.0
+    ground, headings = np.empty((num_frames, 2)), np.empty(num_frames)
+    for frame in range(num_frames):
+        left_s = (num_frames - frame) * dt
+        away_x, away_z = goal_x - x, goal_z - z
+        distance = math.hypot(away_x, away_z)
+        wanted, share = facing, 1.0
+        if walks and distance > 0.15:
+            off = wrapped(math.atan2(away_x, away_z) - facing)
+            wanted, share = facing + off, max(0.0, math.cos(0.85 * off))
+        if heading is not None:
+            off = wrapped(heading - facing)
+            if left_s <= max(0.6, abs(off) / (0.6 * options.turn_rate_rad_s)) + 0.1:
+                wanted, share = facing + off, 1.0
+        speed = distance / left_s
+        if speed < STROLL_M_S:  # there is time: stroll, and wait there
+            speed = min(STROLL_M_S, max(speed, math.sqrt(2.0 * _BRAKING_M_S2 * distance) - _BRAKING_M_S2 * dt))
+        else:  # what starting and turning cost is made up for
+            speed *= 1.1 if left_s > 0.5 else 1.0
+        speed = min(speed, fastest) * share
+        scale = speed / max(distance, 1e-6)
+        change_x, change_z = away_x * scale - speed_x, away_z * scale - speed_z
+        change = math.hypot(change_x, change_z)
+        most = options.acceleration_m_s2 * dt
+        held = min(1.0, most / max(change, 1e-9))
+        speed_x, speed_z = speed_x + change_x * held, speed_z + change_z * held
+        x, z = x + speed_x * dt, z + speed_z * dt
+        asked = max(-options.turn_rate_rad_s, min(options.turn_rate_rad_s, 5.0 * (wanted - facing)))
+        turn_rate += max(-16.0 * dt, min(16.0 * dt, asked - turn_rate))
+        facing += turn_rate * dt
+        ground[frame] = x, z
+        headings[frame] = facing
+    return Path(ground, headings)
+
+
+def brought_onto(path: Path, goal: np.ndarray, heading: float | None, fps: int, options: PlanOptions) -> Path:
+    """A path whose end is moved onto a goal (2), and turned to a heading, as far as can be without a jolt."""
+    count = len(path.ground)
+    seconds = count / fps
+    share = smoothstep(np.arange(1, count + 1) / count)
+    missing = goal - path.ground[-1]
+    most = min(options.acceleration_m_s2 * seconds**2 / 6.0, 0.5 * seconds / 1.5)
+    length = float(np.hypot(*missing))
+    ground = path.ground + share[:, None] * missing * min(1.0, most / max(length, 1e-9))
+    headings = path.heading
+    if heading is not None:
+        off = wrapped(heading - float(path.heading[-1]))
+        turn = max(-0.5 * options.turn_rate_rad_s * seconds, min(0.5 * options.turn_rate_rad_s * seconds, off))
+        headings = headings + share * turn
+    return Path(ground, headings)

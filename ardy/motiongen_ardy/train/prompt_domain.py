@@ -1,0 +1,79 @@
+"""Make the prompt domain of a model: `python -m motiongen_ardy.train.prompt_domain DATA OUT`.
+
+Reads the captions of a training set, keeps those that stand for the rest, and sets the threshold between two lists of
+prompts that are no captions: what the model shall know, and what it shall not. Labels with few clips do not count:
+three jumps in four hours do not teach a model to jump.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterable
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+
+from motiongen_ardy.data.dataset import Clip, DatasetError, MotionDataset
+from motiongen_ardy.text import load_text_encoder
+from motiongen_ardy.text.domain import DOMAIN_FILE, DomainError, best_threshold, make_domain, write_domain
+from motiongen_ardy.text.encoder import UnknownTextEncoder
+
+MIN_CLIPS = 8
+MOST_KEPT = 700  # at 256 numbers a caption, 180 kB
+CONFIGS = Path(str(resources.files("motiongen_ardy"))) / "train" / "configs"
+
+
+def known_captions(clips: Iterable[Clip], min_clips: int = MIN_CLIPS) -> list[str]:
+    """The captions of contents that min_clips clips or parts of clips show, sorted, each once."""
+    counts: Counter[str] = Counter()
+    captions: defaultdict[str, set[str]] = defaultdict(set)
+    for clip in clips:
+        for part in (clip, *clip.segments):
+            counts[part.content] += 1
+            captions[part.content] |= set(part.captions)
+    return sorted({text for content, texts in captions.items() if counts[content] >= min_clips for text in texts})
+
+
+def read_prompts(path: Path) -> list[str]:
+    """The lines of a list of prompts. Raises DomainError where it cannot be read or is empty."""
+    try:
+        lines = [line.strip() for line in path.read_text(encoding="utf-8").splitlines()]
+    except (OSError, UnicodeDecodeError) as error:
+        raise DomainError(f"{path} cannot be read: {error}") from error
+    prompts = [line for line in lines if line]
+    if not prompts:
+        raise DomainError(f"{path} holds no prompt; give one a line")
+    return prompts
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line. Returns 2 for input that cannot be used."""
+    parser = argparse.ArgumentParser(prog="python -m motiongen_ardy.train.prompt_domain", description=__doc__)
+    parser.add_argument("data", type=Path, help="training set, as python -m motiongen_ardy.data build wrote it")
+    parser.add_argument("out", type=Path, help=f"checkpoint folder to write {DOMAIN_FILE} to")
+    parser.add_argument("--text-encoder", default="static", help="the model's (default: %(default)s)")
+    parser.add_argument("--inside", type=Path, default=CONFIGS / "prompts-inside.txt", help="prompts it shall know")
+    parser.add_argument("--outside", type=Path, default=CONFIGS / "prompts-outside.txt", help="and shall not")
+    parser.add_argument("--min-clips", type=int, default=MIN_CLIPS, help="that show a label that counts")
+    parser.add_argument("--most", type=int, default=MOST_KEPT, help="captions to keep (default: %(default)s)")
+    options = parser.parse_args(arguments)
+    try:
+        captions = known_captions(MotionDataset.load(options.data, "train").clips, options.min_clips)
+        inside, outside = read_prompts(options.inside), read_prompts(options.outside)
+        encoder = load_text_encoder(options.text_encoder)
+        domain = make_domain(encoder.identity, encoder.encode(captions), options.most)
+        near, far = (domain.distances(encoder.encode(texts)) for texts in (inside, outside))
+        threshold, alarms, misses = best_threshold(near, far)
+        write_domain(options.out / DOMAIN_FILE, replace(domain, threshold=threshold))
+    except (DatasetError, DomainError, UnknownTextEncoder, ConnectionError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    print(f"{len(domain.directions)} of {len(captions)} captions kept; threshold {threshold:.3f}")
+    print(f"taken for outside: {alarms} of {len(inside)} inside; for inside: {misses} of {len(outside)} outside")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,71 @@
+"""Forms of constraints: which a constraint has, which the model was trained for, and which are refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from motiongen_server.engine.types import (
+    Constraint,
+    JointTargets,
+    Keyframe,
+    RigLayout,
+    RootTrajectory,
+    SetVelocity,
+    Waypoint,
+)
+from motiongen_server.rpc.abilities import FormSupport
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.convert.checks import refuse
+
+HEAD = "Head"
+_LIMB_FORMS = {"LeftHand": "hands", "RightHand": "hands", "LeftFoot": "feet", "RightFoot": "feet"}
+
+
+def forms_of(item: Constraint | SetVelocity, rig: RigLayout) -> tuple[str, ...]:
+    """The forms that a constraint or a velocity has, by their names in ConstraintForm."""
+    match item:
+        case Waypoint():
+            return ("waypoint",) if item.heading is None else ("waypoint", "waypoint_heading")
+        case RootTrajectory():
+            return ("trajectory",) if item.heading is None else ("trajectory", "trajectory_heading")
+        case SetVelocity():
+            return ("velocity",) if item.heading is None else ("velocity", "velocity_heading")
+        case Keyframe():
+            return ("keyframe",)
+        case JointTargets():
+            return _joint_forms(item, rig)
+
+
+def check_forms(item: Constraint | SetVelocity, field: str, catalog: Catalog) -> None:
+    """Raise EventRefused where the model does not take a form."""
+    support = catalog.abilities.forms
+    if not support:
+        return
+    for form in forms_of(item, catalog.facts.rig):
+        if support.get(form) is FormSupport.REFUSED:
+            taken = ", ".join(name for name, how in support.items() if how is not FormSupport.REFUSED)
+            given = f"{catalog.facts.model_id} was not trained for constraints of the form {form}"
+            raise refuse("UNSUPPORTED_CONSTRAINT", field, given, f"the forms {taken}" if taken else "no constraint")
+
+
+def untrained_forms(items: Iterable[Constraint | SetVelocity], catalog: Catalog) -> dict[str, int]:
+    """The forms that the model was not trained for and takes nevertheless, each with the first item that has it."""
+    support = catalog.abilities.forms
+    found: dict[str, int] = {}
+    for index, item in enumerate(items if support else ()):
+        for form in forms_of(item, catalog.facts.rig):
+            if support.get(form) is FormSupport.UNTRAINED:
+                found.setdefault(form, index)
+    return found
+
+
+def _joint_forms(item: JointTargets, rig: RigLayout) -> tuple[str, ...]:
+    """Hands and feet have their end's rotation in their own form; the head and other joints have one for it."""
+    chains = {limb.name: limb.joints for limb in rig.limbs if limb.name in _LIMB_FORMS}
+    limb_of = {joint: _LIMB_FORMS[name] for name, joints in chains.items() for joint in joints}
+    forms = [limb_of.get(joint, "joints") for joint in item.joints if joint != 0] or ["root_height"]
+    ends = {joints[0] for joints in chains.values()}
+    for joint in (item.joints[index] for index in item.turns):
+        if joint not in ends:
+            forms.append("head_rotation" if rig.joint_names[joint] == HEAD else "joint_rotations")
+    return tuple(dict.fromkeys(forms))

@@ -1,0 +1,60 @@
+"""What an event is taken with although the model was not trained for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from motiongen.v1 import motion_pb2, session_pb2
+from motiongen_server.engine.types import (
+    Constraint,
+    Event,
+    Open,
+    Prompt,
+    SetConstraints,
+    SetPrompts,
+    SetVelocity,
+    Warned,
+)
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.convert.forms import untrained_forms
+
+MAX_QUOTED = 80
+"""Characters of a prompt that are repeated."""
+
+
+def warnings_of(message: session_pb2.SessionEvent, event: Event, catalog: Catalog) -> tuple[Warned, ...]:
+    """What the client is to be told when the event is accepted. event: what `engine_event` made of the message."""
+    match event:
+        case Open():
+            prompts = _prompt_warnings(message.open.prompts, event.spec.prompts, "open.prompts", catalog)
+            return (*prompts, *_form_warnings(event.spec.constraints, "open.constraints[{}]", catalog))
+        case SetPrompts():
+            spans = message.edit_prompts.upsert
+            return tuple(_prompt_warnings(spans, event.upsert, "edit_prompts.upsert", catalog))
+        case SetConstraints():
+            return tuple(_form_warnings(event.upsert, "edit_constraints.upsert[{}]", catalog))
+        case SetVelocity():
+            return tuple(_form_warnings((event,), "set_velocity", catalog))
+    return ()
+
+
+def _prompt_warnings(
+    spans: Sequence[motion_pb2.PromptSpan], prompts: Sequence[Prompt], field: str, catalog: Catalog
+) -> Iterable[Warned]:
+    """Texts alone are judged: who sends numbers, or a preset's name, knows what they are."""
+    domain = catalog.abilities.domain
+    if domain is None:
+        return
+    known = ", ".join(catalog.abilities.known_motions)
+    for index, (span, prompt) in enumerate(zip(spans, prompts, strict=True)):
+        if span.preset_id or span.HasField("embedding") or not domain.is_outside(prompt.embedding):
+            continue
+        text = span.text if len(span.text) <= MAX_QUOTED else f"{span.text[: MAX_QUOTED - 3]}..."
+        given = f"{catalog.facts.model_id} knows {known}; {text!r} is outside, and the motion may not show it"
+        yield Warned("PROMPT_OUTSIDE_DOMAIN", given, f"{field}[{index}].text")
+
+
+def _form_warnings(items: Sequence[Constraint | SetVelocity], field: str, catalog: Catalog) -> Iterable[Warned]:
+    for form, index in untrained_forms(items, catalog).items():
+        given = f"{catalog.facts.model_id} was not trained for constraints of the form {form}, and may miss this one"
+        yield Warned("UNTRAINED_CONSTRAINT", given, field.format(index))

@@ -1,0 +1,38 @@
+"""The validation split: fixed, cut out of train alone, and closed under derivation."""
+
+from __future__ import annotations
+
+from motiongen_ardy.data.validation import is_validation, origins, with_validation
+
+IDS = [f"clip_{number:04d}" for number in range(2000)]
+
+
+def test_about_one_train_clip_in_25_is_validation_and_always_the_same() -> None:
+    splits = dict.fromkeys(IDS, "train")
+    cut = with_validation(splits, {})
+    count = sum(split == "validation" for split in cut.values())
+    assert 50 <= count <= 115
+    assert cut == with_validation(dict(reversed(splits.items())), {})
+
+
+def test_test_clips_stay_where_they_are() -> None:
+    assert set(with_validation(dict.fromkeys(IDS, "test"), {}).values()) == {"test"}
+
+
+def test_derived_clips_follow_what_they_were_made_of() -> None:
+    held = next(one for one in IDS if is_validation([one]))
+    free = next(one for one in IDS if not is_validation([one]))
+    derived_from = {"a": held, "b": "a", "c": free, "d": f"{free}+b", held: "", free: ""}
+    cut = with_validation(dict.fromkeys([held, free, "a", "b", "c", "d"], "train"), derived_from)
+    assert cut == {
+        held: "validation",
+        free: "train",
+        "a": "validation",
+        "b": "validation",
+        "c": "train",
+        "d": "validation",
+    }
+
+
+def test_a_ring_of_derivations_ends() -> None:
+    assert origins("a", {"a": "b", "b": "a"}) == []

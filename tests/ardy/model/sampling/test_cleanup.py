@@ -1,0 +1,123 @@
+"""Foot clean-up: feet stay where they stand, also across windows, on the ground, and the body keeps its way."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from motiongen_ardy.core.representation import Representation
+from motiongen_ardy.model.sampling.correct import correct_window
+from motiongen_ardy.model.sampling.options import FeetOptions, SamplingOptions
+from tests.ardy.model.sampling.conftest import Stand
+
+CLEAN = SamplingOptions(clean_feet=True)
+
+
+def sway(num_frames: int, metres: float = 0.05) -> Tensor:
+    frames = torch.arange(num_frames) / 20
+    moves = torch.zeros(num_frames, 3)
+    moves[:, 2] = metres * torch.sin(2 * torch.pi * frames / 2)
+    return moves
+
+
+def glide(num_frames: int, speed_m_s: float) -> Tensor:
+    moves = torch.zeros(num_frames, 3)
+    moves[:, 2] = speed_m_s / 20 * torch.arange(num_frames)
+    return moves
+
+
+def cleaned(layout: Representation, features: Tensor, history: int = 1, options: SamplingOptions = CLEAN) -> Tensor:
+    """Natural features of history and corrected frames."""
+    new = correct_window(layout, features[:, :history], features[:, history:], None, options)
+    return layout.denormalize(torch.cat([features[:, :history], new], dim=1))
+
+
+def feet(layout: Representation, features: Tensor) -> Tensor:
+    return layout.positions(features)[:, :, list(layout.skeleton.contact_joints)]
+
+
+def test_feet_of_a_swaying_body_stay_where_the_history_has_them(layout: Representation, stand: Stand) -> None:
+    features = stand(sway(41))
+    before, after = layout.denormalize(features), cleaned(layout, features)
+    assert (feet(layout, before) - feet(layout, before)[:, :1]).norm(dim=-1).max() > 0.04
+    assert (feet(layout, after) - feet(layout, after)[:, :1]).norm(dim=-1).max() < 1e-3
+    torch.testing.assert_close(after[..., [0, 2]], before[..., [0, 2]])
+    hands = [layout.skeleton.left_hand[0], layout.skeleton.right_hand[0]]
+    moved = (layout.positions(after) - layout.positions(before))[:, :, hands]
+    assert moved.norm(dim=-1).max() < 1e-4
+
+
+def test_stances_go_on_over_any_number_of_windows(layout: Representation, stand: Stand) -> None:
+    features = stand(sway(81))
+    whole = layout.normalize(cleaned(layout, features[:, :41]))
+    second = correct_window(layout, whole, features[:, 41:], None, CLEAN)
+    both = layout.denormalize(torch.cat([whole, second], dim=1))
+    assert (feet(layout, both) - feet(layout, both)[:, :1]).norm(dim=-1).max() < 1e-3
+
+
+def test_the_features_agree_with_each_other(layout: Representation, stand: Stand) -> None:
+    after = cleaned(layout, stand(sway(41)))[:, 1:]
+    positions = layout.positions(after)
+    torch.testing.assert_close(layout.positions_block(after)[..., 1:, :], positions[..., 1:, :], atol=1e-5, rtol=0)
+    steps = (positions[:, 1:] - positions[:, :-1]).flatten(2) * layout.fps
+    torch.testing.assert_close(after[:, :-1, layout.velocity_block], steps, atol=1e-3, rtol=0)
+    assert (after[..., layout.contact_block] == 1).all()
+
+
+def test_feet_come_out_of_the_ground_and_down_onto_it(layout: Representation, stand: Stand) -> None:
+    options = FeetOptions()
+    for height in (-0.03, 0.03):
+        moves = torch.zeros(41, 3)
+        moves[:, 1] = height
+        features = stand(torch.zeros(41, 3))
+        shifted = features + stand(moves) * 0
+        shifted[..., 1] += height
+        after = feet(layout, cleaned(layout, shifted))
+        late = after[0, options.fade_frames + 1 :, :, 1]
+        torch.testing.assert_close(late[:, 1::2], torch.full_like(late[:, 1::2], options.toe_m), atol=3e-3, rtol=0)
+        torch.testing.assert_close(late[:, 0::2], torch.full_like(late[:, 0::2], options.heel_m), atol=3e-3, rtol=0)
+
+
+def test_a_body_that_glides_takes_steps(layout: Representation, stand: Stand) -> None:
+    after = feet(layout, cleaned(layout, stand(glide(41, 0.8))))
+    speeds = (after[0, 1:] - after[0, :-1])[..., [0, 2]].norm(dim=-1) * 20
+    slowest = speeds.amin(dim=-1)
+    assert slowest.median() < 0.02
+    assert slowest.mean() < 0.25 * 0.8
+    assert after[..., 0::2, 1].max() > 0.07 + 0.03  # somebody lifted a heel
+
+
+def test_legs_stay_bent_and_of_their_length(layout: Representation, stand: Stand) -> None:
+    positions = layout.positions(cleaned(layout, stand(sway(41, 0.25))))
+    for side in ("Left", "Right"):
+        hip, knee, ankle = (
+            positions[..., layout.skeleton.index(side + joint), :] for joint in ("UpLeg", "Leg", "Foot")
+        )
+        upper, lower = (knee - hip).norm(dim=-1), (ankle - knee).norm(dim=-1)
+        assert (upper - upper[0, 0]).abs().max() < 1e-4
+        assert (lower - lower[0, 0]).abs().max() < 1e-4
+        assert ((ankle - hip).norm(dim=-1) < 0.9951 * (upper + lower)).all()
+
+
+def test_feet_in_the_air_are_let_be(layout: Representation, stand: Stand) -> None:
+    moves = glide(41, 1.5)
+    moves[:, 1] = 0.4
+    features = stand(moves)
+    features[..., 1] += 0.4
+    features[..., layout.contact_block] = 0
+    before, after = layout.denormalize(features), cleaned(layout, features)
+    torch.testing.assert_close(layout.positions(after), layout.positions(before), atol=1e-4, rtol=0)
+
+
+@pytest.mark.parametrize("history", [0, 1, 16])
+def test_rows_do_not_know_of_each_other(layout: Representation, stand: Stand, history: int) -> None:
+    rows = torch.cat([stand(glide(41 + history, 0.7)), stand(sway(41 + history)), stand(sway(41 + history, 0.2))])
+    together = cleaned(layout, rows, history)
+    alone = torch.cat([cleaned(layout, row[None], history) for row in rows])
+    torch.testing.assert_close(together, alone, atol=1e-5, rtol=0)
+
+
+def test_off_gives_back_what_came(layout: Representation, stand: Stand) -> None:
+    features = stand(sway(41))
+    assert correct_window(layout, features[:, :1], features, None, SamplingOptions()) is features

@@ -1,0 +1,125 @@
+"""The root brought onto its goals: exact there, smooth between, untouched where nothing is asked."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
+from motiongen_ardy.model.sampling.options import SamplingOptions
+from motiongen_ardy.model.sampling.projection import RootProjection, goal_curves, make_projection
+
+TINY = Path(__file__).parents[3] / "data" / "golden" / "tiny-core27" / "checkpoint"
+HISTORY, HORIZON = 16, 40
+OPTIONS = SamplingOptions(project_root=True, plan_root=True)
+
+
+@pytest.fixture(scope="module")
+def layout() -> Representation:
+    return load_checkpoint(TINY).representation
+
+
+def made(layout: Representation, targets: Targets, options: SamplingOptions = OPTIONS) -> RootProjection | None:
+    observed, mask = (part[None] for part in targets.observe(layout, 0, HISTORY + HORIZON + 20))
+    planned = targets.planned_frames(0, HISTORY + HORIZON + 20)[None]
+    return make_projection(layout, observed, mask, planned, HISTORY, HORIZON, options)
+
+
+def walk(layout: Representation) -> Tensor:
+    """A normalised root (1, HORIZON, 5) that walks forward at 1 m/s and faces forward."""
+    root = torch.zeros(1, HORIZON, ROOT_WIDTH)
+    root[..., 1], root[..., 2], root[..., 3] = 0.9, torch.arange(1, HORIZON + 1) / 20, 1.0
+    return layout.root_stats.normalize(root)
+
+
+def projected(layout: Representation, targets: Targets, options: SamplingOptions = OPTIONS) -> Tensor:
+    projection = made(layout, targets, options)
+    assert projection is not None
+    return layout.root_stats.denormalize(projection.apply(layout, walk(layout)))[0]
+
+
+def test_goals_are_met_and_what_comes_after_moves_with_them(layout: Representation) -> None:
+    targets = Targets(layout.skeleton)
+    targets.add_waypoints([HISTORY + 19, HISTORY + 29], torch.tensor([[0.3, 0.8], [0.4, 1.7]]))
+    targets.height[HISTORY + 29] = torch.tensor(0.8)
+    root = projected(layout, targets)
+    assert torch.allclose(root[[19, 29]][:, [0, 2]], torch.tensor([[0.3, 0.8], [0.4, 1.7]]), atol=1e-4)
+    assert float(root[29, 1]) == pytest.approx(0.8, abs=1e-4)
+    assert torch.allclose(root[30:, 0], torch.full((10,), 0.4), atol=1e-4)
+    bend = (root[2:, [0, 2]] - 2 * root[1:-1, [0, 2]] + root[:-2, [0, 2]]).norm(dim=-1) * 400
+    assert float(bend.max()) < 6.0
+    assert float(root[0, [0]].abs()) < 0.01
+
+
+def test_headings_turn_the_short_way_to_where_they_are_asked(layout: Representation) -> None:
+    targets = Targets(layout.skeleton)
+    targets.add_heading([HISTORY + 19, HISTORY + 39], torch.tensor([2.5, -2.5]))
+    root = projected(layout, targets)
+    angle = np.unwrap(torch.atan2(root[:, 4], root[:, 3]).numpy())
+    assert angle[19] == pytest.approx(2.5, abs=1e-3)
+    assert angle[39] == pytest.approx(math.tau - 2.5, abs=1e-3)
+    assert torch.allclose(root[:, [0, 2]], layout.root_stats.denormalize(walk(layout))[0][:, [0, 2]], atol=1e-6)
+
+
+def test_the_root_may_sway_about_what_was_only_planned(layout: Representation) -> None:
+    targets = Targets(layout.skeleton)
+    targets.add_waypoints([HISTORY + 19], torch.tensor([[0.02, 1.0]]), torch.tensor([0.1]))
+    targets.planned, targets.faced = {HISTORY + 19}, {HISTORY + 19}
+    projection = made(layout, targets)
+    assert projection is not None
+    assert torch.equal(projection.apply(layout, walk(layout)), walk(layout))
+    targets.add_waypoints([HISTORY + 19], torch.tensor([[0.02, 1.0]]))
+    assert float(projected(layout, targets)[19, 0]) == pytest.approx(0.02, abs=1e-4)
+
+
+def test_rows_without_goals_or_not_active_stay_bit_for_bit(layout: Representation) -> None:
+    targets = Targets(layout.skeleton)
+    targets.add_waypoints([HISTORY + 9], torch.tensor([[1.0, 1.0]]))
+    projection = made(layout, targets)
+    assert projection is not None
+    both = RootProjection.stacked([projection.rows(0), projection.rows(0).none()])
+    root = walk(layout).expand(2, -1, -1)
+    moved = both.apply(layout, root)
+    assert not torch.equal(moved[0], root[0])
+    assert torch.equal(moved[1], root[1])
+    assert torch.equal(both.apply(layout, root, torch.zeros(2)), root)
+    targets = Targets(layout.skeleton)
+    targets.add_waypoints([HISTORY + HORIZON + 3], torch.tensor([[1.0, 1.0]]))
+    assert made(layout, targets) is None
+
+
+def test_without_a_plan_a_goal_that_is_too_far_is_missed(layout: Representation) -> None:
+    targets = Targets(layout.skeleton)
+    targets.add_waypoints([HISTORY + 3], torch.tensor([[5.0, 0.0]]))
+    root = projected(layout, targets, SamplingOptions(project_root=True))
+    assert float(root[3, 0]) < 0.2
+
+
+@pytest.mark.parametrize("goals", [(0,), (39,), (3, 8, 13, 39), tuple(range(40)), (0, 1, 30)])
+def test_curves_are_one_at_their_goal_and_nought_at_the_others(goals: tuple[int, ...]) -> None:
+    curves = goal_curves(goals, 40)
+    assert curves[list(goals)][:, list(goals)] == pytest.approx(np.eye(len(goals)), abs=1e-9)
+    assert np.abs(curves[:, [g for g in range(40) if g not in goals]]).max(initial=0.0) == 0.0
+    assert curves[goals[-1] :].sum(axis=1) == pytest.approx(1.0)
+
+
+def test_curves_are_cubics_that_join_without_a_jump_of_acceleration() -> None:
+    goals = (7, 18, 33)
+    values = goal_curves(goals, 40)[:, list(goals)] @ np.array([0.3, -0.2, 0.5])
+    whole = np.concatenate([[0.0], values[: goals[-1] + 1]])  # frame 0 is of the history
+    knots = (0, *(goal + 1 for goal in goals))
+    pieces = [whole[first : last + 1] for first, last in pairwise(knots)]
+    for piece in pieces:
+        assert np.diff(piece, n=4) == pytest.approx(0.0, abs=1e-12)
+    # A jump of acceleration at a goal would be a change beyond that of the cubics on its sides.
+    own = max(np.abs(np.diff(piece, n=3)).max() for piece in pieces)
+    assert np.abs(np.diff(whole, n=3)).max() <= own + 1e-12
+    assert abs(whole[1]) < 0.02

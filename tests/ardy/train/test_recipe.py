@@ -1,0 +1,66 @@
+"""Training configurations: what they may change, and what is refused."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+import pytest
+
+from motiongen_ardy.model.config import ConfigError
+from motiongen_ardy.train.recipe import MINI_DENOISER, MINI_TOKENIZER, Recipe, read_recipe
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "recipe.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_without_a_file_it_is_the_built_in_model() -> None:
+    assert read_recipe(None) == Recipe(MINI_TOKENIZER, MINI_DENOISER)
+
+
+def test_the_built_in_configuration_says_the_same() -> None:
+    recipe = read_recipe(Path(str(resources.files("motiongen_ardy") / "train/configs/mini.yaml")))
+    assert (recipe.tokenizer, recipe.denoiser, recipe.horizon) == (MINI_TOKENIZER, MINI_DENOISER, 40)
+
+
+def test_the_papers_sizes_can_be_trained() -> None:
+    recipe = read_recipe(Path(str(resources.files("motiongen_ardy") / "train/configs/paper.yaml")))
+    assert recipe.tokenizer.latent_dim == recipe.denoiser.latent_dim == 128
+    assert recipe.tokenizer.levels == (64,) * 128
+    assert recipe.tokenizer.transformer.width == 512
+    assert recipe.tokenizer.transformer.num_layers == 8
+
+
+def test_base_steps_and_loss_weights_are_settings(tmp_path: Path) -> None:
+    recipe = read_recipe(written(tmp_path, "model: {num_base_steps: 100, horizon: 16}\nloss: {planted: 2}\n"))
+    assert (recipe.num_base_steps, recipe.horizon) == (100, 16)
+    assert recipe.loss.planted == 2
+
+
+def test_files_are_copied_from_beside_the_recipe(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text("x: 1\n", encoding="utf-8")
+    recipe = read_recipe(written(tmp_path, "files: {sampling.yaml: mine.yaml}\n"))
+    assert recipe.files == (("sampling.yaml", tmp_path / "mine.yaml"),)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("denoizer: {}\n", "unknown keys denoizer; known keys are tokenizer"),
+        ("denoiser: {transformer: {depth: 3}}\n", r"denoiser\.transformer has unknown keys depth"),
+        ("denoiser: {transformer: 3}\n", r"denoiser\.transformer is 3; it must be a mapping"),
+        ("denoiser: {text_tokens: many}\n", r"denoiser\.text_tokens is 'many'"),
+        ("model: {horizon: 2.5}\n", r"model\.horizon is 2\.5; it must be a whole number"),
+        ("tokenizer: {transformer: {width: 13}}\n", "width is 13"),
+        ("files: {../evil.yaml: recipe.yaml}\n", "plain name"),
+        ("files: {sampling.yaml: absent.yaml}\n", "a file that lies in"),
+        ("- 1\n", "must be a mapping"),
+        ("a: [\n", "cannot be read"),
+    ],
+)
+def test_what_cannot_be_built_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        read_recipe(written(tmp_path, text))

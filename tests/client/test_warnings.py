@@ -1,0 +1,65 @@
+"""Warnings of what a model was not trained for: in answers, in the log, and on the command line."""
+
+from __future__ import annotations
+
+import logging
+
+import pytest
+
+from motiongen.v1 import service_pb2, session_pb2
+from motiongen_client import LocomotionPreset, ModelWarning, MotionClient, convert
+from motiongen_tools.cli import _warnings_shown
+from tests.client.fake_server import FakeServer
+
+SAID = session_pb2.EventWarning(
+    reason="PROMPT_OUTSIDE_DOMAIN", message="'jump' is outside", field="open.prompts[0].text"
+)
+HEARD = ModelWarning("PROMPT_OUTSIDE_DOMAIN", "'jump' is outside", "open.prompts[0].text")
+
+
+def test_answers_carry_warnings() -> None:
+    outcome = convert.outcome(session_pb2.EditOutcome(event_seq=3, warnings=[SAID]), "an edit")
+    assert not isinstance(outcome, Exception)
+    assert outcome.warnings == (HEARD,)
+    assert convert.opened(session_pb2.SessionOpened(warnings=[SAID])).warnings == (HEARD,)
+    assert convert.opened(session_pb2.SessionOpened()).warnings == ()
+
+
+def test_the_catalogue_says_what_a_model_knows() -> None:
+    model = service_pb2.Model(
+        presets=[service_pb2.Preset(preset_id="walk", text="walk on", description="walks")],
+        constraint_forms=[
+            service_pb2.ConstraintForm(form="hands", support=service_pb2.FORM_SUPPORT_UNTRAINED),
+            service_pb2.ConstraintForm(form="feet", support=99),  # type: ignore[arg-type]  # of a later version
+        ],
+        locomotion_presets=[
+            service_pb2.LocomotionPreset(name="run", text="run on", from_speed_mps=2, direction="forward")
+        ],
+        known_motions=["walking"],
+    )
+    (read,) = convert.catalog(service_pb2.GetCatalogResponse(models=[model])).models
+    assert read.preset_descriptions == {"walk": "walks"}
+    assert read.constraint_forms == {"hands": "untrained", "feet": "unspecified"}
+    assert read.locomotion_presets == (LocomotionPreset("run", "run on", 2.0, "forward"),)
+    assert read.known_motions == ("walking",)
+
+
+def test_the_command_line_shows_what_the_library_warns_of_once(capsys: pytest.CaptureFixture[str]) -> None:
+    log = logging.getLogger("motiongen_client.session")
+    before = list(logging.getLogger("motiongen_client").handlers)
+    with _warnings_shown():
+        log.warning("session %d: %s", 0, HEARD.message)
+    assert capsys.readouterr().err == "warning: session 0: 'jump' is outside\n"
+    assert logging.getLogger("motiongen_client").handlers == before
+
+
+async def test_an_edit_s_warnings_are_told_and_logged(server: FakeServer, caplog: pytest.LogCaptureFixture) -> None:
+    async with MotionClient(server.address) as client, await client.open("a person walks") as session:
+        server.stream.warnings = [SAID]
+        with caplog.at_level(logging.WARNING, "motiongen_client"):
+            outcome = await session.set_prompt("jump")
+        assert outcome.warnings == (HEARD,)
+        assert "'jump' is outside" in caplog.text
+        server.stream.warnings = []
+        assert (await session.set_velocity(0, 1, keep_prompt=True)).warnings == ()
+        assert server.stream.received[-1].set_velocity.keep_prompt

@@ -1,0 +1,103 @@
+"""Corrected windows are the same from the engine, the reference rollout, a clip, alone and in a batch."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.model.clip import ClipRequest, generate_clip
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.noise import window_noise
+from motiongen_ardy.model.rollout import RolloutRequest, rollout
+from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_server.engine.types import JointTargets, Keyframe, WindowResult
+from motiongen_server.runner import TorchRunner
+from tests.parity.conftest import TINY, make_job
+from tests.parity.test_batched_equals_alone import run_alone
+from tests.parity.test_streamed_equals_rollout import compare, expected, stream
+
+HAND = 16
+
+
+@pytest.fixture(scope="module")
+def correcting() -> Model:
+    """The tiny model with everything corrected that can be."""
+    model = load_checkpoint(TINY)
+    model.sampling = replace(model.sampling, clean_feet=True, reach_joints=True, join_tokens=True)
+    return model
+
+
+@pytest.fixture
+def embedding() -> np.ndarray:
+    return np.random.default_rng(3).standard_normal(32).astype(np.float32)
+
+
+def hand_goals(model: Model) -> tuple[Targets, tuple[JointTargets, ...]]:
+    """A hand at two frames, one of them early in a window, for the library and for the engine."""
+    targets, constraints = Targets(model.skeleton), []
+    for number, (frame, x) in enumerate(((43, 1.2), (90, 0.8)), 1):
+        places = np.array([[x, 0.9, -1.8], [x + 0.3, 1.2, -1.6]], np.float32)
+        targets.add_joints(frame, [0, HAND], torch.from_numpy(places))
+        constraints.append(JointTargets(number, frame, (0, HAND), places))
+    return targets, tuple(constraints)
+
+
+@pytest.mark.parametrize("reuse_tokens", [False, True])
+def test_a_session_streams_what_a_rollout_makes(correcting: Model, embedding: np.ndarray, reuse_tokens: bool) -> None:
+    features = expected(correcting, embedding, None, reuse_tokens)
+    compare(correcting, stream(correcting, embedding, (), reuse_tokens), features)
+
+
+def test_a_session_with_joint_goals_streams_what_a_rollout_makes(correcting: Model, embedding: np.ndarray) -> None:
+    targets, constraints = hand_goals(correcting)
+    features = expected(correcting, embedding, targets, reuse_tokens=True)
+    compare(correcting, stream(correcting, embedding, constraints, reuse_tokens=True), features)
+
+
+def test_a_session_does_not_reuse_tokens_of_frames_that_were_corrected(correcting: Model) -> None:
+    job = make_job(1, correcting, np.random.default_rng(0))
+    assert run_alone(correcting, job).tokens is None
+
+
+def test_corrections_change_what_is_streamed(model: Model, correcting: Model, embedding: np.ndarray) -> None:
+    plain, corrected = (expected(one, embedding, None, reuse_tokens=False) for one in (model, correcting))
+    assert not torch.allclose(plain, corrected, atol=0.01)
+
+
+def test_a_clip_goes_on_from_its_corrected_frames_as_a_rollout_does(correcting: Model, embedding: np.ndarray) -> None:
+    horizon, seed = correcting.config.horizon, 7
+    width = ROOT_TOKEN_WIDTH + correcting.config.denoiser.latent_dim
+    request = RolloutRequest(num_frames=2 * horizon, text=torch.from_numpy(embedding), seed=seed, num_steps=4)
+    rolled = rollout(correcting, request)
+    text = torch.from_numpy(embedding)[None, None]
+    noise = torch.stack([window_noise(seed, index, horizon // 4, width)[None] for index in range(2)])
+    # A clip's window reaches to the clip's end, a rollout's to its horizon, so only the last one is alike.
+    first = generate_clip(correcting, ClipRequest(horizon, 4, text, noise[:1], heading=torch.zeros(1)))
+    torch.testing.assert_close(first[0], rolled[:horizon], atol=1e-3, rtol=0)
+    again = ClipRequest(horizon + 16, 4, text, noise[1:], history=first[:, -16:])
+    clip = generate_clip(correcting, again)
+    torch.testing.assert_close(clip[0, 16:], rolled[horizon:], atol=2e-3, rtol=0)
+
+
+def test_corrected_rows_get_in_a_batch_what_they_get_alone(correcting: Model) -> None:
+    random = np.random.default_rng(5)
+    jobs = {index: make_job(index, correcting, random) for index in range(1, 13)}
+    pose = (correcting.skeleton.neutral_joints + np.array([1.0, 0.9, -2.0])).astype(np.float32)
+    for index in (2, 5, 8):
+        jobs[index] = replace(jobs[index], constraints=(Keyframe(9, jobs[index].first_frame + 20, pose),))
+    runner = TorchRunner(correcting, "tiny")
+    runner.prepare(list(jobs.values()))
+    left = dict.fromkeys(jobs, 0)
+    while pending := [index for index in jobs if left[index] < jobs[index].num_steps]:
+        for status in runner.denoise(pending):
+            left[status.job_id] = status.steps_done
+    results: dict[int, WindowResult] = {result.job_id: result for result in runner.decode(list(jobs))}
+    for index, job in jobs.items():
+        alone = run_alone(correcting, job)
+        np.testing.assert_allclose(results[index].frames[:, :3], alone.frames[:, :3], atol=2e-3)
+        np.testing.assert_allclose(results[index].features, alone.features, atol=5e-3)

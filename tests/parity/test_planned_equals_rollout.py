@@ -1,0 +1,93 @@
+"""Planned roots: a session, a rollout and a clip give the same frames, and a row in company what it gets alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.model.clip import ClipRequest, generate_clip
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.noise import window_noise
+from motiongen_ardy.model.rollout import RolloutRequest, rollout
+from motiongen_ardy.model.sampling.options import GuidanceOptions, ProjectionOptions, SamplingOptions
+from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_server.engine.types import RootTrajectory, Waypoint
+from motiongen_server.runner import TorchRunner
+from tests.parity.conftest import TINY, make_job
+from tests.parity.test_batched_equals_alone import run_alone, share_of_close_frames
+from tests.parity.test_streamed_equals_rollout import compare, expected, stream
+
+START = (1.0, -2.0, 0.5)
+
+
+@pytest.fixture(params=["joint", "separated"])
+def planned(request: pytest.FixtureRequest) -> Model:
+    model = load_checkpoint(TINY)
+    guidance = GuidanceOptions(request.param, 1.0, 1.0)
+    model.sampling = SamplingOptions(guidance, True, True, projection=ProjectionOptions(last_steps=2))
+    return model
+
+
+def test_a_session_with_waypoints_is_the_rollout(planned: Model) -> None:
+    embedding = np.random.default_rng(2).standard_normal(32).astype(np.float32)
+    targets = Targets(planned.skeleton)
+    targets.add_waypoints([30], torch.tensor([[1.5, -1.0]]))
+    targets.add_waypoints([110], torch.tensor([[2.0, 0.5]]), torch.tensor([0.4]))
+    constraints = (Waypoint(1, 30, 1.5, -1.0), Waypoint(2, 110, 2.0, 0.5, 0.4))
+    features = expected(planned, embedding, targets, False)
+    compare(planned, stream(planned, embedding, constraints, False), features)
+    ground = features[[30, 110]][:, [0, 2]]
+    assert torch.allclose(ground, torch.tensor([[1.5, -1.0], [2.0, 0.5]]), atol=2e-3)
+
+
+def test_a_session_on_a_path_is_the_rollout(planned: Model) -> None:
+    embedding = np.random.default_rng(3).standard_normal(32).astype(np.float32)
+    time = np.arange(80, dtype=np.float32)[:, None] / 20
+    xz = np.concatenate([1.0 + 0.5 * time, -2.0 + 0.8 * time], axis=1)
+    targets = Targets(planned.skeleton)
+    targets.add_waypoints(range(80), torch.from_numpy(xz))
+    features = expected(planned, embedding, targets, False)
+    compare(planned, stream(planned, embedding, (RootTrajectory(1, 0, xz),), False), features)
+    assert torch.allclose(features[30:80, [0, 2]], torch.from_numpy(xz[30:]), atol=2e-3)
+
+
+def test_a_clip_is_the_rollout(planned: Model) -> None:
+    layout, horizon = planned.representation, planned.config.horizon
+    text = torch.randn(32, generator=torch.Generator().manual_seed(0))
+    targets = Targets(planned.skeleton)
+    targets.add_waypoints([2 * horizon - 5], torch.tensor([[0.8, 0.9]]))
+    num_frames, width = 2 * horizon, ROOT_TOKEN_WIDTH + planned.config.denoiser.latent_dim
+    request = RolloutRequest(num_frames, text, seed=3, num_steps=4, history_frames=num_frames, targets=targets)
+    observed, mask = targets.observe(layout, 0, num_frames)
+    clip = ClipRequest(
+        num_frames=num_frames,
+        num_steps=4,
+        text=text[None, None],
+        noise=torch.stack([window_noise(3, index, horizon // 4, width)[None] for index in range(2)]),
+        heading=torch.zeros(1),
+        observed=observed[None],
+        mask=mask[None],
+    )
+    one = layout.denormalize(rollout(planned, request))[:, [0, 2]]
+    other = layout.denormalize(generate_clip(planned, clip)[0])[:, [0, 2]]
+    assert torch.allclose(one[-5], torch.tensor([0.8, 0.9]), atol=2e-3)
+    assert torch.allclose(one[:horizon], other[:horizon], atol=2e-3)
+    assert torch.allclose(one[-5], other[-5], atol=2e-3)
+
+
+def test_rows_get_in_company_what_they_get_alone(planned: Model) -> None:
+    random = np.random.default_rng(5)
+    jobs = {index: make_job(index, planned, random) for index in range(1, 13)}
+    runner = TorchRunner(planned, "tiny")
+    runner.prepare(list(jobs.values()))
+    running, shares = list(jobs), []
+    while running:
+        done = {status.job_id: status.steps_done for status in runner.denoise(running)}
+        finished = [job_id for job_id in running if done[job_id] == jobs[job_id].num_steps]
+        for result in runner.decode(finished) if finished else ():
+            shares.append(share_of_close_frames(result, run_alone(planned, jobs[result.job_id])))
+        running = [job_id for job_id in running if job_id not in finished]
+    assert np.mean(shares) > 0.95, shares

@@ -1,0 +1,77 @@
+"""From a checkpoint's capabilities to what a server offers, with the text encoder that it has."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from motiongen_ardy.capabilities import Capabilities, LocomotionPreset, PresetPrompt
+from motiongen_ardy.text.domain import PromptDomain
+from motiongen_server.engine.types import Direction
+from motiongen_server.engine_process.messages import TO_GATEWAY, Ready
+from motiongen_server.models.repertoire import as_abilities, encoded
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED, FormSupport
+from tests.contract.local import LengthEncoder
+from tests.server.engine.fakes import FACTS
+
+DOMAIN = PromptDomain("length-1", np.zeros(2, np.float32), np.eye(2, dtype=np.float32), 0.25)
+WHOLE = Capabilities(
+    forms={"hands": "warn", "feet": "refuse", "waypoint": "trained"},
+    presets=(PresetPrompt("walk", "walk on", "walks"),),
+    locomotion=(LocomotionPreset("back", "go back", 0.2, "backward"),),
+    knows=("walking",),
+    domain=DOMAIN,
+)
+
+
+class AwayEncoder(LengthEncoder):
+    def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
+        raise ConnectionError("it is away")
+
+
+class OtherEncoder(LengthEncoder):
+    identity = "other"
+
+
+def test_prompts_are_encoded_and_forms_told_in_the_protocol_s_numbers() -> None:
+    found = encoded(as_abilities(WHOLE), LengthEncoder(), "m")
+    (preset,), (gait,) = found.presets, found.gaits
+    assert (preset.preset_id, preset.description, preset.embedding[0]) == ("walk", "walks", len("walk on"))
+    assert (gait.direction, gait.from_mps, gait.embedding[0]) == (Direction.BACKWARD, 0.2, len("go back"))
+    assert list(found.abilities.forms.values()) == [FormSupport.UNTRAINED, FormSupport.REFUSED, FormSupport.TRAINED]
+    assert found.abilities.domain is not None
+
+
+def test_another_encoder_can_neither_make_the_prompts_nor_judge(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING):
+        found = encoded(as_abilities(WHOLE), OtherEncoder(), "m")
+    assert (found.presets, found.gaits, found.abilities.domain) == ((), (), None)
+    assert found.abilities.forms["feet"] is FormSupport.REFUSED
+    assert "length-1, not other" in caplog.text
+
+
+def test_an_encoder_that_is_away_costs_the_presets_alone(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING):
+        found = encoded(as_abilities(WHOLE), AwayEncoder(), "m")
+    assert (found.presets, found.gaits) == ((), ())
+    assert found.abilities.domain is not None
+    assert "it is away" in caplog.text
+
+
+def test_a_checkpoint_that_claims_nothing_asks_the_encoder_for_nothing() -> None:
+    found = encoded(as_abilities(Capabilities()), AwayEncoder(), "m")
+    assert (found.presets, found.gaits, dict(found.abilities.forms)) == ((), (), dict(NOTHING_CLAIMED.forms))
+
+
+def test_abilities_cross_to_the_gateway() -> None:
+    abilities = as_abilities(WHOLE)
+    ready = TO_GATEWAY.decode(TO_GATEWAY.encode(Ready(FACTS, "CC0-1.0", 1, abilities)))
+    assert isinstance(ready, Ready)
+    assert dict(ready.abilities.forms) == dict(abilities.forms)
+    assert (tuple(ready.abilities.presets), tuple(ready.abilities.gaits)) == (abilities.presets, abilities.gaits)
+    assert ready.abilities.domain is not None
+    np.testing.assert_array_equal(ready.abilities.domain.directions, DOMAIN.directions)

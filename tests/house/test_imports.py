@@ -189,3 +189,22 @@ def test_importing_the_client_brings_no_torch(repository: Any) -> None:
     assert "grpc" in roots
     ours = {"motiongen_ardy", "motiongen_server", "motiongen_tools"}
     assert not roots & (ours | {"torch", "hdrh", "matplotlib", "psutil", "rich", "yaml"})
+
+
+@pytest.mark.parametrize(
+    ("module", "never"),
+    [
+        ("motiongen_server.app", {"torch"}),
+        ("motiongen_server.engine_process.__main__", {"grpc", "motiongen", "asyncio", "torch"}),
+    ],
+)
+def test_the_gateway_loads_no_torch_and_an_engine_process_no_grpc(
+    repository: Any, module: str, never: set[str]
+) -> None:
+    code = f"import sys, {module}; print(*sys.modules)"
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=repository.root
+    )
+    roots = {name.partition(".")[0] for name in loaded.stdout.split()}
+    assert "motiongen_server" in roots
+    assert not roots & never

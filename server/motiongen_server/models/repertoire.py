@@ -11,10 +11,10 @@ import numpy as np
 from motiongen_server.engine.types import Direction, Gait
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities, FormSupport, GaitText, PresetText, PromptDomain
 from motiongen_server.text.presets import Preset
-from motiongen_server.text.prompts import TextEncoder
 
 if TYPE_CHECKING:
     from motiongen_ardy.capabilities import Capabilities
+    from motiongen_server.text.prompts import TextEncoder
 
 _log = logging.getLogger(__name__)
 

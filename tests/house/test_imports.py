@@ -81,6 +81,7 @@ ROOMS = (
         " ~.text ~.ops ~.errors ~.config ~.settings ~.background ~.engine.types ~.rpc.token_bucket",
     ),
     room(f"{SERVER}/models/loader.py", "motiongen_ardy.text ~"),
+    room(f"{SERVER}/models/repertoire.py", "numpy motiongen_ardy.capabilities ~"),
     room(f"{SERVER}/models", "grpc google motiongen numpy ~"),
     room(f"{SERVER}/ops/http.py", "starlette uvicorn prometheus_client"),
     room(f"{SERVER}/ops", "prometheus_client ~.ops ~.engine"),

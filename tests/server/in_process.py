@@ -13,6 +13,7 @@ from motiongen_server.engine.scheduling.device import Device
 from motiongen_server.engine.types import Event, ModelFacts, Outcome
 from motiongen_server.engine_process.model_loading import build_engine
 from motiongen_server.ops.metrics import Metrics
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.text.prompts import TextEncoder
 
 ENGINE = "0"
@@ -26,6 +27,7 @@ class InProcessModel:
     engine: Engine
     facts: ModelFacts
     licence: str
+    abilities: Abilities = NOTHING_CLAIMED
 
     @property
     def num_sessions(self) -> int:

@@ -36,7 +36,7 @@ def clean_feet(poses: Poses, options: FeetOptions, pinned: Tensor, height_held: 
     feet = positions[:, :, list(poses.layout.skeleton.contact_joints)]
     heel, toe = feet[:, :, 0::2], feet[:, :, 1::2]
     sole = toe - heel
-    states = contact_states(poses.contacts, feet, poses.layout.fps, options)
+    states = contact_states(poses.contacts, feet, poses.root, poses.layout.fps, options)
     standing = states.unflatten(2, (2, 2)).any(dim=-1)
     twisted = twist(standing, sole)
     # Where the feet would be if they had not turned: what they slip beside turning.

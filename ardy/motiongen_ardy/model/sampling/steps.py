@@ -24,7 +24,8 @@ def breaks(standing: Tensor, slipped: Tensor, twisted: Tensor, options: FeetOpti
     number = segments(standing)
     first = torch.cat([torch.ones_like(standing[:, :1]), number[:, 1:] != number[:, :-1]], dim=1)
     moved = torch.cat([slipped[..., [0, 2]] / options.stride_m, twisted[..., None] / options.twist_rad], dim=-1)
-    far = (moved - held(moved, first)).norm(dim=-1)
+    moved = moved - held(moved, first)
+    far = torch.maximum(moved[..., :2].norm(dim=-1), moved[..., 2].abs())
     piece = (far + far.new_tensor(LEFT_RIGHT_PHASE)).floor()
     passed = torch.cat([torch.zeros_like(standing[:, :1]), piece[:, 1:] > piece[:, :-1]], dim=1)
     return passed & standing & ~first

@@ -16,7 +16,7 @@ from motiongen_ardy.model.sampling.limbs import Limb, legs
 from motiongen_ardy.model.sampling.options import FeetOptions
 from motiongen_ardy.model.sampling.pose import Poses
 from motiongen_ardy.model.sampling.spread import smooth_step, spread
-from motiongen_ardy.model.sampling.stance import contact_states, slip
+from motiongen_ardy.model.sampling.stance import contact_states, pace_of, slip
 from motiongen_ardy.model.sampling.steps import ground_offsets
 from motiongen_ardy.model.sampling.twist import turn_legs, turned_about_up, twist
 
@@ -36,12 +36,13 @@ def clean_feet(poses: Poses, options: FeetOptions, pinned: Tensor, height_held: 
     feet = positions[:, :, list(poses.layout.skeleton.contact_joints)]
     heel, toe = feet[:, :, 0::2], feet[:, :, 1::2]
     sole = toe - heel
-    states = contact_states(poses.contacts, feet, poses.root, poses.layout.fps, options)
+    pace = pace_of(poses.root, poses.layout.fps)
+    states = contact_states(poses.contacts, feet, pace, poses.layout.fps, options)
     standing = states.unflatten(2, (2, 2)).any(dim=-1)
     twisted = twist(standing, sole)
     # Where the feet would be if they had not turned: what they slip beside turning.
     straight = torch.stack([heel, heel + turned_about_up(sole, -twisted)], dim=3).flatten(2, 3)
-    offsets, turn, lift, standing = ground_offsets(standing, slip(states, straight), twisted, pinned, options)
+    offsets, turn, lift, standing = ground_offsets(standing, slip(states, straight), twisted, pace, pinned, options)
     states = states.unflatten(2, (2, 2)) & standing[..., None]
     rise = _heights(feet, states.flatten(2), pinned, options).unflatten(2, (2, 2)) + lift[..., None]
 

@@ -21,16 +21,17 @@ def hysteresis(enter: Tensor, stay: Tensor) -> Tensor:
     return (entered > left) & stay
 
 
-def contact_states(contacts: Tensor, positions: Tensor, root: Tensor, fps: int, options: FeetOptions) -> Tensor:
+def contact_states(contacts: Tensor, positions: Tensor, pace: Tensor, fps: int, options: FeetOptions) -> Tensor:
     """Whether (B, T, 4) heel and toe of each foot carry weight.
 
-    contacts: (B, T, 4), the model's word, about 0 to 1; positions: (B, T, 4, 3) and root: (B, T, 3), metres. A joint
-    that is low and slow, also beside the root, is in contact whatever the model says; one that is fast or high is not. Lone frames between two of contact count.
+    contacts: (B, T, 4), the model's word, about 0 to 1; positions: (B, T, 4, 3) metres; pace: (B, T) metres a second,
+    of the root. A joint that is low and slow, also beside the root, is in contact whatever the model says; one that is
+    fast or high is not. Lone frames between two of contact count.
     """
     step = (positions[:, 1:] - positions[:, :-1]).norm(dim=-1) * fps
     speed = torch.minimum(torch.cat([step, step[:, -1:]], dim=1), torch.cat([step[:, :1], step], dim=1))
     height = positions[..., 1] - positions.new_tensor([options.heel_m, options.toe_m] * 2)
-    slow = (options.slow_share * pace_of(root, fps)).clamp(min=options.slow_m_s)[..., None]
+    slow = (options.slow_share * pace).clamp(min=options.slow_m_s)[..., None]
     sure = (contacts > CONTACT_ENTER) | ((speed < slow) & (height < options.low_m))
     possible = (speed < options.fast_m_s) & (height < options.high_m)
     state = hysteresis(sure & possible, possible & ((contacts > CONTACT_STAY) | (speed < slow)))

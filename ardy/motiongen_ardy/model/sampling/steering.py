@@ -99,7 +99,7 @@ def steer(
 
 
 def turned_on_the_spot(facing: float, heading: float, num_frames: int, fps: int, options: PlanOptions) -> np.ndarray:
-    """Headings (num_frames) of who turns from `facing` to `heading` by the last of them, in the time that steps take."""
+    """Headings (num_frames) from `facing` to `heading`, which the last is, in the time that steps take."""
     off, seconds = wrapped(heading - facing), num_frames / fps
     takes = min(seconds, max(SHORTEST_TURN_S, abs(off) / options.spot_turn_rad_s))
     most = options.turn_rate_rad_s * seconds / 1.5

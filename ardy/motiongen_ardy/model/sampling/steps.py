@@ -13,26 +13,30 @@ STEP_FRAMES = 3  # on either side of the middle of a step that is put in
 TORN_FRAMES = 6
 TORN_M, TORN_RAD = 0.005, 0.03  # how far off a foot may be held from where it shall be
 SLOW_M = 0.01  # a frame; a stance is held rather where the foot slips less than this
+ON_THE_SPOT_M_S = 0.3
 LEFT_RIGHT_PHASE = (0.25, 0.75)  # so that both feet of a body that glides do not step at once
 
 
-def breaks(standing: Tensor, slipped: Tensor, twisted: Tensor, options: FeetOptions) -> Tensor:
+def breaks(standing: Tensor, slipped: Tensor, twisted: Tensor, pace: Tensor, options: FeetOptions) -> Tensor:
     """Frames (B, T, 2) at which a foot that slips or turns too far in one stance is to take a step.
 
-    standing: (B, T, 2) bool; slipped: (B, T, 2, 3) metres, as `stance.slip`; twisted: (B, T, 2), as `twist.twist`.
+    standing: (B, T, 2) bool; slipped: (B, T, 2, 3) metres, as `stance.slip`; twisted: (B, T, 2), as `twist.twist`;
+    pace: (B, T) metres a second, of the root: who walks lifts the feet anyhow, and turns them then.
     """
     number = segments(standing)
     first = torch.cat([torch.ones_like(standing[:, :1]), number[:, 1:] != number[:, :-1]], dim=1)
     moved = torch.cat([slipped[..., [0, 2]] / options.stride_m, twisted[..., None] / options.twist_rad], dim=-1)
     moved = moved - held(moved, first)
-    far = torch.maximum(moved[..., :2].norm(dim=-1), moved[..., 2].abs())
-    piece = (far + far.new_tensor(LEFT_RIGHT_PHASE)).floor()
-    passed = torch.cat([torch.zeros_like(standing[:, :1]), piece[:, 1:] > piece[:, :-1]], dim=1)
+    slid = moved[..., :2].norm(dim=-1)
+    far = torch.stack([slid, torch.maximum(slid, moved[..., 2].abs())], dim=-1)
+    piece = (far + far.new_tensor(LEFT_RIGHT_PHASE)[:, None]).floor()
+    passed = torch.cat([torch.zeros_like(piece[:, :1], dtype=torch.bool), piece[:, 1:] > piece[:, :-1]], dim=1)
+    passed = torch.where((pace < ON_THE_SPOT_M_S)[..., None], passed[..., 1], passed[..., 0])
     return passed & standing & ~first
 
 
 def ground_offsets(
-    standing: Tensor, slipped: Tensor, twisted: Tensor, pinned: Tensor, options: FeetOptions
+    standing: Tensor, slipped: Tensor, twisted: Tensor, pace: Tensor, pinned: Tensor, options: FeetOptions
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Offsets (B, T, 2, 3) of the feet over the ground, how far each turns and is lifted (B, T, 2), when they stand.
 
@@ -40,7 +44,7 @@ def ground_offsets(
     one with a pinned frame (B, T, 2) where it was in that. Between two stances, and from frame 0 on, the offsets go
     over into each other.
     """
-    broken = breaks(standing, slipped, twisted, options) & ~within(pinned, TORN_FRAMES)
+    broken = breaks(standing, slipped, twisted, pace, options) & ~within(pinned, TORN_FRAMES)
     standing = standing & ~within(broken, STEP_FRAMES)
     # A foot that the history holds elsewhere than a pinned frame has to let go for it.
     elsewhere = (slipped.norm(dim=-1) > TORN_M) | (twisted.abs() > TORN_RAD)

@@ -11,7 +11,7 @@ from motiongen_ardy.core.rotation import rotation_y
 from motiongen_ardy.model.sampling.correct import correct_window
 from motiongen_ardy.model.sampling.options import FeetOptions, SamplingOptions
 from motiongen_ardy.model.sampling.pose import Poses
-from motiongen_ardy.model.sampling.stance import contact_states
+from motiongen_ardy.model.sampling.stance import contact_states, pace_of
 from tests.ardy.model.sampling.conftest import Stand
 
 CLEAN = SamplingOptions(clean_feet=True)
@@ -167,4 +167,6 @@ def test_what_is_slow_beside_the_root_stands() -> None:
     for pace, stands in ((0.5, False), (3.0, True)):
         root = torch.zeros(1, 20, 3)
         root[..., 2] = pace * frames
-        assert bool(contact_states(words, places, root, 20, options).all()) is stands
+        found = pace_of(root, 20)
+        assert found == pytest.approx(pace, abs=1e-4)
+        assert bool(contact_states(words, places, found, 20, options).all()) is stands

@@ -10,13 +10,15 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from motiongen_ardy.core.rotation import rotation_y
 from motiongen_ardy.model.sampling.limb_ik import SOFT_REACH, swing
 from motiongen_ardy.model.sampling.limbs import Limb, legs
 from motiongen_ardy.model.sampling.options import FeetOptions
 from motiongen_ardy.model.sampling.pose import Poses
 from motiongen_ardy.model.sampling.spread import smooth_step, spread
-from motiongen_ardy.model.sampling.stance import contact_states, slip
+from motiongen_ardy.model.sampling.stance import contact_states, pace_of, slip
 from motiongen_ardy.model.sampling.steps import ground_offsets
+from motiongen_ardy.model.sampling.twist import turn_legs, turned_about_up, twist
 
 LANDING_FRAMES = 5
 SINK_M = 0.004  # how far below its height on the ground a foot joint may be
@@ -32,17 +34,21 @@ def clean_feet(poses: Poses, options: FeetOptions, pinned: Tensor, height_held: 
     limbs = legs(poses.layout.skeleton)
     positions = poses.positions()
     feet = positions[:, :, list(poses.layout.skeleton.contact_joints)]
-    states = contact_states(poses.contacts, feet, poses.layout.fps, options)
+    heel, toe = feet[:, :, 0::2], feet[:, :, 1::2]
+    sole = toe - heel
+    pace = pace_of(poses.root, poses.layout.fps)
+    states = contact_states(poses.contacts, feet, pace, poses.layout.fps, options)
     standing = states.unflatten(2, (2, 2)).any(dim=-1)
-    offsets, lift, standing = ground_offsets(standing, slip(states, feet), pinned, options)
+    twisted = twist(standing, sole)
+    # Where the feet would be if they had not turned: what they slip beside turning.
+    straight = torch.stack([heel, heel + turned_about_up(sole, -twisted)], dim=3).flatten(2, 3)
+    offsets, turn, lift, standing = ground_offsets(standing, slip(states, straight), twisted, pace, pinned, options)
     states = states.unflatten(2, (2, 2)) & standing[..., None]
     rise = _heights(feet, states.flatten(2), pinned, options).unflatten(2, (2, 2)) + lift[..., None]
 
-    heel, toe = feet[:, :, 0::2], feet[:, :, 1::2]
     up = feet.new_tensor([0.0, 1.0, 0.0])
-    sole = toe - heel
     length = sole.norm(dim=-1, keepdim=True)
-    aimed = sole + (rise[..., 1] - rise[..., 0])[..., None] * up
+    aimed = turned_about_up(sole, turn) + (rise[..., 1] - rise[..., 0])[..., None] * up
     aimed = length * aimed / aimed.norm(dim=-1, keepdim=True).clamp(min=1e-8)
     ankle = heel + offsets + rise[..., :1] * up
 
@@ -52,8 +58,9 @@ def clean_feet(poses: Poses, options: FeetOptions, pinned: Tensor, height_held: 
     poses.root -= lowered[..., None] * up
     positions = positions - lowered[..., None, None] * up
     raised = _heel_rise(limbs, positions, ankle, ankle + aimed, states[..., 1])
-    turned = swing(sole / length, (ankle + aimed - raised) / length)
-    poses.bend_limbs(limbs, positions, raised)
+    turned = rotation_y(turn)
+    turned = swing(turned_about_up(sole, turn) / length, (ankle + aimed - raised) / length) @ turned
+    poses.bend_limbs(limbs, turn_legs(poses, limbs, positions, turn), raised)
     for side, limb in enumerate(limbs):
         poses.turn((limb.end, *limb.beyond), turned[:, :, side, None])
 

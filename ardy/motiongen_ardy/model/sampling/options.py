@@ -81,13 +81,15 @@ class PlanOptions(CheckedOptions):
     """How a root path is laid under sparse root goals.
 
     stride_frames: one frame in so many is told to the model. speed_m_s: the fastest that a plan walks of its own
-    accord; acceleration_m_s2 and turn_rate_rad_s: the most that it speeds up and turns round.
+    accord; acceleration_m_s2 and turn_rate_rad_s: the most that it speeds up and turns round. spot_turn_rad_s: how fast
+    it turns on the spot where there is time, on average.
     """
 
     stride_frames: int = option(5, 1, 40)
     speed_m_s: float = option(1.8, 0.1, 10.0)
     acceleration_m_s2: float = option(2.8, 0.1, 50.0)
     turn_rate_rad_s: float = option(3.2, 0.1, 30.0)
+    spot_turn_rad_s: float = option(1.1, 0.1, 30.0)
 
 
 @dataclass(frozen=True)
@@ -95,19 +97,23 @@ class FeetOptions(CheckedOptions):
     """How feet in contact are held in place.
 
     heel_m, toe_m: how high above the ground these joints are when they stand on it. slow_m_s, low_m: one that is below
-    both, in height above that, is in contact; fast_m_s, high_m: one above either is not. stride_m: a foot that would
-    slip farther than this in one stance takes a step instead, in which it is lifted by lift_m at most. fade_frames:
+    both, in height above that, is in contact, slow_share: and one slower than this share of the root's pace; fast_m_s,
+    high_m: one above either is not. stride_m: a foot that would
+    slip farther than this in one stance, or turn farther than twist_rad, takes a step instead, in which it is lifted by
+    lift_m at most. fade_frames:
     over so many frames a correction goes where a foot is in the air. lower_m: how far the pelvis gives way to a leg
     that is too short.
     """
 
     slow_m_s: float = option(0.15, 0.0, 2.0)
     fast_m_s: float = option(1.2, 0.1, 10.0)
+    slow_share: float = option(0.3, 0.0, 1.0)
     low_m: float = option(0.03, 0.0, 1.0)
     high_m: float = option(0.06, 0.0, 1.0)
     heel_m: float = option(0.07, 0.0, 1.0)
     toe_m: float = option(0.012, 0.0, 1.0)
     stride_m: float = option(0.6, 0.05, 2.0)
+    twist_rad: float = option(1.0, 0.1, 6.3)
     lift_m: float = option(0.06, 0.0, 0.5)
     fade_frames: int = option(10, 1, 100)
     lower_m: float = option(0.05, 0.0, 0.5)

@@ -10,7 +10,7 @@ import numpy as np
 
 from motiongen_ardy.model.sampling.following import bounds, joined, limited, rounded
 from motiongen_ardy.model.sampling.options import PlanOptions
-from motiongen_ardy.model.sampling.steering import RootState, brought_onto, smoothstep, steer, wrapped
+from motiongen_ardy.model.sampling.steering import RootState, brought_onto, steer, turned_on_the_spot, wrapped
 
 # Goals no further apart than this lead the model by themselves.
 DENSE_FRAMES = 10
@@ -165,15 +165,11 @@ class _Plan:
                 self._follow_heading(run, frame, facing)
 
     def _turn_to(self, goal_frame: int, frame: int, facing: float) -> None:
-        options, fps = self.options, self.span.fps
-        off, seconds = wrapped(self.asked.heading[goal_frame] - facing), (goal_frame - frame) / fps
-        takes = min(seconds, max(0.6, 1.5 * abs(off) / (0.7 * options.turn_rate_rad_s)))
-        most = options.turn_rate_rad_s * seconds / 1.5
-        off = max(-most, min(most, off))
-        for between in range(goal_frame, frame + 1, -options.stride_frames):
+        count = goal_frame - frame
+        turned = turned_on_the_spot(facing, self.asked.heading[goal_frame], count, self.span.fps, self.options)
+        for between in range(goal_frame, frame + 1, -self.options.stride_frames):
             if between < self.span.told_frame or between == goal_frame:
-                share = 1.0 - (goal_frame - between) / (takes * fps)
-                self.goals.heading[between] = facing + off * float(smoothstep(np.array(share)))
+                self.goals.heading[between] = float(turned[between - frame - 1])
                 if between != goal_frame:
                     self.goals.faced.add(between)
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from motiongen_ardy.model.sampling.options import FeetOptions
 from motiongen_ardy.model.sampling.spread import gaps
 
-CONTACT_ENTER = 0.6
+CONTACT_ENTER = 0.45
 CONTACT_STAY = 0.35
+PACE_FRAMES = 2
 
 
 def hysteresis(enter: Tensor, stay: Tensor) -> Tensor:
@@ -19,20 +21,30 @@ def hysteresis(enter: Tensor, stay: Tensor) -> Tensor:
     return (entered > left) & stay
 
 
-def contact_states(contacts: Tensor, positions: Tensor, fps: int, options: FeetOptions) -> Tensor:
+def contact_states(contacts: Tensor, positions: Tensor, pace: Tensor, fps: int, options: FeetOptions) -> Tensor:
     """Whether (B, T, 4) heel and toe of each foot carry weight.
 
-    contacts: (B, T, 4), the model's word, about 0 to 1; positions: (B, T, 4, 3) metres. A joint that is low and slow is
-    in contact whatever the model says; one that is fast or high is not. Lone frames between two of contact count.
+    contacts: (B, T, 4), the model's word, about 0 to 1; positions: (B, T, 4, 3) metres; pace: (B, T) metres a second,
+    of the root. A joint that is low and slow, also beside the root, is in contact whatever the model says; one that is
+    fast or high is not. Lone frames between two of contact count.
     """
     step = (positions[:, 1:] - positions[:, :-1]).norm(dim=-1) * fps
     speed = torch.minimum(torch.cat([step, step[:, -1:]], dim=1), torch.cat([step[:, :1], step], dim=1))
     height = positions[..., 1] - positions.new_tensor([options.heel_m, options.toe_m] * 2)
-    sure = (contacts > CONTACT_ENTER) | ((speed < options.slow_m_s) & (height < options.low_m))
+    slow = (options.slow_share * pace).clamp(min=options.slow_m_s)[..., None]
+    sure = (contacts > CONTACT_ENTER) | ((speed < slow) & (height < options.low_m))
     possible = (speed < options.fast_m_s) & (height < options.high_m)
-    state = hysteresis(sure & possible, possible & ((contacts > CONTACT_STAY) | (speed < options.slow_m_s)))
+    state = hysteresis(sure & possible, possible & ((contacts > CONTACT_STAY) | (speed < slow)))
     state[:, 1:-1] |= state[:, :-2] & state[:, 2:]
     return state
+
+
+def pace_of(root: Tensor, fps: int) -> Tensor:
+    """How fast (B, T) metres a second a root (B, T, 3) goes over the ground, over a quarter of a second or so."""
+    step = (root[:, 1:] - root[:, :-1])[..., [0, 2]].norm(dim=-1) * fps
+    step = torch.cat([step[:, :1], step], dim=1)
+    padded = functional.pad(step[:, None], (PACE_FRAMES, PACE_FRAMES), mode="replicate")
+    return functional.avg_pool1d(padded, 2 * PACE_FRAMES + 1, stride=1)[:, 0]
 
 
 def slip(states: Tensor, positions: Tensor) -> Tensor:

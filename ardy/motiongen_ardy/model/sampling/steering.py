@@ -13,6 +13,7 @@ from motiongen_ardy.model.sampling.options import PlanOptions
 STEP_M = 0.5
 # Who has time to spare walks at this speed and waits, rather than creep.
 STROLL_M_S = 0.6
+SHORTEST_TURN_S = 0.6
 # Nobody is asked to run who does not run already.
 FASTEST_M_S = 4.0
 _SPEED_MARGIN = 1.15
@@ -92,7 +93,19 @@ def steer(
         facing += turn_rate * dt
         ground[frame] = x, z
         headings[frame] = facing
+    if heading is not None and not walks:
+        headings = turned_on_the_spot(start.heading, heading, num_frames, fps, options)
     return Path(ground, headings)
+
+
+def turned_on_the_spot(facing: float, heading: float, num_frames: int, fps: int, options: PlanOptions) -> np.ndarray:
+    """Headings (num_frames) from `facing` to `heading`, which the last is, in the time that steps take."""
+    off, seconds = wrapped(heading - facing), num_frames / fps
+    takes = min(seconds, max(SHORTEST_TURN_S, abs(off) / options.spot_turn_rad_s))
+    most = options.turn_rate_rad_s * seconds / 1.5
+    share = 1.0 - np.arange(num_frames - 1, -1, -1) / (takes * fps)
+    turned: np.ndarray = facing + max(-most, min(most, off)) * smoothstep(share)
+    return turned
 
 
 def brought_onto(path: Path, goal: np.ndarray, heading: float | None, fps: int, options: PlanOptions) -> Path:

@@ -11,37 +11,44 @@ from motiongen_ardy.model.sampling.stance import run_sums, segments
 
 STEP_FRAMES = 3  # on either side of the middle of a step that is put in
 TORN_FRAMES = 6
-TORN_M = 0.005  # how far off a foot may be held from where it shall be
+TORN_M, TORN_RAD = 0.005, 0.03  # how far off a foot may be held from where it shall be
 SLOW_M = 0.01  # a frame; a stance is held rather where the foot slips less than this
+ON_THE_SPOT_M_S = 0.3
 LEFT_RIGHT_PHASE = (0.25, 0.75)  # so that both feet of a body that glides do not step at once
 
 
-def breaks(standing: Tensor, slipped: Tensor, options: FeetOptions) -> Tensor:
-    """Frames (B, T, 2) at which a foot that slips too far in one stance is to take a step.
+def breaks(standing: Tensor, slipped: Tensor, twisted: Tensor, pace: Tensor, options: FeetOptions) -> Tensor:
+    """Frames (B, T, 2) at which a foot that slips or turns too far in one stance is to take a step.
 
-    standing: (B, T, 2) bool; slipped: (B, T, 2, 3) metres, as `stance.slip`.
+    standing: (B, T, 2) bool; slipped: (B, T, 2, 3) metres, as `stance.slip`; twisted: (B, T, 2), as `twist.twist`;
+    pace: (B, T) metres a second, of the root: who walks lifts the feet anyhow, and turns them then.
     """
     number = segments(standing)
     first = torch.cat([torch.ones_like(standing[:, :1]), number[:, 1:] != number[:, :-1]], dim=1)
-    far = (slipped - held(slipped, first))[..., [0, 2]].norm(dim=-1) / options.stride_m
-    piece = (far + far.new_tensor(LEFT_RIGHT_PHASE)).floor()
-    passed = torch.cat([torch.zeros_like(standing[:, :1]), piece[:, 1:] > piece[:, :-1]], dim=1)
+    moved = torch.cat([slipped[..., [0, 2]] / options.stride_m, twisted[..., None] / options.twist_rad], dim=-1)
+    moved = moved - held(moved, first)
+    slid = moved[..., :2].norm(dim=-1)
+    far = torch.stack([slid, torch.maximum(slid, moved[..., 2].abs())], dim=-1)
+    piece = (far + far.new_tensor(LEFT_RIGHT_PHASE)[:, None]).floor()
+    passed = torch.cat([torch.zeros_like(piece[:, :1], dtype=torch.bool), piece[:, 1:] > piece[:, :-1]], dim=1)
+    passed = torch.where((pace < ON_THE_SPOT_M_S)[..., None], passed[..., 1], passed[..., 0])
     return passed & standing & ~first
 
 
 def ground_offsets(
-    standing: Tensor, slipped: Tensor, pinned: Tensor, options: FeetOptions
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Offsets (B, T, 2, 3) of the feet over the ground, how high each is lifted besides (B, T, 2), when they stand.
+    standing: Tensor, slipped: Tensor, twisted: Tensor, pace: Tensor, pinned: Tensor, options: FeetOptions
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Offsets (B, T, 2, 3) of the feet over the ground, how far each turns and is lifted (B, T, 2), when they stand.
 
     A stance is held where it was on average, rather where it was slow; one that frame 0 belongs to where it was then,
     one with a pinned frame (B, T, 2) where it was in that. Between two stances, and from frame 0 on, the offsets go
     over into each other.
     """
-    broken = breaks(standing, slipped, options) & ~within(pinned, TORN_FRAMES)
+    broken = breaks(standing, slipped, twisted, pace, options) & ~within(pinned, TORN_FRAMES)
     standing = standing & ~within(broken, STEP_FRAMES)
     # A foot that the history holds elsewhere than a pinned frame has to let go for it.
-    torn = pinned & standing & (segments(standing) == 0) & (slipped.norm(dim=-1) > TORN_M)
+    elsewhere = (slipped.norm(dim=-1) > TORN_M) | (twisted.abs() > TORN_RAD)
+    torn = pinned & standing & (segments(standing) == 0) & elsewhere
     standing = standing & ~within(torn, TORN_FRAMES)
     number = segments(standing)
     frames = torch.arange(standing.shape[1], device=standing.device)[None, :, None]
@@ -50,8 +57,10 @@ def ground_offsets(
     counted = torch.where(number == 0, frames == 0, torch.where(has_pins, pins, standing))
     step = torch.cat([slipped[:, 1:2] - slipped[:, :1], slipped[:, 1:] - slipped[:, :-1]], dim=1).norm(dim=-1)
     weight = ((counted & standing) / (1 + (step / SLOW_M).square()))[..., None]
-    place = run_sums(weight * slipped, number) / run_sums(weight, number).clamp(min=1e-6)
+    moved = torch.cat([slipped, twisted[..., None]], dim=-1)
+    place = run_sums(weight * moved, number) / run_sums(weight, number).clamp(min=1e-6)
     known = standing | pinned | (frames == 0)
-    offsets = torch.where(standing[..., None], place - slipped, 0.0) * slipped.new_tensor([1.0, 0.0, 1.0])
+    kept = torch.where(standing[..., None], place - moved, 0.0) * slipped.new_tensor([1.0, 0.0, 1.0, 1.0])
+    kept = spread(kept, known, options.fade_frames)
     bump = spread((broken & ~pinned)[..., None].to(slipped.dtype), broken | pinned, STEP_FRAMES + 1)[..., 0]
-    return spread(offsets, known, options.fade_frames), options.lift_m * bump, standing
+    return kept[..., :3], kept[..., 3], options.lift_m * bump, standing

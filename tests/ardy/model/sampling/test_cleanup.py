@@ -7,8 +7,11 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.core.representation import Representation
+from motiongen_ardy.core.rotation import rotation_y
 from motiongen_ardy.model.sampling.correct import correct_window
 from motiongen_ardy.model.sampling.options import FeetOptions, SamplingOptions
+from motiongen_ardy.model.sampling.pose import Poses
+from motiongen_ardy.model.sampling.stance import contact_states, pace_of
 from tests.ardy.model.sampling.conftest import Stand
 
 CLEAN = SamplingOptions(clean_feet=True)
@@ -40,7 +43,7 @@ def feet(layout: Representation, features: Tensor) -> Tensor:
 def test_feet_of_a_swaying_body_stay_where_the_history_has_them(layout: Representation, stand: Stand) -> None:
     features = stand(sway(41))
     before, after = layout.denormalize(features), cleaned(layout, features)
-    assert (feet(layout, before) - feet(layout, before)[:, :1]).norm(dim=-1).max() > 0.04
+    assert (feet(layout, before) - feet(layout, before)[:, :1]).norm(dim=-1).max() > 0.03
     assert (feet(layout, after) - feet(layout, after)[:, :1]).norm(dim=-1).max() < 1e-3
     torch.testing.assert_close(after[..., [0, 2]], before[..., [0, 2]])
     hands = [layout.skeleton.left_hand[0], layout.skeleton.right_hand[0]]
@@ -121,3 +124,49 @@ def test_rows_do_not_know_of_each_other(layout: Representation, stand: Stand, hi
 def test_off_gives_back_what_came(layout: Representation, stand: Stand) -> None:
     features = stand(sway(41))
     assert correct_window(layout, features[:, :1], features, None, SamplingOptions()) is features
+
+
+def turned(layout: Representation, features: Tensor, radians: float) -> Tensor:
+    """The same frames (1, T, D), their body turned about the root by an angle that grows evenly to `radians`."""
+    natural = layout.denormalize(features)
+    poses = Poses(layout, natural)
+    turn = rotation_y(torch.linspace(0, radians, natural.shape[1]))
+    poses.turn(range(layout.skeleton.num_joints), turn[None, :, None])
+    moved = poses.features(natural)
+    moved[..., layout.contact_block] = 1.0
+    return layout.normalize(moved)
+
+
+def test_feet_that_stand_point_where_they_did(layout: Representation, stand: Stand) -> None:
+    features = turned(layout, stand(torch.zeros(41, 3)), 0.2)
+    before, after = layout.denormalize(features), cleaned(layout, features)
+    assert (feet(layout, before) - feet(layout, before)[:, :1]).norm(dim=-1).max() > 0.03
+    assert (feet(layout, after) - feet(layout, after)[:, :1]).norm(dim=-1).max() < 2e-3
+    knees = [layout.skeleton.index(side + "Leg") for side in ("Left", "Right")]
+    assert (layout.positions(after) - layout.positions(before))[0, -1, knees].norm(dim=-1).min() > 0.005
+
+
+def test_a_body_that_turns_on_the_spot_takes_steps(layout: Representation, stand: Stand) -> None:
+    after = feet(layout, cleaned(layout, turned(layout, stand(torch.zeros(41, 3)), 2.0)))
+    up = after[0, :, 1::2, 1] > 0.03
+    assert up.any(dim=0).all()
+    assert not up.all(dim=-1).any()  # one after the other
+    low = ~(up[1:] | up[:-1])
+    toes = (after[0, 1:, 1::2] - after[0, :-1, 1::2])[..., [0, 2]].norm(dim=-1)
+    assert (toes * low).sum(dim=0).mean() < 0.08
+    sole = (after[0, -1, 1::2] - after[0, -1, 0::2])[:, [0, 2]]
+    assert (torch.atan2(sole[:, 0], sole[:, 1]) > 2.0 - FeetOptions().twist_rad).all()
+
+
+def test_what_is_slow_beside_the_root_stands() -> None:
+    options, frames = FeetOptions(), torch.arange(20) / 20
+    places = torch.zeros(1, 20, 4, 3)
+    places[..., 1] = torch.tensor([options.heel_m, options.toe_m] * 2)
+    places[..., 2] = 0.5 * frames[:, None]
+    words = torch.zeros(1, 20, 4)
+    for pace, stands in ((0.5, False), (3.0, True)):
+        root = torch.zeros(1, 20, 3)
+        root[..., 2] = pace * frames
+        found = pace_of(root, 20)
+        assert found == pytest.approx(pace, abs=1e-4)
+        assert bool(contact_states(words, places, found, 20, options).all()) is stands

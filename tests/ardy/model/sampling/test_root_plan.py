@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from motiongen_ardy.model.sampling.options import PlanOptions
 from motiongen_ardy.model.sampling.root_plan import PlanSpan, RootGoals, plan_root, runs, without_steering
-from motiongen_ardy.model.sampling.steering import RootState, steer
+from motiongen_ardy.model.sampling.steering import RootState, steer, turned_on_the_spot
 
 FPS, FIRST = 20, 16
 OPTIONS = PlanOptions()
@@ -130,3 +130,14 @@ def test_places_that_a_client_asks_for_win_over_what_only_leads() -> None:
 
 def test_three_goals_close_together_lead_by_themselves() -> None:
     assert list(runs([1, 5, 9, 40, 45, 80])) == [[1, 5, 9], [40], [45], [80]]
+
+
+def test_a_turn_on_the_spot_takes_the_time_that_steps_need() -> None:
+    for degrees, count in ((90, 50), (180, 80), (180, 20)):
+        turned = turned_on_the_spot(0.0, math.radians(degrees), count, FPS, OPTIONS)
+        rates = np.diff(turned, prepend=0.0) * FPS
+        assert rates.min() >= 0.0
+        assert rates.max() < OPTIONS.turn_rate_rad_s + 1e-6
+        if count > 20:
+            assert turned[-1] == pytest.approx(math.radians(degrees))
+            assert rates.max() < 1.6 * OPTIONS.spot_turn_rad_s

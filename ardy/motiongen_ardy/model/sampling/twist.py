@@ -1,0 +1,50 @@
+"""Twist: a foot that stands keeps pointing where it points while the body turns over it, and its leg turns with it."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from motiongen_ardy.core.rotation import axis_angle_to_matrix, rotation_y
+from motiongen_ardy.model.sampling.limbs import Limb
+from motiongen_ardy.model.sampling.pose import Poses
+
+# Of a foot's twist, what the whole leg takes from the hip on; the ankle has the rest.
+LEG_SHARE = 0.7
+
+
+def twist(standing: Tensor, sole: Tensor) -> Tensor:
+    """How far (B, T, 2) radians each foot has turned over the ground since the first frame while it stood.
+
+    standing: (B, T, 2) bool; sole: (B, T, 2, 3) metres, from heel to toe.
+    """
+    step = wrapped_steps(torch.atan2(sole[..., 0], sole[..., 2]))
+    turned = (step * (standing[:, 1:] & standing[:, :-1])).cumsum(dim=1)
+    return torch.cat([torch.zeros_like(turned[:, :1]), turned], dim=1)
+
+
+def wrapped_steps(angle: Tensor) -> Tensor:
+    """Changes (B, T - 1, ...) of angles (B, T, ...) from frame to frame, the short way round."""
+    step = angle[:, 1:] - angle[:, :-1]
+    return torch.atan2(step.sin(), step.cos())
+
+
+def turned_about_up(vectors: Tensor, angle: Tensor) -> Tensor:
+    """Vectors (..., 3) turned by angles (...) about +Y."""
+    return (rotation_y(angle) @ vectors[..., None]).squeeze(-1)
+
+
+def turn_legs(poses: Poses, limbs: tuple[Limb, Limb], positions: Tensor, angle: Tensor) -> Tensor:
+    """Turn both legs of poses (B, T) about the lines from ankle to hip by their share of angles (B, T, 2).
+
+    positions: (B, T, J, 3) as `Poses.positions`. Returns them with the knees where they are then.
+    """
+    positions = positions.clone()
+    for side, limb in enumerate(limbs):
+        line = positions[:, :, limb.upper] - positions[:, :, limb.end]
+        axis = line / line.norm(dim=-1, keepdim=True).clamp(min=1e-8)
+        turn = axis_angle_to_matrix(LEG_SHARE * angle[:, :, side, None] * axis)
+        poses.turn((limb.upper, limb.middle), turn[:, :, None])
+        thigh = positions[:, :, limb.middle] - positions[:, :, limb.upper]
+        positions[:, :, limb.middle] = positions[:, :, limb.upper] + (turn @ thigh[..., None]).squeeze(-1)
+    return positions

@@ -69,7 +69,7 @@ def test_a_checkpoint_that_claims_nothing_asks_the_encoder_for_nothing() -> None
 
 def test_abilities_cross_to_the_gateway() -> None:
     abilities = as_abilities(WHOLE)
-    ready = TO_GATEWAY.decode(TO_GATEWAY.encode(Ready(FACTS, "CC0-1.0", 1, abilities)))
+    ready = TO_GATEWAY.decode(TO_GATEWAY.encode(Ready(0, FACTS, "CC0-1.0", abilities)))
     assert isinstance(ready, Ready)
     assert dict(ready.abilities.forms) == dict(abilities.forms)
     assert (tuple(ready.abilities.presets), tuple(ready.abilities.gaits)) == (abilities.presets, abilities.gaits)

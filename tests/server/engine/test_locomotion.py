@@ -14,7 +14,7 @@ from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.locomotion import direction_of, gait_of
 from motiongen_server.engine.session.conditions import Conditions, edit_prompts
 from motiongen_server.engine.session.edits import edited
-from motiongen_server.engine.session.velocity import Velocity
+from motiongen_server.engine.session.velocity import SLOWING_FRAMES, Velocity
 from motiongen_server.engine.types import Direction, Gait, SessionKey, SetPrompts, SetVelocity
 from tests.server.engine.stage import Stage, prompt
 
@@ -130,8 +130,10 @@ def test_an_edit_changes_frames_from_where_the_path_or_the_prompt_does(
 
 
 def test_a_velocity_that_has_passed_is_forgotten_with_its_gait() -> None:
-    assert HELD.without_past(149).gait is WALK
-    past = HELD.without_past(150)
+    slowed = 150 + SLOWING_FRAMES  # until then the root slows down, under the session's own prompt
+    assert HELD.without_past(slowed - 1).gait is WALK
+    assert _marker(HELD, slowed - 1) == OWN
+    past = HELD.without_past(slowed)
     assert (past.velocity, past.gait) == (None, None)
 
 

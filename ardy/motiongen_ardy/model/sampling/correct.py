@@ -13,6 +13,7 @@ from motiongen_ardy.model.sampling.joint_goals import joint_goals
 from motiongen_ardy.model.sampling.options import SamplingOptions
 from motiongen_ardy.model.sampling.pose import Poses
 from motiongen_ardy.model.sampling.reach import reach_joints
+from motiongen_ardy.model.sampling.seams import settle_seam
 
 
 def correct_window(
@@ -36,6 +37,7 @@ def correct_window(
     if options.join_tokens:
         none = torch.zeros(new.shape[:2], dtype=torch.bool, device=new.device)
         held = none if asked is None else asked.root_met(frames[..., layout.root_position_block])
+        frames = settle_seam(layout, history, frames, options.joins)
         frames = join_tokens(layout, history, frames, options.joins, held)
     before = history[:, -1:] if history.shape[1] else frames[:, :1]
     natural = torch.cat([before, frames], dim=1)

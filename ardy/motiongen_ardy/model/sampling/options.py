@@ -98,11 +98,9 @@ class FeetOptions(CheckedOptions):
 
     heel_m, toe_m: how high above the ground these joints are when they stand on it. slow_m_s, low_m: one that is below
     both, in height above that, is in contact, slow_share: and one slower than this share of the root's pace; fast_m_s,
-    high_m: one above either is not. stride_m: a foot that would
-    slip farther than this in one stance, or turn farther than twist_rad, takes a step instead, in which it is lifted by
-    lift_m at most. fade_frames:
-    over so many frames a correction goes where a foot is in the air. lower_m: how far the pelvis gives way to a leg
-    that is too short.
+    high_m: one above either is not. stride_m: a foot that would slip farther than this in one stance, or turn farther
+    than twist_rad, takes a step instead, in which it is lifted by lift_m at most. fade_frames: over so many frames a
+    correction goes where a foot is in the air. lower_m: how far the pelvis gives way to a leg that is too short.
     """
 
     slow_m_s: float = option(0.15, 0.0, 2.0)
@@ -121,9 +119,15 @@ class FeetOptions(CheckedOptions):
 
 @dataclass(frozen=True)
 class JoinOptions(CheckedOptions):
-    """How tokens are joined. seam_frames: over so many frames a jump at the start of a window fades."""
+    """How tokens and windows are joined.
+
+    seam_frames: over so many frames a jump at the start of a window fades. free_rad: a joint that turns farther than
+    this at the start of a window turns the rest over settle_frames, or up to twice as many where it is far.
+    """
 
     seam_frames: int = option(8, 1, 100)
+    free_rad: float = option(0.2, 0.01, 6.3)
+    settle_frames: int = option(10, 1, 100)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,56 @@
+"""Seams: a limb that a window begins elsewhere goes there smoothly, and what goes on by itself is left alone."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from motiongen_ardy.core.representation import Representation
+from motiongen_ardy.core.rotation import axis_angle_to_matrix, rotation_vector
+from motiongen_ardy.core.skeleton import global_to_local
+from motiongen_ardy.model.sampling.options import JoinOptions
+from motiongen_ardy.model.sampling.seams import settle_seam
+
+OPTIONS = JoinOptions()
+
+
+def posed(layout: Representation, angles: Tensor) -> Tensor:
+    """Features (B, T, D), natural, of figures that stand with the left arm turned by `angles` (B, T) about +Z."""
+    skeleton = layout.skeleton
+    local = torch.eye(3).expand(*angles.shape, skeleton.num_joints, 3, 3).clone()
+    local[:, :, skeleton.index("LeftArm")] = axis_angle_to_matrix(angles[..., None] * torch.tensor([0.0, 0.0, 1.0]))
+    root = torch.tensor([0.0, 0.97, 0.0]).expand(*angles.shape, 3)
+    return layout.features(local, root)
+
+
+def arm_angles(layout: Representation, frames: Tensor) -> Tensor:
+    local = global_to_local(layout.skeleton, layout.global_rotations(frames))
+    return rotation_vector(local[:, :, layout.skeleton.index("LeftArm")])[..., 2]
+
+
+def test_an_arm_that_is_elsewhere_goes_there_on_a_smooth_way(layout: Representation) -> None:
+    history, new = posed(layout, torch.zeros(1, 2)), posed(layout, torch.full((1, 40), 2.0))
+    angles = torch.cat([torch.zeros(1), arm_angles(layout, settle_seam(layout, history, new, OPTIONS))[0]])
+    assert abs(float(angles[1])) < OPTIONS.free_rad + 0.01
+    assert float(angles.diff().abs().max()) < 0.4  # 2 rad in one frame before
+    torch.testing.assert_close(angles[2 * OPTIONS.settle_frames + 1 :], torch.full((20,), 2.0))
+
+
+def test_what_goes_on_from_the_history_is_left_alone(layout: Representation) -> None:
+    swing = 0.3 * torch.arange(42.0)[None] / 4
+    frames = posed(layout, swing)
+    new = frames[:, 2:]
+    assert settle_seam(layout, frames[:, :2], new, OPTIONS) is new
+
+
+def test_a_row_is_settled_as_it_is_alone_and_others_are_not_touched(layout: Representation) -> None:
+    history = posed(layout, torch.zeros(2, 2))
+    new = posed(layout, torch.tensor([[2.0], [0.0]]).expand(2, 40).clone())
+    both = settle_seam(layout, history, new, OPTIONS)
+    torch.testing.assert_close(both[:1], settle_seam(layout, history[:1], new[:1], OPTIONS))
+    assert torch.equal(both[1], new[1])
+
+
+def test_without_a_history_nothing_is_settled(layout: Representation) -> None:
+    new = posed(layout, torch.full((1, 8), 2.0))
+    assert settle_seam(layout, new[:, :0], new, OPTIONS) is new

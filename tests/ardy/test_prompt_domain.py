@@ -149,6 +149,7 @@ class _Part:
     content: str
     captions: tuple[str, ...]
     segments: tuple[_Part, ...] = ()
+    derived_from: str = ""
 
 
 def test_labels_with_few_clips_do_not_count() -> None:
@@ -156,6 +157,11 @@ def test_labels_with_few_clips_do_not_count() -> None:
     clips = [*walks, _Part("jump", ("jump",))]
     assert known_captions(clips, 3) == ["stop", "walk", "walk 0", "walk 1", "walk 2"]  # type: ignore[arg-type]
     assert "jump" in known_captions(clips, 1)  # type: ignore[arg-type]
+
+
+def test_captions_of_derived_clips_do_not_count() -> None:
+    clips = [_Part("walk", ("walk",)), _Part("walk", ("walk and then stop",), derived_from="one")]
+    assert known_captions(clips, 1) == ["walk"]  # type: ignore[arg-type]
 
 
 def test_the_command_refuses_what_is_no_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

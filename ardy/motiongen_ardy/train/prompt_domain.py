@@ -26,10 +26,16 @@ CONFIGS = Path(str(resources.files("motiongen_ardy"))) / "train" / "configs"
 
 
 def known_captions(clips: Iterable[Clip], min_clips: int = MIN_CLIPS) -> list[str]:
-    """The captions of contents that min_clips clips or parts of clips show, sorted, each once."""
+    """The captions of contents that min_clips captured clips or parts of them show, sorted, each once.
+
+    Derived clips say the same actions two and three in a sentence, thousands of times; sentences of one action would
+    lie far from them.
+    """
     counts: Counter[str] = Counter()
     captions: defaultdict[str, set[str]] = defaultdict(set)
     for clip in clips:
+        if clip.derived_from:
+            continue
         for part in (clip, *clip.segments):
             counts[part.content] += 1
             captions[part.content] |= set(part.captions)

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.core.rotation import axis_angle_to_matrix, matrix_to_6d, rotation_vector
-from motiongen_ardy.core.skeleton import global_to_local
+from motiongen_ardy.core.skeleton import forward_kinematics, global_to_local
 from motiongen_ardy.model.sampling.options import JoinOptions
 from motiongen_ardy.model.sampling.spread import smooth_step
 
@@ -44,15 +44,7 @@ def settle_seam(layout: Representation, history: Tensor, new: Tensor, options: J
     turned = axis_angle_to_matrix(kept[:, None] * share[..., None]) @ after
     rows = touched.any(-1)
     local = torch.where(touched[:, None, :, None, None], turned, after)
-    rotations = _global(skeleton.parents, local)
+    rotations, _ = forward_kinematics(skeleton, local, new[..., layout.root_position_block])
     settled = new.clone()
     settled[..., layout.rotation_block] = matrix_to_6d(rotations).flatten(-2)
     return torch.where(rows[:, None, None], settled, new)
-
-
-def _global(parents: tuple[int, ...], local: Tensor) -> Tensor:
-    """Global rotations (..., J, 3, 3) of local ones."""
-    rotations = [local[..., 0, :, :]]
-    for joint in range(1, len(parents)):
-        rotations.append(rotations[parents[joint]] @ local[..., joint, :, :])
-    return torch.stack(rotations, dim=-3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from motiongen_server.engine.types import Event, ModelFacts, Open, Outcome, Playhead
+from motiongen_server.engine.types import Event, ModelFacts, Open, Outcome, Playhead, Resume
 from motiongen_server.engine_process.ledger import refuse_beyond_limit, refuse_while_draining, refuse_without_engine
 from motiongen_server.engine_process.model_link import ModelLink
 from motiongen_server.engine_process.process import EngineProcess
@@ -74,7 +74,7 @@ class EngineGroup:
             # Of a session that has ended meanwhile: any engine knows what to answer.
             link = next((link for _, link in self._members if link.is_up), None)
         if link is None:
-            return None if isinstance(event, Playhead) else refuse_without_engine(event.session, event.event_seq)
+            return None if isinstance(event, Playhead | Resume) else refuse_without_engine(event.session, event.event_seq)
         return link.submit(event)
 
     def _open(self, event: Open) -> Outcome | None:

@@ -10,7 +10,7 @@ from concurrent.futures import Future
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.mailbox import Mailbox, refuse_pending
 from motiongen_server.engine.ports import Deliver, Observe
-from motiongen_server.engine.types import CloseReason, Event, Open, Outcome, Output, Playhead, SessionKey
+from motiongen_server.engine.types import CloseReason, Event, Open, Outcome, Output, Playhead, Resume, SessionKey
 from motiongen_server.engine_process.ledger import Ledger, refuse_without_engine
 from motiongen_server.engine_process.messages import TO_GATEWAY, CloseAhead, Events, Pulse, Ready
 
@@ -75,7 +75,7 @@ class ModelLink:
         """Hand in an event. What is returned is a refusal; every other answer is delivered."""
         with self._lock:
             if not self._is_up:
-                return None if isinstance(event, Playhead) else refuse_without_engine(event.session, event.event_seq)
+                return None if isinstance(event, Playhead | Resume) else refuse_without_engine(event.session, event.event_seq)
             if not self._ledger.goes_ahead(event):
                 if not self._mailbox.put(event):
                     return refuse_pending(event, MAX_PENDING)

@@ -27,11 +27,15 @@ class Priority(IntEnum):
 
 
 class PlanCause(IntEnum):
-    """Why a plan was made; the numbers are those of the protocol. FALLBACK: the server held or righted a character."""
+    """Why a plan was made; the numbers are those of the protocol. FALLBACK: the server held or righted a character.
+
+    RESUME: all that a client missed while its transport was lost.
+    """
 
     CONTINUE = 1
     EDIT = 2
     FALLBACK = 5
+    RESUME = 6
 
 
 class PlayState(IntEnum):

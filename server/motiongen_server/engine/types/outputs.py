@@ -93,6 +93,15 @@ class ServiceLevel:
 
 
 @dataclass(frozen=True, slots=True)
+class Resumed:
+    """What follows is for a client that has resumed. start_frame: the next frame sent; None: it is not held any more."""
+
+    session: SessionKey
+    attempt: int
+    start_frame: int | None
+
+
+@dataclass(frozen=True, slots=True)
 class Closed:
     """The last output of a session. num_frames: frames sent; late_frames: frames that came after they were due."""
 
@@ -104,4 +113,4 @@ class Closed:
     late_frames: int
 
 
-Output: TypeAlias = Opened | PlanNotice | Chunk | Outcome | ServiceLevel | Closed
+Output: TypeAlias = Opened | PlanNotice | Chunk | Outcome | ServiceLevel | Resumed | Closed

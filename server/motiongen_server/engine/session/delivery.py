@@ -9,7 +9,7 @@ from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.session.plan_log import PlanLog
 from motiongen_server.engine.session.playback import PlaybackClock, RoundTrip
 from motiongen_server.engine.session.timeline import Timeline
-from motiongen_server.engine.types import Chunk, Output, PlanCause, Playhead, PlanNotice, Resume, Resumed, SessionKey
+from motiongen_server.engine.types import Chunk, Output, PlanCause, PlanNotice, Playhead, Resume, Resumed, SessionKey
 
 
 @dataclass(slots=True)

@@ -138,7 +138,9 @@ class SessionState:
 
     # ---- events -----------------------------------------------------------------------------------------------------
 
-    def apply(self, event: EditEvent | Playhead | SetPlayState | Resume, now: float, report: StepReport) -> list[Output]:
+    def apply(
+        self, event: EditEvent | Playhead | SetPlayState | Resume, now: float, report: StepReport
+    ) -> list[Output]:
         """Take in one event. If this ends the running window (`running` becomes None), its job is to be discarded."""
         if isinstance(event, Playhead):
             self._report_playhead(event, now, report)

@@ -2,8 +2,8 @@
 
 event_seq rises within a session and names the event in its Outcome; 0 means not sequenced. received_at is when the
 service read the event. SetPrompts, SetConstraints, SetVelocity and SetPlayState get exactly one Outcome each; Open gets
-Opened, or an Outcome that refuses it; Resume gets Resumed; Close gets Closed, or an Outcome where no session is open; Playhead gets no
-answer.
+Opened, or an Outcome that refuses it; Resume gets Resumed, or a Closed crosses it; Close gets Closed, or an Outcome
+where no session is open; Playhead gets no answer.
 """
 
 from __future__ import annotations

@@ -55,6 +55,7 @@ class CloseReason(IntEnum):
     ENGINE_FAULT = 6
     OVERLOAD = 8
     MODEL_UNLOADED = 9
+    TAKEN_OVER = 10
 
 
 class ServiceTier(IntEnum):

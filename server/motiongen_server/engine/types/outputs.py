@@ -23,7 +23,10 @@ class Warned:
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """The first output of a session. committed_horizon: least frames from the playhead to what an edit can change."""
+    """The first output of a session. committed_horizon: least frames from the playhead to what an edit can change.
+
+    warnings, session_id, session_token: the service fills them in.
+    """
 
     session: SessionKey
     seed: int
@@ -35,6 +38,8 @@ class Opened:
     rig_id: str
     fps: int
     warnings: tuple[Warned, ...] = ()
+    session_id: str = ""
+    session_token: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +99,7 @@ class ServiceLevel:
 
 @dataclass(frozen=True, slots=True)
 class Resumed:
-    """What follows is for a client that has resumed. start_frame: the next frame sent; None: it is not held any more."""
+    """What follows is for a client that resumes. start_frame: the next frame sent; None: it is not held any more."""
 
     session: SessionKey
     attempt: int

@@ -14,6 +14,7 @@ RUN ?= $(OUT)/mini
 RECIPE ?= ardy/motiongen_ardy/train/configs/mini.yaml
 MODEL ?= motiongen-mini
 ARGS ?=
+CPP ?= yes
 DATA_USE := name the motion capture: make data CLIPS=folder-of-bvh LABELS=table.csv
 
 # ---- environment
@@ -52,8 +53,8 @@ serve: $(READY) ## serve the built-in model; options in ARGS, listed by make ser
 check: lint types proto-current test ## everything that CI runs
 
 .PHONY: test
-test: $(READY) ## run all tests that need no GPU and install nothing
-	$(PYTHON) -m pytest -m 'not gpu and not system' $(ARGS)
+test: $(READY) cpp-packages ## run all tests that need no GPU; CPP=no leaves out those of the C++ client
+	$(PYTHON) -m pytest -m 'not gpu and not system' $(if $(filter no,$(CPP)),--ignore tests/cpp) $(ARGS)
 
 .PHONY: test-system
 test-system: $(READY) test-lowest ## run the tests that build, install or take long, those with the oldest versions too
@@ -103,6 +104,21 @@ proto: $(READY) ## generate proto/python from the protos
 .PHONY: proto-current
 proto-current: $(READY) ## test that the protos keep their rules and proto/python is what they generate
 	$(PYTHON) -m pytest -q tests/house/test_proto_rules.py tests/house/test_proto_numbers.py tests/house/test_generated.py
+
+# ---- the C++ client
+
+.PHONY: cpp
+cpp: cpp-packages ## build the C++ client in out/cpp/release
+	cmake -S client/cpp -B $(OUT)/cpp/release -G Ninja $(ARGS)
+	cmake --build $(OUT)/cpp/release
+
+.PHONY: cpp-test
+cpp-test: $(READY) cpp-packages ## build and test the C++ client
+	$(PYTHON) -m pytest -m 'not gpu and not system' tests/cpp $(ARGS)
+
+.PHONY: cpp-packages
+cpp-packages: ## see that what the C++ client is built with is there; installs it where apt-get may
+	$(if $(filter no,$(CPP)),@echo "without the C++ client",@bash .ci/cpp_packages.sh)
 
 # ---- measure and make
 

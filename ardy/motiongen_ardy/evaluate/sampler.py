@@ -30,7 +30,7 @@ from motiongen_ardy.model.rollout import (
     visible_frames,
     weights_of,
 )
-from motiongen_ardy.model.sampling.plan import plan_targets
+from motiongen_ardy.model.sampling.plan import plan_targets, plan_text
 from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_ardy.text import TextEncoder
 
@@ -56,17 +56,20 @@ class _Growing:
 
 @dataclass(frozen=True)
 class _Due:
-    """The next window of a take. crop: frames of history; span: frames that it sees; prompt: "" for none."""
+    """The next window of a take. crop: frames of history; span: frames that it sees; text: (1, W), zeros for none;
+    end: the frame at which it is told something else.
+    """
 
     growing: _Growing
     crop: int
     span: int
     targets: Targets | None
-    prompt: str
+    text: Tensor
+    end: int
 
     @property
     def shape(self) -> tuple[int, int, bool, bool]:
-        return self.crop, self.span, self.targets is not None, bool(self.prompt)
+        return self.crop, self.span, self.targets is not None, bool(self.text.any())
 
     @property
     def first(self) -> int:
@@ -118,15 +121,20 @@ class Sampler:
         steer = take.steer_at(first)
         growing.gait = None if steer is None else gait_of(self.gaits, steer, growing.gait)
         prompt = take.prompt_at(first) if growing.gait is None else growing.gait.text
+        text, end = self.text(prompt), min(first + self.model.config.horizon, take.next_change(first), take.num_frames)
         leader = take.steer_at(first, after=SLOWING_FRAMES)
         if leader is not None:
             targets = self._led(growing, leader, targets)
-        end = first - crop + self.model.config.max_window_frames
-        if targets is not None and not any(first <= frame < end for frame in targets.frames):
+        seen_to = first - crop + self.model.config.max_window_frames
+        if targets is not None and not any(first <= frame < seen_to for frame in targets.frames):
             targets = None
-        targets = plan_targets(self.model, targets, growing.features[first - crop :], first, take.start)
+        history = growing.features[first - crop :]
+        targets = plan_targets(self.model, targets, history, first, take.start)
+        if leader is None:
+            text, led_to = plan_text(self.model, text, targets, history, first, take.start)
+            end = end if led_to is None else min(end, led_to)
         span = visible_frames(self.model, crop, targets, first - crop)
-        return _Due(growing, crop, span, targets, prompt)
+        return _Due(growing, crop, span, targets, text, end)
 
     def _led(self, growing: _Growing, steer: Steer, given: Targets | None) -> Targets | None:
         """The targets of the next window with what a velocity leads through beneath them."""
@@ -158,7 +166,7 @@ class Sampler:
         request = WindowRequest(
             num_frames=span,
             num_steps=self.sampling.num_steps,
-            text=torch.stack([self.text(due.prompt) for due in group]),
+            text=torch.stack([due.text for due in group]),
             noise=torch.stack(
                 [window_noise(due.growing.take.seed, len(due.growing.starts), num_tokens, width) for due in group]
             ),
@@ -180,10 +188,8 @@ class Sampler:
         new = commit_window(model, request, finish_window(model, state))
         self.num_windows += len(group)
         for due, frames in zip(group, new, strict=True):
-            take, first = due.growing.take, due.first
-            end = min(first + len(frames), take.next_change(first), take.num_frames)
-            due.growing.starts.append(first)
-            due.growing.features = torch.cat([due.growing.features, frames[: end - first]])
+            due.growing.starts.append(due.first)
+            due.growing.features = torch.cat([due.growing.features, frames[: due.end - due.first]])
 
     def _result(self, growing: _Growing) -> Result:
         layout = self.model.representation

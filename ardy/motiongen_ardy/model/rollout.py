@@ -27,7 +27,7 @@ from motiongen_ardy.model.diffusion import cosine_schedule
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.noise import window_noise
 from motiongen_ardy.model.sampling.correct import correct_window
-from motiongen_ardy.model.sampling.plan import plan_targets
+from motiongen_ardy.model.sampling.plan import plan_targets, plan_text
 from motiongen_ardy.model.sampling.projection import make_projection
 from motiongen_ardy.model.token_history import TokenHistory
 from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens, root_to_tokens
@@ -263,7 +263,8 @@ class RolloutRequest:
     seed: the k-th window starts from `window_noise(seed, k)`. history_frames: the most decided frames that a window
     starts with, a multiple of 4; reuse_tokens: a history that whole tokens of earlier windows cover is not encoded
     again, unless windows are corrected, which their tokens do not know. targets: constraints by absolute frame. start:
-    x and z in metres, heading in radians.
+    x and z in metres, heading in radians. keep_prompts: they hold whatever the targets ask of the root, though the
+    model's own sampling would tell windows a gait's where it contradicts them.
     """
 
     num_frames: int
@@ -276,6 +277,7 @@ class RolloutRequest:
     targets: Targets | None = None
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     later_text: tuple[tuple[int, Tensor], ...] = ()
+    keep_prompts: bool = False
 
     def __post_init__(self) -> None:
         if self.history_frames < FRAMES_PER_TOKEN or self.history_frames % FRAMES_PER_TOKEN:
@@ -313,6 +315,9 @@ def rollout(model: Model, request: RolloutRequest) -> Tensor:
         first_frame = done - history_len
         text, text_end = request.prompt_at(done)
         targets = plan_targets(model, request.targets, features[first_frame:], done, request.start)
+        if not request.keep_prompts:
+            text, led_to = plan_text(model, text, targets, features[first_frame:], done, request.start)
+            text_end = text_end if led_to is None else min(text_end, led_to)
         span = visible_frames(model, history_len, targets, first_frame)
         observed, mask, planned = (None, None, None)
         if targets is not None:

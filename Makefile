@@ -5,6 +5,7 @@ SHELL := bash
 
 VENV ?= .venv
 PYTHON := $(VENV)/bin/python
+BUF := $(VENV)/bin/buf
 READY := $(VENV)/.ready
 PARTS := proto ardy server client/python client/tools
 LOWEST ?= $(OUT)/venv-lowest
@@ -49,7 +50,7 @@ serve: $(READY) ## serve the built-in model; options in ARGS, listed by make ser
 # ---- check
 
 .PHONY: check
-check: lint types proto-current test ## everything that CI runs
+check: lint types proto-check test ## everything that CI runs
 
 .PHONY: test
 test: $(READY) ## run all tests that need no GPU and install nothing
@@ -100,9 +101,16 @@ types: $(READY) ## check types: mypy strict on server, contract and client
 proto: $(READY) ## generate proto/python from the protos
 	$(PYTHON) proto/generate.py
 
-.PHONY: proto-current
-proto-current: $(READY) ## test that the protos keep their rules and proto/python is what they generate
-	$(PYTHON) -m pytest -q tests/house/test_proto_rules.py tests/house/test_proto_numbers.py tests/house/test_generated.py
+.PHONY: proto-check
+proto-check: $(READY) ## check the protos: rules, format, what the last release promised, and that proto/python is current
+	$(BUF) lint proto
+	$(BUF) format --diff --exit-code proto
+	$(BUF) breaking proto --against proto/released.binpb
+	$(PYTHON) -m pytest -q tests/house/test_generated.py
+
+.PHONY: proto-release
+proto-release: $(READY) ## at a release only: keep the protos as what later ones must not break
+	$(BUF) build proto --exclude-source-info --output proto/released.binpb
 
 # ---- measure and make
 

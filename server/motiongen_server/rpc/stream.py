@@ -7,7 +7,7 @@ import logging
 import secrets
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from motiongen_server.engine.types import (
     PlanNotice,
     SessionKey,
 )
+from motiongen_server.engine.types.refusals import draining, handle_in_use, session_closed, session_not_open
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.convert import (
@@ -39,13 +40,8 @@ from motiongen_server.rpc.convert import (
     write_update,
 )
 from motiongen_server.rpc.event_errors import (
-    closed_before,
-    draining,
-    handle_in_use,
     internal,
     invalid_event_seq,
-    not_open,
-    refusal_outcome,
     sequence_gap,
     too_fast,
     too_many_sessions,
@@ -106,7 +102,7 @@ class Stream:
             key = SessionKey(self.number, event.session)
             if kind == "open" and refusal.code is Code.RESOURCE_EXHAUSTED:
                 self._stream_metrics.reject(refusal.reason)
-            self._say(refusal_outcome(key, event.event_seq, refusal), entry)
+            self._say(refusal.outcome(key, event.event_seq), entry)
             return
         if entry is None:
             return
@@ -115,7 +111,7 @@ class Stream:
                 self._take_tokens(entry, now)
             self._pass_on(entry, event, now)
         except EventRefused as refusal:
-            self.take(refusal_outcome(entry.key, event.event_seq, refusal))
+            self.take(refusal.outcome(entry.key, event.event_seq))
         except Exception as error:
             self._internal_error(entry, event.event_seq, error)
 
@@ -132,7 +128,7 @@ class Stream:
     def _next_of(self, event: session_pb2.SessionEvent, entry: SessionEntry | None) -> SessionEntry | None:
         """The session that the event is the next one of; None where it is to be dropped. Raises EventRefused."""
         if entry is None:
-            raise not_open(event.session)
+            raise session_not_open(event.session)
         return entry if entry.takes(event.event_seq) else None
 
     def _open(self, event: session_pb2.SessionEvent, entry: SessionEntry | None, now: float) -> SessionEntry | None:
@@ -162,18 +158,19 @@ class Stream:
 
     def _pass_on(self, entry: SessionEntry, event: session_pb2.SessionEvent, now: float) -> None:
         """Submit at once if nothing of the session waits and its prompts are known, else queue behind the encoder."""
+        texts = prompt_texts(event, entry.model.catalog)
         if not entry.waiting and entry.encoding is None:
-            known = self._known_embeddings(entry.model, event)
+            known = self._known_embeddings(entry.model, texts)
             if known is not None:
                 self._submit(entry, event, now, known)
                 return
-        entry.waiting.append((event, now))
+        entry.waiting.append((event, now, texts))
         if entry.encoding is None:
             entry.encoding = asyncio.get_running_loop().create_task(self._encode_waiting(entry))
 
-    def _known_embeddings(self, model: LoadedModel, event: session_pb2.SessionEvent) -> Embeddings | None:
+    def _known_embeddings(self, model: LoadedModel, texts: Sequence[str]) -> Embeddings | None:
         known = {}
-        for text in prompt_texts(event, model.catalog):
+        for text in texts:
             embedding = model.prompts.cached(text)
             if embedding is None:
                 return None
@@ -183,13 +180,12 @@ class Stream:
     async def _encode_waiting(self, entry: SessionEntry) -> None:
         try:
             while entry.waiting:
-                event, received_at = entry.waiting[
-                    0
-                ]  # it stays while it is encoded, so that `_refuse_waiting` finds it
+                # It stays while it is encoded, so that `_refuse_waiting` finds it.
+                event, received_at, texts = entry.waiting[0]
                 embeddings: Embeddings = {}
                 failure: Exception | None = None
                 try:
-                    for text in () if entry.closing else prompt_texts(event, entry.model.catalog):
+                    for text in () if entry.closing else texts:
                         embeddings[text] = await entry.model.prompts.encode(text)
                 except Exception as error:
                     failure = error
@@ -199,7 +195,7 @@ class Stream:
                         raise failure
                     self._submit(entry, event, received_at, embeddings)
                 except EventRefused as refusal:
-                    self.take(refusal_outcome(entry.key, event.event_seq, refusal))
+                    self.take(refusal.outcome(entry.key, event.event_seq))
                 except Exception as error:
                     self._internal_error(entry, event.event_seq, error)
         finally:
@@ -211,14 +207,14 @@ class Stream:
         if entry.encoding is not None and entry.encoding is not asyncio.current_task():
             entry.encoding.cancel()
         waiting, entry.waiting = entry.waiting, deque()
-        for event, _ in waiting:
-            self.take(refusal_outcome(entry.key, event.event_seq, closed_before()))
+        for event, *_ in waiting:
+            self.take(session_closed().outcome(entry.key, event.event_seq))
 
     def _submit(
         self, entry: SessionEntry, message: session_pb2.SessionEvent, now: float, embeddings: Embeddings
     ) -> None:
         if entry.closing:
-            raise closed_before()
+            raise session_closed()
         event = engine_event(message, entry.key, now, embeddings, entry.model.catalog)
         warnings = warnings_of(message, event, entry.model.catalog)
         if warnings:
@@ -233,7 +229,7 @@ class Stream:
     def _internal_error(self, entry: SessionEntry, event_seq: int, error: Exception) -> None:
         error_id = secrets.token_hex(4)
         _log.error("event failed, error id %s", error_id, exc_info=error)
-        self.take(refusal_outcome(entry.key, event_seq, internal(error_id)))
+        self.take(internal(error_id).outcome(entry.key, event_seq))
 
     # ---- from the engine --------------------------------------------------------------------------------------------
 

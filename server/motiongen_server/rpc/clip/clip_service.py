@@ -29,12 +29,12 @@ from motiongen_server.engine.types import (
     SessionSpec,
     Warned,
 )
+from motiongen_server.engine.types.refusals import draining
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.clip.request import check_extent, clip_specs, opening_event
 from motiongen_server.rpc.clip.residuals import constrained_frames, residuals
 from motiongen_server.rpc.convert import prompt_texts, warnings_of, write_update
-from motiongen_server.rpc.event_errors import draining
 from motiongen_server.rpc.handlers import ClipContext
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 
@@ -124,7 +124,7 @@ class ClipService:
             code = refusal.code.name
             if refusal.code is Code.RESOURCE_EXHAUSTED:
                 self._stream_metrics.reject(refusal.reason)
-            await context.abort_with_status(_as_status(refusal).status())
+            await context.abort_with_status(StreamRefused.of(refusal).status())
         except Exception as error:
             code = "INTERNAL"
             error_id = secrets.token_hex(4)
@@ -225,17 +225,4 @@ def _too_slow(waited_s: float) -> StreamRefused:
         grpc.StatusCode.DEADLINE_EXCEEDED,
         "CLIP_TOO_SLOW",
         f"the clip was not finished within {waited_s:.3g} s; ask for less, or give it a longer deadline",
-    )
-
-
-def _as_status(refusal: EventRefused) -> StreamRefused:
-    """A refusal as the status of a call."""
-    message = f"{refusal}; allowed is {refusal.allowed}" if refusal.allowed else str(refusal)
-    return StreamRefused(
-        grpc.StatusCode[refusal.code.name],
-        refusal.reason,
-        message,
-        refusal.field,
-        refusal.retry_after_s or 0.0,
-        refusal.allowed,
     )

@@ -15,6 +15,7 @@ RUN ?= $(OUT)/mini
 RECIPE ?= ardy/motiongen_ardy/train/configs/mini.yaml
 MODEL ?= motiongen-mini
 ARGS ?=
+CPP ?= yes
 DATA_USE := name the motion capture: make data CLIPS=folder-of-bvh LABELS=table.csv
 
 # ---- environment
@@ -53,8 +54,8 @@ serve: $(READY) ## serve the built-in model; options in ARGS, listed by make ser
 check: lint types proto-check test ## everything that CI runs
 
 .PHONY: test
-test: $(READY) ## run all tests that need no GPU and install nothing
-	$(PYTHON) -m pytest -m 'not gpu and not system' $(ARGS)
+test: $(READY) cpp-packages ## run all tests that need no GPU; CPP=no leaves out those of the C++ client
+	$(PYTHON) -m pytest -m 'not gpu and not system' $(if $(filter no,$(CPP)),--ignore tests/cpp) $(ARGS)
 
 .PHONY: test-system
 test-system: $(READY) test-lowest ## run the tests that build, install or take long, those with the oldest versions too
@@ -112,6 +113,21 @@ proto-check: $(READY) ## check the protos: rules, format, what the last release 
 proto-release: $(READY) ## at a release only: keep the protos as what later ones must not break
 	$(BUF) build proto --exclude-source-info --output proto/released.binpb
 
+# ---- the C++ client
+
+.PHONY: cpp
+cpp: cpp-packages ## build the C++ client in out/cpp/release
+	cmake -S client/cpp -B $(OUT)/cpp/release -G Ninja $(ARGS)
+	cmake --build $(OUT)/cpp/release
+
+.PHONY: cpp-test
+cpp-test: $(READY) cpp-packages ## build and test the C++ client
+	$(PYTHON) -m pytest -m 'not gpu and not system' tests/cpp $(ARGS)
+
+.PHONY: cpp-packages
+cpp-packages: ## see that what the C++ client is built with is there; installs it where apt-get may
+	$(if $(filter no,$(CPP)),@echo "without the C++ client",@bash .ci/cpp_packages.sh)
+
 # ---- measure and make
 
 .PHONY: bench
@@ -140,6 +156,7 @@ train-mini: $(READY) ## train what RECIPE says on DATA (the built-in model): tok
 	$(PYTHON) -m motiongen_ardy.train.tokenizer "$(DATA)" "$(RUN)/tokenizer" --config "$(RECIPE)" $(ARGS)
 	$(PYTHON) -m motiongen_ardy.train.denoiser "$(DATA)" "$(RUN)/denoiser" --tokenizer "$(RUN)/tokenizer" --config "$(RECIPE)" $(ARGS)
 	$(PYTHON) -m motiongen_ardy.train.prompt_domain "$(DATA)" "$(RUN)/denoiser"
+	$(PYTHON) -m motiongen_ardy.train.prompt_paces "$(DATA)" "$(RUN)/denoiser"
 
 .PHONY: gate
 gate: $(READY) ## judge the motion of MODEL on the test split of DATA; exit code 1 if it misses a bound

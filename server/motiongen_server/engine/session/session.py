@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import FULL, Level
 from motiongen_server.engine.scheduling.report import EventLatency, StepReport
-from motiongen_server.engine.session.conditions import Conditions, EditRefused
+from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.delivery import Delivery
 from motiongen_server.engine.session.drift import DriftState
 from motiongen_server.engine.session.edits import EditEvent, EditQueue, PendingEdit, edited
@@ -35,6 +35,7 @@ from motiongen_server.engine.types import (
     Closed,
     CloseReason,
     Code,
+    EventRefused,
     ModelFacts,
     Opened,
     Outcome,
@@ -42,6 +43,7 @@ from motiongen_server.engine.types import (
     PlanCause,
     PlanNotice,
     Playhead,
+    Resume,
     ServiceLevel,
     SessionKey,
     SessionSpec,
@@ -50,6 +52,7 @@ from motiongen_server.engine.types import (
     WindowJob,
     WindowResult,
 )
+from motiongen_server.engine.types.refusals import session_closed
 
 # A wake-up computed in floating point may come a hair early; the tolerance keeps it from being asked for again.
 _FRAME_TOLERANCE = 1e-3
@@ -123,10 +126,7 @@ class SessionState:
     def close(self, reason: CloseReason, code: Code, message: str) -> list[Output]:
         """Answer every edit that still waits, then say goodbye. The session must not be used again."""
         waiting = (*(self.running.answers if self.running else ()), *self.edits.waiting)
-        outputs: list[Output] = [
-            Outcome(self.key, edit.event_seq, Code.CANCELLED, None, "SESSION_CLOSED", "the session closed before it")
-            for edit in waiting
-        ]
+        outputs: list[Output] = [session_closed().outcome(self.key, edit.event_seq) for edit in waiting]
         self.running, self.edits.waiting = None, ()
         return [*outputs, Closed(self.key, reason, code, message, self.delivery.num_frames, self.delivery.late_frames)]
 
@@ -139,17 +139,22 @@ class SessionState:
 
     # ---- events -----------------------------------------------------------------------------------------------------
 
-    def apply(self, event: EditEvent | Playhead | SetPlayState, now: float, report: StepReport) -> list[Output]:
+    def apply(
+        self, event: EditEvent | Playhead | SetPlayState | Resume, now: float, report: StepReport
+    ) -> list[Output]:
         """Take in one event. If this ends the running window (`running` becomes None), its job is to be discarded."""
         if isinstance(event, Playhead):
             self._report_playhead(event, now, report)
             return []
+        if isinstance(event, Resume):
+            self.last_playhead_at = now
+            return self.delivery.resume(event, self.plan, self.timeline.first)
         if isinstance(event, SetPlayState):
             self.clock.set_state(event.state, event.received_at, self.delivery.sent_to)
             return [Outcome(self.key, event.event_seq, Code.OK)]
         try:
             return self._edit(event, now, report)
-        except EditRefused as refused:
+        except EventRefused as refused:
             return [refused.outcome(self.key, event.event_seq)]
 
     def _report_playhead(self, event: Playhead, now: float, report: StepReport) -> None:
@@ -323,6 +328,7 @@ class SessionState:
             return []
         self.running = None
         first_frame, num_frames = running.first_frame, running.accept_to - running.first_frame
+        # A runner may give fewer: from the next frame on it would tell the model something else.
         rows = result.frames[:num_frames]
         self.timeline = self.timeline.spliced(
             first_frame, rows, result.features[:num_frames], result.tokens, anew=running.fresh
@@ -335,11 +341,14 @@ class SessionState:
         self.delivery.first_chunk_due |= running.job.cause is PlanCause.EDIT
         report.windows.append((self.spec.priority, running.job.cause))
         report.soft_resets += running.correction is not None
+        sent_to = self.delivery.sent_to
         report.frames_superseded += self.delivery.superseded(first_frame)
         answered = self.edits.landed(running.answers, first_frame, self.delivery.sent_to)
         seqs = tuple(edit.event_seq for edit, _ in answered)
+        notice = PlanNotice(self.key, self.plan, first_frame, running.job.cause, seqs)
+        self.delivery.plan_log.note(notice, sent_to)
         return [
-            PlanNotice(self.key, self.plan, first_frame, running.job.cause, seqs),
+            notice,
             *(Outcome(self.key, edit.event_seq, Code.OK, frame) for edit, frame in answered),
             *self._settle(),
         ]
@@ -390,12 +399,16 @@ class SessionState:
             return []
         self.plan += 1
         self.holding = True
-        return [PlanNotice(self.key, self.plan, held_from, PlanCause.FALLBACK, ())]
+        notice = PlanNotice(self.key, self.plan, held_from, PlanCause.FALLBACK, ())
+        delivery.plan_log.note(notice, delivery.sent_to)
+        return [notice]
 
     def _trim(self) -> None:
         """Let go of what can neither be sent, nor replaced, nor be history; and of conditions that have passed."""
         committed_to = self.delivery.committed_to
-        keep_from = min(committed_to, self.delivery.sent_to) - history_crop(self.spec, self.config)
+        # A client that loses its transport may have to be sent again all that lies beyond its last report.
+        missed_from = math.inf if self.spec.is_clip else self.clock.reported
+        keep_from = int(min(committed_to, self.delivery.sent_to, missed_from)) - history_crop(self.spec, self.config)
         if keep_from - self.timeline.first >= self.facts.horizon:
             self.timeline = self.timeline.trimmed(keep_from)
         self.conditions = self.conditions.without_past(committed_to)

@@ -29,13 +29,14 @@ from motiongen_server.engine.types import (
     SessionSpec,
     Warned,
 )
+from motiongen_server.engine.types.refusals import draining
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.clip.request import check_extent, clip_specs, opening_event
 from motiongen_server.rpc.clip.residuals import constrained_frames, residuals
 from motiongen_server.rpc.convert import prompt_texts, warnings_of, write_update
-from motiongen_server.rpc.event_errors import draining
 from motiongen_server.rpc.handlers import ClipContext
+from motiongen_server.rpc.session_entry import session_name
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 
 _log = logging.getLogger(__name__)
@@ -124,7 +125,7 @@ class ClipService:
             code = refusal.code.name
             if refusal.code is Code.RESOURCE_EXHAUSTED:
                 self._stream_metrics.reject(refusal.reason)
-            await context.abort_with_status(_as_status(refusal).status())
+            await context.abort_with_status(StreamRefused.of(refusal).status())
         except Exception as error:
             code = "INTERNAL"
             error_id = secrets.token_hex(4)
@@ -179,7 +180,7 @@ class ClipService:
             return [service_pb2.GenerateClipResponse(sample=sample, chunk=_frames(output))]
         if isinstance(output, Opened):
             update = session_pb2.SessionUpdate()
-            write_update(update, replace(output, warnings=call.warnings))
+            write_update(update, replace(output, warnings=call.warnings, session_id=session_name(output.session)))
             update.opened.lookahead_frames = update.opened.committed_horizon_frames = 0
             return [service_pb2.GenerateClipResponse(sample=sample, opened=update.opened)]
         if isinstance(output, Outcome):  # only an Open that is refused has one
@@ -225,17 +226,4 @@ def _too_slow(waited_s: float) -> StreamRefused:
         grpc.StatusCode.DEADLINE_EXCEEDED,
         "CLIP_TOO_SLOW",
         f"the clip was not finished within {waited_s:.3g} s; ask for less, or give it a longer deadline",
-    )
-
-
-def _as_status(refusal: EventRefused) -> StreamRefused:
-    """A refusal as the status of a call."""
-    message = f"{refusal}; allowed is {refusal.allowed}" if refusal.allowed else str(refusal)
-    return StreamRefused(
-        grpc.StatusCode[refusal.code.name],
-        refusal.reason,
-        message,
-        refusal.field,
-        refusal.retry_after_s or 0.0,
-        refusal.allowed,
     )

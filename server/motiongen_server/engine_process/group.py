@@ -6,7 +6,12 @@ import time
 from collections.abc import Sequence
 
 from motiongen_server.engine.types import Event, ModelFacts, Open, Outcome, Playhead
-from motiongen_server.engine_process.ledger import refuse_beyond_limit, refuse_while_draining, refuse_without_engine
+from motiongen_server.engine_process.ledger import (
+    refuse_beyond_limit,
+    refuse_while_draining,
+    refuse_while_full,
+    refuse_without_engine,
+)
 from motiongen_server.engine_process.model_link import ModelLink
 from motiongen_server.engine_process.process import EngineProcess
 from motiongen_server.rpc.abilities import Abilities
@@ -77,15 +82,33 @@ class EngineGroup:
             return None if isinstance(event, Playhead) else refuse_without_engine(event.session, event.event_seq)
         return link.submit(event)
 
-    def _open(self, event: Open) -> Outcome | None:
+    def refusal_of(self, event: Open) -> Outcome | None:
+        """What an Open would be refused with as things stand; no place is held."""
+        refusal = self._refusal(event)
+        if refusal is not None or event.spec.is_clip:
+            return refusal
+        priority = event.spec.priority
+        if all(priority in link.full for _, link in self._members if link.is_up):
+            return refuse_while_full(event.session, event.event_seq, priority)
+        return None
+
+    def _refusal(self, event: Open) -> Outcome | None:
         if self._is_draining:
             return refuse_while_draining(event.session, event.event_seq)
         if not event.spec.is_clip:
             num_sessions = sum(link.num_sessions - link.num_clips for _, link in self._members)
             if num_sessions >= self._max_sessions:
                 return refuse_beyond_limit(event.session, event.event_seq, self._max_sessions)
+        if not any(link.is_up for _, link in self._members):
+            return refuse_without_engine(event.session, event.event_seq)
+        return None
+
+    def _open(self, event: Open) -> Outcome | None:
+        refusal = self._refusal(event)
+        if refusal is not None:
+            return refusal
         free = [member for member in self._members if member[1].is_up]
-        if not free:
+        if not free:  # one was lost since
             return refuse_without_engine(event.session, event.event_seq)
         is_clip = event.spec.is_clip
         _, link = min(free, key=lambda member: _taken(member[0], member[1], is_clip))

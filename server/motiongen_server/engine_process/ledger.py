@@ -17,6 +17,7 @@ from motiongen_server.engine.types import (
     Outcome,
     Output,
     Playhead,
+    Priority,
     SessionKey,
 )
 
@@ -203,6 +204,21 @@ def refuse_while_draining(key: SessionKey, event_seq: int) -> Outcome:
     """The answer to an Open once the server takes no new sessions."""
     message = "the server is going away; open the session elsewhere"
     return Outcome(key, event_seq, Code.UNAVAILABLE, None, "DRAINING", message, "open")
+
+
+def refuse_while_full(key: SessionKey, event_seq: int, priority: Priority) -> Outcome:
+    """The answer to an Open of a class that no engine lets in, as they last told."""
+    return Outcome(
+        key,
+        event_seq,
+        Code.RESOURCE_EXHAUSTED,
+        None,
+        "OVERLOADED",
+        f"the machine has no room for another session of class {priority.name}; try again later",
+        "open",
+        "sessions of a more urgent class, or another server",
+        retry_after_s=RETRY_AFTER_S,
+    )
 
 
 def refuse_beyond_limit(key: SessionKey, event_seq: int, most: int) -> Outcome:

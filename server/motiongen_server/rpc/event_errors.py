@@ -113,14 +113,65 @@ def invalid_event_seq(given: int) -> EventRefused:
     )
 
 
-def too_fast(what: str, rate: float, retry_after_s: float) -> EventRefused:
+def too_fast(rate: float, retry_after_s: float) -> EventRefused:
     return EventRefused(
         Code.RESOURCE_EXHAUSTED,
         "TOO_MANY_EVENTS",
-        f"the {what} sends events too fast",
+        "the session sends events too fast",
         field="event",
         allowed=f"{rate:g} a second",
         retry_after_s=retry_after_s,
+    )
+
+
+def too_much_waits(num_events: int, most: int) -> EventRefused:
+    """Events that wait for a prompt to be encoded."""
+    return EventRefused(
+        Code.RESOURCE_EXHAUSTED,
+        "TOO_MANY_PENDING_EVENTS",
+        f"{num_events} events of the session wait for a prompt to be encoded",
+        allowed=f"at most {most} events waiting for a session; send again when one has been answered",
+    )
+
+
+def peer_sessions(most: int) -> EventRefused:
+    return EventRefused(
+        Code.RESOURCE_EXHAUSTED,
+        "PEER_SESSION_LIMIT",
+        "your address holds as many sessions as one may",
+        field="open",
+        allowed=f"sessions of one address up to a weight of {most}, a HERO counting 4, a NEAR 2, others 1",
+    )
+
+
+def peer_heroes(most: int) -> EventRefused:
+    return EventRefused(
+        Code.RESOURCE_EXHAUSTED,
+        "PEER_SESSION_LIMIT",
+        f"your address holds {most} sessions of the class HERO",
+        field="open.priority",
+        allowed=f"at most {most} of one address; open it as NEAR",
+    )
+
+
+def too_many_clips(most: int) -> EventRefused:
+    return EventRefused(
+        Code.RESOURCE_EXHAUSTED,
+        "CLIP_LIMIT",
+        "other clips are being made; try again later",
+        allowed=f"at most {most} calls for clips at once",
+        retry_after_s=2.0,
+    )
+
+
+def peer_clips(most: int) -> EventRefused:
+    return EventRefused(
+        Code.RESOURCE_EXHAUSTED,
+        "PEER_CLIP_LIMIT",
+        "your address has as many samples of clips made as one may",
+        field="sample_count",
+        allowed=f"at most {most} samples at once of one address",
+        retry_after_s=1.0,
     )
 
 

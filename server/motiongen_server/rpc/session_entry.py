@@ -10,6 +10,7 @@ from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import Code, Opened, Outcome, Output, SessionKey, Warned
 from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.event_errors import invalid_event_seq, sequence_gap
+from motiongen_server.rpc.peers import Place
 from motiongen_server.rpc.token_bucket import TokenBucket
 
 
@@ -20,13 +21,14 @@ class SessionEntry:
     last_seq: the highest event number taken. answered: numbers above applied_seq that have been answered already.
     waiting: events held back behind one whose prompt is being encoded. known_to_engine: whether its open was passed on.
     closing: whether its close was. muted: frames for it are dropped, since its client does not read. model: what it was
-    opened with. warnings: by event number, of events that have not been answered.
+    opened with. place: among the sessions of its peer. warnings: by event number, of events not answered yet.
     """
 
     key: SessionKey
     model: LoadedModel
     request_id: str
     bucket: TokenBucket
+    place: Place
     last_seq: int = 1
     applied_seq: int = 0
     answered: set[int] = field(default_factory=set)

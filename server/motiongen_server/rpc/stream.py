@@ -7,7 +7,7 @@ import logging
 import secrets
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,19 @@ from motiongen_server.engine.types import (
     Closed,
     CloseReason,
     Code,
+    Open,
     Opened,
     Outcome,
     Output,
     PlanNotice,
+    Priority,
     SessionKey,
 )
-from motiongen_server.errors import EventRefused
+from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
+from motiongen_server.rpc.budget import REFUSAL_COST, StreamBudget
 from motiongen_server.rpc.convert import (
+    UNENCODED,
     Parts,
     append_frames,
     append_plan,
@@ -38,6 +42,7 @@ from motiongen_server.rpc.convert import (
     warnings_of,
     write_update,
 )
+from motiongen_server.rpc.encoding import encoded
 from motiongen_server.rpc.event_errors import (
     closed_before,
     draining,
@@ -49,7 +54,10 @@ from motiongen_server.rpc.event_errors import (
     sequence_gap,
     too_fast,
     too_many_sessions,
+    too_much_waits,
 )
+from motiongen_server.rpc.limits import PeerLimits
+from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.send_queue import Run, SendQueue
 from motiongen_server.rpc.session_entry import SessionEntry
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
@@ -59,6 +67,8 @@ _log = logging.getLogger(__name__)
 
 MAX_RESPONSE_BYTES = 1 << 20
 MAX_WAITING_REPLIES = 64
+MAX_WAITING_EVENTS = 64
+"""Events of one session that may wait for a prompt to be encoded."""
 
 Embeddings = dict[str, NDArray[np.float32]]
 
@@ -66,8 +76,19 @@ Embeddings = dict[str, NDArray[np.float32]]
 class Stream:
     """The state of one StreamMotion call. Everything here runs on the event loop."""
 
-    def __init__(self, number: int, models: ModelRegistry, stream_metrics: StreamMetrics | None = None) -> None:
+    def __init__(
+        self,
+        number: int,
+        models: ModelRegistry,
+        stream_metrics: StreamMetrics | None = None,
+        peer: Peer | None = None,
+    ) -> None:
+        """peer: whom it is charged to besides; one of its own by default."""
+        now = time.monotonic()
         self.number = number
+        self.began_at = now
+        self.peer = peer or Peer(PeerLimits(), now)
+        self.budget = StreamBudget(models.limits.stream_events_per_second, self.peer, now)
         self.send_queue = SendQueue()
         self.ready = asyncio.Event()  # something to write, or the end
         self.urgent = asyncio.Event()  # something that must not wait for the flush interval
@@ -75,6 +96,10 @@ class Stream:
         self.accepts_opens = True
         self.greeted = False  # both sides have said hello
         self.ended = False
+        self.writing_since: float | None = None  # monotonic seconds, while a message is being written
+        self.cut: Callable[[], object] = lambda: None  # breaks off what is being written
+        self.empty_since = now  # monotonic seconds, while there is no session
+        self.refusal: StreamRefused | None = None  # why the stream is ended, where its client is at fault
         self.rtt_s: float | None = None  # the client's last measurement
         self.responses: deque[service_pb2.StreamMotionResponse] = deque()
         self._models = models
@@ -82,7 +107,6 @@ class Stream:
         self._stream_metrics = stream_metrics or NoStreamMetrics()
         self._dropped_told = 0
         self._entries: dict[int, SessionEntry] = {}
-        self._bucket = TokenBucket(self._limits.stream_events_per_second, time.monotonic())
         self._patience: asyncio.TimerHandle | None = None  # runs while more waits than may wait for long
         self._room = asyncio.Event()
 
@@ -90,10 +114,15 @@ class Stream:
     def num_sessions(self) -> int:
         return len(self._entries)
 
+    @property
+    def num_waiting_bytes(self) -> int:
+        """What waits to be written, about."""
+        return self.send_queue.num_bytes
+
     # ---- from the client --------------------------------------------------------------------------------------------
 
     def receive(self, event: session_pb2.SessionEvent, now: float) -> None:
-        """Take one event of the client, read at `now`: hand it to the engine, or answer why not."""
+        """Take one event of the client, read at `now` and charged: hand it to the engine, or answer why not."""
         kind = event.WhichOneof("event")
         entry = self._entries.get(event.session)
         try:
@@ -106,15 +135,17 @@ class Stream:
             key = SessionKey(self.number, event.session)
             if kind == "open" and refusal.code is Code.RESOURCE_EXHAUSTED:
                 self._stream_metrics.reject(refusal.reason)
+            self.budget.charge(REFUSAL_COST, now)
             self._say(refusal_outcome(key, event.event_seq, refusal), entry)
             return
         if entry is None:
             return
         try:
             if kind != "close":  # which asks for less work, not for more
-                self._take_tokens(entry, now)
+                self._take_token(entry, now)
             self._pass_on(entry, event, now)
         except EventRefused as refusal:
+            self.budget.charge(REFUSAL_COST, now)
             self.take(refusal_outcome(entry.key, event.event_seq, refusal))
         except Exception as error:
             self._internal_error(entry, event.event_seq, error)
@@ -125,7 +156,7 @@ class Stream:
             return  # it crossed the session's end
         if event.event_seq:
             raise invalid_event_seq(event.event_seq)
-        self._take_tokens(entry, now)
+        self._take_token(entry, now)
         if entry.known_to_engine and not entry.closing:
             entry.model.engine.submit(playhead_of(event.playhead, entry.key, now, self.rtt_s))
 
@@ -149,16 +180,15 @@ class Stream:
             raise too_many_sessions(len(self._entries), limits.max_sessions_per_stream)
         key = SessionKey(self.number, handle)
         model = self._models.find(event.open.model_id)
-        entry = SessionEntry(key, model, event.open.request_id, TokenBucket(limits.events_per_second, now))
+        asked = event.open.priority
+        place = self.peer.place(Priority(asked) if int(asked) in tuple(Priority) else Priority.NEAR)
+        entry = SessionEntry(key, model, event.open.request_id, TokenBucket(limits.events_per_second, now), place)
         self._entries[handle] = entry
         return entry
 
-    def _take_tokens(self, entry: SessionEntry, now: float) -> None:
-        limits = self._limits
-        if not self._bucket.take(now):
-            raise too_fast("stream", limits.stream_events_per_second, self._bucket.wait_s)
+    def _take_token(self, entry: SessionEntry, now: float) -> None:
         if not entry.bucket.take(now):
-            raise too_fast("session", limits.events_per_second, entry.bucket.wait_s)
+            raise too_fast(self._limits.events_per_second, entry.bucket.wait_s)
 
     def _pass_on(self, entry: SessionEntry, event: session_pb2.SessionEvent, now: float) -> None:
         """Submit at once if nothing of the session waits and its prompts are known, else queue behind the encoder."""
@@ -167,7 +197,17 @@ class Stream:
             if known is not None:
                 self._submit(entry, event, now, known)
                 return
-        entry.waiting.append((event, now))
+        if len(entry.waiting) >= MAX_WAITING_EVENTS and event.WhichOneof("event") != "close":
+            raise too_much_waits(len(entry.waiting), MAX_WAITING_EVENTS)
+        # All that can be wrong with it is found before anything is encoded for it, or waits.
+        checked = engine_event(event, entry.key, now, UNENCODED, entry.model.catalog)
+        if isinstance(checked, Open) and (refusal := entry.model.engine.refusal_of(checked)) is not None:
+            self.budget.charge(REFUSAL_COST, now)
+            self.take(refusal)
+            return
+        kept = session_pb2.SessionEvent()
+        kept.CopyFrom(event)  # else the whole message would be kept with it
+        entry.waiting.append((kept, now))
         if entry.encoding is None:
             entry.encoding = asyncio.get_running_loop().create_task(self._encode_waiting(entry))
 
@@ -183,16 +223,16 @@ class Stream:
     async def _encode_waiting(self, entry: SessionEntry) -> None:
         try:
             while entry.waiting:
-                event, received_at = entry.waiting[
-                    0
-                ]  # it stays while it is encoded, so that `_refuse_waiting` finds it
+                event, received_at = entry.waiting[0]  # it stays meanwhile, so that `_refuse_waiting` finds it
                 embeddings: Embeddings = {}
                 failure: Exception | None = None
                 try:
                     for text in () if entry.closing else prompt_texts(event, entry.model.catalog):
-                        embeddings[text] = await entry.model.prompts.encode(text)
+                        embeddings[text] = await encoded(entry.model.prompts, text, self.number, self.peer)
                 except Exception as error:
                     failure = error
+                if not entry.waiting or entry.waiting[0][0] is not event:
+                    return  # its session ended meanwhile, and it was answered
                 entry.waiting.popleft()
                 try:
                     if failure is not None:
@@ -203,7 +243,8 @@ class Stream:
                 except Exception as error:
                     self._internal_error(entry, event.event_seq, error)
         finally:
-            entry.encoding = None
+            if entry.encoding is asyncio.current_task():
+                entry.encoding = None
             self.ready.set()
 
     def _refuse_waiting(self, entry: SessionEntry) -> None:
@@ -267,11 +308,17 @@ class Stream:
                 if output.code is Code.RESOURCE_EXHAUSTED:
                     self._stream_metrics.reject(output.reason)
                 self._refuse_waiting(entry)
-                del self._entries[entry.key.handle]
+                self._forget(entry)
         elif isinstance(output, Closed):
             self._refuse_waiting(entry)  # before the end is told and the handle can be used again
             entry.applied_seq = entry.last_seq
-            del self._entries[entry.key.handle]
+            self._forget(entry)
+
+    def _forget(self, entry: SessionEntry) -> None:
+        del self._entries[entry.key.handle]
+        entry.place.release()
+        if not self._entries:
+            self.empty_since = time.monotonic()
 
     def _say(self, outcome: Outcome, entry: SessionEntry | None) -> None:
         """Answer an event that is none of its session's."""
@@ -312,17 +359,26 @@ class Stream:
         self.ready.set()
 
     async def room(self) -> None:
-        """Let other streams have a turn, and wait until there is room for more answers, or the stream ends.
+        """Let other streams have a turn, and wait until this one may be read on, or ends.
 
-        Events that are refused cost the client a few bytes and the server an answer each; one that sends them and does
-        not read would fill the memory. Not reading on passes the wait to the client, by gRPC's own flow control.
+        Not while it owes for what it has sent, nor while more answers wait than its client reads. Not reading on passes
+        the wait to the client, by gRPC's own flow control.
         """
         await asyncio.sleep(0)
-        while not self.ended and (
-            self.send_queue.num_bytes > self._limits.hard_backlog_bytes or len(self.responses) > MAX_WAITING_REPLIES
-        ):
+        while not self.ended:
+            owed_s = self.budget.owed_s(time.monotonic())
+            if not owed_s and not self._is_backlogged:
+                return
             self._room.clear()
+            timer = asyncio.get_running_loop().call_later(owed_s, self._room.set) if owed_s else None
             await self._room.wait()
+            if timer is not None:
+                timer.cancel()
+
+    @property
+    def _is_backlogged(self) -> bool:
+        full = self.send_queue.num_bytes > self._limits.hard_backlog_bytes
+        return full or len(self.responses) > MAX_WAITING_REPLIES
 
     # ---- ends -------------------------------------------------------------------------------------------------------
 
@@ -374,6 +430,16 @@ class Stream:
         self.close_all(CloseReason.CLIENT)
         self.end()
         self._end_patience()
+        for entry in self._entries.values():
+            entry.place.release()
+
+    def refuse(self, refusal: StreamRefused) -> None:
+        """End the stream for what its client does, or does not. What waits is not written."""
+        self.refusal = refusal
+        self.abandon()
+        self.send_queue.clear()
+        self.responses.clear()
+        self.cut()
 
     def end(self) -> None:
         """Let the write loop finish what is there and stop."""

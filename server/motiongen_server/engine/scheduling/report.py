@@ -26,7 +26,7 @@ class StepReport:
     client_underruns: how many a client has newly reported. memory_splits: calls made smaller for want of memory.
     soft_resets: windows that righted a character. frames_held: frames that repeat a pose for want of a window.
     Where they were taken: sessions, how many there are; load, the share of the machine in use; tiers, what each class
-    gets.
+    gets; full, the classes of which not the least session would be let in.
     """
 
     rows: int = 0
@@ -55,3 +55,4 @@ class StepReport:
     sessions: Mapping[tuple[Priority, PlayState], int] | None = None
     load: float | None = None
     tiers: Mapping[Priority, ServiceTier] | None = None
+    full: list[Priority] | None = None

@@ -5,6 +5,7 @@ SHELL := bash
 
 VENV ?= .venv
 PYTHON := $(VENV)/bin/python
+BUF := $(VENV)/bin/buf
 READY := $(VENV)/.ready
 PARTS := proto ardy server client/python client/tools
 LOWEST ?= $(OUT)/venv-lowest
@@ -14,6 +15,7 @@ RUN ?= $(OUT)/mini
 RECIPE ?= ardy/motiongen_ardy/train/configs/mini.yaml
 MODEL ?= motiongen-mini
 ARGS ?=
+CPP ?= yes
 DATA_USE := name the motion capture: make data CLIPS=folder-of-bvh LABELS=table.csv
 
 # ---- environment
@@ -49,11 +51,11 @@ serve: $(READY) ## serve the built-in model; options in ARGS, listed by make ser
 # ---- check
 
 .PHONY: check
-check: lint types proto-current test ## everything that CI runs
+check: lint types proto-check test ## everything that CI runs
 
 .PHONY: test
-test: $(READY) ## run all tests that need no GPU and install nothing
-	$(PYTHON) -m pytest -m 'not gpu and not system' $(ARGS)
+test: $(READY) cpp-packages ## run all tests that need no GPU; CPP=no leaves out those of the C++ client
+	$(PYTHON) -m pytest -m 'not gpu and not system' $(if $(filter no,$(CPP)),--ignore tests/cpp) $(ARGS)
 
 .PHONY: test-system
 test-system: $(READY) test-lowest ## run the tests that build, install or take long, those with the oldest versions too
@@ -100,9 +102,31 @@ types: $(READY) ## check types: mypy strict on server, contract and client
 proto: $(READY) ## generate proto/python from the protos
 	$(PYTHON) proto/generate.py
 
-.PHONY: proto-current
-proto-current: $(READY) ## test that the protos keep their rules and proto/python is what they generate
-	$(PYTHON) -m pytest -q tests/house/test_proto_rules.py tests/house/test_proto_numbers.py tests/house/test_generated.py
+.PHONY: proto-check
+proto-check: $(READY) ## check the protos: rules, format, what the last release promised, and that proto/python is current
+	$(BUF) lint proto
+	$(BUF) format --diff --exit-code proto
+	$(BUF) breaking proto --against proto/released.binpb
+	$(PYTHON) -m pytest -q tests/house/test_generated.py
+
+.PHONY: proto-release
+proto-release: $(READY) ## at a release only: keep the protos as what later ones must not break
+	$(BUF) build proto --exclude-source-info --output proto/released.binpb
+
+# ---- the C++ client
+
+.PHONY: cpp
+cpp: cpp-packages ## build the C++ client in out/cpp/release
+	cmake -S client/cpp -B $(OUT)/cpp/release -G Ninja $(ARGS)
+	cmake --build $(OUT)/cpp/release
+
+.PHONY: cpp-test
+cpp-test: $(READY) cpp-packages ## build and test the C++ client
+	$(PYTHON) -m pytest -m 'not gpu and not system' tests/cpp $(ARGS)
+
+.PHONY: cpp-packages
+cpp-packages: ## see that what the C++ client is built with is there; installs it where apt-get may
+	$(if $(filter no,$(CPP)),@echo "without the C++ client",@bash .ci/cpp_packages.sh)
 
 # ---- measure and make
 

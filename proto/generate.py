@@ -21,7 +21,6 @@ from grpc_tools import protoc
 ROOM = Path(__file__).resolve().parent
 PACKAGE = Path("motiongen/v1")
 PROTOC = "1.66.2"
-NUMBERS = ROOM / "numbers.txt"
 
 
 def generate(out: Path) -> list[Path]:
@@ -45,31 +44,11 @@ def generate(out: Path) -> list[Path]:
 
 
 def descriptors() -> FileDescriptorSet:
-    """The protos as data, with comments and without what they import from elsewhere."""
+    """The protos as data, without what they import from elsewhere."""
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "descriptors.binpb"
-        run(f"--descriptor_set_out={target}", "--include_source_info")
+        run(f"--descriptor_set_out={target}")
         return FileDescriptorSet.FromString(target.read_bytes())
-
-
-def numbers(files: FileDescriptorSet) -> list[str]:
-    """A line for each number that the contract has given away: "Message number name type", or "Enum number NAME"."""
-    lines = []
-    for file in files.file:
-        for message in file.message_type:
-            for field in message.field:
-                kind = field.type_name.rpartition(".")[2] or field.Type.Name(field.type).removeprefix("TYPE_").lower()
-                label = "repeated " if field.label == field.LABEL_REPEATED else ""
-                lines.append(f"{message.name} {field.number} {field.name} {label}{kind}")
-        lines += [f"{enum.name} {value.number} {value.name}" for enum in file.enum_type for value in enum.value]
-    return lines
-
-
-def note_numbers() -> None:
-    """Add the numbers that are new to `numbers.txt`. A line is never changed or taken out: see tests/house."""
-    noted = NUMBERS.read_text(encoding="utf-8").splitlines() if NUMBERS.exists() else []
-    new = [line for line in numbers(descriptors()) if line not in noted]
-    NUMBERS.write_text("\n".join([*noted, *new]) + "\n", encoding="utf-8", newline="\n")
 
 
 def run(*outputs: str, only: str = "*.proto") -> None:
@@ -133,7 +112,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--out", type=Path, default=ROOM / "python", help="folder to write below (default: %(default)s)"
     )
-    note_numbers()
     for path in generate(parser.parse_args(arguments).out):
         print(path.name)
     return 0

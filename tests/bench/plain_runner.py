@@ -21,17 +21,17 @@ from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, batch_passes, full_passes, guided_prediction
 from motiongen_ardy.model.diffusion import cosine_schedule
-from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.noise import window_noise
-from motiongen_ardy.model.rollout import (
+from motiongen_ardy.model.generation import (
     WindowRequest,
     WindowState,
     denoise_step,
     finish_window,
     start_window,
-    visible_frames,
     world_tokens_of,
 )
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.noise import window_noise
+from motiongen_ardy.model.rollout import visible_frames
 from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_ardy.model.window import Window
 from motiongen_server.engine.types import ModelFacts, RowStatus, WindowJob, WindowResult

@@ -74,7 +74,8 @@ ROOMS = (
         " ~.engine.types ~.engine.engine_port ~.models.registry",
     ),
     room(f"{SERVER}/text/presets.py", "~.engine.types"),
-    room(f"{SERVER}/text/prompts.py", "numpy ~.engine.types ~.errors ~.text.turns"),
+    room(f"{SERVER}/text/event_errors.py", "~.engine.types ~.errors"),
+    room(f"{SERVER}/text/prompts.py", "numpy ~.errors ~.text.event_errors ~.text.turns"),
     room(
         f"{SERVER}/text/encoder",
         f"{GRPC} google motiongen motiongen_ardy.text numpy prometheus_client torch"

@@ -1,4 +1,4 @@
-"""Corrected windows are the same from the engine, the reference rollout, a clip, alone and in a batch."""
+"""Corrected windows are the same from the engine, the reference rollout, alone and in a batch."""
 
 from __future__ import annotations
 
@@ -10,11 +10,7 @@ import torch
 
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.core.constraint import Targets
-from motiongen_ardy.model.clip import ClipRequest, generate_clip
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.noise import window_noise
-from motiongen_ardy.model.rollout import RolloutRequest, rollout
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_server.engine.types import JointTargets, Keyframe, WindowResult
 from motiongen_server.runner import TorchRunner
 from tests.parity.conftest import TINY, make_job
@@ -67,21 +63,6 @@ def test_a_session_does_not_reuse_tokens_of_frames_that_were_corrected(correctin
 def test_corrections_change_what_is_streamed(model: Model, correcting: Model, embedding: np.ndarray) -> None:
     plain, corrected = (expected(one, embedding, None, reuse_tokens=False) for one in (model, correcting))
     assert not torch.allclose(plain, corrected, atol=0.01)
-
-
-def test_a_clip_goes_on_from_its_corrected_frames_as_a_rollout_does(correcting: Model, embedding: np.ndarray) -> None:
-    horizon, seed = correcting.config.horizon, 7
-    width = ROOT_TOKEN_WIDTH + correcting.config.denoiser.latent_dim
-    request = RolloutRequest(num_frames=2 * horizon, text=torch.from_numpy(embedding), seed=seed, num_steps=4)
-    rolled = rollout(correcting, request)
-    text = torch.from_numpy(embedding)[None, None]
-    noise = torch.stack([window_noise(seed, index, horizon // 4, width)[None] for index in range(2)])
-    # A clip's window reaches to the clip's end, a rollout's to its horizon, so only the last one is alike.
-    first = generate_clip(correcting, ClipRequest(horizon, 4, text, noise[:1], heading=torch.zeros(1)))
-    torch.testing.assert_close(first[0], rolled[:horizon], atol=1e-3, rtol=0)
-    again = ClipRequest(horizon + 16, 4, text, noise[1:], history=first[:, -16:])
-    clip = generate_clip(correcting, again)
-    torch.testing.assert_close(clip[0, 16:], rolled[horizon:], atol=2e-3, rtol=0)
 
 
 def test_corrected_rows_get_in_a_batch_what_they_get_alone(correcting: Model) -> None:

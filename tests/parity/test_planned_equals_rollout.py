@@ -1,4 +1,4 @@
-"""Planned roots: a session, a rollout and a clip give the same frames, and a row in company what it gets alone."""
+"""Planned roots: a session and a rollout give the same frames, and a row in company what it gets alone."""
 
 from __future__ import annotations
 
@@ -8,12 +8,8 @@ import torch
 
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.core.constraint import Targets
-from motiongen_ardy.model.clip import ClipRequest, generate_clip
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.noise import window_noise
-from motiongen_ardy.model.rollout import RolloutRequest, rollout
 from motiongen_ardy.model.sampling.options import GuidanceOptions, ProjectionOptions, SamplingOptions
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_server.engine.types import RootTrajectory, Waypoint
 from motiongen_server.runner import TorchRunner
 from tests.parity.conftest import TINY, make_job
@@ -52,30 +48,6 @@ def test_a_session_on_a_path_is_the_rollout(planned: Model) -> None:
     features = expected(planned, embedding, targets, False)
     compare(planned, stream(planned, embedding, (RootTrajectory(1, 0, xz),), False), features)
     assert torch.allclose(features[30:80, [0, 2]], torch.from_numpy(xz[30:]), atol=2e-3)
-
-
-def test_a_clip_is_the_rollout(planned: Model) -> None:
-    layout, horizon = planned.representation, planned.config.horizon
-    text = torch.randn(32, generator=torch.Generator().manual_seed(0))
-    targets = Targets(planned.skeleton)
-    targets.add_waypoints([2 * horizon - 5], torch.tensor([[0.8, 0.9]]))
-    num_frames, width = 2 * horizon, ROOT_TOKEN_WIDTH + planned.config.denoiser.latent_dim
-    request = RolloutRequest(num_frames, text, seed=3, num_steps=4, history_frames=num_frames, targets=targets)
-    observed, mask = targets.observe(layout, 0, num_frames)
-    clip = ClipRequest(
-        num_frames=num_frames,
-        num_steps=4,
-        text=text[None, None],
-        noise=torch.stack([window_noise(3, index, horizon // 4, width)[None] for index in range(2)]),
-        heading=torch.zeros(1),
-        observed=observed[None],
-        mask=mask[None],
-    )
-    one = layout.denormalize(rollout(planned, request))[:, [0, 2]]
-    other = layout.denormalize(generate_clip(planned, clip)[0])[:, [0, 2]]
-    assert torch.allclose(one[-5], torch.tensor([0.8, 0.9]), atol=2e-3)
-    assert torch.allclose(one[:horizon], other[:horizon], atol=2e-3)
-    assert torch.allclose(one[-5], other[-5], atol=2e-3)
 
 
 def test_rows_get_in_company_what_they_get_alone(planned: Model) -> None:

@@ -12,10 +12,12 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
+from motiongen_ardy.core.rotation import quaternion_to_matrix
 from motiongen_ardy.core.skeleton import Skeleton
+from motiongen_ardy.data.leg import MAX_REACH, solve_leg
 from motiongen_ardy.data.poses import Poses, continuous, global_pose, quaternions_of, runs, smooth, yaw_matrix, yaw_of
-from motiongen_ardy.data.two_bone import MAX_REACH, solve_leg
 
 MIN_STANCE_FRAMES = 2
 CLEARANCE_M = 0.045
@@ -90,11 +92,7 @@ def _flattened(foot: np.ndarray, yaw: np.ndarray, share: np.ndarray) -> np.ndarr
     tilted = quaternions_of(foot)
     tilted = np.where((tilted * level).sum(-1, keepdims=True) < 0, -tilted, tilted)
     mixed = (1 - share[:, None]) * tilted + share[:, None] * level
-    w, x, y, z = np.moveaxis(mixed / np.linalg.norm(mixed, axis=-1, keepdims=True), -1, 0)
-    rows = [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)]
-    rows += [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]
-    rows += [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]
-    return np.stack(rows, axis=-1).reshape(-1, 3, 3)
+    return quaternion_to_matrix(torch.from_numpy(mixed)).numpy()
 
 
 def _correction(steps: np.ndarray, stances: list[tuple[int, int]], max_slope: float) -> np.ndarray:

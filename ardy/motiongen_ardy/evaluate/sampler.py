@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -18,20 +18,16 @@ from motiongen_ardy.evaluate.steering import SLOWING_FRAMES, STATE_FRAMES, add_l
 from motiongen_ardy.evaluate.take import Result, Steer, Take
 from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, batch_passes, needed_passes
-from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.noise import window_noise
-from motiongen_ardy.model.rollout import (
-    DEFAULT_HISTORY_FRAMES,
+from motiongen_ardy.model.generation import (
     WindowRequest,
     commit_window,
-    denoise_step,
+    denoise_window,
     finish_window,
-    start_window,
-    visible_frames,
+    stack_windows,
     weights_of,
 )
-from motiongen_ardy.model.sampling.plan import plan_targets
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.rollout import DEFAULT_HISTORY_FRAMES, RolloutRequest, next_window
 from motiongen_ardy.text import TextEncoder
 
 
@@ -56,21 +52,16 @@ class _Growing:
 
 @dataclass(frozen=True)
 class _Due:
-    """The next window of a take. crop: frames of history; span: frames that it sees; prompt: "" for none."""
+    """The next window of a take, a batch of one. has_text: there is a prompt."""
 
     growing: _Growing
-    crop: int
-    span: int
-    targets: Targets | None
-    prompt: str
+    window: WindowRequest
+    has_text: bool
 
     @property
     def shape(self) -> tuple[int, int, bool, bool]:
-        return self.crop, self.span, self.targets is not None, bool(self.prompt)
-
-    @property
-    def first(self) -> int:
-        return len(self.growing.features)
+        """What windows must share to go through together."""
+        return self.window.history_frames, self.window.num_frames, self.window.mask is not None, self.has_text
 
 
 class Sampler:
@@ -111,22 +102,27 @@ class Sampler:
         return [self._result(one) for one in growing]
 
     def _due(self, growing: _Growing) -> _Due:
-        take = growing.take
-        first = len(growing.features)
-        crop = min(DEFAULT_HISTORY_FRAMES, first // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN)
-        targets = take.targets
+        """The next window, as that of a rollout with what holds now; constraints out of its sight do not count."""
+        take, first = growing.take, len(growing.features)
         steer = take.steer_at(first)
         growing.gait = None if steer is None else gait_of(self.gaits, steer, growing.gait)
         prompt = take.prompt_at(first) if growing.gait is None else growing.gait.text
         leader = take.steer_at(first, after=SLOWING_FRAMES)
-        if leader is not None:
-            targets = self._led(growing, leader, targets)
+        targets = take.targets if leader is None else self._led(growing, leader, take.targets)
+        crop = min(DEFAULT_HISTORY_FRAMES, first // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN)
         end = first - crop + self.model.config.max_window_frames
         if targets is not None and not any(first <= frame < end for frame in targets.frames):
             targets = None
-        targets = plan_targets(self.model, targets, growing.features[first - crop :], first, take.start)
-        span = visible_frames(self.model, crop, targets, first - crop)
-        return _Due(growing, crop, span, targets, prompt)
+        now = RolloutRequest(
+            num_frames=take.num_frames,
+            text=self.text(prompt),
+            seed=take.seed,
+            num_steps=self.sampling.num_steps,
+            weights=self.sampling.weights,
+            targets=targets,
+            start=take.start,
+        )
+        return _Due(growing, next_window(self.model, now, growing.features, len(growing.starts)), bool(prompt))
 
     def _led(self, growing: _Growing, steer: Steer, given: Targets | None) -> Targets | None:
         """The targets of the next window with what a velocity leads through beneath them."""
@@ -144,46 +140,20 @@ class Sampler:
 
     def _windows(self, group: list[_Due]) -> None:
         """One window of each, appended to its take."""
-        model, layout = self.model, self.model.representation
-        crop, span, has_targets, has_text = group[0].shape
-        num_tokens = model.config.horizon // FRAMES_PER_TOKEN
-        width = ROOT_TOKEN_WIDTH + model.config.denoiser.latent_dim
-        observed = mask = planned = None
-        if has_targets:
-            told = [(due.targets, due.first - crop) for due in group if due.targets is not None]
-            pairs = [targets.observe(layout, first, span) for targets, first in told]
-            observed, mask = (torch.stack(part) for part in zip(*pairs, strict=True))
-            planned = torch.stack([targets.planned_frames(first, span) for targets, first in told])
-        takes = [due.growing.take for due in group]
-        request = WindowRequest(
-            num_frames=span,
-            num_steps=self.sampling.num_steps,
-            text=torch.stack([self.text(due.prompt) for due in group]),
-            noise=torch.stack(
-                [window_noise(due.growing.take.seed, len(due.growing.starts), num_tokens, width) for due in group]
-            ),
-            weights=self.sampling.weights,
-            history=torch.stack([due.growing.features[due.first - crop :] for due in group]) if crop else None,
-            translation=torch.tensor([[take.start[0], 0.0, take.start[1]] for take in takes]),
-            heading=torch.tensor([take.start[2] for take in takes]),
-            observed=observed,
-            mask=mask,
-            planned=planned,
-        )
-        state = start_window(model, request)
+        model = self.model
+        _, _, has_targets, has_text = group[0].shape
         # The same weighted sum in as few evaluations as give it, as the server does.
         weights = weights_of(model, self.sampling.weights)
         passes = needed_passes(model.sampling.guidance.mode, weights, has_text, has_targets)
-        state = replace(state, passes=batch_passes([passes] * len(group)))
-        for index in reversed(range(self.sampling.num_steps)):
-            state = denoise_step(model, state, index, self.sampling.num_steps)
-        new = commit_window(model, request, finish_window(model, state))
+        window = stack_windows([due.window for due in group])
+        state = denoise_window(model, window, batch_passes([passes] * len(group)))
+        new = commit_window(model, window, finish_window(model, state))
         self.num_windows += len(group)
         for due, frames in zip(group, new, strict=True):
-            take, first = due.growing.take, due.first
-            end = min(first + len(frames), take.next_change(first), take.num_frames)
-            due.growing.starts.append(first)
-            due.growing.features = torch.cat([due.growing.features, frames[: end - first]])
+            growing, first = due.growing, len(due.growing.features)
+            end = min(first + len(frames), growing.take.next_change(first), growing.take.num_frames)
+            growing.starts.append(first)
+            growing.features = torch.cat([growing.features, frames[: end - first]])
 
     def _result(self, growing: _Growing) -> Result:
         layout = self.model.representation

@@ -5,7 +5,8 @@ from __future__ import annotations
 import threading
 from collections import Counter
 
-from motiongen_server.engine.types import Close, Code, Event, Open, Outcome, Playhead, SessionKey
+from motiongen_server.engine.types import Close, Event, Open, Outcome, Playhead, SessionKey
+from motiongen_server.engine.types.refusals import too_many_pending
 
 
 class Mailbox:
@@ -75,13 +76,6 @@ class Mailbox:
             self._asleep = False
 
 
-def refuse_pending(event: Event, max_pending_events: int) -> Outcome:
+def pending_refusal(event: Event, max_pending_events: int) -> Outcome:
     """The answer to an event that was not taken."""
-    return Outcome(
-        event.session,
-        event.event_seq,
-        Code.RESOURCE_EXHAUSTED,
-        reason="TOO_MANY_PENDING_EVENTS",
-        message="the session's earlier events still wait; send again when one has been answered",
-        allowed=f"at most {max_pending_events} events waiting for a session",
-    )
+    return too_many_pending("events", max_pending_events).outcome(event.session, event.event_seq)

@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.mailbox import Mailbox, refuse_pending
+from motiongen_server.engine.mailbox import Mailbox, pending_refusal
 from motiongen_server.engine.ports import Deliver, Observe
 from motiongen_server.engine.types import CloseReason, Event, Open, Outcome, Output, Playhead, Priority, SessionKey
-from motiongen_server.engine_process.ledger import Ledger, refuse_without_engine
+from motiongen_server.engine_process.ledger import Ledger, engine_restarting
 from motiongen_server.engine_process.messages import TO_GATEWAY, CloseAhead, Events, Pulse, Ready
 
 MAX_PENDING = EngineConfig().max_pending_events
@@ -76,10 +76,10 @@ class ModelLink:
         """Hand in an event. What is returned is a refusal; every other answer is delivered."""
         with self._lock:
             if not self._is_up:
-                return None if isinstance(event, Playhead) else refuse_without_engine(event.session, event.event_seq)
+                return refused_without_engine(event)
             if not self._ledger.goes_ahead(event):
                 if not self._mailbox.put(event):
-                    return refuse_pending(event, MAX_PENDING)
+                    return pending_refusal(event, MAX_PENDING)
                 self._has_events = True
             self._ledger.note(event)
             self._opens_since += isinstance(event, Open)
@@ -159,3 +159,8 @@ class ModelLink:
         if error is not None and not self.ready.done():
             self.ready.set_exception(error)
         self.ended.set()
+
+
+def refused_without_engine(event: Event) -> Outcome | None:
+    """The answer to an event while its engine process is being started; a Playhead gets none."""
+    return None if isinstance(event, Playhead) else engine_restarting().outcome(event.session, event.event_seq)

@@ -19,9 +19,10 @@ class SessionEntry:
     """The books of one session on a stream.
 
     last_seq: the highest event number taken. answered: numbers above applied_seq that have been answered already.
-    waiting: events held back behind one whose prompt is being encoded. known_to_engine: whether its open was passed on.
-    closing: whether its close was. muted: frames for it are dropped, since its client does not read. model: what it was
-    opened with. place: among the sessions of its peer. warnings: by event number, of events not answered yet.
+    waiting: events held back behind one whose prompt is being encoded, with the time they came and their texts.
+    known_to_engine: whether its open was passed on. closing: whether its close was. muted: frames for it are dropped,
+    since its client does not read. model: what it was opened with. place: among the sessions of its peer. warnings: by
+    event number, of events that have not been answered.
     """
 
     key: SessionKey
@@ -32,7 +33,7 @@ class SessionEntry:
     last_seq: int = 1
     applied_seq: int = 0
     answered: set[int] = field(default_factory=set)
-    waiting: deque[tuple[session_pb2.SessionEvent, float]] = field(default_factory=deque)
+    waiting: deque[tuple[session_pb2.SessionEvent, float, tuple[str, ...]]] = field(default_factory=deque)
     encoding: asyncio.Task[None] | None = None
     known_to_engine: bool = False
     closing: bool = False

@@ -7,7 +7,7 @@ import logging
 import secrets
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,13 @@ from motiongen_server.engine.types import (
     Priority,
     SessionKey,
 )
+from motiongen_server.engine.types.refusals import (
+    draining,
+    handle_in_use,
+    session_closed,
+    session_not_open,
+    too_many_pending,
+)
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.budget import REFUSAL_COST, StreamBudget
@@ -44,17 +51,11 @@ from motiongen_server.rpc.convert import (
 )
 from motiongen_server.rpc.encoding import encoded
 from motiongen_server.rpc.event_errors import (
-    closed_before,
-    draining,
-    handle_in_use,
     internal,
     invalid_event_seq,
-    not_open,
-    refusal_outcome,
     sequence_gap,
     too_fast,
     too_many_sessions,
-    too_much_waits,
 )
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.peers import Peer
@@ -136,7 +137,7 @@ class Stream:
             if kind == "open" and refusal.code is Code.RESOURCE_EXHAUSTED:
                 self._stream_metrics.reject(refusal.reason)
             self.budget.charge(REFUSAL_COST, now)
-            self._say(refusal_outcome(key, event.event_seq, refusal), entry)
+            self._say(refusal.outcome(key, event.event_seq), entry)
             return
         if entry is None:
             return
@@ -146,7 +147,7 @@ class Stream:
             self._pass_on(entry, event, now)
         except EventRefused as refusal:
             self.budget.charge(REFUSAL_COST, now)
-            self.take(refusal_outcome(entry.key, event.event_seq, refusal))
+            self.take(refusal.outcome(entry.key, event.event_seq))
         except Exception as error:
             self._internal_error(entry, event.event_seq, error)
 
@@ -163,7 +164,7 @@ class Stream:
     def _next_of(self, event: session_pb2.SessionEvent, entry: SessionEntry | None) -> SessionEntry | None:
         """The session that the event is the next one of; None where it is to be dropped. Raises EventRefused."""
         if entry is None:
-            raise not_open(event.session)
+            raise session_not_open(event.session)
         return entry if entry.takes(event.event_seq) else None
 
     def _open(self, event: session_pb2.SessionEvent, entry: SessionEntry | None, now: float) -> SessionEntry | None:
@@ -192,13 +193,14 @@ class Stream:
 
     def _pass_on(self, entry: SessionEntry, event: session_pb2.SessionEvent, now: float) -> None:
         """Submit at once if nothing of the session waits and its prompts are known, else queue behind the encoder."""
+        texts = prompt_texts(event, entry.model.catalog)
         if not entry.waiting and entry.encoding is None:
-            known = self._known_embeddings(entry.model, event)
+            known = self._known_embeddings(entry.model, texts)
             if known is not None:
                 self._submit(entry, event, now, known)
                 return
         if len(entry.waiting) >= MAX_WAITING_EVENTS and event.WhichOneof("event") != "close":
-            raise too_much_waits(len(entry.waiting), MAX_WAITING_EVENTS)
+            raise too_many_pending("events", MAX_WAITING_EVENTS)
         # All that can be wrong with it is found before anything is encoded for it, or waits.
         checked = engine_event(event, entry.key, now, UNENCODED, entry.model.catalog)
         if isinstance(checked, Open) and (refusal := entry.model.engine.refusal_of(checked)) is not None:
@@ -207,13 +209,13 @@ class Stream:
             return
         kept = session_pb2.SessionEvent()
         kept.CopyFrom(event)  # else the whole message would be kept with it
-        entry.waiting.append((kept, now))
+        entry.waiting.append((kept, now, texts))
         if entry.encoding is None:
             entry.encoding = asyncio.get_running_loop().create_task(self._encode_waiting(entry))
 
-    def _known_embeddings(self, model: LoadedModel, event: session_pb2.SessionEvent) -> Embeddings | None:
+    def _known_embeddings(self, model: LoadedModel, texts: Sequence[str]) -> Embeddings | None:
         known = {}
-        for text in prompt_texts(event, model.catalog):
+        for text in texts:
             embedding = model.prompts.cached(text)
             if embedding is None:
                 return None
@@ -223,11 +225,12 @@ class Stream:
     async def _encode_waiting(self, entry: SessionEntry) -> None:
         try:
             while entry.waiting:
-                event, received_at = entry.waiting[0]  # it stays meanwhile, so that `_refuse_waiting` finds it
+                # It stays while it is encoded, so that `_refuse_waiting` finds it.
+                event, received_at, texts = entry.waiting[0]
                 embeddings: Embeddings = {}
                 failure: Exception | None = None
                 try:
-                    for text in () if entry.closing else prompt_texts(event, entry.model.catalog):
+                    for text in () if entry.closing else texts:
                         embeddings[text] = await encoded(entry.model.prompts, text, self.number, self.peer)
                 except Exception as error:
                     failure = error
@@ -239,7 +242,7 @@ class Stream:
                         raise failure
                     self._submit(entry, event, received_at, embeddings)
                 except EventRefused as refusal:
-                    self.take(refusal_outcome(entry.key, event.event_seq, refusal))
+                    self.take(refusal.outcome(entry.key, event.event_seq))
                 except Exception as error:
                     self._internal_error(entry, event.event_seq, error)
         finally:
@@ -252,14 +255,14 @@ class Stream:
         if entry.encoding is not None and entry.encoding is not asyncio.current_task():
             entry.encoding.cancel()
         waiting, entry.waiting = entry.waiting, deque()
-        for event, _ in waiting:
-            self.take(refusal_outcome(entry.key, event.event_seq, closed_before()))
+        for event, *_ in waiting:
+            self.take(session_closed().outcome(entry.key, event.event_seq))
 
     def _submit(
         self, entry: SessionEntry, message: session_pb2.SessionEvent, now: float, embeddings: Embeddings
     ) -> None:
         if entry.closing:
-            raise closed_before()
+            raise session_closed()
         event = engine_event(message, entry.key, now, embeddings, entry.model.catalog)
         warnings = warnings_of(message, event, entry.model.catalog)
         if warnings:
@@ -274,7 +277,7 @@ class Stream:
     def _internal_error(self, entry: SessionEntry, event_seq: int, error: Exception) -> None:
         error_id = secrets.token_hex(4)
         _log.error("event failed, error id %s", error_id, exc_info=error)
-        self.take(refusal_outcome(entry.key, event_seq, internal(error_id)))
+        self.take(internal(error_id).outcome(entry.key, event_seq))
 
     # ---- from the engine --------------------------------------------------------------------------------------------
 

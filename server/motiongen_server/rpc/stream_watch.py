@@ -40,12 +40,14 @@ class StreamWatch:
         for stream in live:
             if (refusal := self.refusal(stream, now)) is not None:
                 stream.refuse(refusal)
-        waiting = sorted((stream.num_waiting_bytes, stream.number) for stream in live)
-        total = sum(num_bytes for num_bytes, _ in waiting)
-        while total > self._limits.max_waiting_bytes:
-            num_bytes, number = waiting.pop()
-            total -= num_bytes
-            self._streams[number].refuse(no_memory_left(self._limits.max_waiting_bytes))
+        most = self._limits.max_waiting_bytes
+        total = sum(stream.num_waiting_bytes for stream in live)
+        if total > most:
+            live.sort(key=lambda stream: stream.num_waiting_bytes)
+            while total > most:
+                stream = live.pop()
+                total -= stream.num_waiting_bytes
+                stream.refuse(no_memory_left(most))
 
     def refusal(self, stream: Stream, now: float) -> StreamRefused | None:
         """Why a stream is to be ended now, if it is."""

@@ -13,10 +13,11 @@ from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.core.representation import ROOT_WIDTH
 from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, Pass, needed_passes
+from motiongen_ardy.model.generation import local_goals, recentre_tokens
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.noise import window_noise
 from motiongen_ardy.model.packed import PackedDenoiser, RowRequest
-from motiongen_ardy.model.rollout import local_goals, recentre_tokens, visible_frames
+from motiongen_ardy.model.rollout import visible_frames
 from motiongen_ardy.model.sampling.plan import plan_targets
 from motiongen_ardy.model.sampling.projection import RootProjection, make_projection
 from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH

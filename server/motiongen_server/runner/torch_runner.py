@@ -10,9 +10,9 @@ from torch import Tensor
 
 from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.model.diffusion import cosine_schedule
+from motiongen_ardy.model.generation import world_tokens_of
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.packed import PackedBatch, PackedDenoiser
-from motiongen_ardy.model.rollout import world_tokens_of
 from motiongen_server.engine.types import Float32Array, ModelFacts, RowStatus, WindowJob, WindowResult
 from motiongen_server.runner.correction import corrected
 from motiongen_server.runner.device_errors import device_errors

@@ -13,8 +13,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from motiongen_server.engine.types import Code
 from motiongen_server.errors import EventRefused
+from motiongen_server.text.event_errors import encoder_away, encoder_busy, encoder_slow
 from motiongen_server.text.turns import PlaceLost, Turns
 
 _log = logging.getLogger(__name__)
@@ -191,36 +191,6 @@ class PromptEncoder:
         self._manager.shutdown(wait=True)
         if self._store is not None:
             self._store.close()
-
-
-def encoder_busy(most: int) -> EventRefused:
-    return EventRefused(
-        Code.RESOURCE_EXHAUSTED,
-        "TEXT_ENCODER_BUSY",
-        f"{most} prompts wait for the text encoder already",
-        allowed="prompts that were used before, presets, embeddings",
-        retry_after_s=1.0,
-    )
-
-
-def encoder_slow(timeout_s: float) -> EventRefused:
-    return EventRefused(
-        Code.UNAVAILABLE,
-        "TEXT_ENCODER_SLOW",
-        f"the prompt has not been encoded within {timeout_s:g} s; it still is being encoded",
-        allowed="prompts that were used before, presets, embeddings",
-        retry_after_s=timeout_s,
-    )
-
-
-def encoder_away(error: ConnectionError) -> EventRefused:
-    return EventRefused(
-        Code.UNAVAILABLE,
-        "TEXT_ENCODER_UNAVAILABLE",
-        f"the prompt cannot be encoded: {error}",
-        allowed="prompts that were used before, presets, embeddings",
-        retry_after_s=getattr(error, "retry_after_s", None),
-    )
 
 
 def _retrieve(task: asyncio.Task[Embedding]) -> None:

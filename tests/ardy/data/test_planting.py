@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from motiongen_ardy.data.joining import join, nearest, passes, start, stop
+from motiongen_ardy.data.leg import MAX_REACH, solve_leg
 from motiongen_ardy.data.poses import Poses, global_pose, runs, smooth, yaw_matrix, yaw_of
 from motiongen_ardy.data.quality import quality
 from motiongen_ardy.data.replant import replant
-from motiongen_ardy.data.two_bone import MAX_REACH, solve_leg
 from motiongen_ardy.data.warp import warp
 from tests.ardy.data.walker import CORE, FPS, sliding, standing, walking
 

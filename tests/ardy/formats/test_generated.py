@@ -12,9 +12,7 @@ from motiongen_ardy.core.residuals import residuals
 from motiongen_ardy.formats.constraints import RootConstraint, constraint_targets, pose_constraint
 from motiongen_ardy.formats.files import MOTION_FORMATS, read_motion, write_motion
 from motiongen_ardy.formats.stored import StoredMotion
-from motiongen_ardy.model.clip import ClipRequest, generate_clip
-from motiongen_ardy.model.noise import window_noise
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_ardy.model.rollout import RolloutRequest, rollout
 
 GOLDEN = Path(__file__).resolve().parents[2] / "data" / "golden"
 
@@ -23,11 +21,8 @@ def generated(name: str) -> StoredMotion:
     """Two windows of a golden model, whose weights are random: wild poses, which formats have to keep all the same."""
     model = load_checkpoint(GOLDEN / name / "checkpoint")
     config = model.config
-    width = ROOT_TOKEN_WIDTH + config.denoiser.latent_dim
-    noise = torch.stack([window_noise(1, window, config.horizon // 4, width)[None] for window in range(2)])
-    text = torch.zeros(1, 1, config.denoiser.text_dim)
-    request = ClipRequest(2 * config.horizon, 2, text, noise, heading=torch.zeros(1))
-    features = model.representation.denormalize(generate_clip(model, request)[0])
+    request = RolloutRequest(2 * config.horizon, torch.zeros(config.denoiser.text_dim), seed=1, num_steps=2)
+    features = model.representation.denormalize(rollout(model, request))
     return StoredMotion(model.skeleton, model.representation.motion(features), "made up")
 
 

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from motiongen_ardy.core.representation import ROOT_WIDTH, heading_angle
 from motiongen_ardy.core.skeleton import forward_kinematics
 from motiongen_ardy.model.diffusion import cosine_schedule
-from motiongen_ardy.model.rollout import denoise_step, start_window
+from motiongen_ardy.model.generation import denoise_step, start_window
 from motiongen_ardy.model.tokenizer import Tokenizer
 from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH, valid_tokens
 from tests.ardy.conftest import GoldenModel, Vectors

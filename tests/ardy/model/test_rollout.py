@@ -9,20 +9,18 @@ from torch import Tensor
 
 from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
-from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.noise import window_noise
-from motiongen_ardy.model.rollout import (
-    RolloutRequest,
+from motiongen_ardy.model.generation import (
     WindowRequest,
     WindowState,
     denoise_step,
+    denoise_window,
     finish_window,
-    generate_window,
-    rollout,
     start_window,
-    visible_frames,
     world_tokens,
 )
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.noise import window_noise
+from motiongen_ardy.model.rollout import RolloutRequest, rollout, visible_frames
 from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_ardy.model.window import WindowError
 
@@ -130,7 +128,8 @@ def test_rollout_is_its_windows_in_a_row(golden: Any) -> None:
 
     def window(index: int, **given: Any) -> Tensor:
         noise = window_noise(3, index, horizon // 4, width)[None]
-        return generate_window(model, WindowRequest(text=text_of(model)[None, None], noise=noise, num_steps=2, **given))
+        request = WindowRequest(text=text_of(model)[None, None], noise=noise, num_steps=2, **given)
+        return finish_window(model, denoise_window(model, request))
 
     first = window(0, num_frames=horizon, translation=torch.tensor([[1.0, 0.0, -2.0]]), heading=torch.tensor([0.5]))
     second = window(1, num_frames=horizon + 8, history=first[:, -8:])

@@ -12,8 +12,9 @@ import torch
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint, save_checkpoint
 from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.model.config import ConfigError
+from motiongen_ardy.model.generation import WindowRequest, start_window
 from motiongen_ardy.model.model import Model, build_model
-from motiongen_ardy.model.rollout import RolloutRequest, WindowRequest, rollout, start_window
+from motiongen_ardy.model.rollout import RolloutRequest, rollout
 from motiongen_ardy.model.tokenizer import ExplicitBody
 from motiongen_ardy.model.window import WindowError
 from motiongen_ardy.train.denoiser_loss import DenoiserLoss

@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.model.generation import WindowRequest, denoise_window, finish_window
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.noise import window_noise
-from motiongen_ardy.model.rollout import WindowRequest, generate_window
 from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_ardy.robot.g1 import RobotError, motion_to_qpos, qpos_to_motion
 from motiongen_ardy.robot.seed import history_from_qpos
@@ -72,6 +72,6 @@ def test_a_window_goes_on_from_it(g1: Model) -> None:
         noise=noise[None],
         history=history[None],
     )
-    features = generate_window(g1, request)
+    features = finish_window(g1, denoise_window(g1, request))
     assert features.shape == (1, 8 + config.horizon, layout.feature_dim)
     assert features.isfinite().all()

@@ -28,7 +28,9 @@ from motiongen_server.engine.types import (
     SetPrompts,
 )
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
+from motiongen_server.rpc import stream
 from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.convert import prompt_texts
 from motiongen_server.rpc.limits import Limits
 from motiongen_server.rpc.stream import Stream
 
@@ -205,6 +207,26 @@ async def test_events_wait_behind_a_prompt_that_is_being_encoded(line: Line) -> 
     await line.encoded()
     assert line.engine.kinds() == [Open, SetPrompts, Close]
     assert line.refusals() == [(4, "SESSION_CLOSED")]
+
+
+async def test_a_prompt_is_checked_once_and_a_wrong_one_does_not_wait_for_the_encoder(
+    line: Line, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checked: list[int] = []
+
+    def counted(event: session_pb2.SessionEvent, catalog: Catalog) -> tuple[str, ...]:
+        checked.append(event.event_seq)
+        return prompt_texts(event, catalog)
+
+    monkeypatch.setattr(stream, "prompt_texts", counted)
+    line.open()
+    line.send(2, edit_prompts=WALK)
+    line.send(3, edit_prompts=session_pb2.EditPrompts(upsert=[motion_pb2.PromptSpan(prompt_id=1, text=" ")]))
+    line.send(4, edit_prompts=WALK)
+    assert line.refusals() == [(3, "EMPTY_PROMPT")]
+    await line.encoded()
+    assert [event.event_seq for event in line.engine.events] == [1, 2, 4]
+    assert checked == [1, 2, 3, 4]
 
 
 async def test_what_waits_when_the_stream_ends_is_answered(line: Line) -> None:

@@ -118,7 +118,7 @@ async def test_what_is_no_message_ends_its_stream_alone() -> None:
             await call.write(garbage)
             assert await call.code() is grpc.StatusCode.INVALID_ARGUMENT
             assert "could not be read" in await call.details()
-        with pytest.raises(grpc.aio.AioRpcError, match="MALFORMED|could not be read"):
+        with pytest.raises(grpc.aio.AioRpcError, match="could not be read"):
             await anext(aiter(channel.unary_stream(f"/{SERVICE_NAME}/GenerateClip")(b"\x0a\xff")))
         await other.plays_on(1)
 
@@ -131,9 +131,13 @@ async def test_calls_of_a_peer_that_owes_are_refused_with_the_time_to_wait() -> 
         grpc.aio.insecure_channel(server.address) as channel,
     ):
         stub = service_pb2_grpc.MotionServiceStub(channel)
-        with pytest.raises(grpc.aio.AioRpcError, match="ask again in") as refused:
+
+        async def ask_often() -> None:
             for _ in range(100):
                 await stub.GetCatalog(service_pb2.GetCatalogRequest())
+
+        with pytest.raises(grpc.aio.AioRpcError, match="ask again in") as refused:
+            await ask_often()
         assert refused.value.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
 
 

@@ -11,7 +11,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from motiongen_ardy.core.rotation import rotation_y
-from motiongen_ardy.model.sampling.limb_ik import SOFT_REACH, swing
+from motiongen_ardy.core.two_bone import swing
+from motiongen_ardy.model.sampling.limb_ik import SOFT_REACH
 from motiongen_ardy.model.sampling.limbs import Limb, legs
 from motiongen_ardy.model.sampling.options import FeetOptions
 from motiongen_ardy.model.sampling.pose import Poses

@@ -43,47 +43,6 @@ def plan_targets(
     return with_root(targets, planned)
 
 
-def plan_observed(
-    model: Model, observed: Tensor, mask: Tensor, history: Tensor, translation: Tensor, heading: Tensor
-) -> tuple[Tensor, Tensor, Tensor | None]:
-    """`plan_targets` for constraints that are features already; also tells what was planned (B, T, 2), or None.
-
-    observed, mask: (B, T, D) normalised, in the world's frame, from the first frame of the history on. history: (B, H,
-    5), the root of its frames likewise; translation: (B, 3) metres and heading: (B) radians of a start without history.
-    """
-    if not model.sampling.plan_root:
-        return observed, mask, None
-    layout, first = model.representation, history.shape[1]
-    end = min(observed.shape[1], model.config.max_window_frames)
-    span = PlanSpan(first, first + model.config.horizon + _TOLD_BEYOND_FRAMES, end, layout.fps)
-    observed, mask = observed.clone(), mask.clone()
-    planned = torch.zeros(*mask.shape[:2], 2, dtype=torch.bool, device=mask.device)
-    natural = layout.root_stats.denormalize(observed[..., :ROOT_WIDTH]).double().cpu().numpy()
-    held = (mask[..., :ROOT_WIDTH] != 0).cpu().numpy()
-    for row in range(len(observed)):
-        asked = RootGoals(
-            {int(frame): natural[row, frame][[0, 2]] for frame in np.flatnonzero(held[row, :, 0])},
-            {int(frame): float(np.arctan2(*natural[row, frame, [4, 3]])) for frame in np.flatnonzero(held[row, :, 3])},
-        )
-        if not any(first <= frame < end for frame in (*asked.ground, *asked.heading)):
-            continue
-        start = float(translation[row, 0]), float(translation[row, 2]), float(heading[row])
-        goals = plan_root(asked, root_state(layout, history[row], start), span, model.sampling.plan)
-        for frame, place in goals.ground.items():
-            natural[row, frame, [0, 2]], held[row, frame, [0, 2]] = place, True
-        for frame, angle in goals.heading.items():
-            natural[row, frame, [3, 4]], held[row, frame, 3:] = (np.cos(angle), np.sin(angle)), True
-        planned[row, sorted(goals.planned), 0] = True
-        planned[row, sorted(goals.faced), 1] = True
-    told = torch.from_numpy(held).to(mask)
-    root = layout.root_stats.normalize(torch.from_numpy(natural).to(observed)) * told
-    return (
-        torch.cat([root, observed[..., ROOT_WIDTH:]], dim=-1),
-        torch.cat([told, mask[..., ROOT_WIDTH:]], dim=-1),
-        planned,
-    )
-
-
 def root_goals(targets: Targets) -> RootGoals:
     """The root goals of targets as plain numbers."""
     ground, headings = list(targets.ground), list(targets.heading)

@@ -116,8 +116,12 @@ class _Plan:
         drift = self.state.velocity - velocity
         near = np.hypot(*offset) < _NEAR_M and np.hypot(*drift) < _NEAR_M_S
         if not near and not self.asked.planned.issuperset(run):
-            approach = np.concatenate([np.repeat(path[:1], away - 1, axis=0), path])
-            path = joined(approach, offset, drift, *bounds(self.options), fps)[away - 1 :]
+            # A path that was walked to has its first place behind it: the root is there, or as near as it could come.
+            ahead = np.repeat(path[:1], away - 1, axis=0) if away else self.state.position[None]
+            path = np.concatenate([ahead, path[0 if away else 1 :]])
+            before = 0 if away else 1
+            path[before:] = joined(path[before:], offset, drift, *bounds(self.options), fps)
+            path = path[max(0, away - 1) :]
         self.goals.ground.update(zip(run, path[frames - frames[0]], strict=True))
         facing = self.state.heading
         if not any(run[0] <= frame <= run[-1] for frame in self.asked.heading):

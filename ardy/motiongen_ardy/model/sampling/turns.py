@@ -9,8 +9,8 @@ from torch import Tensor
 
 from motiongen_ardy.core.rotation import rotation_vector
 from motiongen_ardy.core.skeleton import Skeleton
+from motiongen_ardy.core.two_bone import swing
 from motiongen_ardy.model.sampling.joint_goals import JointGoals
-from motiongen_ardy.model.sampling.limb_ik import swing
 from motiongen_ardy.model.sampling.limbs import arms, head_chain, legs
 
 # Shares of a head's turn that neck and trunk take, from the joint below the head downwards.

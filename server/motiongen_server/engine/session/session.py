@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import FULL, Level
 from motiongen_server.engine.scheduling.report import EventLatency, StepReport
-from motiongen_server.engine.session.conditions import Conditions, EditRefused
+from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.delivery import Delivery
 from motiongen_server.engine.session.drift import DriftState
 from motiongen_server.engine.session.edits import EditEvent, EditQueue, PendingEdit, edited
@@ -35,6 +35,7 @@ from motiongen_server.engine.types import (
     Closed,
     CloseReason,
     Code,
+    EventRefused,
     ModelFacts,
     Opened,
     Outcome,
@@ -50,6 +51,7 @@ from motiongen_server.engine.types import (
     WindowJob,
     WindowResult,
 )
+from motiongen_server.engine.types.refusals import session_closed
 
 # A wake-up computed in floating point may come a hair early; the tolerance keeps it from being asked for again.
 _FRAME_TOLERANCE = 1e-3
@@ -123,10 +125,7 @@ class SessionState:
     def close(self, reason: CloseReason, code: Code, message: str) -> list[Output]:
         """Answer every edit that still waits, then say goodbye. The session must not be used again."""
         waiting = (*(self.running.answers if self.running else ()), *self.edits.waiting)
-        outputs: list[Output] = [
-            Outcome(self.key, edit.event_seq, Code.CANCELLED, None, "SESSION_CLOSED", "the session closed before it")
-            for edit in waiting
-        ]
+        outputs: list[Output] = [session_closed().outcome(self.key, edit.event_seq) for edit in waiting]
         self.running, self.edits.waiting = None, ()
         return [*outputs, Closed(self.key, reason, code, message, self.delivery.num_frames, self.delivery.late_frames)]
 
@@ -149,12 +148,12 @@ class SessionState:
             return [Outcome(self.key, event.event_seq, Code.OK)]
         try:
             return self._edit(event, now, report)
-        except EditRefused as refused:
+        except EventRefused as refused:
             return [refused.outcome(self.key, event.event_seq)]
 
     def _report_playhead(self, event: Playhead, now: float, report: StepReport) -> None:
-        if self.spec.is_clip:
-            self.delivery.grant(event.frame)
+        if self.spec.clip_frames is not None:
+            self.delivery.grant(min(event.frame, self.spec.clip_frames - self.spec.lookahead))
             return
         self.last_playhead_at = now
         self.delivery.report(event)

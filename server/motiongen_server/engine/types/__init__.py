@@ -61,6 +61,9 @@ from motiongen_server.engine.types.outputs import (
     ServiceLevel,
     Warned,
 )
+from motiongen_server.engine.types.refusals import (
+    EventRefused,
+)
 from motiongen_server.engine.types.spec import (
     Guidance,
     SessionSpec,
@@ -78,6 +81,7 @@ __all__ = [
     "Constraint",
     "Direction",
     "Event",
+    "EventRefused",
     "Float32Array",
     "Gait",
     "Guidance",

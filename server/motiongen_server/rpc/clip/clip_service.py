@@ -30,13 +30,14 @@ from motiongen_server.engine.types import (
     SessionSpec,
     Warned,
 )
+from motiongen_server.engine.types.refusals import draining
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.clip.request import check_extent, clip_specs, opening_event
 from motiongen_server.rpc.clip.residuals import constrained_frames, residuals
 from motiongen_server.rpc.convert import UNENCODED, prompt_texts, warnings_of, write_update
 from motiongen_server.rpc.encoding import encoded
-from motiongen_server.rpc.event_errors import draining, too_many_clips
+from motiongen_server.rpc.event_errors import too_many_clips
 from motiongen_server.rpc.handlers import ClipContext
 from motiongen_server.rpc.limits import ServiceLimits
 from motiongen_server.rpc.peers import Peer
@@ -131,7 +132,7 @@ class ClipService:
             code = refusal.code.name
             if refusal.code is Code.RESOURCE_EXHAUSTED:
                 self._stream_metrics.reject(refusal.reason)
-            await context.abort_with_status(_as_status(refusal).status())
+            await context.abort_with_status(StreamRefused.of(refusal).status())
         except StreamRefused as refusal:
             code = refusal.code.name
             await context.abort_with_status(refusal.status())
@@ -273,17 +274,4 @@ def _too_slow(waited_s: float) -> StreamRefused:
         grpc.StatusCode.DEADLINE_EXCEEDED,
         "CLIP_TOO_SLOW",
         f"the clip was not finished within {waited_s:.3g} s; ask for less, or give it a longer deadline",
-    )
-
-
-def _as_status(refusal: EventRefused) -> StreamRefused:
-    """A refusal as the status of a call."""
-    message = f"{refusal}; allowed is {refusal.allowed}" if refusal.allowed else str(refusal)
-    return StreamRefused(
-        grpc.StatusCode[refusal.code.name],
-        refusal.reason,
-        message,
-        refusal.field,
-        refusal.retry_after_s or 0.0,
-        refusal.allowed,
     )

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from motiongen.v1 import motion_pb2
-from motiongen_server.engine.types import Constraint, Float32Array, JointTargets, Keyframe, RootTrajectory, Waypoint
+from motiongen_server.engine.types import Constraint, JointTargets, Keyframe, RootTrajectory, Waypoint
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert.checks import (
     check_coordinates,
@@ -22,6 +21,7 @@ from motiongen_server.rpc.convert.checks import (
     refuse,
 )
 from motiongen_server.rpc.convert.forms import check_forms
+from motiongen_server.rpc.convert.rotations import rotation_matrices
 from motiongen_server.rpc.convert.unserved import check_served
 
 UNIT_TOLERANCE = 1e-3
@@ -101,18 +101,8 @@ def _joint_targets(
     if not np.all(np.abs(norms[rotated] - 1) <= UNIT_TOLERANCE):
         allowed = "1 within 0.001, or 0 for a rotation that is free"
         raise refuse("NOT_A_ROTATION", f"{field}.rotations", f"quaternion lengths are {norms[:8]}", allowed)
-    matrices = _matrices(quaternions / np.where(rotated, norms, 1.0)[:, None])
+    quaternions[~rotated, 0] = 1.0  # any rotation will do there
+    matrices = rotation_matrices(quaternions).astype(np.float32)
     return JointTargets(
         identifier, frame, joints, positions, matrices, None if rotated.all() else tuple(rotated.tolist())
     )
-
-
-def _matrices(quaternions: NDArray[np.float64]) -> Float32Array:
-    """(K, 4) unit quaternions w x y z -> (K, 3, 3)."""
-    w, x, y, z = quaternions.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.ascontiguousarray(np.moveaxis(np.array(rows, np.float32), -1, 0))

@@ -9,8 +9,9 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.core.skeleton import load_skeleton
+from motiongen_ardy.core.two_bone import swing
 from motiongen_ardy.model.config import ConfigError
-from motiongen_ardy.model.sampling.limb_ik import FULL_REACH, bend, soft_reach, swing
+from motiongen_ardy.model.sampling.limb_ik import FULL_REACH, bend, soft_reach
 from motiongen_ardy.model.sampling.limbs import arms, legs
 
 HIP = torch.zeros(3)

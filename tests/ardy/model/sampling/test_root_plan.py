@@ -52,6 +52,17 @@ def test_what_is_out_of_reach_is_missed_at_a_bounded_speed() -> None:
     assert walked(plan).max() < 2.6
 
 
+@pytest.mark.parametrize("speed", [0.0, 1.2, 2.5])
+@pytest.mark.parametrize("ahead", [11, 20, 40])
+def test_a_path_that_begins_later_is_walked_to_and_followed_without_a_jolt(speed: float, ahead: int) -> None:
+    places = {FIRST + ahead + 10 * index: np.array([0.4 * index, 2.0 + 0.6 * index]) for index in range(4)}
+    plan = plan_root(RootGoals(places), state(speed), SPAN, OPTIONS)
+    assert set(places) <= plan.ground.keys()
+    assert plan.planned.isdisjoint(places)
+    assert walked(plan).max() < 4.5
+    assert plan.ground[max(places)] == pytest.approx(places[max(places)], abs=0.25)
+
+
 def test_a_far_goal_pulls_from_the_start() -> None:
     plan = plan_root(RootGoals({FIRST + 119: np.array([0.0, 6.0])}), state(), SPAN, OPTIONS)
     assert plan.ground[FIRST + 39][1] > 1.2

@@ -1,0 +1,74 @@
+"""The geometry of a limb of two bones, bent so that its end comes to a place: analytic inverse kinematics.
+
+How far a limb may stretch and on which side its middle joint goes is up to the caller.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def unit(vectors: Tensor) -> Tensor:
+    """Vectors (..., 3) at length 1; zero stays zero."""
+    return vectors / vectors.norm(dim=-1, keepdim=True).clamp(min=1e-8)
+
+
+def across(vectors: Tensor, axis: Tensor) -> Tensor:
+    """The part of vectors (..., 3) at right angles to unit axes (..., 3)."""
+    return vectors - (vectors * axis).sum(-1, keepdim=True) * axis
+
+
+def swing(before: Tensor, after: Tensor) -> Tensor:
+    """The least rotation (..., 3, 3) that turns unit vectors `before` into `after` (..., 3).
+
+    None for opposite ones, for which every axis would do.
+    """
+    axis = torch.linalg.cross(before, after)
+    cosine = (before * after).sum(-1)[..., None, None]
+    x, y, z = axis.unbind(-1)
+    zero = torch.zeros_like(x)
+    cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).unflatten(-1, (3, 3))
+    identity = torch.eye(3, dtype=before.dtype, device=before.device)
+    return identity + cross + cross @ cross / (1 + cosine).clamp(min=1e-6)
+
+
+def _frame(direction: Tensor, normal: Tensor) -> Tensor:
+    """(..., 3, 3) with columns: a bone's direction, the bend plane's normal, and what completes them."""
+    normal = unit(across(normal, direction))
+    return torch.stack([direction, normal, torch.linalg.cross(direction, normal)], dim=-1)
+
+
+def bent_to(
+    joints: tuple[Tensor, Tensor, Tensor],
+    rotations: tuple[Tensor, Tensor],
+    direction: Tensor,
+    distance: Tensor,
+    outward: Tensor,
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """A limb with its end `distance` (...) metres from its upper joint along the unit vector `direction` (..., 3).
+
+    joints: world positions (..., 3) in metres of its upper, middle and end joint; rotations: global rotations
+    (..., 3, 3) of upper and middle joint; outward: (..., 3), of length 1 and at right angles to the line from upper to
+    end joint, on which side of it the middle joint is. It keeps that side, and both bones turn with the plane of the
+    bend, about themselves no more than it does. Returns both new rotations and the new positions of middle and end.
+    `distance` has to be one that the bones can span.
+    """
+    upper, middle, end = joints
+    first, second = middle - upper, end - middle
+    length_1, length_2 = first.norm(dim=-1), second.norm(dim=-1)
+    line = unit(end - upper)
+    carried = unit(across((swing(line, direction) @ outward[..., None]).squeeze(-1), direction))
+    along = (distance.square() + length_1.square() - length_2.square()) / (2 * distance)
+    height = (length_1.square() - along.square()).clamp(min=0).sqrt()
+    new_middle = upper + along[..., None] * direction + height[..., None] * carried
+    new_end = upper + distance[..., None] * direction
+    normal, new_normal = torch.linalg.cross(line, outward), torch.linalg.cross(direction, carried)
+    turned = [
+        _frame(unit(after), new_normal) @ _frame(unit(before), normal).transpose(-1, -2) @ rotation
+        for before, after, rotation in (
+            (first, new_middle - upper, rotations[0]),
+            (second, new_end - new_middle, rotations[1]),
+        )
+    ]
+    return turned[0], turned[1], new_middle, new_end

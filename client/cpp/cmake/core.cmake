@@ -1,0 +1,15 @@
+# motiongen_core: C++17 and the standard library, nothing else.
+add_library(motiongen_core
+  src/core/pose.cpp
+  src/core/rig.cpp
+  src/core/status.cpp
+  src/core/timeline.cpp)
+add_library(motiongen::core ALIAS motiongen_core)
+target_include_directories(motiongen_core
+  PUBLIC $<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/include> $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>
+  PRIVATE src)
+target_compile_features(motiongen_core PUBLIC cxx_std_17)
+target_link_libraries(motiongen_core PRIVATE $<BUILD_INTERFACE:motiongen_library_flags>)
+# Its classes are used from outside the library: what the public headers declare is visible.
+set_target_properties(motiongen_core PROPERTIES CXX_VISIBILITY_PRESET default VISIBILITY_INLINES_HIDDEN OFF
+  VERSION ${PROJECT_VERSION} SOVERSION 0 EXPORT_NAME core)

@@ -1,0 +1,67 @@
+#include "motiongen/core/rig.hpp"
+
+#include <algorithm>
+
+namespace motiongen {
+namespace {
+
+constexpr std::uint32_t kWidestRow = 1 << 20;
+
+// The column at which a block of a width begins, or a violation.
+Result<std::uint32_t> find_column(const Rig& rig, const char* name, std::uint32_t width) {
+  std::uint32_t column = 0;
+  for (const Block& block : rig.blocks) {
+    if (block.name == name) {
+      if (block.width == width) return column;
+      return violation("rig " + rig.rig_id + ": block " + name + " has width " + std::to_string(block.width) +
+                       ", not " + std::to_string(width));
+    }
+    column += block.width;
+  }
+  return violation("rig " + rig.rig_id + " has no block " + name);
+}
+
+}  // namespace
+
+Status Rig::check() {
+  const std::string rig = "rig " + rig_id + ": ";
+  const std::size_t joints = joint_names.size();
+  if (joints == 0 || joints > Rig::kMostJoints) return violation(rig + std::to_string(joints) + " joints");
+  if (parents.size() != joints || offsets_m.size() != 3 * joints) {
+    return violation(rig + std::to_string(joints) + " joints, but " + std::to_string(parents.size()) + " parents and " +
+                     std::to_string(offsets_m.size()) + " offset numbers");
+  }
+  for (std::size_t index = 0; index < joints; ++index) {
+    const std::int64_t parent = parents[index];
+    if (parent < -1 || parent >= static_cast<std::int64_t>(index) || (parent < 0) != (index == 0)) {
+      return violation(rig + "its parents are no tree, parents first");
+    }
+  }
+  if (frame_rate_hz < 1) return violation(rig + "a frame rate of 0");
+  row_width = 0;
+  for (const Block& block : blocks) {
+    if (block.width > kWidestRow - row_width) return violation(rig + "a row wider than this library takes");
+    row_width += block.width;
+  }
+  const auto wide = static_cast<std::uint32_t>(joints);
+  const auto root = find_column(*this, "root_translation_m", 3);
+  if (!root) return root.status();
+  const auto rotation = find_column(*this, "joint_rotation_quat_wxyz", 4 * wide);
+  if (!rotation) return rotation.status();
+  const auto contact = find_column(*this, "foot_contact", 4);
+  if (!contact) return contact.status();
+  root_column = root.value();
+  rotation_column = rotation.value();
+  contact_column = contact.value();
+  return {};
+}
+
+Result<std::uint32_t> Rig::joint(const std::string& name) const {
+  const auto found = std::find(joint_names.begin(), joint_names.end(), name);
+  if (found != joint_names.end()) return static_cast<std::uint32_t>(found - joint_names.begin());
+  std::string known;
+  for (const std::string& each : joint_names) known += (known.empty() ? "" : ", ") + each;
+  return Status(Code::not_found, "UNKNOWN_JOINT", "no joint is called " + name + "; known are: " + known);
+}
+
+}  // namespace motiongen

@@ -1,0 +1,48 @@
+#include "motiongen/core/rig.hpp"
+
+#include <gtest/gtest.h>
+
+#include "core/rows.hpp"
+
+namespace motiongen {
+namespace {
+
+using testing::chain_rig;
+
+TEST(Rig, FindsItsBlocksBesideThoseItDoesNotKnow) {
+  const Rig rig = chain_rig();
+  EXPECT_EQ(rig.row_width, 21U);
+  EXPECT_EQ(rig.root_column, 0U);
+  EXPECT_EQ(rig.rotation_column, 5U);
+  EXPECT_EQ(rig.contact_column, 17U);
+}
+
+TEST(Rig, NamesTheJointsThereAreWhenAskedForAnother) {
+  const Rig rig = chain_rig();
+  EXPECT_EQ(rig.joint("Head").value(), 2U);
+  const auto missing = rig.joint("Tail");
+  ASSERT_FALSE(missing);
+  EXPECT_EQ(missing.status().code(), Code::not_found);
+  EXPECT_NE(missing.status().message().find("Hips, Spine, Head"), std::string::npos);
+}
+
+TEST(Rig, RefusesCountsThatContradictEachOther) {
+  const auto broken = [](auto change) {
+    Rig rig = chain_rig();
+    change(rig);
+    return rig.check().code() == Code::internal;
+  };
+  EXPECT_TRUE(broken([](Rig& rig) { rig.parents.pop_back(); }));
+  EXPECT_TRUE(broken([](Rig& rig) { rig.offsets_m.push_back(0); }));
+  EXPECT_TRUE(broken([](Rig& rig) { rig.parents[1] = 2; }));
+  EXPECT_TRUE(broken([](Rig& rig) { rig.parents[0] = 0; }));
+  EXPECT_TRUE(broken([](Rig& rig) { rig.frame_rate_hz = 0; }));
+  EXPECT_TRUE(broken([](Rig& rig) { rig.blocks[2].width = 11; }));
+  EXPECT_TRUE(broken([](Rig& rig) { rig.blocks.pop_back(); }));
+  EXPECT_TRUE(broken([](Rig& rig) { rig.blocks.push_back({"huge", 0xFFFFFFFF}); }));
+  EXPECT_TRUE(broken([](Rig& rig) { rig.joint_names.clear(); }));
+  EXPECT_FALSE(broken([](Rig&) {}));
+}
+
+}  // namespace
+}  // namespace motiongen

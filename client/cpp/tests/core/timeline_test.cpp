@@ -1,0 +1,164 @@
+#include "motiongen/core/timeline.hpp"
+
+#include <gtest/gtest.h>
+
+#include "core/rows.hpp"
+
+namespace motiongen {
+namespace {
+
+using testing::add;
+using testing::chain_rig;
+using testing::chain_row;
+using testing::numbered_rows;
+using testing::small_timeline;
+
+float first_number(const Timeline& timeline, std::uint64_t frame) { return timeline.row(frame).value()[0]; }
+
+TEST(Timeline, ANewPlanReplacesWhatWasNotShown) {
+  Timeline timeline = small_timeline();
+  ASSERT_TRUE(timeline.announce_plan(1, 0));
+  ASSERT_TRUE(add(timeline, 1, 0, 10));
+  timeline.advance(0.0);
+  ASSERT_TRUE(timeline.announce_plan(2, 5));
+  EXPECT_EQ(timeline.buffered_to(), 5U);
+  ASSERT_TRUE(add(timeline, 2, 5, 3));
+  EXPECT_EQ(first_number(timeline, 4), 1004);
+  EXPECT_EQ(first_number(timeline, 5), 2005);
+  EXPECT_EQ(timeline.late_plans(), 0U);
+}
+
+TEST(Timeline, AFrameThatWasShownStaysAsItWas) {
+  Timeline timeline = small_timeline();
+  ASSERT_TRUE(timeline.announce_plan(1, 0));
+  ASSERT_TRUE(add(timeline, 1, 0, 10));
+  timeline.advance(0.0);
+  timeline.advance(0.3);  // the playhead is at 6
+  ASSERT_TRUE(timeline.announce_plan(2, 4));
+  ASSERT_TRUE(add(timeline, 2, 4, 2));
+  ASSERT_TRUE(add(timeline, 2, 6, 4));
+  EXPECT_EQ(timeline.late_plans(), 1U);
+  EXPECT_EQ(first_number(timeline, 6), 1006);
+  EXPECT_EQ(first_number(timeline, 7), 2007);
+  EXPECT_EQ(timeline.buffered_to(), 10U);
+}
+
+TEST(Timeline, RefusesWhatBreaksTheProtocolAndChangesNothing) {
+  Timeline timeline = small_timeline();
+  ASSERT_TRUE(timeline.announce_plan(1, 0));
+  ASSERT_TRUE(add(timeline, 1, 0, 10, 4));
+  const auto refused = [](const Status& status) { return status.code() == Code::internal; };
+  EXPECT_TRUE(refused(timeline.announce_plan(1, 8)));
+  EXPECT_TRUE(refused(timeline.announce_plan(2, 3)));
+  EXPECT_TRUE(refused(add(timeline, 2, 10, 1, 4)));
+  EXPECT_TRUE(refused(add(timeline, 1, 11, 1, 4)));
+  EXPECT_TRUE(refused(add(timeline, 1, 9, 1, 4)));
+  EXPECT_TRUE(refused(add(timeline, 1, 10, 1, 3)));
+  const std::vector<float> rows = numbered_rows(1, 10, 1, 3);
+  RowSpan wide(rows);
+  EXPECT_TRUE(refused(timeline.add_chunk({1, 10, 1, 4}, wide)));
+  RowSpan none(Span<const float>{});
+  EXPECT_TRUE(refused(timeline.add_chunk({1, 10, 0, 4}, none)));
+  EXPECT_EQ(timeline.buffered_to(), 10U);
+  EXPECT_EQ(timeline.committed_to(), 4U);
+  EXPECT_EQ(timeline.plan(), 1U);
+}
+
+TEST(Timeline, HoldsTheLastPoseAndCountsUntilFramesCome) {
+  Timeline timeline = small_timeline();
+  ASSERT_TRUE(timeline.announce_plan(1, 0));
+  ASSERT_TRUE(add(timeline, 1, 0, 2));
+  timeline.advance(0.0);
+  EXPECT_EQ(timeline.advance(0.05).size(), 1U);
+  EXPECT_EQ(timeline.advance(0.2).size(), 0U);
+  EXPECT_EQ(timeline.playhead(), 1U);
+  EXPECT_EQ(timeline.underruns(), 3U);
+  ASSERT_TRUE(add(timeline, 1, 2, 5));
+  EXPECT_EQ(timeline.advance(0.21).size(), 1U);
+  EXPECT_EQ(timeline.underruns(), 3U);
+  EXPECT_EQ(timeline.advance(0.25).size(), 0U);
+  EXPECT_EQ(timeline.advance(0.26).size(), 1U);
+}
+
+TEST(Timeline, KeepsAsManyFramesBehindThePlayheadAsAsked) {
+  Timeline timeline = small_timeline(2);
+  ASSERT_TRUE(timeline.announce_plan(1, 0));
+  ASSERT_TRUE(add(timeline, 1, 0, 10));
+  ASSERT_TRUE(timeline.advance_to(7));
+  EXPECT_EQ(timeline.first_kept(), 5U);
+  EXPECT_FALSE(timeline.row(4));
+  EXPECT_EQ(first_number(timeline, 5), 1005);
+  EXPECT_EQ(timeline.advance_to(6).status().code(), Code::out_of_range);
+  EXPECT_EQ(timeline.advance_to(10).status().code(), Code::out_of_range);
+}
+
+TEST(Timeline, SamplesBetweenFrames) {
+  const Rig rig = chain_rig();
+  TimelineOptions options;
+  options.row_width = rig.row_width;
+  Timeline timeline = std::move(Timeline::make(options)).value();
+  std::vector<float> rows;
+  for (int frame = 0; frame < 3; ++frame) {
+    const std::vector<float> row = chain_row(rig, static_cast<float>(frame));
+    rows.insert(rows.end(), row.begin(), row.end());
+  }
+  std::vector<float> out(rig.row_width, -1.0F);
+  EXPECT_FALSE(timeline.sample(0.0, rig, out));
+  EXPECT_EQ(out[0], -1.0F);
+  ASSERT_TRUE(timeline.announce_plan(1, 0));
+  RowSpan source(rows);
+  ASSERT_TRUE(timeline.add_chunk({1, 0, 3, 0}, source));
+  const auto x_at = [&](double now_s) {
+    EXPECT_TRUE(timeline.sample(now_s, rig, out));
+    return out[0];
+  };
+  EXPECT_NEAR(x_at(1.0), 0.0, 1e-5);
+  EXPECT_NEAR(x_at(1.0125), 0.25, 1e-5);
+  timeline.pause();
+  EXPECT_NEAR(x_at(1.5), 0.25, 1e-5);
+  timeline.resume();
+  EXPECT_NEAR(x_at(2.0), 0.25, 1e-5);
+  EXPECT_NEAR(x_at(2.0250), 0.75, 1e-5);
+  EXPECT_NEAR(x_at(2.0500), 1.25, 1e-5);
+  EXPECT_NEAR(x_at(9.0), 2.0, 1e-5);  // the last one is held
+}
+
+TEST(Timeline, AFrameThatWasMixedIntoThePoseCountsAsShown) {
+  const Rig rig = chain_rig();
+  TimelineOptions options;
+  options.row_width = rig.row_width;
+  Timeline timeline = std::move(Timeline::make(options)).value();
+  ASSERT_TRUE(timeline.announce_plan(1, 0));
+  ASSERT_TRUE(add(timeline, 1, 0, 5));
+  std::vector<float> out(rig.row_width);
+  ASSERT_TRUE(timeline.sample(0.0, rig, out));
+  ASSERT_TRUE(timeline.sample(0.03, rig, out));
+  ASSERT_TRUE(timeline.announce_plan(2, 1));
+  EXPECT_EQ(timeline.late_plans(), 1U);
+  EXPECT_EQ(timeline.buffered_to(), 2U);
+}
+
+TEST(Timeline, AnotherSessionGoesOnAfterWhatIsHeld) {
+  Timeline timeline = small_timeline();
+  ASSERT_TRUE(timeline.announce_plan(7, 0));
+  ASSERT_TRUE(add(timeline, 7, 0, 10, 4));
+  timeline.continue_with_new_plans();
+  ASSERT_TRUE(timeline.announce_plan(1, 10));
+  ASSERT_TRUE(add(timeline, 1, 10, 5, 12));
+  EXPECT_EQ(first_number(timeline, 9), 7009);
+  EXPECT_EQ(first_number(timeline, 10), 1010);
+}
+
+TEST(Timeline, RefusesOptionsThatMakeNoSense) {
+  TimelineOptions options;
+  EXPECT_EQ(Timeline::make(options).status().code(), Code::invalid_argument);
+  options.row_width = 1;
+  options.frame_rate_hz = 0;
+  EXPECT_EQ(Timeline::make(options).status().code(), Code::invalid_argument);
+  options.frame_rate_hz = 20;
+  options.keep_frames = 0xFFFFFFFE;
+  EXPECT_EQ(Timeline::make(options).status().code(), Code::invalid_argument);
+}
+
+}  // namespace
+}  // namespace motiongen

@@ -1,0 +1,90 @@
+// Plays a trace of calls on a timeline, one a line of the input, and prints what came of each:
+//   new RATE WIDTH START KEEP | plan NUMBER VALID_FROM | chunk PLAN FIRST COUNT COMMITTED | advance NOW_S
+//   to FRAME | pause | resume
+// KEEP -1 keeps all. The numbers of a row are plan * 1000 + frame. After each call: its answer ("-" a refusal), then
+// playhead, buffered_to, first_kept, committed_to, underruns, late_plans, and the sum of the first numbers held.
+#include <cstdio>
+#include <iostream>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "motiongen/core/timeline.hpp"
+
+namespace {
+
+using motiongen::FrameRange;
+using motiongen::Timeline;
+using motiongen::TimelineOptions;
+
+std::string shown(const FrameRange& range) {
+  return std::to_string(range.size() == 0 ? 0 : range.first) + "+" + std::to_string(range.size());
+}
+
+std::string call(const std::string& name, std::istream& in, std::optional<Timeline>& timeline) {
+  if (name == "new") {
+    TimelineOptions options;
+    std::int64_t keep = 0;
+    in >> options.frame_rate_hz >> options.row_width >> options.start_frame >> keep;
+    options.keep_frames = keep < 0 ? TimelineOptions::kKeepAll : static_cast<std::uint32_t>(keep);
+    auto made = Timeline::make(options);
+    if (!made) return "-";
+    timeline.emplace(std::move(made).value());
+    return "ok";
+  }
+  if (!timeline) return "?";
+  if (name == "plan") {
+    std::uint32_t plan = 0;
+    std::uint64_t valid_from = 0;
+    in >> plan >> valid_from;
+    return timeline->announce_plan(plan, valid_from) ? "ok" : "-";
+  }
+  if (name == "chunk") {
+    motiongen::ChunkHeader header;
+    in >> header.plan >> header.first_frame >> header.num_frames >> header.committed_to;
+    std::vector<float> rows;
+    for (std::uint64_t frame = header.first_frame; frame < header.first_frame + header.num_frames; ++frame) {
+      rows.insert(rows.end(), timeline->row_width(), static_cast<float>(header.plan * 1000 + frame));
+    }
+    motiongen::RowSpan source(rows);
+    return timeline->add_chunk(header, source) ? "ok" : "-";
+  }
+  if (name == "advance") {
+    double now_s = 0;
+    in >> now_s;
+    return shown(timeline->advance(now_s));
+  }
+  if (name == "to") {
+    std::uint64_t frame = 0;
+    in >> frame;
+    auto reached = timeline->advance_to(frame);
+    return reached ? shown(*reached) : "-";
+  }
+  if (name == "pause") timeline->pause();
+  if (name == "resume") timeline->resume();
+  return "ok";
+}
+
+}  // namespace
+
+int main() {
+  std::optional<Timeline> timeline;
+  for (std::string line; std::getline(std::cin, line);) {
+    std::istringstream in(line);
+    std::string name;
+    in >> name;
+    const std::string answer = call(name, in, timeline);
+    if (!timeline) return 1;
+    double sum = 0;
+    for (std::uint64_t frame = timeline->first_kept(); frame < timeline->buffered_to(); ++frame) {
+      sum += static_cast<double>(timeline->row(frame).value()[0]);
+    }
+    std::printf(
+        "%s %llu %llu %llu %llu %u %u %.0f\n", answer.c_str(), static_cast<unsigned long long>(timeline->playhead()),
+        static_cast<unsigned long long>(timeline->buffered_to()),
+        static_cast<unsigned long long>(timeline->first_kept()),
+        static_cast<unsigned long long>(timeline->committed_to()), timeline->underruns(), timeline->late_plans(), sum);
+  }
+  return 0;
+}

@@ -1,0 +1,125 @@
+"""The core: its own unit tests, and the same playback as the Python client's, call by call."""
+
+from __future__ import annotations
+
+import random
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motiongen_client.errors import InvalidInput, ProtocolViolation
+from motiongen_client.playback import Playback
+
+RATE = 20.0
+WIDTH = 2
+
+
+def test_the_unit_tests_of_the_core_pass(program: Callable[[str], Path], tmp_path: Path) -> None:
+    subprocess.run([program("core_tests"), "--gtest_brief=1"], check=True, cwd=tmp_path)
+
+
+class PythonTimeline:
+    """The Python client's playback, told what `timeline_trace` is told, and answering as it does."""
+
+    def __init__(self, keep: int) -> None:
+        self.playback = Playback(RATE, WIDTH, keep_frames=None if keep < 0 else keep)
+
+    def call(self, line: str) -> str:
+        name, *numbers = line.split()
+        return f"{self._answer(name, numbers)} {self._state()}"
+
+    def _answer(self, name: str, numbers: list[str]) -> str:
+        playback = self.playback
+        try:
+            match name:
+                case "plan":
+                    playback.announce_plan(int(numbers[0]), int(numbers[1]))
+                case "chunk":
+                    plan, first, count, committed = map(int, numbers)
+                    rows = np.repeat(plan * 1000 + np.arange(first, first + count)[:, None], WIDTH, axis=1)
+                    if count < 1:
+                        return "-"  # the client refuses it before playback hears of it
+                    playback.add_chunk(plan, first, rows.astype(np.float32), committed)
+                case "advance":
+                    return shown(playback.advance(float(numbers[0])))
+                case "to":
+                    return shown(playback.advance_to(int(numbers[0])))
+                case "pause":
+                    playback.pause()
+                case "resume":
+                    playback.resume()
+        except (InvalidInput, ProtocolViolation):
+            return "-"
+        return "ok"
+
+    def _state(self) -> str:
+        playback = self.playback
+        held = range(playback.first_kept, playback.buffered_to)
+        total = sum(float(playback.row(frame)[0]) for frame in held)
+        return (
+            f"{playback.playhead} {playback.buffered_to} {playback.first_kept} {playback.committed_to} "
+            f"{playback.underruns} {playback.late_plans} {total:.0f}"
+        )
+
+
+def shown(reached: range) -> str:
+    return f"{reached.start if reached else 0}+{len(reached)}"
+
+
+def draw_trace(seed: int) -> list[str]:
+    """A session in which much goes wrong: late plans, gaps, holds, pauses, jumps, and messages against the rules."""
+    draw = random.Random(seed)
+    keep = draw.choice([-1, 0, 3, 30])
+    lines, now_s, plan, received, committed = [f"new {RATE} {WIDTH} 0 {keep}"], 0.0, 0, 0, 0
+    for _ in range(200):
+        match draw.choices(("plan", "chunk", "advance", "to", "pause", "resume", "break"), (2, 6, 12, 1, 1, 2, 1))[0]:
+            case "plan":
+                valid_from = draw.randint(committed, max(received, committed)) if draw.random() < 0.8 else received + 2
+                plan += 1
+                lines.append(f"plan {plan} {valid_from}")
+                received = min(received, valid_from)
+            case "chunk":
+                count = draw.randint(1, 12)
+                committed = draw.randint(committed, max(received, committed))
+                lines.append(f"chunk {plan} {received} {count} {committed}")
+                received += count if plan else 0
+            case "advance":
+                now_s += draw.choice([0.0, 1 / 60, 0.05, 0.05, 0.1, 0.35])
+                lines.append(f"advance {now_s!r}")
+            case "to":
+                lines.append(f"to {draw.randint(0, received + 2)}")
+            case "break":
+                broken = [f"plan {max(plan, 1)} {received}", f"chunk {plan} {received + 1} 2 {committed}"]
+                broken += [f"chunk {plan + 1} {received} 2 {committed}", f"chunk {plan} {received} 0 {committed}"]
+                lines.append(draw.choice(broken))
+            case other:
+                lines.append(other)
+    return lines
+
+
+def trace(program: Callable[[str], Path], lines: list[str]) -> list[str]:
+    told = subprocess.run(
+        [program("timeline_trace")], input="\n".join(lines), stdout=subprocess.PIPE, text=True, check=True
+    )
+    return told.stdout.splitlines()
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_playback_is_the_python_clients(program: Callable[[str], Path], seed: int) -> None:
+    lines = draw_trace(seed)
+    python = PythonTimeline(int(lines[0].split()[-1]))
+    told = trace(program, lines)
+    assert len(told) == len(lines)
+    for number, (line, answer) in enumerate(zip(lines[1:], told[1:], strict=True), 1):
+        assert answer == python.call(line), f"call {number}: {line}"
+
+
+def test_the_traces_reach_what_they_are_for(program: Callable[[str], Path]) -> None:
+    answers = [line.split() for seed in range(40) for line in trace(program, draw_trace(seed))]
+    refused = sum(answer[0] == "-" for answer in answers)
+    assert refused > 100
+    assert max(int(answer[5]) for answer in answers) > 10, "underruns"
+    assert max(int(answer[6]) for answer in answers) > 3, "late plans"

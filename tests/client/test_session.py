@@ -29,6 +29,7 @@ from motiongen_client import (
     StreamLost,
     Waypoint,
 )
+from tests.client.conftest import ManualClock
 from tests.client.fake_server import HORIZON, FakeServer
 
 T = TypeVar("T")
@@ -41,10 +42,18 @@ async def client(server: FakeServer) -> AsyncIterator[MotionClient]:
 
 
 async def until(condition: Callable[[], T | None]) -> T:
-    """Wait for a condition of another thread or task to give something, and return it."""
-    while (found := condition()) is None:  # noqa: ASYNC110  what is waited for may be of another thread
-        await asyncio.sleep(0.002)
+    """Let the event loop go round until a condition gives something, and return that."""
+    while not (found := condition()):  # noqa: ASYNC110  what is waited for may be of another thread
+        await asyncio.sleep(0)
     return found
+
+
+async def play(session: Session, clock: ManualClock, seconds: float) -> AsyncIterator[Frame]:
+    """Frames in the time of the clock, which goes on when the next one is there."""
+    async for frame in session.frames(seconds):
+        yield frame
+        await until(lambda: session.playback.buffered_to > session.playback.playhead + 1)
+        clock.advance(1 / session.rig.frame_rate_hz)
 
 
 async def received(server: FakeServer, kind: str, count: int = 1) -> list[session_pb2.SessionEvent]:
@@ -106,29 +115,33 @@ async def test_frames_come_as_fast_as_they_are_made_when_asked(client: MotionCli
 
 
 async def test_a_new_prompt_replaces_what_was_not_played_and_says_from_where(
-    client: MotionClient, server: FakeServer
+    clock: ManualClock, client: MotionClient, server: FakeServer
 ) -> None:
     session = await client.open("a person walks", keep_s=None)
     edit = None
-    async for frame in session.frames(seconds=1):
+    async for frame in play(session, clock, 1):
         if frame.index == 20:
             edit = session.set_prompt("a person runs")
+            clock.advance(0.005)
+            await edit
     assert edit is not None
     outcome = await edit
     assert outcome.effective_frame is not None
     plans = session.motion().root_translation_m[:, 0]
     assert outcome.effective_frame > 20
     assert plans[outcome.effective_frame] > plans[outcome.effective_frame - 1]
-    assert edit.latency_s is not None
-    assert edit.latency_s > 0
+    assert edit.latency_s == pytest.approx(0.005)
     assert server.stream.characters[session.handle].prompts == {1: "a person runs"}
 
 
-async def test_playheads_are_reported_once_playing(client: MotionClient, server: FakeServer) -> None:
+async def test_playheads_are_reported_once_playing(
+    clock: ManualClock, client: MotionClient, server: FakeServer
+) -> None:
     session = await client.open("a person walks")
-    await asyncio.sleep(0.3)
+    clock.advance(0.3)
+    await session.set_prompt("a person runs")  # goes behind a report, if there is one
     assert not [event for event in server.stream.received if event.WhichOneof("event") == "playhead"]
-    async for _ in session.frames(seconds=0.6):
+    async for _ in play(session, clock, 0.6):
         pass
     reports = await received(server, "playhead", 2)
     played = [report.playhead.frame for report in reports]
@@ -201,31 +214,57 @@ async def test_a_refused_open_raises_and_leaves_the_stream_alive(client: MotionC
     assert len(server.streams) == 1
 
 
-async def test_pause_holds_the_frame_and_resume_goes_on(client: MotionClient) -> None:
+async def test_pause_holds_the_frame_and_resume_goes_on(clock: ManualClock, client: MotionClient) -> None:
     session = await client.open("a person walks")
-    async for _ in session.frames(seconds=0.1):
-        pass
+    assert [frame.index async for frame in play(session, clock, 0.1)] == list(range(10))
     outcome = await session.pause()
     assert outcome.effective_frame is None
     held = session.poll()
-    await asyncio.sleep(0.05)
+    clock.advance(0.05)
     still = session.poll()
     assert held is not None
     assert still is not None
     assert held.index == still.index
     await session.resume()
-    later = [frame.index async for frame in session.frames(seconds=0.1)]
-    assert later[0] == held.index + 1
+    session.poll()  # the next is due one frame time after this
+    clock.advance(0.01)
+    later = [frame.index async for frame in play(session, clock, 0.1)]
+    assert later == list(range(held.index + 1, held.index + 11))
 
 
-async def test_poll_gives_the_frame_of_now(client: MotionClient) -> None:
+async def test_poll_gives_the_frame_of_now(clock: ManualClock, client: MotionClient) -> None:
     session = await client.open("a person walks")
     first = await until(session.poll)
-    await asyncio.sleep(0.05)
+    await until(lambda: session.playback.buffered_to > 5)
+    clock.advance(0.05)
     later = session.poll()
-    assert first.index == 0
     assert later is not None
-    assert later.index > first.index
+    assert (first.index, later.index) == (0, 5)
+
+
+async def test_frames_that_a_late_reader_has_not_taken_are_not_lost(clock: ManualClock, client: MotionClient) -> None:
+    session = await client.open("a person walks")
+    await until(lambda: session.playback.buffered_to > 30)
+    frames = session.frames()
+    assert (await anext(frames)).index == 0
+    clock.advance(0.1)  # ten more are due now
+    assert [(await anext(frames)).index for _ in range(3)] == [1, 2, 3]
+    await frames.aclose()
+    assert [frame.index async for frame in session.frames(seconds=0.04)] == [4, 5, 6, 7]
+    assert (await anext(session.frames())).index == 8
+
+
+async def test_a_reader_that_is_always_late_is_given_frames_without_a_wait(
+    clock: ManualClock, client: MotionClient
+) -> None:
+    session = await client.open("a person walks")
+    await until(lambda: session.playback.buffered_to > 30)
+    taken = []
+    async for frame in session.frames(seconds=0.3):
+        taken.append(frame.index)
+        clock.advance(0.01)  # the next is due before it is asked for, and nothing else moves the clock
+    assert taken == list(range(30))
+    assert session.stats.underruns == 0
 
 
 async def test_closing_ends_frames_and_returns_the_same_end_again(client: MotionClient) -> None:

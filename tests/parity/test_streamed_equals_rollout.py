@@ -49,7 +49,13 @@ class Screen:
                 self.rows.update(enumerate(output.rows, output.first_frame))
 
 
-def stream(model: Model, embedding: np.ndarray, constraints: tuple[Constraint, ...], reuse_tokens: bool) -> np.ndarray:
+def stream(
+    model: Model,
+    embedding: np.ndarray,
+    constraints: tuple[Constraint, ...],
+    reuse_tokens: bool,
+    keep_prompts: bool = False,
+) -> np.ndarray:
     """The first NUM_FRAMES rows that a session with one prompt streams."""
     clock, screen = FakeClock(), Screen()
     engine = Engine(
@@ -69,6 +75,7 @@ def stream(model: Model, embedding: np.ndarray, constraints: tuple[Constraint, .
         start_pose=StartPose(1.0, -2.0, 0.5),
         prompts=(Prompt(1, None, None, "walk", embedding),),
         constraints=constraints,
+        keep_prompts=keep_prompts,
     )
     engine.submit(Open(spec, 1, clock.now()))
     for _ in range(400):
@@ -82,7 +89,9 @@ def stream(model: Model, embedding: np.ndarray, constraints: tuple[Constraint, .
     return np.stack([screen.rows[frame] for frame in range(NUM_FRAMES)])
 
 
-def expected(model: Model, embedding: np.ndarray, targets: Targets | None, reuse_tokens: bool) -> torch.Tensor:
+def expected(
+    model: Model, embedding: np.ndarray, targets: Targets | None, reuse_tokens: bool, keep_prompts: bool = False
+) -> torch.Tensor:
     request = RolloutRequest(
         num_frames=NUM_FRAMES,
         text=torch.from_numpy(embedding),
@@ -93,6 +102,7 @@ def expected(model: Model, embedding: np.ndarray, targets: Targets | None, reuse
         reuse_tokens=reuse_tokens,
         targets=targets,
         start=(1.0, -2.0, 0.5),
+        keep_prompts=keep_prompts,
     )
     return model.representation.denormalize(rollout(model, request))
 

@@ -52,10 +52,13 @@ class _Growing:
 
 @dataclass(frozen=True)
 class _Due:
-    """The next window of a take, a batch of one. has_text: there is a prompt."""
+    """The next window of a take, a batch of one. end: the frame to which its frames count. has_text: there is a
+    prompt.
+    """
 
     growing: _Growing
     window: WindowRequest
+    end: int
     has_text: bool
 
     @property
@@ -110,8 +113,8 @@ class Sampler:
         leader = take.steer_at(first, after=SLOWING_FRAMES)
         targets = take.targets if leader is None else self._led(growing, leader, take.targets)
         crop = min(DEFAULT_HISTORY_FRAMES, first // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN)
-        end = first - crop + self.model.config.max_window_frames
-        if targets is not None and not any(first <= frame < end for frame in targets.frames):
+        seen_to = first - crop + self.model.config.max_window_frames
+        if targets is not None and not any(first <= frame < seen_to for frame in targets.frames):
             targets = None
         now = RolloutRequest(
             num_frames=take.num_frames,
@@ -121,8 +124,10 @@ class Sampler:
             weights=self.sampling.weights,
             targets=targets,
             start=take.start,
+            keep_prompts=leader is not None,  # a velocity has chosen its prompt already
         )
-        return _Due(growing, next_window(self.model, now, growing.features, len(growing.starts)), bool(prompt))
+        window, end = next_window(self.model, now, growing.features, len(growing.starts))
+        return _Due(growing, window, min(end, take.next_change(first)), bool(prompt))
 
     def _led(self, growing: _Growing, steer: Steer, given: Targets | None) -> Targets | None:
         """The targets of the next window with what a velocity leads through beneath them."""
@@ -151,9 +156,8 @@ class Sampler:
         self.num_windows += len(group)
         for due, frames in zip(group, new, strict=True):
             growing, first = due.growing, len(due.growing.features)
-            end = min(first + len(frames), growing.take.next_change(first), growing.take.num_frames)
             growing.starts.append(first)
-            growing.features = torch.cat([growing.features, frames[: end - first]])
+            growing.features = torch.cat([growing.features, frames[: due.end - first]])
 
     def _result(self, growing: _Growing) -> Result:
         layout = self.model.representation

@@ -10,6 +10,7 @@ from motiongen_ardy.core.stats import Stats
 from motiongen_ardy.model.config import ConfigError, ModelConfig
 from motiongen_ardy.model.denoiser import Denoiser, build_denoiser
 from motiongen_ardy.model.sampling.options import SamplingOptions, released_options
+from motiongen_ardy.model.sampling.paces import PromptPaces
 from motiongen_ardy.model.tokenizer import ExplicitBody, Tokenizer, build_tokenizer
 
 
@@ -34,6 +35,7 @@ class Model(nn.Module):
         self.denoiser = denoiser
         self.tokenizer = tokenizer
         self.sampling = released_options(config.guidance) if sampling is None else sampling
+        self.paces: PromptPaces | None = None
 
     @property
     def skeleton(self) -> Skeleton:

@@ -18,7 +18,7 @@ from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
 from motiongen_ardy.model.generation import WindowRequest, commit_window, denoise_window, finish_window, world_tokens
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.noise import window_noise
-from motiongen_ardy.model.sampling.plan import plan_targets
+from motiongen_ardy.model.sampling.plan import plan_targets, plan_text
 from motiongen_ardy.model.token_history import TokenHistory
 from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_ardy.model.window import WindowError
@@ -48,7 +48,8 @@ class RolloutRequest:
     seed: the k-th window starts from `window_noise(seed, k)`. history_frames: the most decided frames that a window
     starts with, a multiple of 4; reuse_tokens: a history that whole tokens of earlier windows cover is not encoded
     again, unless windows are corrected, which their tokens do not know. targets: constraints by absolute frame. start:
-    x and z in metres, heading in radians.
+    x and z in metres, heading in radians. keep_prompts: they hold whatever the targets ask of the root, though the
+    model's own sampling would tell windows a gait's where it contradicts them.
     """
 
     num_frames: int
@@ -61,6 +62,7 @@ class RolloutRequest:
     targets: Targets | None = None
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     later_text: tuple[tuple[int, Tensor], ...] = ()
+    keep_prompts: bool = False
 
     def __post_init__(self) -> None:
         if self.history_frames < FRAMES_PER_TOKEN or self.history_frames % FRAMES_PER_TOKEN:
@@ -81,13 +83,19 @@ class RolloutRequest:
         return torch.atleast_2d(text), end
 
 
-def next_window(model: Model, request: RolloutRequest, features: Tensor, index: int) -> WindowRequest:
-    """Window `index` of a rollout, a batch of one. features: (T, D) normalised, all frames before it."""
+def next_window(model: Model, request: RolloutRequest, features: Tensor, index: int) -> tuple[WindowRequest, int]:
+    """Window `index` of a rollout, a batch of one, and the frame from which something else is told, to which its frames
+    count. features: (T, D) normalised, all frames before it.
+    """
     layout, done = model.representation, len(features)
     device, x, z, heading = features.device, *request.start
     history_len = min(request.history_frames, done // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN)
     first_frame = done - history_len
+    text, text_end = request.prompt_at(done)
     targets = plan_targets(model, request.targets, features[first_frame:], done, request.start)
+    if not request.keep_prompts:
+        text, led_to = plan_text(model, text, targets, features[first_frame:], done, request.start)
+        text_end = text_end if led_to is None else min(text_end, led_to)
     span = visible_frames(model, history_len, targets, first_frame)
     observed, mask, planned = None, None, None
     if targets is not None:
@@ -95,10 +103,10 @@ def next_window(model: Model, request: RolloutRequest, features: Tensor, index: 
         planned = targets.planned_frames(first_frame, span)[None].to(device)
     width = ROOT_TOKEN_WIDTH + model.config.denoiser.latent_dim
     noise = window_noise(request.seed, index, model.config.horizon // FRAMES_PER_TOKEN, width)
-    return WindowRequest(
+    window = WindowRequest(
         num_frames=span,
         num_steps=request.num_steps,
-        text=request.prompt_at(done)[0][None].to(device),
+        text=text[None].to(device),
         noise=noise[None].to(device),
         weights=request.weights,
         history=features[None, first_frame:] if history_len else None,
@@ -108,6 +116,7 @@ def next_window(model: Model, request: RolloutRequest, features: Tensor, index: 
         mask=mask,
         planned=planned,
     )
+    return window, text_end
 
 
 @torch.no_grad()
@@ -120,7 +129,7 @@ def rollout(model: Model, request: RolloutRequest) -> Tensor:
         done = len(features)
         if done >= request.num_frames:
             return features
-        window = next_window(model, request, features, index)
+        window, end = next_window(model, request, features, index)
         known = kept.before(done, window.history_frames) if request.reuse_tokens else None
         if known is not None:
             window = replace(window, history_tokens=known[None])
@@ -128,4 +137,4 @@ def rollout(model: Model, request: RolloutRequest) -> Tensor:
         new = commit_window(model, window, finish_window(model, state))[0]
         if not model.sampling.corrects:  # tokens know nothing of what is corrected after them
             kept.replace_from(done, world_tokens(model, state)[0, window.history_frames // FRAMES_PER_TOKEN :])
-        features = torch.cat([features, new[: request.prompt_at(done)[1] - done]])
+        features = torch.cat([features, new[: end - done]])

@@ -104,9 +104,9 @@ class TorchRunner:
             for history_tokens, ids in by_history.items():
                 rows = [self._rows[job_id] for job_id in ids]
                 frames, features, tokens = self._decode(rows, history_tokens)
-                for index, job_id in enumerate(ids):
-                    kept = None if tokens is None else tokens[index]
-                    results[job_id] = WindowResult(job_id, frames[index], features[index], kept)
+                for index, (job_id, row) in enumerate(zip(ids, rows, strict=True)):
+                    kept, count = None if tokens is None else tokens[index], row.num_frames
+                    results[job_id] = WindowResult(job_id, frames[index, :count], features[index, :count], kept)
         self.discard(job_ids)
         return [results[job_id] for job_id in job_ids]
 

@@ -54,6 +54,7 @@ def spec(
     prior_rows: np.ndarray | None = None,
     clip_frames: int | None = None,
     gaits: tuple[Gait, ...] = (),
+    keep_prompts: bool = False,
 ) -> SessionSpec:
     return SessionSpec(
         key,
@@ -69,6 +70,7 @@ def spec(
         prior_rows=prior_rows,
         clip_frames=clip_frames,
         gaits=gaits,
+        keep_prompts=keep_prompts,
     )
 
 

@@ -104,7 +104,7 @@ class SessionEvent(_message.Message):
     def __init__(self, session: _Optional[int] = ..., event_seq: _Optional[int] = ..., open: _Optional[_Union[OpenSession, _Mapping]] = ..., edit_prompts: _Optional[_Union[EditPrompts, _Mapping]] = ..., edit_constraints: _Optional[_Union[EditConstraints, _Mapping]] = ..., set_velocity: _Optional[_Union[SetVelocity, _Mapping]] = ..., playhead: _Optional[_Union[Playhead, _Mapping]] = ..., set_play_state: _Optional[_Union[SetPlayState, _Mapping]] = ..., close: _Optional[_Union[CloseSession, _Mapping]] = ..., seek: _Optional[_Union[Seek, _Mapping]] = ..., set_options: _Optional[_Union[SetOptions, _Mapping]] = ..., take_snapshot: _Optional[_Union[TakeSnapshot, _Mapping]] = ...) -> None: ...
 
 class OpenSession(_message.Message):
-    __slots__ = ("request_id", "rig_id", "model_id", "seed", "priority", "lookahead_frames", "prior_frames", "scalar_type", "prompts", "constraints", "start_pose", "denoise_steps", "guidance", "history_frames", "resume_token", "snapshot", "outputs")
+    __slots__ = ("request_id", "rig_id", "model_id", "seed", "priority", "lookahead_frames", "prior_frames", "scalar_type", "prompts", "constraints", "start_pose", "denoise_steps", "guidance", "history_frames", "resume_token", "snapshot", "outputs", "keep_prompts")
     REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
     RIG_ID_FIELD_NUMBER: _ClassVar[int]
     MODEL_ID_FIELD_NUMBER: _ClassVar[int]
@@ -122,6 +122,7 @@ class OpenSession(_message.Message):
     RESUME_TOKEN_FIELD_NUMBER: _ClassVar[int]
     SNAPSHOT_FIELD_NUMBER: _ClassVar[int]
     OUTPUTS_FIELD_NUMBER: _ClassVar[int]
+    KEEP_PROMPTS_FIELD_NUMBER: _ClassVar[int]
     request_id: str
     rig_id: str
     model_id: str
@@ -139,7 +140,8 @@ class OpenSession(_message.Message):
     resume_token: str
     snapshot: bytes
     outputs: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, request_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., seed: _Optional[int] = ..., priority: _Optional[_Union[PriorityClass, str]] = ..., lookahead_frames: _Optional[int] = ..., prior_frames: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., prompts: _Optional[_Iterable[_Union[_motion_pb2.PromptSpan, _Mapping]]] = ..., constraints: _Optional[_Iterable[_Union[_motion_pb2.Constraint, _Mapping]]] = ..., start_pose: _Optional[_Union[StartPose, _Mapping]] = ..., denoise_steps: _Optional[int] = ..., guidance: _Optional[_Union[Guidance, _Mapping]] = ..., history_frames: _Optional[int] = ..., resume_token: _Optional[str] = ..., snapshot: _Optional[bytes] = ..., outputs: _Optional[_Iterable[str]] = ...) -> None: ...
+    keep_prompts: bool
+    def __init__(self, request_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., seed: _Optional[int] = ..., priority: _Optional[_Union[PriorityClass, str]] = ..., lookahead_frames: _Optional[int] = ..., prior_frames: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., prompts: _Optional[_Iterable[_Union[_motion_pb2.PromptSpan, _Mapping]]] = ..., constraints: _Optional[_Iterable[_Union[_motion_pb2.Constraint, _Mapping]]] = ..., start_pose: _Optional[_Union[StartPose, _Mapping]] = ..., denoise_steps: _Optional[int] = ..., guidance: _Optional[_Union[Guidance, _Mapping]] = ..., history_frames: _Optional[int] = ..., resume_token: _Optional[str] = ..., snapshot: _Optional[bytes] = ..., outputs: _Optional[_Iterable[str]] = ..., keep_prompts: bool = ...) -> None: ...
 
 class StartPose(_message.Message):
     __slots__ = ("x", "z", "heading")

@@ -318,6 +318,7 @@ class SessionState:
             return []
         self.running = None
         first_frame, num_frames = running.first_frame, running.accept_to - running.first_frame
+        # A runner may give fewer: from the next frame on it would tell the model something else.
         rows = result.frames[:num_frames]
         self.timeline = self.timeline.spliced(
             first_frame, rows, result.features[:num_frames], result.tokens, anew=running.fresh

@@ -168,6 +168,7 @@ def _session_spec(
         history_frames=history_frames_of(message, catalog.facts),
         prior_rows=prior_rows_of(message, catalog),
         gaits=catalog.gaits,
+        keep_prompts=message.keep_prompts,
     )
 
 

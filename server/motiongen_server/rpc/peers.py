@@ -64,17 +64,18 @@ class Peer:
 class Place:
     """A session's place among those of its peer."""
 
-    __slots__ = ("_peer", "_priority")
+    __slots__ = ("_is_held", "_priority", "peer")
 
     def __init__(self, peer: Peer, priority: Priority) -> None:
-        self._peer: Peer | None = peer
+        self.peer = peer
         self._priority = priority
+        self._is_held = True
 
     def release(self) -> None:
         """The session is over. May be called again."""
-        peer, self._peer = self._peer, None
-        if peer is not None:
-            peer.leave(self._priority)
+        if self._is_held:
+            self._is_held = False
+            self.peer.leave(self._priority)
 
 
 class Peers:

@@ -41,6 +41,7 @@ from motiongen_server.rpc.event_errors import too_many_clips
 from motiongen_server.rpc.handlers import ClipContext
 from motiongen_server.rpc.limits import ServiceLimits
 from motiongen_server.rpc.peers import Peer
+from motiongen_server.rpc.session_entry import session_name
 from motiongen_server.rpc.stream_errors import reader_stuck
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 
@@ -228,7 +229,7 @@ class ClipService:
             return [service_pb2.GenerateClipResponse(sample=sample, chunk=_frames(output))]
         if isinstance(output, Opened):
             update = session_pb2.SessionUpdate()
-            write_update(update, replace(output, warnings=call.warnings))
+            write_update(update, replace(output, warnings=call.warnings, session_id=session_name(output.session)))
             update.opened.lookahead_frames = update.opened.committed_horizon_frames = 0
             return [service_pb2.GenerateClipResponse(sample=sample, opened=update.opened)]
         if isinstance(output, Outcome):  # only an Open that is refused has one

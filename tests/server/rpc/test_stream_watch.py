@@ -146,8 +146,7 @@ def holding(num_frames: int) -> Stream:
     stream = Line().stream
     stream.greeted = True
     stream.number = num_frames
-    rows = FRAMES[:num_frames]
-    stream.take(Chunk(SessionKey(stream.number, 1), 1, 0, rows, 0))
+    stream.send_queue.put_chunk(Chunk(SessionKey(stream.number, 1), 1, 0, FRAMES[:num_frames], 0), 0)
     return stream
 
 

@@ -55,6 +55,7 @@ def full_report() -> StepReport:
         frames_superseded=7,
         windows_discarded=1,
         windows_restarted=2,
+        steps_discarded=3,
         nan_rows=1,
         runner_faults=1,
         client_underruns=[(Priority.CROWD, 5)],

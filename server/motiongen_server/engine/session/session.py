@@ -24,7 +24,6 @@ from dataclasses import dataclass
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import FULL, Level
-from motiongen_server.engine.scheduling.report import EventLatency, StepReport
 from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.delivery import Delivery
 from motiongen_server.engine.session.drift import DriftState
@@ -54,6 +53,7 @@ from motiongen_server.engine.types import (
     WindowResult,
 )
 from motiongen_server.engine.types.refusals import session_closed
+from motiongen_server.engine.types.report import EventLatency, StepReport
 
 # A wake-up computed in floating point may come a hair early; the tolerance keeps it from being asked for again.
 _FRAME_TOLERANCE = 1e-3

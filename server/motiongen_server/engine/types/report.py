@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from motiongen_server.engine.types import CloseReason, Code, PlanCause, PlayState, Priority, ServiceTier
+from motiongen_server.engine.types.names import CloseReason, Code, PlanCause, PlayState, Priority, ServiceTier
 
 
 @dataclass(frozen=True, slots=True)

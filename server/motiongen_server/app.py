@@ -110,6 +110,7 @@ class Application:
         self._door.open(self._service)
         self._metrics.heartbeat_age.set_function(self._heartbeat_age_s)
         self._metrics.streams.set_function(lambda: self._service.num_streams)
+        self._metrics.parked.set_function(lambda: self._service.num_parked)
         self._metrics.queue_bytes.set_function(lambda: self._service.num_waiting_bytes)
         self._metrics.prompts_waiting.set_function(lambda: self._factory.num_waiting_prompts)
         await self._set_health(health_pb2.HealthCheckResponse.SERVING)

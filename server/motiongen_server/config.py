@@ -65,6 +65,7 @@ class ServerConfig:
     stream_events_per_second: float = setting(5000.0, "events of one stream a second", 1, 1e7)
     flush_ms: float = setting(20.0, "how long updates are gathered into one message", 1, 1000)
     idle_timeout_s: float = setting(300.0, "silence after which a session is closed", 1, 1e6)
+    resume_grace_s: float = setting(30.0, "for which sessions wait for a client that lost its line", 0, 3600)
     prompt_cache: int = setting(4096, "prompts whose embeddings are remembered", 1, 10_000_000)
     prompt_store: str = setting("", "file on this machine that remembers them beyond the end of the process")
     prompt_store_size: int = setting(65_536, "prompts in that file", 1, 100_000_000)

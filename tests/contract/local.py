@@ -74,7 +74,8 @@ class LocalServer:
             gaits=self._gaits,
             abilities=self._abilities,
         )
-        self.service = MotionService(ModelRegistry(LoadedModel("fake", self.engine, self.prompts, catalog)))
+        self.model = LoadedModel("fake", self.engine, self.prompts, catalog)
+        self.service = MotionService(ModelRegistry(self.model))
         self._server = grpc.aio.server(options=[("grpc.max_receive_message_length", limits.max_request_bytes)])
         add_methods(self.service, self._server)
         self.address = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"

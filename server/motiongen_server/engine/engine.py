@@ -36,6 +36,7 @@ from motiongen_server.engine.types import (
     Playhead,
     PlayState,
     Priority,
+    Resume,
     SessionKey,
     SetPlayState,
 )
@@ -220,7 +221,7 @@ class Engine:
             if isinstance(event, Open):
                 self._open(event, state)
             elif state is None:
-                if not isinstance(event, Playhead):
+                if not isinstance(event, Playhead | Resume):
                     self._refuse(event, session_not_open(event.session.handle))
             elif isinstance(event, Close):
                 self._close(state, event.reason, Code.OK, "")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import Counter
 
-from motiongen_server.engine.types import Close, Event, Open, Outcome, Playhead, SessionKey
+from motiongen_server.engine.types import Close, Event, Open, Outcome, Playhead, Resume, SessionKey
 from motiongen_server.engine.types.refusals import too_many_pending
 
 
@@ -13,7 +13,8 @@ class Mailbox:
     """Events in the order they came, from any thread, for the engine's thread to take all at once.
 
     A newer Playhead takes the place of an older one of the same session, so a fast reporter cannot fill the box. Other
-    events are never dropped; a session may have so many of them waiting and no more. A Close is always taken.
+    events are never dropped; a session may have so many of them waiting and no more. A Close or a Resume is always
+    taken.
     """
 
     def __init__(self, max_pending_events: int) -> None:
@@ -42,7 +43,7 @@ class Mailbox:
                         self._events[index] = event
                     return True
             else:
-                if self._waiting[key] >= self._max_pending and not isinstance(event, Close):
+                if self._waiting[key] >= self._max_pending and not isinstance(event, Close | Resume):
                     return False
                 self._waiting[key] += 1
                 if isinstance(event, Open):

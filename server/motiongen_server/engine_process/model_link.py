@@ -10,7 +10,7 @@ from concurrent.futures import Future
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.mailbox import Mailbox, pending_refusal
 from motiongen_server.engine.ports import Deliver, Observe
-from motiongen_server.engine.types import CloseReason, Event, Open, Outcome, Output, Playhead, SessionKey
+from motiongen_server.engine.types import CloseReason, Event, Open, Outcome, Output, Playhead, Resume, SessionKey
 from motiongen_server.engine_process.ledger import Ledger, engine_restarting
 from motiongen_server.engine_process.messages import TO_GATEWAY, CloseAhead, Events, Pulse, Ready
 
@@ -158,5 +158,5 @@ class ModelLink:
 
 
 def refused_without_engine(event: Event) -> Outcome | None:
-    """The answer to an event while its engine process is being started; a Playhead gets none."""
-    return None if isinstance(event, Playhead) else engine_restarting().outcome(event.session, event.event_seq)
+    """The answer to an event while its engine process is being started; a Playhead gets none, a Resume a Closed."""
+    return None if isinstance(event, Playhead | Resume) else engine_restarting().outcome(event.session, event.event_seq)

@@ -145,6 +145,7 @@ def make_catalog(
         max_lookahead_frames=config.max_lookahead_frames,
         events_per_second=config.events_per_second,
         stream_events_per_second=config.stream_events_per_second,
+        resume_grace_s=config.resume_grace_s,
     )
     guidance = Guidance(
         facts.guidance.text if config.text_guidance is None else config.text_guidance,

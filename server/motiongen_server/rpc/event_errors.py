@@ -41,6 +41,26 @@ def invalid_event_seq(given: int) -> EventRefused:
     return EventRefused(Code.INVALID_ARGUMENT, "INVALID_EVENT_SEQ", f"event_seq is {given}", "event_seq", allowed)
 
 
+def session_not_kept() -> EventRefused:
+    """A resume came with a token of no session that lives here."""
+    allowed = "the token of a session that lives; open it anew, with prior_frames"
+    code, given = Code.NOT_FOUND, "no session of that token lives on this server any more"
+    return EventRefused(code, "SESSION_NOT_KEPT", given, "open.resume_token", allowed)
+
+
+def resume_superseded(given: int, last: int) -> EventRefused:
+    """A resume came that is not newer than the last one."""
+    message, field = f"attempt {given} came after attempt {last}", "open.resume_point.attempt"
+    return EventRefused(Code.FAILED_PRECONDITION, "RESUME_SUPERSEDED", message, field, f"a number above {last}")
+
+
+def resume_out_of_range() -> EventRefused:
+    """A resume came from where no client can be."""
+    message, field = "the session cannot go on from there", "open.resume_point"
+    allowed = "the first frame that is not held, and the last plan announced; or open it anew, with prior_frames"
+    return EventRefused(Code.FAILED_PRECONDITION, "RESUME_OUT_OF_RANGE", message, field, allowed)
+
+
 def too_fast(what: str, rate: float, retry_after_s: float) -> EventRefused:
     code, message = Code.RESOURCE_EXHAUSTED, f"the {what} sends events too fast"
     return EventRefused(code, "TOO_MANY_EVENTS", message, "event", f"{rate:g} a second", retry_after_s)

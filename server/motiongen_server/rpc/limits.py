@@ -18,6 +18,7 @@ class Limits:
 
     events_per_second, stream_events_per_second: sustained rates of one session and one stream, with bursts of as many.
     max_clip_s: how long one call for a clip may take, whatever deadline it has.
+    resume_grace_s: for which a session whose transport was lost can be resumed; 0: it is closed at once.
     soft_backlog_bytes for backlog_s seconds, or hard_backlog_bytes at once, of unsent updates end a stream's sessions.
     """
 
@@ -38,3 +39,4 @@ class Limits:
     soft_backlog_bytes: int = 1 << 20
     hard_backlog_bytes: int = 4 << 20
     backlog_s: float = 5.0
+    resume_grace_s: float = 30.0

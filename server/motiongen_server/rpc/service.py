@@ -19,6 +19,8 @@ from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.clip import ClipService
 from motiongen_server.rpc.convert import round_trip_s
 from motiongen_server.rpc.handlers import CatalogContext, ClipContext, StreamContext
+from motiongen_server.rpc.kept_sessions import KeptSessions
+from motiongen_server.rpc.session_entry import Carrier
 from motiongen_server.rpc.stream import Stream
 from motiongen_server.rpc.stream_metrics import StreamMetrics
 
@@ -43,6 +45,7 @@ class MotionService:
         self._stream_metrics = stream_metrics
         self._replica_id = secrets.token_hex(4)
         self._numbers = itertools.count(1)
+        self._kept = KeptSessions(models.limits.resume_grace_s, stream_metrics)
         self._streams: dict[int, Stream] = {}
         self.clips = ClipService(models, self._numbers, stream_metrics)
         self._loop = asyncio.get_running_loop()
@@ -53,6 +56,11 @@ class MotionService:
     @property
     def num_streams(self) -> int:
         return len(self._streams)
+
+    @property
+    def num_parked(self) -> int:
+        """Sessions that wait for a client that lost its transport."""
+        return self._kept.num_parked
 
     @property
     def num_waiting_bytes(self) -> int:
@@ -69,15 +77,17 @@ class MotionService:
             _log.debug("outputs after the event loop's end")
 
     def _dispatch(self, outputs: tuple[Output, ...]) -> None:
-        by_stream: dict[int, list[Output]] = {}
+        by_carrier: dict[int | Carrier, list[Output]] = {}
         for output in outputs:
-            by_stream.setdefault(output.session.stream, []).append(output)
-        for number, of_stream in by_stream.items():
-            stream = self._streams.get(number)
-            if stream is not None:
-                stream.take_all(of_stream)
+            carrier = self._kept.carrier_of(output.session)
+            by_carrier.setdefault(output.session.stream if carrier is None else carrier, []).append(output)
+        for of, said in by_carrier.items():
+            if not isinstance(of, int):
+                of.take(*said)
+            elif (stream := self._streams.get(of)) is not None:
+                stream.take_all(said)
             else:  # a clip's, or of a client that has gone
-                self.clips.take(number, of_stream)
+                self.clips.take(of, said)
 
     # ---- calls ------------------------------------------------------------------------------------------------------
 
@@ -95,7 +105,7 @@ class MotionService:
         self, request_iterator: AsyncIterator[service_pb2.StreamMotionRequest], context: StreamContext
     ) -> None:
         """One stream, from its hello to its end."""
-        stream = Stream(next(self._numbers), self._models, self._stream_metrics)
+        stream = Stream(next(self._numbers), self._models, self._stream_metrics, self._kept)
         stream.flush_s = self._flush_s
         stream.accepts_opens = self._ends_at is None
         self._streams[stream.number] = stream
@@ -104,6 +114,9 @@ class MotionService:
         writer = asyncio.create_task(self._write(stream, context))
         try:
             await asyncio.wait({reader, writer}, return_when=asyncio.FIRST_COMPLETED)
+            if reader.done() and not reader.exception():
+                # A lost transport, too, looks as if the client had finished; only what is written tells.
+                await asyncio.wait({stream.probe(), writer}, return_when=asyncio.FIRST_COMPLETED)
             if reader.done():
                 stream.close_all(CloseReason.CLIENT)
                 stream.end()
@@ -119,7 +132,7 @@ class MotionService:
             message = f"the stream failed inside the server, error id {error_id}"
             await context.abort_with_status(StreamRefused(grpc.StatusCode.INTERNAL, "INTERNAL", message).status())
         finally:
-            stream.abandon()
+            stream.lose()
             for task in (reader, writer):
                 task.cancel()
             del self._streams[stream.number]
@@ -193,8 +206,9 @@ class MotionService:
             while (response := stream.next_response()) is not None:
                 try:
                     await context.write(response)
+                    stream.note_written()
                 except (grpc.aio.AioRpcError, grpc.aio.UsageError, asyncio.InvalidStateError):
-                    stream.abandon()  # the client has gone; its cancellation may not have been seen yet
+                    stream.lose()  # the client has gone; its cancellation may not have been seen yet
                     return
             if stream.ended and not stream.num_sessions and not len(stream.send_queue):
                 return
@@ -218,13 +232,15 @@ class MotionService:
     def close_model(self, model: LoadedModel) -> int:
         """Close every session of a model that is unloaded, and its clips; returns how many sessions those were."""
         self.clips.close_model(model)
-        return sum(stream.close_all(CloseReason.MODEL_UNLOADED, model) for stream in list(self._streams.values()))
+        carried = sum(stream.close_all(CloseReason.MODEL_UNLOADED, model) for stream in list(self._streams.values()))
+        return carried + self._kept.close_parked(CloseReason.MODEL_UNLOADED, model)
 
     def close_all(self) -> None:
         """Close every session as drained and end every stream once it has been told; clips end where they are."""
         for stream in list(self._streams.values()):
             stream.close_all(CloseReason.DRAINED)
             stream.end()
+        self._kept.close_parked(CloseReason.DRAINED)
         self.clips.close_all()
 
     async def finished(self) -> None:

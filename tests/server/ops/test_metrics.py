@@ -23,6 +23,8 @@ SET_BY_THE_APPLICATION = {
     "motiongen_engine_restarts",
     "motiongen_engine_resident_memory_bytes",
     "motiongen_admission_rejects",
+    "motiongen_session_resumes",
+    "motiongen_sessions_parked",
     "motiongen_slow_reader_closes",
     "motiongen_frames_dropped",
     "motiongen_streams",

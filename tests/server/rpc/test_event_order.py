@@ -28,7 +28,7 @@ from motiongen_server.engine.types import (
     SetPrompts,
 )
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
-from motiongen_server.rpc import stream
+from motiongen_server.rpc import event_path
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert import prompt_texts
 from motiongen_server.rpc.limits import Limits
@@ -219,7 +219,7 @@ async def test_a_prompt_is_checked_once_and_a_wrong_one_does_not_wait_for_the_en
         checked.append(event.event_seq)
         return prompt_texts(event, catalog)
 
-    monkeypatch.setattr(stream, "prompt_texts", counted)
+    monkeypatch.setattr(event_path, "prompt_texts", counted)
     line.open()
     line.send(2, edit_prompts=WALK)
     line.send(3, edit_prompts=session_pb2.EditPrompts(upsert=[motion_pb2.PromptSpan(prompt_id=1, text=" ")]))

@@ -107,7 +107,8 @@ async def test_a_session_whose_client_says_nothing_is_closed_as_idle() -> None:
 
 
 async def test_a_call_that_is_cancelled_ends_its_sessions_and_their_windows() -> None:
-    async with asyncio.timeout(LIMIT_S), LocalServer() as server, talking(server) as other:
+    limits = Limits(resume_grace_s=0)
+    async with asyncio.timeout(LIMIT_S), LocalServer(limits) as server, talking(server) as other:
         await other.open(1)
         async with talking(server) as gone:
             for handle in range(20):

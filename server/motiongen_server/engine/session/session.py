@@ -42,6 +42,7 @@ from motiongen_server.engine.types import (
     PlanCause,
     PlanNotice,
     Playhead,
+    Resume,
     ServiceLevel,
     SessionKey,
     SessionSpec,
@@ -137,11 +138,16 @@ class SessionState:
 
     # ---- events -----------------------------------------------------------------------------------------------------
 
-    def apply(self, event: EditEvent | Playhead | SetPlayState, now: float, report: StepReport) -> list[Output]:
+    def apply(
+        self, event: EditEvent | Playhead | SetPlayState | Resume, now: float, report: StepReport
+    ) -> list[Output]:
         """Take in one event. If this ends the running window (`running` becomes None), its job is to be discarded."""
         if isinstance(event, Playhead):
             self._report_playhead(event, now, report)
             return []
+        if isinstance(event, Resume):
+            self.last_playhead_at = now
+            return self.delivery.resume(event, self.plan, self.timeline.first)
         if isinstance(event, SetPlayState):
             self.clock.set_state(event.state, event.received_at, self.delivery.sent_to)
             return [Outcome(self.key, event.event_seq, Code.OK)]
@@ -327,11 +333,14 @@ class SessionState:
         self.delivery.first_chunk_due |= running.job.cause is PlanCause.EDIT
         report.windows.append((self.spec.priority, running.job.cause))
         report.soft_resets += running.correction is not None
+        sent_to = self.delivery.sent_to
         report.frames_superseded += self.delivery.superseded(first_frame)
         answered = self.edits.landed(running.answers, first_frame, self.delivery.sent_to)
         seqs = tuple(edit.event_seq for edit, _ in answered)
+        notice = PlanNotice(self.key, self.plan, first_frame, running.job.cause, seqs)
+        self.delivery.plan_log.note(notice, sent_to)
         return [
-            PlanNotice(self.key, self.plan, first_frame, running.job.cause, seqs),
+            notice,
             *(Outcome(self.key, edit.event_seq, Code.OK, frame) for edit, frame in answered),
             *self._settle(),
         ]
@@ -382,12 +391,16 @@ class SessionState:
             return []
         self.plan += 1
         self.holding = True
-        return [PlanNotice(self.key, self.plan, held_from, PlanCause.FALLBACK, ())]
+        notice = PlanNotice(self.key, self.plan, held_from, PlanCause.FALLBACK, ())
+        delivery.plan_log.note(notice, delivery.sent_to)
+        return [notice]
 
     def _trim(self) -> None:
         """Let go of what can neither be sent, nor replaced, nor be history; and of conditions that have passed."""
         committed_to = self.delivery.committed_to
-        keep_from = min(committed_to, self.delivery.sent_to) - history_crop(self.spec, self.config)
+        # A client that loses its transport may have to be sent again all that lies beyond its last report.
+        missed_from = math.inf if self.spec.is_clip else self.clock.reported
+        keep_from = int(min(committed_to, self.delivery.sent_to, missed_from)) - history_crop(self.spec, self.config)
         if keep_from - self.timeline.first >= self.facts.horizon:
             self.timeline = self.timeline.trimmed(keep_from)
         self.conditions = self.conditions.without_past(committed_to)

@@ -22,6 +22,7 @@ from motiongen_server.engine.types.events import (
     Event,
     Open,
     Playhead,
+    Resume,
     SetConstraints,
     SetPlayState,
     SetPrompts,
@@ -58,6 +59,7 @@ from motiongen_server.engine.types.outputs import (
     Outcome,
     Output,
     PlanNotice,
+    Resumed,
     ServiceLevel,
     Warned,
 )
@@ -115,4 +117,6 @@ __all__ = [
     "Warned",
     "WindowJob",
     "WindowResult",
+    "Resume",
+    "Resumed",
 ]

@@ -36,6 +36,7 @@ from motiongen_server.rpc.clip.request import check_extent, clip_specs, opening_
 from motiongen_server.rpc.clip.residuals import constrained_frames, residuals
 from motiongen_server.rpc.convert import prompt_texts, warnings_of, write_update
 from motiongen_server.rpc.handlers import ClipContext
+from motiongen_server.rpc.session_entry import session_name
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 
 _log = logging.getLogger(__name__)
@@ -179,7 +180,7 @@ class ClipService:
             return [service_pb2.GenerateClipResponse(sample=sample, chunk=_frames(output))]
         if isinstance(output, Opened):
             update = session_pb2.SessionUpdate()
-            write_update(update, replace(output, warnings=call.warnings))
+            write_update(update, replace(output, warnings=call.warnings, session_id=session_name(output.session)))
             update.opened.lookahead_frames = update.opened.committed_horizon_frames = 0
             return [service_pb2.GenerateClipResponse(sample=sample, opened=update.opened)]
         if isinstance(output, Outcome):  # only an Open that is refused has one

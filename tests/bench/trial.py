@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
-from motiongen_server.engine.ports import Runner, SchedulingPolicy
+from motiongen_server.engine.ports import Runner
+from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.types import Float32Array
 from motiongen_tools.bench.bracket import Bracket
 from tests.bench.clocks import BenchClock

@@ -57,6 +57,7 @@ ROOMS = (
     room(ARDY, f"motiongen_ardy {NUMBERS} {FILES} {TEXT}"),
     # the server
     room(f"{SERVER}/engine/types", "numpy ~.engine.types", never="asyncio"),
+    room(f"{SERVER}/engine/ports.py {SERVER}/engine/engine_port.py", "~.engine.types", never="asyncio"),
     room(f"{SERVER}/engine", "numpy motiongen_ardy.locomotion ~.engine", never="asyncio"),
     room(f"{SERVER}/runner", f"{NUMBERS} motiongen_ardy ~.runner ~.engine.types ~.engine.ports", never="asyncio"),
     room(f"{SERVER}/engine_process/model_loading.py", "torch motiongen_ardy ~", never="asyncio"),
@@ -76,7 +77,7 @@ ROOMS = (
     ),
     room(f"{SERVER}/text/presets.py", "~.engine.types"),
     room(f"{SERVER}/text/event_errors.py", "~.engine.types ~.errors"),
-    room(f"{SERVER}/text/prompts.py", "numpy ~.errors ~.text.event_errors"),
+    room(f"{SERVER}/text/prompts.py", "numpy ~.errors ~.text.event_errors ~.text.turns"),
     room(
         f"{SERVER}/text/encoder",
         f"{GRPC} google motiongen motiongen_ardy.text numpy prometheus_client torch"
@@ -160,6 +161,7 @@ def test_every_source_file_is_in_a_room(repository: Any) -> None:
     [
         ("ardy/motiongen_ardy/text/gradio.py", "import grpc"),
         ("ardy/motiongen_ardy/text/gradio.py", "from motiongen_server.engine import types"),
+        ("server/motiongen_server/engine/ports.py", "import motiongen_server.engine.scheduling.costs"),
         ("server/motiongen_server/engine/session/session.py", "import torch"),
         ("server/motiongen_server/engine/session/session.py", "from motiongen_ardy.core import skeleton"),
         ("ardy/motiongen_ardy/locomotion/velocity.py", "import torch"),

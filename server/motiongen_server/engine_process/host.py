@@ -112,10 +112,10 @@ class EngineHost:
             _log.exception("loading %r failed", job.source)
             self._wire.say(NotLoaded(job.slot, f"{type(error).__name__}: {error}", is_setting=False))
         else:
+            settle_again()  # before anybody waits for the engine
             self._slots[job.slot] = slot
             slot.start(built.engine, self._ended)
             self._wire.say(Ready(job.slot, built.facts, built.licence, built.abilities))
-            settle_again()
 
     def _load_encoder(self, job: LoadEncoder) -> None:
         try:

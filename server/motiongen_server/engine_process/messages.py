@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from motiongen_server.config import ServerConfig
-from motiongen_server.engine.scheduling.report import StepReport
 from motiongen_server.engine.types import Close, Event, Float32Array, ModelFacts, Output
+from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine_process.codec import Codec
 from motiongen_server.rpc.abilities import Abilities
 

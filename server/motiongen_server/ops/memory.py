@@ -28,6 +28,18 @@ def keep_freed_memory() -> bool:
     return bool(mallopt(_TRIM_THRESHOLD, KEPT_BYTES) and mallopt(_MMAP_THRESHOLD, LARGEST_KEPT_BYTES))
 
 
+def give_back_freed_memory() -> bool:
+    """Give what is free by now back to the operating system, once. True where that can be.
+
+    For the end of loading: that and measuring a model take more memory than serving it ever does again.
+    """
+    try:
+        trim = ctypes.CDLL(None).malloc_trim
+    except (AttributeError, OSError, TypeError):  # another C library
+        return False
+    return bool(trim(0))
+
+
 @contextmanager
 def settled_objects() -> Iterator[None]:
     """Leave all objects that there are out of garbage collection meanwhile, and look for garbage less often.
@@ -47,9 +59,12 @@ def settled_objects() -> Iterator[None]:
 
 
 def settle_again() -> None:
-    """Free what has been unloaded; within `settled_objects`, leave what has been loaded since out of collection too."""
+    """Free what has been unloaded or was needed to load; within `settled_objects`, leave what has been loaded since out
+    of collection too.
+    """
     are_settled = gc.get_freeze_count() > 0
     gc.unfreeze()  # else rings of objects that nobody holds any more would stay
     gc.collect()
+    give_back_freed_memory()
     if are_settled:
         gc.freeze()

@@ -25,13 +25,23 @@ class TorchRunner:
     """Runs one model; satisfies `motiongen_server.engine.ports.Runner`."""
 
     def __init__(
-        self, model: Model, model_id: str, default_steps: int = 4, precision: torch.dtype = torch.float32
+        self,
+        model: Model,
+        model_id: str,
+        default_steps: int = 4,
+        precision: torch.dtype = torch.float32,
+        owns_model: bool = False,
     ) -> None:
-        """precision: of the denoiser's layers, float32 or bfloat16; all else is float32."""
+        """precision: of the denoiser's layers, float32 or bfloat16; all else is float32.
+
+        owns_model: nobody else needs the model, so that weights which are held packed are not held twice.
+        """
         config = model.config
         self._model = model
         self._device = model.representation.stats.mean.device
         self._denoiser = PackedDenoiser(model.denoiser, config.num_base_steps, config.horizon, precision)
+        if owns_model:
+            self._denoiser.release_originals()
         self._preparation = Preparation(model, self._denoiser)
         self._schedule = cosine_schedule(config.num_base_steps).to(self._device)
         self._rows: dict[int, Row] = {}

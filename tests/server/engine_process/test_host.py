@@ -11,8 +11,8 @@ import pytest
 
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Deliver, Inbox, Observe
-from motiongen_server.engine.scheduling.report import StepReport
 from motiongen_server.engine.types import Chunk, Close, Code, Event, Outcome, Playhead
+from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine_process.codec import CodecError
 from motiongen_server.engine_process.host import EngineHost
 from motiongen_server.engine_process.messages import (

@@ -32,6 +32,29 @@ def test_large_blocks_are_not_faulted_in_again_and_again() -> None:
     assert not kept or faults < 2 * LARGE / resource.getpagesize()
 
 
+GIVEN_BACK = f"""
+from pathlib import Path
+from motiongen_server.ops.memory import keep_freed_memory, settle_again
+
+def resident():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * {resource.getpagesize()}
+
+kept = keep_freed_memory()
+blocks = [b"x" * {LARGE} for _ in range(8)]
+last = b"y" * {LARGE}
+del blocks
+before = resident()
+settle_again()
+print(int(kept), before - resident())
+"""
+
+
+def test_what_loading_has_freed_is_given_back() -> None:
+    ran = subprocess.run([sys.executable, "-c", GIVEN_BACK], capture_output=True, text=True, check=True)
+    kept, given_back = map(int, ran.stdout.split())
+    assert not kept or given_back > 6 * LARGE
+
+
 def test_objects_that_are_there_are_settled_for_a_while_and_no_longer() -> None:
     before = gc.get_threshold()
     with settled_objects():

@@ -66,6 +66,11 @@ class PackedDenoiser:
         self._step_vectors = torch.stack([stage.step_vectors for stage in self.stages])
         self._horizon_positions: dict[int, Tensor] = {}
 
+    def release_originals(self) -> None:
+        """Free the matrices of the transformers, of which this has copies; the denoiser itself is of no more use."""
+        for stage in self.stages:
+            stage.stack.release_originals()
+
     # ---- once a window ----------------------------------------------------------------------------------------------
 
     @torch.inference_mode()

@@ -122,7 +122,6 @@ def test_statistics(golden: GoldenModel) -> None:
         ("post_quantization_stats", tokenizer.post_stats.mean, tokenizer.post_stats.scale),
         ("pre_quantization_stats", tokenizer.pre_stats.mean, tokenizer.pre_stats.scale),
         ("stats", features.mean, features.scale),
-        ("body_stats", layout.body_stats.mean, layout.body_stats.scale),
     ):
         vectors.check(f"const.{name}.mean", mean)
         vectors.check(f"const.{name}.std_eps", scale)

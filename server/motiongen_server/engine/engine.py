@@ -144,6 +144,10 @@ class Engine:
             self._admission.release(event.session, event.spec)
         return pending_refusal(event, self._config.max_pending_events)
 
+    def refusal_of(self, event: Open) -> Outcome | None:
+        """What an Open would be refused with as things stand; no place is held."""
+        return self._admission.refusal_of(event.spec, event.event_seq)
+
     def drain(self) -> None:
         """Take no new sessions; those that are open are served on."""
         self._admission.close()
@@ -386,6 +390,7 @@ class Engine:
         if self._load_monitor.shed:
             self._shed()
         self._report.load = self._load_monitor.load
+        self._report.full = self._admission.full
         self._report.tiers = {priority: self._load_monitor.level(priority).tier for priority in Priority}
 
     def _shed(self) -> None:

@@ -13,7 +13,8 @@ return and what they count in the StepReport. The rules:
 - A window is taken only up to the next change of prompt, so the window after it starts there with the new prompt.
 - No frame is sent at or beyond the reported playhead + lookahead.
 - A session told to hold makes no windows; it repeats its last pose when it would run out.
-- A clip has no playhead: windows follow one another until its frames are there, and each is sent when it lands.
+- A clip is not played: windows follow one another until its frames are there, and each is sent when it lands; no more
+  than its lookahead beyond what its client has taken.
 """
 
 from __future__ import annotations
@@ -158,6 +159,9 @@ class SessionState:
             return [refused.outcome(self.key, event.event_seq)]
 
     def _report_playhead(self, event: Playhead, now: float, report: StepReport) -> None:
+        if self.spec.clip_frames is not None:
+            self.delivery.grant(min(event.frame, self.spec.clip_frames - self.spec.lookahead))
+            return
         self.last_playhead_at = now
         self.delivery.report(event)
         if event.underruns > self.underruns:
@@ -252,7 +256,7 @@ class SessionState:
             return False
         planned_to = self.timeline.end
         if self.spec.clip_frames is not None:
-            return planned_to < self.spec.clip_frames
+            return planned_to < min(self.spec.clip_frames, self.clock.reported + self.spec.lookahead)
         if planned_to == 0:
             return True
         if self.level.hold:

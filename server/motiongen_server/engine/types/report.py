@@ -27,7 +27,7 @@ class StepReport:
     steps_discarded: those done for windows that were restarted or came too late. soft_resets: windows that righted a
     character. frames_held: frames that repeat a pose for want of a window.
     Where they were taken: sessions, how many there are; load, the share of the machine in use; tiers, what each class
-    gets.
+    gets; full, the classes of which not the least session would be let in.
     """
 
     rows: int = 0
@@ -57,3 +57,4 @@ class StepReport:
     sessions: Mapping[tuple[Priority, PlayState], int] | None = None
     load: float | None = None
     tiers: Mapping[Priority, ServiceTier] | None = None
+    full: list[Priority] | None = None

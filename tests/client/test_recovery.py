@@ -13,7 +13,7 @@ from motiongen_client.backoff import FIRST_DELAY_S, LONGEST_DELAY_S, Backoff
 from motiongen_client.frame_shift import shifted
 from motiongen_client.wishes import Wishes
 from tests.client.fake_server import FakeServer
-from tests.client.test_session import received, until
+from tests.client.waiting import received, until
 
 
 def span(prompt_id: int, text: str, start: int = 0, end: int = 0) -> motion_pb2.PromptSpan:

@@ -11,13 +11,13 @@ from collections.abc import Iterable
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.mailbox import Mailbox, pending_refusal
-from motiongen_server.engine.ports import Clock, Deliver, Inbox, Observe, Runner, SchedulingPolicy
+from motiongen_server.engine.ports import Clock, Deliver, Inbox, Observe, Runner
 from motiongen_server.engine.scheduling.admission import Admission
 from motiongen_server.engine.scheduling.costs import CostTable
 from motiongen_server.engine.scheduling.degradation import EXPENDABLE
 from motiongen_server.engine.scheduling.device import Device, DeviceLease
 from motiongen_server.engine.scheduling.load_monitor import LoadMonitor
-from motiongen_server.engine.scheduling.report import StepReport
+from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.scheduling.step_executor import StepExecutor
 from motiongen_server.engine.session.opening import open_session
@@ -41,6 +41,7 @@ from motiongen_server.engine.types import (
     SetPlayState,
 )
 from motiongen_server.engine.types.refusals import handle_in_use, session_not_open
+from motiongen_server.engine.types.report import StepReport
 
 _log = logging.getLogger(__name__)
 
@@ -142,6 +143,10 @@ class Engine:
         if isinstance(event, Open):
             self._admission.release(event.session, event.spec)
         return pending_refusal(event, self._config.max_pending_events)
+
+    def refusal_of(self, event: Open) -> Outcome | None:
+        """What an Open would be refused with as things stand; no place is held."""
+        return self._admission.refusal_of(event.spec, event.event_seq)
 
     def drain(self) -> None:
         """Take no new sessions; those that are open are served on."""
@@ -385,6 +390,7 @@ class Engine:
         if self._load_monitor.shed:
             self._shed()
         self._report.load = self._load_monitor.load
+        self._report.full = self._admission.full
         self._report.tiers = {priority: self._load_monitor.level(priority).tier for priority in Priority}
 
     def _shed(self) -> None:

@@ -18,6 +18,7 @@ from motiongen_server.engine.types import (
     Outcome,
     Output,
     Playhead,
+    Priority,
     SessionKey,
 )
 from motiongen_server.engine.types.refusals import session_closed
@@ -191,3 +192,10 @@ def engine_restarting() -> EventRefused:
     """The answer to an event while there is no engine process."""
     given = "the server's engine is being started anew; open a session again in a moment"
     return EventRefused(Code.UNAVAILABLE, "ENGINE_RESTARTING", given, retry_after_s=RETRY_AFTER_S)
+
+
+def no_room(priority: Priority) -> EventRefused:
+    """The answer to an Open of a class that no engine lets in, as they last told."""
+    given = f"the machine has no room for another session of class {priority.name}; try again later"
+    allowed = "sessions of a more urgent class, or another server"
+    return EventRefused(Code.RESOURCE_EXHAUSTED, "OVERLOADED", given, "open", allowed, RETRY_AFTER_S)

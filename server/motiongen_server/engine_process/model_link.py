@@ -10,7 +10,17 @@ from concurrent.futures import Future
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.mailbox import Mailbox, pending_refusal
 from motiongen_server.engine.ports import Deliver, Observe
-from motiongen_server.engine.types import CloseReason, Event, Open, Outcome, Output, Playhead, Resume, SessionKey
+from motiongen_server.engine.types import (
+    CloseReason,
+    Event,
+    Open,
+    Outcome,
+    Output,
+    Playhead,
+    Priority,
+    Resume,
+    SessionKey,
+)
 from motiongen_server.engine_process.ledger import Ledger, engine_restarting
 from motiongen_server.engine_process.messages import TO_GATEWAY, CloseAhead, Events, Pulse, Ready
 
@@ -32,6 +42,7 @@ class ModelLink:
         self.is_retired = False  # it is being unloaded
         self.silent_s = 0.0  # since the engine last said something
         self.observe: Observe | None = None
+        self.full: frozenset[Priority] = frozenset()  # classes that its engine lets nobody in of, as last told
         self._deliver = deliver
         self._ring = ring
         self._lock = threading.Lock()
@@ -113,6 +124,8 @@ class ModelLink:
         self.silent_s = 0.0
         self.heartbeat_at = pulse.heartbeat_at
         for report in pulse.reports:
+            if report.full is not None:
+                self.full = frozenset(report.full)
             if report.load is not None:
                 self._load, self._opens_since = report.load, 0
             if self.observe is not None:
@@ -145,6 +158,7 @@ class ModelLink:
             self._mailbox = Mailbox(MAX_PENDING)
             self._has_events = False
             self._load, self._opens_since = 0.0, 0
+            self.full = frozenset()
             outputs = self._ledger.end_all(reason, message)
         if outputs:
             self._deliver(outputs)

@@ -61,9 +61,32 @@ def resume_out_of_range() -> EventRefused:
     return EventRefused(Code.FAILED_PRECONDITION, "RESUME_OUT_OF_RANGE", message, field, allowed)
 
 
-def too_fast(what: str, rate: float, retry_after_s: float) -> EventRefused:
-    code, message = Code.RESOURCE_EXHAUSTED, f"the {what} sends events too fast"
+def too_fast(rate: float, retry_after_s: float) -> EventRefused:
+    code, message = Code.RESOURCE_EXHAUSTED, "the session sends events too fast"
     return EventRefused(code, "TOO_MANY_EVENTS", message, "event", f"{rate:g} a second", retry_after_s)
+
+
+def peer_sessions(most: int) -> EventRefused:
+    message = "your address holds as many sessions as one may"
+    allowed = f"sessions of one address up to a weight of {most}, a HERO counting 4, a NEAR 2, others 1"
+    return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, "open", allowed)
+
+
+def peer_heroes(most: int) -> EventRefused:
+    message = f"your address holds {most} sessions of the class HERO"
+    allowed = f"at most {most} of one address; open it as NEAR"
+    return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, "open.priority", allowed)
+
+
+def too_many_clips(most: int) -> EventRefused:
+    code, message = Code.RESOURCE_EXHAUSTED, "other clips are being made; try again later"
+    return EventRefused(code, "CLIP_LIMIT", message, "open", f"at most {most} calls for clips at once", 2.0)
+
+
+def peer_clips(most: int) -> EventRefused:
+    message = "your address has as many samples of clips made as one may"
+    allowed = f"at most {most} samples at once of one address"
+    return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_CLIP_LIMIT", message, "sample_count", allowed, 1.0)
 
 
 def internal(error_id: str) -> EventRefused:

@@ -12,17 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Close
-from motiongen_server.engine.types.refusals import session_closed
+from motiongen_server.engine.types import Close, Open
+from motiongen_server.engine.types.refusals import session_closed, too_many_pending
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import LoadedModel
-from motiongen_server.rpc.convert import engine_event, prompt_texts, warnings_of
+from motiongen_server.rpc.budget import REFUSAL_COST
+from motiongen_server.rpc.convert import UNENCODED, engine_event, prompt_texts, warnings_of
+from motiongen_server.rpc.encoding import encoded
 from motiongen_server.rpc.event_errors import internal
 from motiongen_server.rpc.session_entry import SessionEntry
 
 _log = logging.getLogger(__name__)
 
 Embeddings = dict[str, NDArray[np.float32]]
+
+MAX_WAITING_EVENTS = 64
+"""Events of one session that may wait for a prompt to be encoded."""
 
 
 def pass_on(entry: SessionEntry, event: session_pb2.SessionEvent, now: float) -> None:
@@ -36,7 +41,17 @@ def pass_on(entry: SessionEntry, event: session_pb2.SessionEvent, now: float) ->
         if known is not None:
             _submit(entry, event, now, known)
             return
-    entry.waiting.append((event, now, texts))
+    if len(entry.waiting) >= MAX_WAITING_EVENTS and event.WhichOneof("event") != "close":
+        raise too_many_pending("events", MAX_WAITING_EVENTS)
+    # All that can be wrong with it is found before anything is encoded for it, or waits.
+    checked = engine_event(event, entry.key, now, UNENCODED, entry.model.catalog)
+    if isinstance(checked, Open) and (refusal := entry.model.engine.refusal_of(checked)) is not None:
+        entry.place.peer.events.charge(REFUSAL_COST, now)
+        entry.carrier.take_now(refusal)
+        return
+    kept = session_pb2.SessionEvent()
+    kept.CopyFrom(event)  # else the whole message would be kept with it
+    entry.waiting.append((kept, now, texts))
     if entry.encoding is None:
         entry.encoding = asyncio.get_running_loop().create_task(_encode_waiting(entry))
 
@@ -76,9 +91,11 @@ async def _encode_waiting(entry: SessionEntry) -> None:
             failure: Exception | None = None
             try:
                 for text in () if entry.closing else texts:
-                    embeddings[text] = await entry.model.prompts.encode(text)
+                    embeddings[text] = await encoded(entry.model.prompts, text, entry.key.stream, entry.place.peer)
             except Exception as error:
                 failure = error
+            if not entry.waiting or entry.waiting[0][0] is not event:
+                return  # its session ended meanwhile, and it was answered
             entry.waiting.popleft()
             try:
                 if failure is not None:
@@ -89,7 +106,8 @@ async def _encode_waiting(entry: SessionEntry) -> None:
             except Exception as error:
                 tell_internal_error(entry, event.event_seq, error)
     finally:
-        entry.encoding = None
+        if entry.encoding is asyncio.current_task():
+            entry.encoding = None
         entry.carrier.take()  # a stream that ends may have waited for this alone
 
 

@@ -73,6 +73,7 @@ class KeptSessions:
         self._stop_timer(entry)
         self._by_token.pop(entry.token, None)
         self._away.pop(entry.key, None)
+        entry.place.release()
 
     def close_parked(self, reason: CloseReason, model: LoadedModel | None = None) -> int:
         """Close the sessions that are parked, those of one model only if it is given; returns how many those were."""

@@ -13,6 +13,7 @@ from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import Closed, Code, Opened, Outcome, Output, ServiceLevel, SessionKey, Warned
 from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.event_errors import invalid_event_seq, sequence_gap
+from motiongen_server.rpc.peers import Place
 from motiongen_server.rpc.token_bucket import TokenBucket
 
 TOKEN_BYTES = 24
@@ -41,13 +42,14 @@ class SessionEntry:
     """The books of one session.
 
     key: its name in the engine, of the stream that it was opened on. carrier, handle: who carries it now, and by which
-    handle. last_seq: the highest event number taken. answered: numbers above applied_seq that have been answered
-    already. waiting: events held back behind one whose prompt is being encoded, each with its arrival and its texts.
-    known_to_engine: whether its open was passed on. closing: whether its close was. muted: frames for it are dropped,
-    since its client does not read. model: what it was opened with. warnings: by event number, of events that have not
-    been answered. token: by which it can be resumed, "" while it cannot. attempt: the last one to resume it;
-    is_resuming: until the engine has taken that up, and nothing is told. opened, level, closed: the last of each kind
-    that the engine has said. answers: outcomes that the client may not have heard, by number.
+    handle. place: among the sessions of its peer. last_seq: the highest event number taken. answered: numbers above
+    applied_seq that have been answered already. waiting: events held back behind one whose prompt is being encoded,
+    each with its arrival and its texts. known_to_engine: whether its open was passed on. closing: whether its close
+    was. muted: frames for it are dropped, since its client does not read. model: what it was opened with. warnings: by
+    event number, of events that have not been answered. token: by which it can be resumed, "" while it cannot. attempt:
+    the last one to resume it; is_resuming: until the engine has taken that up, and nothing is told. opened, level,
+    closed: the last of each kind that the engine has said. answers: outcomes that the client may not have heard, by
+    number.
     """
 
     key: SessionKey
@@ -56,6 +58,7 @@ class SessionEntry:
     bucket: TokenBucket
     carrier: Carrier
     handle: int
+    place: Place
     last_seq: int = 1
     applied_seq: int = 0
     answered: set[int] = field(default_factory=set)

@@ -6,7 +6,7 @@ import asyncio
 import secrets
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from motiongen.v1 import service_pb2, session_pb2
@@ -20,13 +20,15 @@ from motiongen_server.engine.types import (
     Outcome,
     Output,
     PlanNotice,
+    Priority,
     Resume,
     Resumed,
     SessionKey,
 )
 from motiongen_server.engine.types.refusals import draining, handle_in_use, session_not_open
-from motiongen_server.errors import EventRefused
+from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
+from motiongen_server.rpc.budget import REFUSAL_COST, StreamBudget
 from motiongen_server.rpc.convert import check_resume, playhead_of
 from motiongen_server.rpc.event_errors import (
     invalid_event_seq,
@@ -39,6 +41,8 @@ from motiongen_server.rpc.event_errors import (
 )
 from motiongen_server.rpc.event_path import pass_on, refuse_waiting, tell_internal_error
 from motiongen_server.rpc.kept_sessions import KeptSessions
+from motiongen_server.rpc.limits import PeerLimits
+from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.reader_patience import ReaderPatience
 from motiongen_server.rpc.response import response_of
 from motiongen_server.rpc.send_queue import SendQueue
@@ -59,9 +63,17 @@ class Stream:
         models: ModelRegistry,
         stream_metrics: StreamMetrics | None = None,
         kept: KeptSessions | None = None,
+        peer: Peer | None = None,
     ) -> None:
-        """kept: the sessions that can be resumed, of all streams; none where it is left out."""
+        """kept: the sessions that can be resumed, of all streams; none where it is left out.
+
+        peer: whom what comes is charged to besides the stream; one of its own where it is left out.
+        """
+        now = time.monotonic()
         self.number = number
+        self.began_at = now
+        self.peer = peer or Peer(PeerLimits(), now)
+        self.budget = StreamBudget(models.limits.stream_events_per_second, self.peer, now)
         self.send_queue = SendQueue()
         self.ready = asyncio.Event()  # something to write, or the end
         self.urgent = asyncio.Event()  # something that must not wait for the flush interval
@@ -69,6 +81,10 @@ class Stream:
         self.accepts_opens = True
         self.greeted = False  # both sides have said hello
         self.ended = False
+        self.writing_since: float | None = None  # monotonic seconds, while a message is being written
+        self.cut: Callable[[], object] = lambda: None  # breaks off what is being written
+        self.empty_since = now  # monotonic seconds, while there is no session
+        self.refusal: StreamRefused | None = None  # why the stream is ended, where its client is at fault
         self.rtt_s: float | None = None  # the client's last measurement
         self.responses: deque[service_pb2.StreamMotionResponse] = deque()
         self._models = models
@@ -78,7 +94,6 @@ class Stream:
         self._kept = kept or KeptSessions(0)
         self._entries: dict[int, SessionEntry] = {}  # by the handle that they have here
         self._by_key: dict[SessionKey, SessionEntry] = {}
-        self._bucket = TokenBucket(self._limits.stream_events_per_second, time.monotonic())
         self._patience = ReaderPatience(self._limits, self._give_up_on_reader)
         self._room = asyncio.Event()
         self._probe: asyncio.Future[None] | None = None
@@ -87,10 +102,15 @@ class Stream:
     def num_sessions(self) -> int:
         return len(self._entries)
 
+    @property
+    def num_waiting_bytes(self) -> int:
+        """What waits to be written, about."""
+        return self.send_queue.num_bytes
+
     # ---- from the client --------------------------------------------------------------------------------------------
 
     def receive(self, event: session_pb2.SessionEvent, now: float) -> None:
-        """Take one event of the client, read at `now`: hand it to the engine, or answer why not."""
+        """Take one event of the client, read at `now` and charged: hand it to the engine, or answer why not."""
         kind = event.WhichOneof("event")
         entry = self._entries.get(event.session)
         try:
@@ -103,15 +123,17 @@ class Stream:
             key = SessionKey(self.number, event.session)
             if kind == "open" and refusal.code is Code.RESOURCE_EXHAUSTED:
                 self._stream_metrics.reject(refusal.reason)
+            self.budget.charge(REFUSAL_COST, now)
             self._say(refusal.outcome(key, event.event_seq), entry)
             return
         if entry is None:
             return
         try:
             if kind != "close":  # which asks for less work, not for more
-                self._take_tokens(entry, now)
+                self._take_token(entry, now)
             pass_on(entry, event, now)
         except EventRefused as refusal:
+            self.budget.charge(REFUSAL_COST, now)
             self.take(refusal.outcome(entry.key, event.event_seq))
         except Exception as error:
             tell_internal_error(entry, event.event_seq, error)
@@ -122,7 +144,7 @@ class Stream:
             return  # it crossed the session's end
         if event.event_seq:
             raise invalid_event_seq(event.event_seq)
-        self._take_tokens(entry, now)
+        self._take_token(entry, now)
         entry.confirm(event.playhead.answered_seq)
         if entry.known_to_engine and not entry.closing:
             entry.model.engine.submit(playhead_of(event.playhead, entry.key, now, self.rtt_s))
@@ -153,7 +175,9 @@ class Stream:
             raise draining()
         model = self._models.find(event.open.model_id)
         bucket = TokenBucket(limits.events_per_second, now)
-        entry = SessionEntry(key, model, event.open.request_id, bucket, self, handle)
+        asked = int(event.open.priority)
+        place = self.peer.place(Priority(asked) if asked in tuple(Priority) else Priority.NEAR)
+        entry = SessionEntry(key, model, event.open.request_id, bucket, self, handle, place)
         entry.token = secrets.token_urlsafe(TOKEN_BYTES) if self._kept.grace_s else ""
         self._entries[handle] = self._by_key[key] = entry
         return entry
@@ -166,7 +190,7 @@ class Stream:
             raise session_not_kept()
         if point.attempt <= entry.attempt:
             raise resume_superseded(point.attempt, entry.attempt)
-        self._take_tokens(entry, now)
+        self._take_token(entry, now)
         if isinstance(entry.carrier, Stream):
             entry.carrier._give_away(entry)
         self._kept.move(entry, self, event.session)
@@ -189,13 +213,12 @@ class Stream:
     def _remove(self, entry: SessionEntry) -> None:
         del self._entries[entry.handle]
         del self._by_key[entry.key]
+        if not self._entries:
+            self.empty_since = time.monotonic()
 
-    def _take_tokens(self, entry: SessionEntry, now: float) -> None:
-        limits = self._limits
-        if not self._bucket.take(now):
-            raise too_fast("stream", limits.stream_events_per_second, self._bucket.wait_s)
+    def _take_token(self, entry: SessionEntry, now: float) -> None:
         if not entry.bucket.take(now):
-            raise too_fast("session", limits.events_per_second, entry.bucket.wait_s)
+            raise too_fast(self._limits.events_per_second, entry.bucket.wait_s)
 
     # ---- from the engine --------------------------------------------------------------------------------------------
 
@@ -315,17 +338,26 @@ class Stream:
             self._probe.set_result(None)
 
     async def room(self) -> None:
-        """Let other streams have a turn, and wait until there is room for more answers, or the stream ends.
+        """Let other streams have a turn, and wait until this one may be read on, or ends.
 
-        Events that are refused cost the client a few bytes and the server an answer each; one that sends them and does
-        not read would fill the memory. Not reading on passes the wait to the client, by gRPC's own flow control.
+        Not while it owes for what it has sent, nor while more answers wait than its client reads. Not reading on passes
+        the wait to the client, by gRPC's own flow control.
         """
         await asyncio.sleep(0)
-        while not self.ended and (
-            self.send_queue.num_bytes > self._limits.hard_backlog_bytes or len(self.responses) > MAX_WAITING_REPLIES
-        ):
+        while not self.ended:
+            owed_s = self.budget.owed_s(time.monotonic())
+            if not owed_s and not self._is_backlogged:
+                return
             self._room.clear()
+            timer = asyncio.get_running_loop().call_later(owed_s, self._room.set) if owed_s else None
             await self._room.wait()
+            if timer is not None:
+                timer.cancel()
+
+    @property
+    def _is_backlogged(self) -> bool:
+        full = self.send_queue.num_bytes > self._limits.hard_backlog_bytes
+        return full or len(self.responses) > MAX_WAITING_REPLIES
 
     # ---- ends -------------------------------------------------------------------------------------------------------
 
@@ -368,8 +400,19 @@ class Stream:
             if entry.opened is not None and not entry.muted and not self.ended and self._kept.park(entry):
                 self._remove(entry)
         self.close_all(CloseReason.CLIENT)
+        for entry in self._entries.values():
+            entry.place.release()
         self.end()
         self._patience.end()
+
+    def refuse(self, refusal: StreamRefused) -> None:
+        """End the stream for what its client does, or does not: its sessions too, and what waits is not written."""
+        self.refusal = refusal
+        self.end()
+        self.lose()
+        self.send_queue.clear()
+        self.responses.clear()
+        self.cut()
 
     def end(self) -> None:
         """Let the write loop finish what is there and stop."""

@@ -11,8 +11,8 @@ import pytest
 
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Deliver, Inbox, Observe
-from motiongen_server.engine.scheduling.report import StepReport
 from motiongen_server.engine.types import Chunk, Close, Code, Event, Outcome, Playhead
+from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine_process.codec import CodecError
 from motiongen_server.engine_process.host import EngineHost
 from motiongen_server.engine_process.messages import (
@@ -26,7 +26,6 @@ from motiongen_server.engine_process.messages import (
     Events,
     Load,
     LoadEncoder,
-    NotLoaded,
     Outputs,
     Pulse,
     Ready,
@@ -55,7 +54,7 @@ class Notebook:
     def __init__(self) -> None:
         self.taken: list[Event] = []
         self.came = threading.Condition()
-        self._stopped = threading.Event()
+        self.stopped = threading.Event()
 
     def submit(self, event: Event) -> Outcome | None:
         with self.came:
@@ -69,10 +68,10 @@ class Notebook:
             return list(self.taken)
 
     def run(self) -> None:
-        self._stopped.wait()
+        self.stopped.wait()
 
     def stop(self) -> None:
-        self._stopped.set()
+        self.stopped.set()
 
 
 class Process:
@@ -154,7 +153,7 @@ def test_what_the_engine_refuses_is_answered_at_once(process: Process) -> None:
 def test_slots_are_loaded_and_unloaded_and_what_comes_late_for_one_is_dropped(process: Process) -> None:
     process.load()
     process.tell(Load(2, "unsound"))
-    assert process.hear() == NotLoaded(2, "it is unsound", is_setting=True)
+    assert process.hear() == Unloaded(2, "it is unsound", is_setting=True)
     process.tell(Unload(1))
     assert process.hear() == Unloaded(1)
     process.tell(Events(1, 1, (opening(),)))
@@ -198,7 +197,7 @@ def test_a_gateway_that_does_not_read_stops_the_events_and_loses_nothing(process
     process.tell(Events(1, 1, (opening(), playhead(3))))
     process.tell(CloseAhead(1, close(2), 1, 2))
     process.tell(Unload(1))
-    process.engine._stopped.wait(WAIT_MS / 1000)
+    process.engine.stopped.wait(WAIT_MS / 1000)
     assert process.engine.taken == [], "an event came in, though what it makes can go nowhere"
     heard: list[int] = []
     while len(heard) < number:

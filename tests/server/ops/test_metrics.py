@@ -7,8 +7,8 @@ from functools import partial
 from prometheus_client import Metric, generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
-from motiongen_server.engine.scheduling.report import EventLatency, StepReport
 from motiongen_server.engine.types import CloseReason, Code, PlanCause, PlayState, Priority, ServiceTier
+from motiongen_server.engine.types.report import EventLatency, StepReport
 from motiongen_server.ops.metrics import Metrics
 
 SET_BY_THE_APPLICATION = {
@@ -55,6 +55,7 @@ def full_report() -> StepReport:
         frames_superseded=7,
         windows_discarded=1,
         windows_restarted=2,
+        steps_discarded=3,
         nan_rows=1,
         runner_faults=1,
         client_underruns=[(Priority.CROWD, 5)],

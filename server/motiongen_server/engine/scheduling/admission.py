@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.spread import spread
-from motiongen_server.engine.types import Code, EventRefused, ModelFacts, Outcome, SessionKey, SessionSpec
+from motiongen_server.engine.types import Code, EventRefused, ModelFacts, Outcome, Priority, SessionKey, SessionSpec
 from motiongen_server.engine.types.refusals import draining, session_limit
 
 
@@ -32,6 +32,7 @@ class Admission:
     def __init__(self, facts: ModelFacts, config: EngineConfig) -> None:
         self._config = config
         self._windows_a_second = facts.fps / facts.horizon
+        self._least_steps = facts.min_steps
         self._prices = Prices()
         self._measured = self._elsewhere = 0.0
         self._lock = threading.Lock()
@@ -80,6 +81,19 @@ class Admission:
             else:
                 self._refused[refusal.code] += 1
             return None if refusal is None else refusal.outcome(spec.session, event_seq)
+
+    def refusal_of(self, spec: SessionSpec, event_seq: int) -> Outcome | None:
+        """What `reserve` would say, without holding a place."""
+        with self._lock:
+            refusal = self._refusal(spec)
+        return None if refusal is None else refusal.outcome(spec.session, event_seq)
+
+    @property
+    def full(self) -> list[Priority]:
+        """The classes of which not even a session of the fewest steps would be let in."""
+        load = self.load + self._share(self._least_steps, 1)
+        alone = not self._num_sessions
+        return [priority for priority in Priority if not alone and load > self._config.admit_load[priority - 1]]
 
     def release(self, session: SessionKey, spec: SessionSpec | None = None) -> None:
         """Give up a session's place. spec: only if the place is this one's, not that of a later one of the same key."""

@@ -71,6 +71,10 @@ class Delivery:
         self.round_trip.report(event.rtt_s, event.received_at)
         self.far_frames = max(0, math.ceil(self.clock.fps * (self.round_trip.seconds - self.config.rtt_s)))
 
+    def grant(self, frame: int) -> None:
+        """The client of a clip has taken the frames below `frame`."""
+        self.clock.reported = max(self.clock.reported, min(frame, self.sent_to))
+
     def superseded(self, frame: int) -> int:
         """A plan replaces the frames from `frame` on. Returns how many of those were sent and are now void."""
         void = max(0, self.sent_to - frame)

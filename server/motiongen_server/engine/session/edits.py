@@ -77,6 +77,16 @@ class EditQueue:
         taken, self.waiting = self.waiting, ()
         return taken
 
+    def space_replans(self, now: float, replans_hz: float) -> None:
+        """A window starts for the edits that wait: the next one may not before its time.
+
+        Counted from when this one might have started, one period ago at the most: who comes as often as is allowed
+        would else fall behind a little with every wait, and never catch up.
+        """
+        period_s = 1.0 / replans_hz
+        asked_at = min((edit.received_at for edit in self.waiting), default=now)
+        self.not_before = max(self.not_before, asked_at, now - period_s) + period_s
+
     def put_back(self, edits: tuple[PendingEdit, ...]) -> None:
         """The window that was to answer these will not: the next one may start at once."""
         self.waiting = (*edits, *self.waiting)

@@ -7,12 +7,14 @@ return and what they count in the StepReport. The rules:
 - A window starts at a commit frame, which the client cannot have played when the window lands, or at the end of the
   plan. One that lands too late is discarded, and its edits are tried again with a longer lead.
 - All edits that wait when a window starts are answered by that window. One that arrives while a window runs cuts the
-  window (a prompt that starts inside it), restarts it (less than half of its steps are done), or follows it.
+  window (a prompt that starts inside it), joins it (it has not begun), restarts it (it answers no edit, and less than
+  half of its steps are done), or follows it.
 - Each class has a most replans a second; edits in between wait and share one. They are answered however long it takes.
 - A window is taken only up to the next change of prompt, so the window after it starts there with the new prompt.
 - No frame is sent at or beyond the reported playhead + lookahead.
 - A session told to hold makes no windows; it repeats its last pose when it would run out.
-- A clip has no playhead: windows follow one another until its frames are there, and each is sent when it lands.
+- A clip is not played: windows follow one another until its frames are there, and each is sent when it lands; no more
+  than its lookahead beyond what its client has taken.
 """
 
 from __future__ import annotations
@@ -22,7 +24,6 @@ from dataclasses import dataclass
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import FULL, Level
-from motiongen_server.engine.scheduling.report import EventLatency, StepReport
 from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.delivery import Delivery
 from motiongen_server.engine.session.drift import DriftState
@@ -52,6 +53,7 @@ from motiongen_server.engine.types import (
     WindowResult,
 )
 from motiongen_server.engine.types.refusals import session_closed
+from motiongen_server.engine.types.report import EventLatency, StepReport
 
 # A wake-up computed in floating point may come a hair early; the tolerance keeps it from being asked for again.
 _FRAME_TOLERANCE = 1e-3
@@ -157,6 +159,9 @@ class SessionState:
             return [refused.outcome(self.key, event.event_seq)]
 
     def _report_playhead(self, event: Playhead, now: float, report: StepReport) -> None:
+        if self.spec.clip_frames is not None:
+            self.delivery.grant(min(event.frame, self.spec.clip_frames - self.spec.lookahead))
+            return
         self.last_playhead_at = now
         self.delivery.report(event)
         if event.underruns > self.underruns:
@@ -186,17 +191,24 @@ class SessionState:
             return []
         self.edits.add(edit)
         if running is not None and dirty_from < running.accept_to and self._worth_restarting(running):
-            self._withdraw(running)
-            self.restarts += 1
-            report.windows_restarted += 1
+            self.restarts += running.steps_done > 0
+            report.windows_restarted += running.steps_done > 0
+            self._withdraw(running, report)
         return self._settle()
 
     def _worth_restarting(self, running: RunningWindow) -> bool:
-        early = running.steps_done * 2 < running.job.num_steps
-        return early and self.restarts < self.config.max_restarts and not self.level.full_stride
+        """Whether to begin a window again for an edit that came meanwhile, rather than let another one follow it.
 
-    def _withdraw(self, running: RunningWindow) -> None:
+        One that has not begun costs nothing. One that answers edits is finished: these were first, and more may come.
+        """
+        if not running.steps_done:
+            return True
+        early = running.steps_done * 2 < running.job.num_steps
+        return early and not running.answers and self.restarts < self.config.max_restarts and not self.level.full_stride
+
+    def _withdraw(self, running: RunningWindow, report: StepReport) -> None:
         """Forget the running window; its edits wait again."""
+        report.steps_discarded += running.steps_done
         self.edits.put_back(running.answers)
         self.drift_state.correction = running.correction
         self.running = None
@@ -244,7 +256,7 @@ class SessionState:
             return False
         planned_to = self.timeline.end
         if self.spec.clip_frames is not None:
-            return planned_to < self.spec.clip_frames
+            return planned_to < min(self.spec.clip_frames, self.clock.reported + self.spec.lookahead)
         if planned_to == 0:
             return True
         if self.level.hold:
@@ -266,7 +278,7 @@ class SessionState:
         job = site.job(first_frame, correction, job_id, self.plan + 1, cause, now, self.deadline(now))
         if self._replan_wanted:
             replans_hz = self.config.replans_hz[self.spec.priority - 1] * self.level.replan_cap_scale
-            self.edits.not_before = now + 1.0 / replans_hz
+            self.edits.space_replans(now, replans_hz)
         end = first_frame + self.facts.horizon
         if cause is PlanCause.CONTINUE and self.clock.running:
             end, self.cut_frames = end - self.cut_frames, 0
@@ -314,7 +326,7 @@ class SessionState:
         assert running.job.job_id == result.job_id
         self._note_deadline(running, now, report)
         if running.first_frame < self._replaceable_from(now, self.delivery.delivery_s):
-            self._withdraw(running)
+            self._withdraw(running, report)
             self.extra_lead_s = max(now - running.job.created_at, 2 * self.extra_lead_s)
             report.windows_discarded += 1
             return []

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from motiongen_ardy.locomotion.velocity import STATE_FRAMES, RootState, root_state
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import Level
 from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.drift import Correction, DriftGuard
 from motiongen_server.engine.session.edits import PendingEdit
 from motiongen_server.engine.session.timeline import Timeline
-from motiongen_server.engine.session.velocity import STATE_FRAMES, RootState, Velocity, root_state
+from motiongen_server.engine.session.velocity import Velocity
 from motiongen_server.engine.types import (
     Constraint,
     Guidance,
@@ -129,7 +130,7 @@ class WindowSite:
         rows = self.timeline.rows_between(max(self.timeline.first, first_frame - STATE_FRAMES), first_frame)
         if not len(rows):
             return RootState(start.x, start.z, 0.0, 0.0, start.heading)
-        return root_state(reader.positions(rows), reader.heading(rows[-1]), self.facts.fps)
+        return root_state(reader.positions(rows)[:, [0, 2]], reader.heading(rows[-1]), self.facts.fps)
 
 
 def history_crop(spec: SessionSpec, config: EngineConfig) -> int:

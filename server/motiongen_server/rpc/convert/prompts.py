@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -19,6 +19,25 @@ from motiongen_server.rpc.convert.checks import (
 )
 
 Embeddings = Mapping[str, Float32Array]
+
+
+class _Unencoded(Mapping[str, Float32Array]):
+    """Every text has an embedding of no numbers: enough to check all else of an event."""
+
+    _nothing = np.zeros(0, np.float32)
+
+    def __getitem__(self, text: str) -> Float32Array:
+        return self._nothing
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(())
+
+    def __len__(self) -> int:
+        return 0
+
+
+UNENCODED: Embeddings = _Unencoded()
+"""For events that are checked before their prompts are encoded."""
 MAX_ABSOLUTE_VALUE = 1e4
 """Of a number in an embedding; encoders stay below a hundred, and what is far beyond overflows in bfloat16 products."""
 

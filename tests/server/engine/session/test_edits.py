@@ -4,9 +4,10 @@ import math
 
 import pytest
 
+from motiongen_ardy.locomotion.velocity import SLOWING_FRAMES
 from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.edits import EditQueue, PendingEdit
-from motiongen_server.engine.session.velocity import SLOWING_FRAMES, Velocity
+from motiongen_server.engine.session.velocity import Velocity
 from motiongen_server.engine.types import Code, EventRefused
 
 

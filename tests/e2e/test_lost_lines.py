@@ -370,3 +370,13 @@ async def test_a_paused_session_is_paused_when_it_comes_back() -> None:
         assert (await session.resume()).event_seq == 3, "after its opening, and the pause that it was told again"
         assert len(await played(session, 100)) == 100
         check_history(server, session.reopenings[0].frame)
+
+
+async def test_a_stream_without_sessions_is_connected_again_when_there_is_one_to_open() -> None:
+    async with asyncio.timeout(LIMIT_S), a_server() as server, proxied(server) as (proxy, client):
+        await (await client.open("one")).close()
+        proxy.cut()
+        await until(lambda: not client.is_connected)
+        await until(lambda: not server.service.num_streams)
+        assert await played(await client.open("another"), 10) == list(range(10))
+        assert server.engine.num_sessions == 1

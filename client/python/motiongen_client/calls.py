@@ -26,13 +26,14 @@ class CallEvents:
     """What a stream does when something becomes of its calls.
 
     take: with each response. greeted: once hellos were exchanged on a new channel, before the call counts as there.
-    begun: a call is there. lost: it is gone, and another is tried for. over: there will be none.
+    begun: a call is there. lost: it is gone; returns whether another is needed at once, else one is made when somebody
+    waits for it. over: there will be none.
     """
 
     take: Callable[[service_pb2.StreamMotionResponse], None]
     greeted: Callable[[grpc.aio.Channel], Awaitable[None]]
     begun: Callable[[], None]
-    lost: Callable[[], None]
+    lost: Callable[[], bool]
     over: Callable[[MotiongenError], None]
 
 
@@ -62,6 +63,7 @@ class Calls:
         self._closing = False
         self._news = asyncio.Event()  # the call is there, or gone, or never will be again
         self._ponged = asyncio.Event()
+        self._wanted = asyncio.Event()
         self._watching: asyncio.Task[None] | None = None
         self._recovering: asyncio.Task[None] | None = None
         self._backoff = Backoff()
@@ -111,6 +113,7 @@ class Calls:
         while self._call is None or self.failure is not None:
             if self.failure is not None:
                 raise self.failure
+            self._wanted.set()
             await self._news.wait()
 
     async def until_after(self, number: int) -> None:
@@ -118,6 +121,7 @@ class Calls:
         while self.number <= number:
             if self.failure is not None:
                 raise self.failure
+            self._wanted.set()
             await self._news.wait()
 
     # ---- one call after another
@@ -155,12 +159,15 @@ class Calls:
             self._end(failure)
             return
         _log.warning("the line to %s is lost (%s); trying for another", self._address, failure.code)
-        self._events.lost()
+        self._wanted.clear()
+        if self._events.lost():
+            self._wanted.set()
         self._recovering = asyncio.create_task(self._recover(failure), name="motiongen-recover")
 
     async def _recover(self, failure: MotiongenError) -> None:
         """Try for another call until there is one, or the time for it is over."""
         time, most_s = asyncio.get_running_loop().time, self._policy.recover_s
+        await self._wanted.wait()  # a stream that carries nothing is ended by the server, for nothing
         began_s, asked_s = time(), self.reconnect_after_s
         while most_s is None or time() - began_s < most_s:
             await asyncio.sleep(self._backoff.next_s(asked_s))

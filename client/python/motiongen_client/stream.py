@@ -99,7 +99,7 @@ class Stream:
             try:
                 return await self._open(options, prompt, later_prompts, constraints, keep_s)
             except EventRefused as refusal:
-                if refusal.reason == "DRAINING" and self.recovers:
+                if refusal.reason == "DRAINING" and self.recovers:  # another server, or this one, is there soon
                     await self._calls.until_after(call)
                 elif options.model_id or refusal.reason != "UNKNOWN_MODEL":
                     raise
@@ -201,10 +201,11 @@ class Stream:
         for session in self.sessions:
             session.reattach(self._catalog)
 
-    def _interrupt(self) -> None:
+    def _interrupt(self) -> bool:
         for session in self.sessions:
             session.interrupt()
         self._sweep()
+        return bool(self._sessions)
 
     def _sweep(self) -> None:
         """Forget the sessions that were closed while the line was lost."""

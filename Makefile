@@ -156,6 +156,7 @@ train-mini: $(READY) ## train what RECIPE says on DATA (the built-in model): tok
 	$(PYTHON) -m motiongen_ardy.train.tokenizer "$(DATA)" "$(RUN)/tokenizer" --config "$(RECIPE)" $(ARGS)
 	$(PYTHON) -m motiongen_ardy.train.denoiser "$(DATA)" "$(RUN)/denoiser" --tokenizer "$(RUN)/tokenizer" --config "$(RECIPE)" $(ARGS)
 	$(PYTHON) -m motiongen_ardy.train.prompt_domain "$(DATA)" "$(RUN)/denoiser"
+	$(PYTHON) -m motiongen_ardy.train.prompt_paces "$(DATA)" "$(RUN)/denoiser"
 
 .PHONY: gate
 gate: $(READY) ## judge the motion of MODEL on the test split of DATA; exit code 1 if it misses a bound

@@ -41,6 +41,11 @@ class LocomotionPreset:
     from_mps: float
     direction: str
 
+    @property
+    def quarter(self) -> int:
+        """Quarter turns from the front to the left, as `locomotion.gait` counts directions."""
+        return DIRECTIONS.index(self.direction)
+
 
 @dataclass(frozen=True)
 class Capabilities:

@@ -25,7 +25,7 @@ from motiongen_server.engine.types import Output
 from motiongen_server.engine_process.connection import EngineLost
 from motiongen_server.engine_process.pool import start_engine_processes
 from motiongen_server.models.admin import AdminService, add_admin
-from motiongen_server.models.factory import Engines, ModelFactory
+from motiongen_server.models.factory import Engines, ModelFactory, make_limits
 from motiongen_server.models.manager import ModelManager
 from motiongen_server.ops.http import OpsServer, ops_app
 from motiongen_server.ops.memory import settled_objects
@@ -45,6 +45,8 @@ STOP_GRACE_S = 2.0
 """For each of the last words: to streams after the drain's grace, and to the engine's thread."""
 LAST_CALLS_S = 0.5
 """For calls that have been answered to be told so; one that only watches the health does not hold the end up longer."""
+OTHER_CALLS = 1024
+"""Besides streams and clips, which the service counts itself: health, catalogue, reflection."""
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
@@ -105,11 +107,12 @@ class Application:
             if model.model_id in self._manager:
                 raise SettingError(f"model is {config.model!r}, and two of these are {model.model_id}; give one")
             self._manager.adopt(model)
-        self._service = MotionService(self._manager.models, config.flush_ms / 1000, self._metrics)
+        self._service = MotionService(self._manager.models, config.flush_ms / 1000, self._metrics, make_limits(config))
         self._manager.open(self._service)
         self._door.open(self._service)
         self._metrics.heartbeat_age.set_function(self._heartbeat_age_s)
         self._metrics.streams.set_function(lambda: self._service.num_streams)
+        self._metrics.parked.set_function(lambda: self._service.num_parked)
         self._metrics.queue_bytes.set_function(lambda: self._service.num_waiting_bytes)
         self._metrics.prompts_waiting.set_function(lambda: self._factory.num_waiting_prompts)
         await self._set_health(health_pb2.HealthCheckResponse.SERVING)
@@ -170,7 +173,7 @@ class Application:
                 ("grpc.http2.min_recv_ping_interval_without_data_ms", 10_000),
                 ("grpc.so_reuseport", 0),
             ],
-            maximum_concurrent_rpcs=config.max_streams,
+            maximum_concurrent_rpcs=config.max_streams + config.max_clip_calls + OTHER_CALLS,
         )
         add_methods(self._door, self._server)
         health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)

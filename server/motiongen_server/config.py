@@ -46,7 +46,9 @@ class ServerConfig:
     denoise_steps: int = setting(4, "denoising steps of a window when a session does not say", 2, 1000)
     text_guidance: float | None = setting(None, "weight of the prompt when a session does not say", 0, 10, kind=float)
     constraint_guidance: float | None = setting(None, "weight of constraints then", 0, 10, kind=float)
-    history_frames: int = setting(16, "decided frames that a new window starts with; a multiple of 4", 4, 400)
+    history_frames: int = setting(
+        16, "decided frames that a new window starts with, in whole tokens of the model", 1, 400
+    )
     max_rows: int = setting(64, "most windows in one denoising step", 1, 4096)
     max_step_ms: int = setting(35, "what a denoising step may be expected to take, where smaller ones pay", 1, 60_000)
     profile_s: float = setting(8.0, "longest time that measuring the model takes at the start", 0, 600)
@@ -59,10 +61,22 @@ class ServerConfig:
     max_lookahead_frames: int = setting(80, "most that a session may ask for", 1, 10_000)
     max_prompt_characters: int = setting(1000, "length of a prompt", 1, 100_000)
     max_request_bytes: int = setting(1 << 20, "size of one message from a client", 1024, 1 << 30)
+    hello_timeout_s: float = setting(5.0, "within which a stream must say hello", 0.1, 3600)
+    empty_timeout_s: float = setting(300.0, "after which a stream without sessions is ended", 1, 1e6)
+    stuck_timeout_s: float = setting(30.0, "after which a stream or clip that nobody reads is ended", 1, 3600)
+    max_waiting_mib: int = setting(256, "unsent updates of all streams together, MiB", 1, 1_000_000)
+    max_clip_calls: int = setting(256, "calls for clips that are under way", 1, 100_000)
+    peer_streams: int = setting(1024, "streams of one address", 1, 100_000)
+    peer_events_per_second: float = setting(20_000.0, "events of one address a second", 1, 1e9)
+    peer_prompts_per_second: float = setting(200.0, "new prompts of one address a second", 0.1, 1e6)
+    peer_session_weight: int = setting(4096, "sessions of one address; a HERO counts 4, a NEAR 2", 4, 1_000_000)
+    peer_heroes: int = setting(128, "sessions of one address in the class HERO", 0, 1_000_000)
+    peer_clip_samples: int = setting(32, "samples of clips of one address that are being made", 1, 100_000)
     events_per_second: float = setting(50.0, "events of one session a second", 1, 1e6)
     stream_events_per_second: float = setting(5000.0, "events of one stream a second", 1, 1e7)
     flush_ms: float = setting(20.0, "how long updates are gathered into one message", 1, 1000)
     idle_timeout_s: float = setting(300.0, "silence after which a session is closed", 1, 1e6)
+    resume_grace_s: float = setting(30.0, "for which sessions wait for a client that lost its line", 0, 3600)
     prompt_cache: int = setting(4096, "prompts whose embeddings are remembered", 1, 10_000_000)
     prompt_store: str = setting("", "file on this machine that remembers them beyond the end of the process")
     prompt_store_size: int = setting(65_536, "prompts in that file", 1, 100_000_000)
@@ -78,8 +92,6 @@ class ServerConfig:
     def __post_init__(self) -> None:
         """Raises SettingError for a value outside its range, or values that contradict each other."""
         check_settings(self)
-        if self.history_frames % 4:
-            raise SettingError(f"history_frames is {self.history_frames}; it must be a multiple of 4")
         if self.max_lookahead_frames < self.lookahead_frames:
             raise SettingError(
                 f"max_lookahead_frames is {self.max_lookahead_frames}; it must be at least lookahead_frames, "

@@ -8,33 +8,11 @@ from google.protobuf.message import Message
 from google.rpc import code_pb2, error_details_pb2, status_pb2  # type: ignore[import-untyped]
 from grpc_status import rpc_status
 
-from motiongen_server.engine.types import Code
+from motiongen_server.engine.types import EventRefused
+
+__all__ = ["EventRefused", "StreamRefused"]
 
 ERROR_DOMAIN = "motiongen"
-
-
-class EventRefused(Exception):
-    """One event that is answered with an outcome; the stream and its other sessions go on.
-
-    reason: an UPPER_SNAKE word a program can act on; field: the path of the field at fault; allowed: what may be there;
-    retry_after_s: when the same would be taken, None where waiting does not help.
-    """
-
-    def __init__(
-        self,
-        code: Code,
-        reason: str,
-        message: str,
-        field: str = "",
-        allowed: str = "",
-        retry_after_s: float | None = None,
-    ) -> None:
-        super().__init__(message)
-        self.code = code
-        self.reason = reason
-        self.field = field
-        self.allowed = allowed
-        self.retry_after_s = retry_after_s
 
 
 class StreamRefused(Exception):
@@ -58,6 +36,13 @@ class StreamRefused(Exception):
         self.field = field
         self.retry_after_s = retry_after_s
         self.allowed = allowed
+
+    @classmethod
+    def of(cls, refusal: EventRefused) -> StreamRefused:
+        """A refused event as the end of the call that it was all of."""
+        message = f"{refusal}; allowed is {refusal.allowed}" if refusal.allowed else str(refusal)
+        code, retry_after_s = grpc.StatusCode[refusal.code.name], refusal.retry_after_s or 0.0
+        return cls(code, refusal.reason, message, refusal.field, retry_after_s, refusal.allowed)
 
     def status(self) -> grpc.Status:
         """With ErrorInfo; BadRequest where a field is at fault, RetryInfo where waiting helps (google.rpc model)."""

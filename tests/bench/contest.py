@@ -9,8 +9,9 @@ import numpy as np
 
 from motiongen_ardy.model.model import Model
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.ports import Runner, SchedulingPolicy
+from motiongen_server.engine.ports import Runner
 from motiongen_server.engine.scheduling.costs import CostTable
+from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.profile import profile
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.types import Float32Array

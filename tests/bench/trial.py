@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
-from motiongen_server.engine.ports import Runner, SchedulingPolicy
+from motiongen_server.engine.ports import Runner
+from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.types import Float32Array
+from motiongen_tools.bench.bracket import Bracket
 from tests.bench.clocks import BenchClock
 from tests.bench.crowd import Crowd, Habits
 from tests.bench.machine import busy_share
@@ -128,21 +130,12 @@ def run_trial(
 
 
 def most_characters(passes: Callable[[int], bool], guess: int, num_trials: int) -> int:
-    """The greatest number that was seen to pass: up by a third or down by half from a guess, then between the two.
+    """The greatest number that was seen to pass, from a guess on; 0 where even one character does not pass.
 
-    num_trials: at most, counted from the first that passes. 0 where even one character does not pass.
+    num_trials: at most, counted from the first that passes.
     """
-    good, bad, number = 0, None, max(1, guess)
-    while num_trials > 0 and number > good:
-        if passes(number):
-            good = number
-        else:
-            bad = number
-        num_trials -= bool(good)
-        if bad is None:
-            number = good + max(1, good // 3)
-        elif bad - good <= max(1, good // 16):
-            break
-        else:
-            number = (good + bad) // 2
-    return good
+    bracket = Bracket(max(1, guess), tolerance=1 / 16)
+    while num_trials > 0 and (number := bracket.next()) is not None:
+        bracket.note(number, passes(number))
+        num_trials -= bool(bracket.most)
+    return bracket.most

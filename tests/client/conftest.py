@@ -1,12 +1,13 @@
-"""A fake server for each test that asks, and motions made by formula."""
+"""A fake server for each test that asks, a clock that the test moves, and motions made by formula."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import asyncio
+from collections.abc import AsyncIterator, Iterator
 
 import pytest
 
-from motiongen_client import Motion, Rig, convert
+from motiongen_client import Motion, MotionClient, Rig, convert
 from tests.client.fake_server import FakeServer, rig, synthetic_rows
 
 
@@ -14,6 +15,31 @@ from tests.client.fake_server import FakeServer, rig, synthetic_rows
 def server() -> Iterator[FakeServer]:
     with FakeServer() as running:
         yield running
+
+
+class ManualClock:
+    """The time of an event loop: sleeps end and frames are due when the test says so, however slow the machine is."""
+
+    def __init__(self, now_s: float) -> None:
+        self.now_s = now_s
+
+    def advance(self, seconds: float) -> None:
+        self.now_s += seconds
+
+
+@pytest.fixture
+async def clock(monkeypatch: pytest.MonkeyPatch) -> ManualClock:
+    """Of the test's event loop. Ask for it before what reads the time."""
+    loop = asyncio.get_running_loop()
+    clock = ManualClock(loop.time())
+    monkeypatch.setattr(loop, "time", lambda: clock.now_s)
+    return clock
+
+
+@pytest.fixture
+async def client(server: FakeServer) -> AsyncIterator[MotionClient]:
+    async with MotionClient(server.address) as connected:
+        yield connected
 
 
 @pytest.fixture

@@ -96,6 +96,8 @@ def test_what_was_not_asked_for_is_left_to_the_server() -> None:
     absent = ("seed", "start_pose", "denoise_steps", "guidance")
     assert not any(message.HasField(name) for name in absent)  # type: ignore[arg-type]
     assert (message.rig_id, message.model_id, message.lookahead_frames) == ("", "", 0)
+    assert not message.keep_prompts
+    assert convert.open_session(SessionOptions(keep_prompts=True), [], []).keep_prompts
     zero = convert.open_session(SessionOptions(seed=0, text_guidance=0.0), [], [])
     assert zero.HasField("seed")
     assert zero.guidance.HasField("text")

@@ -18,8 +18,9 @@ import grpc.aio
 import pytest
 
 from motiongen.v1 import service_pb2, service_pb2_grpc
+from motiongen_server.rpc.limits import Limits
 from tests.conftest import ROOT
-from tests.contract.local import LocalServer
+from tests.contract.local import NO_BUDGET, UNMETERED, LocalServer
 from tests.contract.talk import Talk
 
 ADDRESS = os.environ.get("MOTIONGEN_ADDRESS")
@@ -62,7 +63,8 @@ async def connect(address: str) -> AsyncIterator[Target]:
 
 @pytest.fixture
 async def local_server() -> AsyncIterator[LocalServer]:
-    async with LocalServer() as server:
+    """One that a test may flood: what comes is not metered."""
+    async with LocalServer(Limits(stream_events_per_second=UNMETERED), service_limits=NO_BUDGET) as server:
         yield server
 
 

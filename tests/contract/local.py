@@ -17,12 +17,15 @@ from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.handlers import add_methods
-from motiongen_server.rpc.limits import Limits
+from motiongen_server.rpc.limits import Limits, PeerLimits, ServiceLimits
 from motiongen_server.rpc.service import MotionService
 from motiongen_server.text.prompts import PromptEncoder
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
 
 JOIN_S = 10.0
+UNMETERED = 1e9
+"""Events a second, for tests of what comes after the budget."""
+NO_BUDGET = ServiceLimits(peer=PeerLimits(events_per_second=UNMETERED))
 
 
 class RealTime(FakeClock):
@@ -53,7 +56,9 @@ class LocalServer:
         engine_config: EngineConfig | None = None,
         abilities: Abilities = NOTHING_CLAIMED,
         gaits: tuple[Gait, ...] = (),
+        service_limits: ServiceLimits | None = None,
     ) -> None:
+        self._service_limits = service_limits
         self._limits = limits or Limits()
         self._abilities = abilities
         self._gaits = gaits
@@ -74,7 +79,8 @@ class LocalServer:
             gaits=self._gaits,
             abilities=self._abilities,
         )
-        self.service = MotionService(ModelRegistry(LoadedModel("fake", self.engine, self.prompts, catalog)))
+        self.model = LoadedModel("fake", self.engine, self.prompts, catalog)
+        self.service = MotionService(ModelRegistry(self.model), limits=self._service_limits)
         self._server = grpc.aio.server(options=[("grpc.max_receive_message_length", limits.max_request_bytes)])
         add_methods(self.service, self._server)
         self.address = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"

@@ -65,6 +65,10 @@ class Heard:
     playhead: int = 0
     opened: session_pb2.SessionOpened | None = None
     closed: session_pb2.SessionClosed | None = None
+    is_resuming: bool = False
+    goes_on_at: int = 0
+    attempt: int = 0
+    frames: dict[int, bytes] = field(default_factory=dict)
     plans: list[session_pb2.PlanNotice] = field(default_factory=list)
     chunks: list[motion_pb2.FrameChunk] = field(default_factory=list)
     outcomes: list[session_pb2.EditOutcome] = field(default_factory=list)
@@ -76,18 +80,25 @@ class Heard:
 
     def take(self, update: session_pb2.SessionUpdate) -> None:
         require(self.closed is None, "nothing is said of a session after SessionClosed")
-        require(update.applied_seq >= self.applied_seq, "applied_seq never falls")
-        self.applied_seq = update.applied_seq
         kind = update.WhichOneof("update")
+        if self.is_resuming and kind == "outcome":
+            require(update.outcome.event_seq == 1, "nothing but its refusal is told before a session is resumed")
+        else:
+            require(update.applied_seq >= self.applied_seq, "applied_seq never falls")
+            self.applied_seq = update.applied_seq
         require(kind is not None, "an update says something")
         if kind == "outcome":
             self._take_outcome(update.outcome)
             return
         if kind == "opened":
-            require(self.opened is None, "SessionOpened comes once")
-            self.opened = update.opened
-            self.next_frame = self.end = update.opened.start_frame
+            require(self.opened is None or self.is_resuming, "SessionOpened comes once, and once for each resume")
+            if self.is_resuming:
+                self._take_resumed(update.opened)
+            else:
+                self.next_frame = self.end = update.opened.start_frame
+            self.opened, self.is_resuming = update.opened, False
             return
+        require(not self.is_resuming, f"SessionOpened comes before {kind}")
         require(self.opened is not None, f"SessionOpened comes before {kind}")
         if kind == "plan":
             self._take_plan(update.plan)
@@ -97,6 +108,13 @@ class Heard:
             self.levels.append(update.service_level)
         else:
             self.closed = update.closed
+
+    def _take_resumed(self, opened: session_pb2.SessionOpened) -> None:
+        assert self.opened is not None
+        require(opened.session_token == self.opened.session_token, "a session keeps its token")
+        require(opened.session_id == self.opened.session_id, "a session keeps its name")
+        require(opened.start_frame <= self.next_frame, "a session goes on no later than where its client is")
+        self.goes_on_at = opened.start_frame
 
     def _take_outcome(self, outcome: session_pb2.EditOutcome) -> None:
         self.outcomes.append(outcome)
@@ -115,8 +133,10 @@ class Heard:
         if plan.cause == session_pb2.PLAN_CAUSE_CONTINUE:
             require(plan.valid_from >= self.next_frame, "a continuation replaces nothing")
         else:
-            require(plan.cause == session_pb2.PLAN_CAUSE_EDIT, "a plan has a cause")
-            require(len(plan.event_seqs) > 0, "an edit's plan names its events")
+            causes = (session_pb2.PLAN_CAUSE_EDIT, session_pb2.PLAN_CAUSE_RESUME)
+            require(plan.cause in causes, "a plan has a cause")
+            told = len(plan.event_seqs) > 0 or plan.cause == session_pb2.PLAN_CAUSE_RESUME
+            require(told, "an edit's plan names its events")
         self.plans.append(plan)
         self.next_frame = min(self.next_frame, plan.valid_from)
 
@@ -130,6 +150,11 @@ class Heard:
         require(bool(np.isfinite(np.frombuffer(chunk.data, "<f4")).all()), "frames are finite")
         require(chunk.scalar_type == self.opened.scalar_type, "the scalar type is the one agreed on")
         require(chunk.committed_to >= self.committed_to, "committed_to never falls")
+        for row in range(chunk.frame_count):
+            frame, data = chunk.first_frame + row, chunk.data[row * self.row_bytes : (row + 1) * self.row_bytes]
+            known = self.frames.get(frame)
+            require(known in (None, data) or frame >= self.committed_to, "a committed frame never changes")
+            self.frames[frame] = data
         self.next_frame += chunk.frame_count
         require(self.next_frame <= self.playhead + self.opened.lookahead_frames, "no frame is sent beyond the credit")
         self.end = max(self.end, self.next_frame)
@@ -137,9 +162,10 @@ class Heard:
         self.chunks.append(chunk)
 
     def outcome(self, event_seq: int) -> session_pb2.EditOutcome | None:
-        """The answer to an event; fails where there are two."""
+        """The answer to an event; fails where there are two, unless they are the same, told again to who resumed."""
         answers = [outcome for outcome in self.outcomes if outcome.event_seq == event_seq]
-        require(len(answers) <= 1, "an event is answered once")
+        same = all(answer == answers[0] for answer in answers)
+        require(len(answers) <= 1 or (same and self.attempt > 0), "an event is answered once")
         return answers[0] if answers else None
 
 
@@ -185,6 +211,28 @@ class Talk:
         await self.until(lambda: heard.chunks or heard.outcomes)
         require(heard.opened is not None, f"the session opens: {heard.outcomes}")
         return heard
+
+    async def ask_resume(self, handle: int, heard: Heard, **fields: object) -> None:
+        """Send an OpenSession that resumes a session which another stream carried."""
+        assert heard.opened is not None
+        heard.attempt += 1
+        heard.is_resuming = True
+        self.sessions[handle] = heard
+        point = session_pb2.ResumePoint(
+            next_frame=heard.next_frame,
+            plan=heard.plans[-1].plan if heard.plans else 0,
+            answered_seq=heard.applied_seq,
+            attempt=heard.attempt,
+        )
+        asked: dict[str, object] = {"resume_token": heard.opened.session_token, "resume_point": point} | fields
+        opening = session_pb2.OpenSession(**asked)  # type: ignore[arg-type]
+        await self.send(session_pb2.SessionEvent(session=handle, event_seq=1, open=opening))
+
+    async def resume(self, handle: int, heard: Heard) -> None:
+        """Resume a session, and wait until the server says so."""
+        await self.ask_resume(handle, heard)
+        await self.until(lambda: not heard.is_resuming or heard.outcome(1))
+        require(not heard.is_resuming, f"the session is resumed: {heard.outcomes}")
 
     async def edit(self, handle: int, event: session_pb2.SessionEvent) -> session_pb2.EditOutcome:
         """Send the next event of a session and wait for its answer."""

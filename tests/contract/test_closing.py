@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
+
 import grpc
 import pytest
 
 from motiongen.v1 import service_pb2, session_pb2
-from tests.contract.conftest import Target
+from motiongen_server.rpc.limits import Limits
+from tests.contract.conftest import Target, connect
 from tests.contract.local import LocalServer
 from tests.contract.talk import addressed, close, edit_prompts, span
 
@@ -52,10 +55,24 @@ async def test_what_is_under_way_when_the_client_finishes_is_answered(target: Ta
     assert heard.applied_seq == 3
 
 
+@pytest.fixture
+async def forgetful_server() -> AsyncIterator[LocalServer]:
+    """One that keeps no session whose transport is lost."""
+    async with LocalServer(Limits(resume_grace_s=0)) as server:
+        yield server
+
+
+@pytest.fixture
+async def forgetful(forgetful_server: LocalServer) -> AsyncIterator[Target]:
+    async for target in connect(forgetful_server.address):
+        yield target
+
+
 @pytest.mark.parametrize("vanish", ["cancel", "connection"])
 async def test_a_client_that_vanishes_leaves_nothing_behind(
-    local_server: LocalServer, local: Target, vanish: str
+    forgetful_server: LocalServer, forgetful: Target, vanish: str
 ) -> None:
+    local_server, local = forgetful_server, forgetful
     other = await local.talk()
     await other.open(1)
     channel = grpc.aio.insecure_channel(local_server.address, options=[("grpc.use_local_subchannel_pool", 1)])
@@ -76,7 +93,10 @@ async def test_a_client_that_vanishes_leaves_nothing_behind(
     await other.plays_on(1)
 
 
-async def test_a_client_that_vanishes_while_its_prompt_is_encoded(local_server: LocalServer, local: Target) -> None:
+async def test_a_client_that_vanishes_while_its_prompt_is_encoded(
+    forgetful_server: LocalServer, forgetful: Target
+) -> None:
+    local_server, local = forgetful_server, forgetful
     other = await local.talk()
     gone = await local.talk()
     await gone.ask_open(1, prompts=[span("a text to be encoded")])

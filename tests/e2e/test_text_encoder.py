@@ -21,6 +21,7 @@ from motiongen_ardy.text.prompt_file import encode_prompts, write_prompt_file
 from motiongen_client import EventRefused, MotionClient, Preset, Session, TextEmbedding
 from tests.conftest import ROOT, TINY_MODEL
 from tests.server.text.encoder.encoder_process import EncoderProcess
+from tests.waiting import try_again
 
 LIMIT_S = 60.0
 WIDTH = 32
@@ -93,7 +94,7 @@ async def opened(client: MotionClient, prompt: str) -> Session:
         except EventRefused as refused:
             if refused.code != "UNAVAILABLE":
                 raise
-            await asyncio.sleep(0.05)
+            await try_again()
 
 
 async def answered_when_back(session: Session, text: str) -> None:
@@ -104,7 +105,7 @@ async def answered_when_back(session: Session, text: str) -> None:
         except EventRefused as refused:
             if refused.code != "UNAVAILABLE":
                 raise
-            await asyncio.sleep(0.05)
+            await try_again()
         else:
             return
 

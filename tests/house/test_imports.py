@@ -45,6 +45,7 @@ ROOMS = (
     room("proto/python", "google grpc motiongen"),
     # the model library: core knows only itself, model knows core, checkpoint both
     room(f"{ARDY}/core", f"motiongen_ardy.core {NUMBERS}"),
+    room(f"{ARDY}/locomotion", "motiongen_ardy.locomotion numpy"),
     room(f"{ARDY}/model", f"motiongen_ardy.core motiongen_ardy.model {NUMBERS}"),
     room(f"{ARDY}/checkpoint", f"motiongen_ardy.core motiongen_ardy.model motiongen_ardy.checkpoint {NUMBERS} {FILES}"),
     room(
@@ -56,7 +57,8 @@ ROOMS = (
     room(ARDY, f"motiongen_ardy {NUMBERS} {FILES} {TEXT}"),
     # the server
     room(f"{SERVER}/engine/types", "numpy ~.engine.types", never="asyncio"),
-    room(f"{SERVER}/engine", "numpy ~.engine", never="asyncio"),
+    room(f"{SERVER}/engine/ports.py {SERVER}/engine/engine_port.py", "~.engine.types", never="asyncio"),
+    room(f"{SERVER}/engine", "numpy motiongen_ardy.locomotion ~.engine", never="asyncio"),
     room(f"{SERVER}/runner", f"{NUMBERS} motiongen_ardy ~.runner ~.engine.types ~.engine.ports", never="asyncio"),
     room(f"{SERVER}/engine_process/model_loading.py", "torch motiongen_ardy ~", never="asyncio"),
     room(f"{SERVER}/engine_process", "msgpack numpy zmq ~", never="asyncio"),
@@ -74,7 +76,8 @@ ROOMS = (
         " ~.engine.types ~.engine.engine_port ~.models.registry",
     ),
     room(f"{SERVER}/text/presets.py", "~.engine.types"),
-    room(f"{SERVER}/text/prompts.py", "numpy ~.engine.types ~.errors"),
+    room(f"{SERVER}/text/event_errors.py", "~.engine.types ~.errors"),
+    room(f"{SERVER}/text/prompts.py", "numpy ~.errors ~.text.event_errors ~.text.turns"),
     room(
         f"{SERVER}/text/encoder",
         f"{GRPC} google motiongen motiongen_ardy.text numpy prometheus_client torch"
@@ -158,7 +161,10 @@ def test_every_source_file_is_in_a_room(repository: Any) -> None:
     [
         ("ardy/motiongen_ardy/text/gradio.py", "import grpc"),
         ("ardy/motiongen_ardy/text/gradio.py", "from motiongen_server.engine import types"),
+        ("server/motiongen_server/engine/ports.py", "import motiongen_server.engine.scheduling.costs"),
         ("server/motiongen_server/engine/session/session.py", "import torch"),
+        ("server/motiongen_server/engine/session/session.py", "from motiongen_ardy.core import skeleton"),
+        ("ardy/motiongen_ardy/locomotion/velocity.py", "import torch"),
         ("server/motiongen_server/engine/session/session.py", "import asyncio"),
         ("server/motiongen_server/engine/session/session.py", "from motiongen_server import runner"),
         ("server/motiongen_server/engine/session/session.py", "from ... import rpc"),

@@ -11,7 +11,6 @@ REASON = re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)+|INTERNAL")
 REFUSALS = {
     "CannotKeep",
     "EventRefused",
-    "EditRefused",
     "StreamRefused",
     "Outcome",
     "Warned",

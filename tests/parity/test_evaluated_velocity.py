@@ -1,6 +1,11 @@
-"""The evaluation lays the same trajectory under a window for a velocity as the server does."""
+"""The evaluation gives a window the same targets and the same gait for a velocity as the server does."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,66 +13,92 @@ import torch
 
 from motiongen_ardy.capabilities import LocomotionPreset
 from motiongen_ardy.core.constraint import Targets
-from motiongen_ardy.core.skeleton import load_skeleton
-from motiongen_ardy.evaluate.gait import gait_of
-from motiongen_ardy.evaluate.steering import add_lead, lead_by
-from motiongen_ardy.evaluate.take import Steer
-from motiongen_server.engine.locomotion import gait_of as server_gait_of
-from motiongen_server.engine.session.velocity import Velocity, root_state
+from motiongen_ardy.evaluate import sampler as evaluation
+from motiongen_ardy.evaluate.sampler import Sampler, Sampling
+from motiongen_ardy.evaluate.take import Steer, Take
+from motiongen_ardy.locomotion.gait import gait_of
+from motiongen_ardy.locomotion.velocity import root_state
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.rollout import RolloutRequest
+from motiongen_ardy.model.sampling.options import GuidanceOptions, PlanOptions, SamplingOptions
+from motiongen_server.engine.session.velocity import Velocity
 from motiongen_server.engine.types import (
+    Constraint,
     Direction,
     Gait,
     Guidance,
     PlanCause,
     Priority,
-    RootTrajectory,
     SessionKey,
-    SetVelocity,
+    Waypoint,
     WindowJob,
 )
 from motiongen_server.runner.targets import job_targets
 
-FPS, HORIZON = 20, 40
-SKELETON = load_skeleton("core27")
+FIRST = 20
 
 
 @pytest.mark.parametrize("stride", [1, 5])
-@pytest.mark.parametrize("seed", range(40))
-def test_the_paths_are_equal(seed: int, stride: int) -> None:
+@pytest.mark.parametrize("seed", range(24))
+def test_the_targets_are_equal(model: Model, monkeypatch: pytest.MonkeyPatch, seed: int, stride: int) -> None:
     random = np.random.default_rng(seed)
-    positions = (random.normal(size=(seed % 6 + 1, 3)) / 15).astype(np.float32).cumsum(axis=0)
-    heading = float(random.uniform(-4, 4))
-    asked = None if seed % 2 else float(random.uniform(-4, 4))
+    options = SamplingOptions(
+        GuidanceOptions("joint", 1.0, 1.0), plan_root=True, plan=PlanOptions(stride_frames=stride)
+    )
+    monkeypatch.setattr(model, "sampling", options)
     x, z = (0.0, 0.0) if seed % 7 == 0 else (float(value) for value in random.normal(size=2) * 2)
-    hold, first = int(random.integers(5, 90)), int(random.integers(0, 300))
-    begin = first + int(random.integers(0, hold + 10))
-    path = Velocity(x, z, asked, hold, first).path(begin, begin + HORIZON, root_state(positions, heading, FPS), FPS)
-    lead = lead_by(Steer(first, x, z, asked, hold), begin, HORIZON, positions[:, [0, 2]], heading, FPS)
-    assert (path is None) == (lead is None)
-    if path is None or lead is None:
-        return
-    done = Targets(SKELETON)
-    add_lead(done, lead, begin, stride)
-    expected = job_targets(SKELETON, job_of(path), stride)
-    assert expected is not None
-    assert done.planned == expected.planned
+    heading = None if seed % 2 else float(random.uniform(-4, 4))
+    hold = int(random.integers(1, 60))
+    features = torch.from_numpy(random.normal(size=(FIRST, model.representation.feature_dim)) / 5).float()
+    frame = FIRST + 2 + int(random.integers(0, 12))
+
+    given = Targets(model.skeleton)
+    given.add_waypoints([frame], torch.tensor([[9.0, 8.0]]), torch.tensor([0.5]) if seed % 3 else None)
+    history = model.representation.denormalize(features)
+    take = Take("a", 0, 100, ((0, ""),), history=history, targets=given, steers=(Steer(FIRST, x, z, heading, hold),))
+    mine = evaluated_targets(model, monkeypatch, take)
+
+    last = model.representation.denormalize(model.representation.normalize(history).float())
+    facing = float(torch.atan2(last[-1, 4], last[-1, 3]))
+    state = root_state(last[:, [0, 2]].numpy(), facing, model.config.fps)
+    path = Velocity(x, z, heading, hold, FIRST).path(FIRST, FIRST + model.config.horizon, state, model.config.fps)
+    point = Waypoint(1, frame, 9.0, 8.0, 0.5 if seed % 3 else None)
+    theirs = job_targets(model.skeleton, job_of([point] if path is None else [path, point]), stride)
+    assert theirs is not None
+    assert (mine.planned, mine.faced) == (theirs.planned, theirs.faced)
     for name in ("ground", "heading"):
-        mine, theirs = getattr(done, name), getattr(expected, name)
-        assert mine.keys() == theirs.keys()
-        assert all(torch.allclose(mine[frame], theirs[frame], atol=1e-4) for frame in theirs)
+        ours, served = getattr(mine, name), getattr(theirs, name)
+        assert ours.keys() == served.keys()
+        assert all(torch.allclose(ours[at], served[at], atol=1e-4) for at in served)
 
 
-def job_of(path: RootTrajectory) -> WindowJob:
+def evaluated_targets(model: Model, monkeypatch: pytest.MonkeyPatch, take: Take) -> Targets:
+    """What the evaluation asks of the first window of a take."""
+    asked: list[RolloutRequest] = []
+
+    def look(model: Model, request: RolloutRequest, features: torch.Tensor, index: int) -> Any:
+        asked.append(request)
+        raise StopIteration
+
+    monkeypatch.setattr(evaluation, "next_window", look)
+    words = SimpleNamespace(encode=lambda texts: np.zeros((len(texts), model.config.denoiser.text_dim), np.float32))
+    with pytest.raises(StopIteration):
+        Sampler(model, words, Sampling(2)).run([take])  # type: ignore[arg-type]
+    assert asked[0].targets is not None
+    return asked[0].targets
+
+
+def job_of(constraints: Sequence[Constraint]) -> WindowJob:
     """A job of which only the constraints count."""
     return WindowJob(
         job_id=1,
         session=SessionKey(1, 1),
         plan=1,
-        first_frame=path.first_frame,
+        first_frame=FIRST,
         history=np.zeros((0, 1), np.float32),
         start_pose=None,
         embedding=None,
-        constraints=(path,),
+        constraints=tuple(constraints),
         seed=0,
         num_steps=2,
         guidance=Guidance(1.0, 1.0),
@@ -78,42 +109,12 @@ def job_of(path: RootTrajectory) -> WindowJob:
     )
 
 
-def test_what_the_client_asks_holds_over_a_velocity() -> None:
-    targets = Targets(SKELETON)
-    targets.add_waypoints([5], torch.tensor([[9.0, 9.0]]))
-    lead = lead_by(Steer(0, 1.0, 0.0), 0, HORIZON, np.zeros((1, 2)), 0.0, FPS)
-    assert lead is not None
-    add_lead(targets, lead, 0, 1)
-    assert targets.ground[5].tolist() == [9.0, 9.0]
-    assert len(targets.ground) == HORIZON
-
-
-GAITS = (
-    ("stand", 0.0, "forward"),
-    ("walk", 0.15, "forward"),
-    ("run", 2.0, "forward"),
-    ("back", 0.15, "backward"),
-    ("left", 0.15, "left"),
-    ("right", 0.15, "right"),
-)
-
-
-def test_the_gaits_are_equal() -> None:
-    here = [LocomotionPreset(name, name, speed, direction) for name, speed, direction in GAITS]
+def test_a_preset_goes_in_the_direction_that_its_name_says() -> None:
     nothing = np.zeros(3, np.float32)
-    there = [Gait(name, name, speed, Direction[direction.upper()], nothing) for name, speed, direction in GAITS]
-    random = np.random.default_rng(0)
-    chosen = set()
-    held_here, held_there = None, None
-    for _ in range(400):
-        x, z = (float(value) for value in random.normal(size=2) * 1.5)
-        heading = None if random.random() < 0.3 else float(random.uniform(-4, 4))
-        held_here = gait_of(here, Steer(0, x, z, heading), held_here)
-        held_there = server_gait_of(there, SetVelocity(SessionKey(1, 1), 1, 0.0, x, z, heading, 20), held_there)
-        assert held_here is not None
-        assert held_there is not None
-        assert held_here.name == held_there.name
-        chosen.add(held_here.name)
-    assert chosen == {name for name, _, _ in GAITS}
-    assert gait_of(here, Steer(0, 0.0, 1.0, keep_prompt=True)) is None
-    assert gait_of((), Steer(0, 0.0, 1.0)) is None
+    for direction in Direction:
+        preset = LocomotionPreset("walk", "walk", 0.0, direction.name.lower())
+        assert preset.quarter == Gait("walk", "walk", 0.0, direction, nothing).quarter
+    back = LocomotionPreset("back", "back", 0.15, "backward")
+    walk = replace(back, name="walk", direction="forward")
+    assert gait_of((walk, back), 0.0, -1.0, 0.0, None) is back
+    assert gait_of((walk, back), 0.0, 1.0, 0.0, back) is walk

@@ -11,7 +11,7 @@ import torch
 from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.rollout import RolloutRequest, rollout
+from motiongen_ardy.model.rollout import RolloutRequest, rollout, usual_history
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.types import (
@@ -49,14 +49,25 @@ class Screen:
                 self.rows.update(enumerate(output.rows, output.first_frame))
 
 
-def stream(model: Model, embedding: np.ndarray, constraints: tuple[Constraint, ...], reuse_tokens: bool) -> np.ndarray:
+def stream(
+    model: Model,
+    embedding: np.ndarray,
+    constraints: tuple[Constraint, ...],
+    reuse_tokens: bool,
+    keep_prompts: bool = False,
+) -> np.ndarray:
     """The first NUM_FRAMES rows that a session with one prompt streams."""
     clock, screen = FakeClock(), Screen()
     engine = Engine(
         TorchRunner(model, "tiny"),
         clock,
         screen.deliver,
-        EngineConfig(continue_jitter=0, stride_jitter=0, reuse_tokens=reuse_tokens),
+        EngineConfig(
+            history_crop=usual_history(model.config.patch),
+            continue_jitter=0,
+            stride_jitter=0,
+            reuse_tokens=reuse_tokens,
+        ),
     )
     spec = SessionSpec(
         KEY,
@@ -69,6 +80,7 @@ def stream(model: Model, embedding: np.ndarray, constraints: tuple[Constraint, .
         start_pose=StartPose(1.0, -2.0, 0.5),
         prompts=(Prompt(1, None, None, "walk", embedding),),
         constraints=constraints,
+        keep_prompts=keep_prompts,
     )
     engine.submit(Open(spec, 1, clock.now()))
     for _ in range(400):
@@ -82,17 +94,19 @@ def stream(model: Model, embedding: np.ndarray, constraints: tuple[Constraint, .
     return np.stack([screen.rows[frame] for frame in range(NUM_FRAMES)])
 
 
-def expected(model: Model, embedding: np.ndarray, targets: Targets | None, reuse_tokens: bool) -> torch.Tensor:
+def expected(
+    model: Model, embedding: np.ndarray, targets: Targets | None, reuse_tokens: bool, keep_prompts: bool = False
+) -> torch.Tensor:
     request = RolloutRequest(
         num_frames=NUM_FRAMES,
         text=torch.from_numpy(embedding),
         seed=7,
         num_steps=STEPS,
         weights=GuidanceWeights(2.0, 1.5),
-        history_frames=16,
         reuse_tokens=reuse_tokens,
         targets=targets,
         start=(1.0, -2.0, 0.5),
+        keep_prompts=keep_prompts,
     )
     return model.representation.denormalize(rollout(model, request))
 

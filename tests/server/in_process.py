@@ -10,7 +10,7 @@ from motiongen_server.config import ServerConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.ports import Deliver, Runner
 from motiongen_server.engine.scheduling.device import Device
-from motiongen_server.engine.types import Event, ModelFacts, Outcome
+from motiongen_server.engine.types import Event, ModelFacts, Open, Outcome
 from motiongen_server.engine_process.model_loading import build_engine
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
@@ -43,6 +43,9 @@ class InProcessModel:
 
     def submit(self, event: Event) -> Outcome | None:
         return self.engine.submit(event)
+
+    def refusal_of(self, event: Open) -> Outcome | None:
+        return self.engine.refusal_of(event)
 
     def drain(self) -> None:
         self.engine.drain()

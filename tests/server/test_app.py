@@ -199,7 +199,7 @@ async def test_asked_to_stop_while_it_loads_it_ends_without_waiting_for_the_mode
 
 async def test_a_client_that_does_not_read_does_not_hold_up_the_end() -> None:
     async with asyncio.timeout(LIMIT_S):
-        application = application_of(config())
+        application = application_of(config(stream_events_per_second=1e7, peer_events_per_second=1e9))
         await application.start()
         async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
             stub = service_pb2_grpc.MotionServiceStub(channel)

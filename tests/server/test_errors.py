@@ -6,7 +6,7 @@ import grpc
 import pytest
 from google.rpc import error_details_pb2, status_pb2
 
-from motiongen_server.engine.types import Code
+from motiongen_server.engine.types import Code, Outcome, SessionKey
 from motiongen_server.errors import EventRefused, StreamRefused
 
 
@@ -45,7 +45,22 @@ def test_the_engine_s_codes_are_those_of_grpc(code: Code) -> None:
     assert grpc.StatusCode[code.name].value[0] == code
 
 
-def test_a_refused_event_keeps_what_an_outcome_needs() -> None:
+def test_a_refused_event_is_answered_with_all_it_says() -> None:
     refusal = EventRefused(Code.NOT_FOUND, "UNKNOWN_RIG", "no rig 'x'", field="open.rig_id", allowed="core27")
-    assert (refusal.code, refusal.reason, str(refusal)) == (Code.NOT_FOUND, "UNKNOWN_RIG", "no rig 'x'")
-    assert (refusal.field, refusal.allowed) == ("open.rig_id", "core27")
+    said = refusal.outcome(SessionKey(4, 5), 6)
+    assert said == Outcome(
+        SessionKey(4, 5), 6, Code.NOT_FOUND, None, "UNKNOWN_RIG", "no rig 'x'", "open.rig_id", "core27"
+    )
+    slow = EventRefused(Code.UNAVAILABLE, "TEXT_ENCODER_SLOW", "slow", retry_after_s=2.5)
+    assert slow.outcome(SessionKey(4, 5), 7).retry_after_s == 2.5
+
+
+def test_a_refused_event_can_be_the_end_of_its_call() -> None:
+    refusal = EventRefused(Code.UNAVAILABLE, "DRAINING", "the server leaves", "open", "another server", 1.5)
+    status = decoded(StreamRefused.of(refusal))
+    assert (status.code, status.message) == (14, "the server leaves; allowed is another server")
+    info, request, retry = error_details_pb2.ErrorInfo(), error_details_pb2.BadRequest(), error_details_pb2.RetryInfo()
+    assert all(detail.Unpack(into) for detail, into in zip(status.details, (info, request, retry), strict=True))
+    assert (info.reason, info.metadata["allowed"]) == ("DRAINING", "another server")
+    assert request.field_violations[0].field == "open"
+    assert retry.retry_delay.ToMilliseconds() == 1500

@@ -19,6 +19,7 @@ from motiongen_ardy.checkpoint.config import (
 )
 from motiongen_ardy.checkpoint.config_writer import write_model_config, write_tokenizer_config
 from motiongen_ardy.checkpoint.files import CheckpointError, TensorFile, path_inside, read_yaml
+from motiongen_ardy.checkpoint.paces_file import PACES_FILE, read_paces
 from motiongen_ardy.checkpoint.sampling_file import SAMPLING_FILE, read_options, write_options
 from motiongen_ardy.checkpoint.stats import load_stats, save_stats
 from motiongen_ardy.core.problems import Problems
@@ -30,6 +31,7 @@ from motiongen_ardy.model.model import Model, build_model
 from motiongen_ardy.model.precision import PRECISIONS, matrix_names, set_precision
 from motiongen_ardy.model.sampling.limbs import arms
 from motiongen_ardy.model.sampling.options import SamplingOptions, released_options
+from motiongen_ardy.model.sampling.paces import PromptPaces
 from motiongen_ardy.model.tokenizer import Tokenizer, build_tokenizer
 
 CONFIG_FILE = "config.yaml"
@@ -56,6 +58,7 @@ def load_checkpoint(
         model = _built(folder, lambda: build_model(config, stats or _identity_stats(feature_dim + LOCAL_ROOT_WIDTH)))
     sampling = _collect(problems, lambda: _read_sampling(folder, config))
     model.sampling = sampling or model.sampling
+    model.paces = _collect(problems, lambda: _read_paces(folder, config, model.sampling))
     fill_denoiser = _collect(problems, lambda: _prepare(model.denoiser, folder, layout.denoiser, _denoiser_name, dtype))
     fill_tokenizer = None
     if model.tokenizer is not None:
@@ -152,6 +155,19 @@ def _read_sampling(folder: Path, config: ModelConfig) -> SamplingOptions:
         return options
     except ConfigError as error:
         raise CheckpointError([f"{path}: {problem}" for problem in error.problems]) from error
+
+
+def _read_paces(folder: Path, config: ModelConfig, sampling: SamplingOptions) -> PromptPaces | None:
+    """The paces of prompts; None where there are none. Raises CheckpointError, also where sampling needs them."""
+    path = path_inside(folder, PACES_FILE)
+    if path.exists():
+        return read_paces(path, config.denoiser.text_dim)
+    if sampling.fit_prompts:
+        raise CheckpointError(
+            f"{path} is missing, which {SAMPLING_FILE} needs for fit_prompts; make it with"
+            " `python -m motiongen_ardy.train.prompt_paces`, or set fit_prompts to false"
+        )
+    return None
 
 
 def _built(folder: Path, build: Callable[[], PART]) -> PART:

@@ -79,6 +79,29 @@ class Targets:
         self.heading.update(zip(frames, torch.stack([heading.cos(), heading.sin()], dim=-1).unbind(), strict=True))
         self.faced.difference_update(frames)
 
+    def add_lead(self, first_frame: int, ground: Tensor, heading: Tensor | None, stride: int) -> None:
+        """A root trajectory that nobody asked for in itself: it leads along a velocity.
+
+        ground: (K, 2) metres of the frames from first_frame on; heading: (K) radians, or None. stride: one frame in so
+        many is asked for, the last among them, and the root may sway about them; 1: every frame, exactly.
+        """
+        rows = list(range(len(ground) - 1, -1, -stride))[::-1]
+        frames = [first_frame + row for row in rows]
+        self.add_waypoints(frames, ground[rows], None if heading is None else heading[rows])
+        if stride > 1:
+            self.planned.update(frames)
+            self.faced.update(frames)
+
+    def add_all(self, other: Targets) -> None:
+        """Everything that other targets ask for, over what these do."""
+        self.planned = (self.planned - other.ground.keys()) | other.planned
+        self.faced = (self.faced - other.heading.keys()) | other.faced
+        self.ground |= other.ground
+        self.height |= other.height
+        self.heading |= other.heading
+        self.positions |= other.positions
+        self.rotations |= other.rotations
+
     def copy(self) -> Targets:
         """The same targets, to be changed apart from these."""
         other = Targets(self.skeleton)
@@ -142,6 +165,7 @@ class Targets:
                 self.rotations[frame, joint] = rotations[row]
             if joint == 0:
                 self.ground[frame] = positions[row, [0, 2]]
+                self.planned.discard(frame)
                 self.height[frame] = positions[row, 1]
 
     def fill(self, layout: Representation, first_frame: int, num_frames: int) -> tuple[Tensor, Tensor]:

@@ -13,10 +13,9 @@ from motiongen_ardy.capabilities import LocomotionPreset
 from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.core.skeleton import positions_from_global
-from motiongen_ardy.evaluate.gait import gait_of
-from motiongen_ardy.evaluate.steering import SLOWING_FRAMES, STATE_FRAMES, add_lead, lead_by
 from motiongen_ardy.evaluate.take import Result, Steer, Take
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.locomotion.gait import gait_of
+from motiongen_ardy.locomotion.velocity import SLOWING_FRAMES, STATE_FRAMES, lead_by, root_state
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, batch_passes, needed_passes
 from motiongen_ardy.model.generation import (
     WindowRequest,
@@ -27,7 +26,7 @@ from motiongen_ardy.model.generation import (
     weights_of,
 )
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.rollout import DEFAULT_HISTORY_FRAMES, RolloutRequest, next_window
+from motiongen_ardy.model.rollout import RolloutRequest, next_window, usual_history
 from motiongen_ardy.text import TextEncoder
 
 
@@ -52,10 +51,13 @@ class _Growing:
 
 @dataclass(frozen=True)
 class _Due:
-    """The next window of a take, a batch of one. has_text: there is a prompt."""
+    """The next window of a take, a batch of one. end: the frame to which its frames count. has_text: there is a
+    prompt.
+    """
 
     growing: _Growing
     window: WindowRequest
+    end: int
     has_text: bool
 
     @property
@@ -105,13 +107,17 @@ class Sampler:
         """The next window, as that of a rollout with what holds now; constraints out of its sight do not count."""
         take, first = growing.take, len(growing.features)
         steer = take.steer_at(first)
-        growing.gait = None if steer is None else gait_of(self.gaits, steer, growing.gait)
+        if steer is None or steer.keep_prompt:
+            growing.gait = None
+        else:
+            growing.gait = gait_of(self.gaits, steer.x, steer.z, steer.heading, growing.gait)
         prompt = take.prompt_at(first) if growing.gait is None else growing.gait.text
         leader = take.steer_at(first, after=SLOWING_FRAMES)
         targets = take.targets if leader is None else self._led(growing, leader, take.targets)
-        crop = min(DEFAULT_HISTORY_FRAMES, first // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN)
-        end = first - crop + self.model.config.max_window_frames
-        if targets is not None and not any(first <= frame < end for frame in targets.frames):
+        patch = self.model.config.patch
+        crop = min(usual_history(patch), first // patch * patch)
+        seen_to = first - crop + self.model.config.max_window_frames
+        if targets is not None and not any(first <= frame < seen_to for frame in targets.frames):
             targets = None
         now = RolloutRequest(
             num_frames=take.num_frames,
@@ -121,21 +127,29 @@ class Sampler:
             weights=self.sampling.weights,
             targets=targets,
             start=take.start,
+            keep_prompts=leader is not None,  # a velocity has chosen its prompt already
         )
-        return _Due(growing, next_window(self.model, now, growing.features, len(growing.starts)), bool(prompt))
+        window, end = next_window(self.model, now, growing.features, len(growing.starts))
+        return _Due(growing, window, min(end, take.next_change(first)), bool(prompt))
 
     def _led(self, growing: _Growing, steer: Steer, given: Targets | None) -> Targets | None:
         """The targets of the next window with what a velocity leads through beneath them."""
         layout, take, options = self.model.representation, growing.take, self.model.sampling
         first = len(growing.features)
         last = layout.denormalize(growing.features[-STATE_FRAMES:])
-        root = last[:, [0, 2]].numpy() if first else np.array([take.start[:2]])
+        ground = last[:, [0, 2]].numpy() if first else np.array([take.start[:2]])
         heading = float(torch.atan2(last[-1, 4], last[-1, 3])) if first else take.start[2]
-        lead = lead_by(steer, first, self.model.config.horizon, root, heading, layout.fps)
+        held = steer.frame + steer.hold_frames - first
+        root = root_state(ground, heading, layout.fps)
+        lead = lead_by((steer.x, steer.z), steer.heading, held, self.model.config.horizon, root, layout.fps)
         if lead is None:
             return given
-        targets = Targets(layout.skeleton) if given is None else given.copy()
-        add_lead(targets, lead, first, options.plan.stride_frames if options.plan_root else 1)
+        targets = Targets(layout.skeleton)
+        facing = None if lead.heading is None else torch.from_numpy(lead.heading).float()
+        stride = options.plan.stride_frames if options.plan_root else 1
+        targets.add_lead(first, torch.from_numpy(lead.ground).float(), facing, stride)
+        if given is not None:
+            targets.add_all(given)
         return targets
 
     def _windows(self, group: list[_Due]) -> None:
@@ -151,9 +165,8 @@ class Sampler:
         self.num_windows += len(group)
         for due, frames in zip(group, new, strict=True):
             growing, first = due.growing, len(due.growing.features)
-            end = min(first + len(frames), growing.take.next_change(first), growing.take.num_frames)
             growing.starts.append(first)
-            growing.features = torch.cat([growing.features, frames[: end - first]])
+            growing.features = torch.cat([growing.features, frames[: due.end - first]])
 
     def _result(self, growing: _Growing) -> Result:
         layout = self.model.representation

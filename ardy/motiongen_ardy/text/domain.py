@@ -50,6 +50,15 @@ def make_domain(text_encoder: str, captions: Vectors, most: int, threshold: floa
     """
     if not len(captions) or most < 1:
         raise DomainError(f"there are {len(captions)} captions, of which {most} are to be kept; give one at least")
+    mean, directions, kept = spread_out(captions, most)
+    # As they will be read again: in steps of a 127th of the greatest number.
+    return PromptDomain(text_encoder, mean, _from_levels(_levels(directions[kept])), threshold)
+
+
+def spread_out(captions: Vectors, most: int) -> tuple[Vectors, Vectors, list[int]]:
+    """The mean (W,) of captions (N, W) as unit vectors, the directions (N, W) from it to them, and the numbers of at
+    most so many of them that stand for the rest: each the furthest from those before it.
+    """
     mean = _units(captions).mean(axis=0).astype(np.float32)
     directions = _directions(captions, mean)
     kept = [int((_units(captions) @ mean).argmax())]
@@ -60,8 +69,7 @@ def make_domain(text_encoder: str, captions: Vectors, most: int, threshold: floa
         if distances[furthest] < 1e-6:
             break
         kept.append(furthest)
-    # As they will be read again: in steps of a 127th of the greatest number.
-    return PromptDomain(text_encoder, mean, _from_levels(_levels(directions[kept])), threshold)
+    return mean, directions, kept
 
 
 def best_threshold(inside: Vectors, outside: Vectors) -> tuple[float, int, int]:

@@ -10,16 +10,13 @@ One background thread runs the event loop of one client; everything here hands w
 
 from __future__ import annotations
 
-import asyncio
-import threading
-from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import grpc
 from numpy.typing import ArrayLike
 
 from motiongen_client import client, edit, session, stream
-from motiongen_client.errors import SessionEnded
+from motiongen_client.background_loop import BackgroundLoop
 from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.prompts import Prompt
 from motiongen_client.session import SessionStats
@@ -34,49 +31,6 @@ from motiongen_client.types import (
     SessionEnd,
     SessionOptions,
 )
-
-T = TypeVar("T")
-
-
-class BackgroundLoop:
-    """An event loop on a thread of its own."""
-
-    def __init__(self) -> None:
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever, name="motiongen-client", daemon=True)
-        self._thread.start()
-
-    def run(self, work: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine on the loop and wait for what it returns. Raises SessionEnded once the client is closed."""
-        if self._loop.is_closed():
-            work.close()
-            raise SessionEnded("client", "the client was closed")
-        waiting = asyncio.run_coroutine_threadsafe(work, self._loop)
-        try:
-            return waiting.result()
-        except KeyboardInterrupt:
-            waiting.cancel()
-            raise
-
-    def call(self, function: Callable[[], T]) -> T:
-        """Call a function on the loop's thread and wait for what it returns."""
-
-        async def work() -> T:
-            return function()
-
-        return self.run(work())
-
-    @property
-    def is_running(self) -> bool:
-        return not self._loop.is_closed()
-
-    def stop(self) -> None:
-        """End what still runs on the loop, and the thread. May be called again."""
-        if not self._loop.is_closed():
-            self.run(self._loop.shutdown_asyncgens())
-            self._loop.call_soon_threadsafe(self._loop.stop)
-            self._thread.join()
-            self._loop.close()
 
 
 class Edit:
@@ -209,8 +163,7 @@ class Session:
             while (frame := self._loop.run(following())) is not None:
                 yield frame
         finally:
-            if self._loop.is_running:  # else the client was closed meanwhile, and its loop has ended them
-                self._loop.run(frames.aclose())
+            self._loop.leave(frames)
 
     def poll(self) -> Frame | None:
         """Move the playhead to the present and return the frame to show now; None before the first one came."""
@@ -228,7 +181,7 @@ class Session:
         return self
 
     def __exit__(self, *exc_info: object) -> None:
-        self._loop.run(self._inner.__aexit__(*exc_info))
+        self._loop.finish(self._inner.__aexit__(*exc_info))
 
     def _edit(self, make: Callable[[], edit.Edit]) -> Edit:
         return Edit(self._loop, self._loop.call(make))
@@ -257,8 +210,8 @@ class Stream:
         return Session(self._loop, self._loop.run(opening))
 
     def close(self) -> None:
-        """End all sessions and the call."""
-        self._loop.run(self._inner.close())
+        """End all sessions and the call. May be called again."""
+        self._loop.finish(self._inner.close())
 
     def __enter__(self) -> Stream:
         self._loop.run(self._inner.start())
@@ -335,9 +288,9 @@ class MotionClient:
         return self._loop.run(work)
 
     def close(self) -> None:
-        """End all streams, the connection and the background thread."""
+        """End all streams, the connection and the background thread. May be called again."""
         try:
-            self._loop.run(self._inner.close())
+            self._loop.finish(self._inner.close())
         finally:
             self._loop.stop()
 

@@ -66,6 +66,7 @@ def open_session(
         constraints=constraints,
         denoise_steps=options.denoise_steps,
         history_frames=options.history_frames,
+        keep_prompts=options.keep_prompts,
     )
     if options.prior is not None:
         message.prior_frames.frame_count = len(options.prior)

@@ -198,8 +198,8 @@ class Session(Direction):
             await self._changed.wait()
             return
         wait_s = due_s - self._clock()
-        if wait_s > 0:
-            await asyncio.sleep(wait_s)
+        if wait_s > 0 or self.playback.buffered_to > self.playback.playhead + 1:
+            await asyncio.sleep(max(wait_s, 0.0))  # whoever takes frames late gets the next at once
             return
         try:
             async with asyncio.timeout(1 / self.rig.frame_rate_hz):

@@ -123,7 +123,8 @@ class SessionOptions:
     seed: same seed and same events at the same frames give the same motion. lookahead_frames: how far ahead of the
     playhead the server may send. denoise_steps: fewer are faster, more are finer. text_guidance and
     constraint_guidance: how strongly prompt and constraints are followed, 0 not at all. history_frames: how many frames
-    each window sees before it. prior: what the character did just before frame 0, in place of `start`.
+    each window sees before it. prior: what the character did just before frame 0, in place of `start`. keep_prompts:
+    they hold also where constraints ask for a pace that they contradict; else the model walks someone who stands.
     """
 
     model_id: str = ""
@@ -137,6 +138,7 @@ class SessionOptions:
     start: StartPose = field(default_factory=StartPose)
     history_frames: int | None = None
     prior: Motion | None = None
+    keep_prompts: bool = False
 
     def __post_init__(self) -> None:
         if self.prior is not None and self.start != StartPose():

@@ -55,6 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--steps", type=_whole(1), metavar="N", help="denoising steps (default: the server's)")
     parser.add_argument("--text-guidance", type=float, metavar="W", help="weight of prompts (default: the server's)")
     parser.add_argument("--constraint-guidance", type=float, metavar="W", help="weight of constraints (the same)")
+    parser.add_argument("--keep-prompts", action="store_true", help="also where the constraints contradict them")
     parser.add_argument("--rate-hz", type=_positive, metavar="N", help="rows a second of .controller.csv")
     parser.add_argument("--timeout", type=_positive, metavar="SECONDS", help="give up after so long")
     parser.add_argument("--model", default="", metavar="NAME", help="model of the catalogue (default: its first)")
@@ -123,6 +124,7 @@ def session_options(options: argparse.Namespace, model: Model, rig: Rig) -> Sess
         constraint_guidance=options.constraint_guidance,
         history_frames=options.history_frames,
         prior=prior,
+        keep_prompts=options.keep_prompts,
     )
 
 

@@ -24,7 +24,7 @@ class EngineConfig:
     open_target_s: the same from opening. clip_target_s: within which a clip's windows come before those of sessions of
     the class BATCH that are due later; clips go in the order they came.
     idle_timeout_s: silence after which a session is closed.
-    max_restarts: how often in a row edits may restart a running window before one is allowed to finish.
+    max_restarts: how often in a row edits may restart a window that has begun before one is allowed to finish.
     replans_hz: most replans a second that edits may cause in a session of each class; edits between them share one.
     max_waiting_edits: edits of one session that may wait for a plan. reuse_tokens: give windows the tokens of earlier
     ones for history where these cover it, rather than have it encoded again. align_replans: start replans on the grid
@@ -57,7 +57,7 @@ class EngineConfig:
     open_target_s: float = 0.5
     clip_target_s: float = 10.0
     idle_timeout_s: float = 300.0
-    max_restarts: int = 2
+    max_restarts: int = 1
     replans_hz: tuple[float, float, float, float] = (10.0, 5.0, 2.0, 1.0)
     max_waiting_edits: int = 256
     reuse_tokens: bool = True

@@ -10,15 +10,14 @@ from collections import Counter
 from collections.abc import Iterable
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.event_errors import handle_in_use, not_open, prior_frames_failed
-from motiongen_server.engine.mailbox import Mailbox, refuse_pending
-from motiongen_server.engine.ports import Clock, Deliver, Inbox, Observe, Runner, SchedulingPolicy
+from motiongen_server.engine.mailbox import Mailbox, pending_refusal
+from motiongen_server.engine.ports import Clock, Deliver, Inbox, Observe, Runner
 from motiongen_server.engine.scheduling.admission import Admission
 from motiongen_server.engine.scheduling.costs import CostTable
 from motiongen_server.engine.scheduling.degradation import EXPENDABLE
 from motiongen_server.engine.scheduling.device import Device, DeviceLease
 from motiongen_server.engine.scheduling.load_monitor import LoadMonitor
-from motiongen_server.engine.scheduling.report import StepReport
+from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.scheduling.step_executor import StepExecutor
 from motiongen_server.engine.session.opening import open_session
@@ -29,6 +28,7 @@ from motiongen_server.engine.types import (
     CloseReason,
     Code,
     Event,
+    EventRefused,
     Open,
     Outcome,
     Output,
@@ -36,9 +36,12 @@ from motiongen_server.engine.types import (
     Playhead,
     PlayState,
     Priority,
+    Resume,
     SessionKey,
     SetPlayState,
 )
+from motiongen_server.engine.types.refusals import handle_in_use, session_not_open
+from motiongen_server.engine.types.report import StepReport
 
 _log = logging.getLogger(__name__)
 
@@ -139,7 +142,11 @@ class Engine:
             return None
         if isinstance(event, Open):
             self._admission.release(event.session, event.spec)
-        return refuse_pending(event, self._config.max_pending_events)
+        return pending_refusal(event, self._config.max_pending_events)
+
+    def refusal_of(self, event: Open) -> Outcome | None:
+        """What an Open would be refused with as things stand; no place is held."""
+        return self._admission.refusal_of(event.spec, event.event_seq)
 
     def drain(self) -> None:
         """Take no new sessions; those that are open are served on."""
@@ -219,8 +226,8 @@ class Engine:
             if isinstance(event, Open):
                 self._open(event, state)
             elif state is None:
-                if not isinstance(event, Playhead):
-                    self._send_queue.append(not_open(event))
+                if not isinstance(event, Playhead | Resume):
+                    self._refuse(event, session_not_open(event.session.handle))
             elif isinstance(event, Close):
                 self._close(state, event.reason, Code.OK, "")
             else:
@@ -237,8 +244,7 @@ class Engine:
 
     def _open(self, event: Open, held: SessionState | None) -> None:
         if held is not None:
-            self._send_queue.append(handle_in_use(event))
-            self._report.opens.append(Code.ALREADY_EXISTS)
+            self._report.opens.append(self._refuse(event, handle_in_use(event.session.handle)))
             return
         refusal = self._admission.reserve(event.spec, event.event_seq)
         if refusal is not None:
@@ -248,8 +254,9 @@ class Engine:
         features = None if spec.prior_rows is None else self._executor.features(spec.prior_rows)
         if spec.prior_rows is not None and features is None:
             self._admission.release(spec.session, spec)
-            self._send_queue.append(prior_frames_failed(event))
-            self._report.opens.append(Code.INTERNAL)
+            given, allowed = "the model can make nothing of the prior frames", "other frames, or none"
+            failed = EventRefused(Code.INTERNAL, "PRIOR_FRAMES_FAILED", given, "open.prior_frames", allowed)
+            self._report.opens.append(self._refuse(event, failed))
             return
         now = self._clock.now()
         state = open_session(spec, event.received_at, next(self._ordinals), self._facts, self._config, now, features)
@@ -262,6 +269,11 @@ class Engine:
         self._recount(state, 1)
         self._silences.ask(state.key, now + self._config.idle_timeout_s)
         self._send_queue += state.set_tier(self._load_monitor.level(spec.priority))
+
+    def _refuse(self, event: Event, refusal: EventRefused) -> Code:
+        """Answer an event that does not reach a session."""
+        self._send_queue.append(refusal.outcome(event.session, event.event_seq))
+        return refusal.code
 
     def _close(self, state: SessionState, reason: CloseReason, code: Code, message: str) -> None:
         if state.running is not None:
@@ -378,6 +390,7 @@ class Engine:
         if self._load_monitor.shed:
             self._shed()
         self._report.load = self._load_monitor.load
+        self._report.full = self._admission.full
         self._report.tiers = {priority: self._load_monitor.level(priority).tier for priority in Priority}
 
     def _shed(self) -> None:

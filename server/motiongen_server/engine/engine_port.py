@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from motiongen_server.engine.types import Event, Outcome
+from motiongen_server.engine.types import Event, Open, Outcome
 
 
 class EventSink(Protocol):
@@ -15,6 +15,10 @@ class EventSink(Protocol):
 
         Returns at once, whatever the engine is busy with. Every other answer comes through `Deliver`.
         """
+        ...
+
+    def refusal_of(self, event: Open) -> Outcome | None:
+        """What an Open would be refused with as things stand, before its prompts are encoded; no place is held."""
         ...
 
 

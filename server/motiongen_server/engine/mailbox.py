@@ -5,14 +5,16 @@ from __future__ import annotations
 import threading
 from collections import Counter
 
-from motiongen_server.engine.types import Close, Code, Event, Open, Outcome, Playhead, SessionKey
+from motiongen_server.engine.types import Close, Event, Open, Outcome, Playhead, Resume, SessionKey
+from motiongen_server.engine.types.refusals import too_many_pending
 
 
 class Mailbox:
     """Events in the order they came, from any thread, for the engine's thread to take all at once.
 
     A newer Playhead takes the place of an older one of the same session, so a fast reporter cannot fill the box. Other
-    events are never dropped; a session may have so many of them waiting and no more. A Close is always taken.
+    events are never dropped; a session may have so many of them waiting and no more. A Close or a Resume is always
+    taken.
     """
 
     def __init__(self, max_pending_events: int) -> None:
@@ -41,7 +43,7 @@ class Mailbox:
                         self._events[index] = event
                     return True
             else:
-                if self._waiting[key] >= self._max_pending and not isinstance(event, Close):
+                if self._waiting[key] >= self._max_pending and not isinstance(event, Close | Resume):
                     return False
                 self._waiting[key] += 1
                 if isinstance(event, Open):
@@ -75,13 +77,6 @@ class Mailbox:
             self._asleep = False
 
 
-def refuse_pending(event: Event, max_pending_events: int) -> Outcome:
+def pending_refusal(event: Event, max_pending_events: int) -> Outcome:
     """The answer to an event that was not taken."""
-    return Outcome(
-        event.session,
-        event.event_seq,
-        Code.RESOURCE_EXHAUSTED,
-        reason="TOO_MANY_PENDING_EVENTS",
-        message="the session's earlier events still wait; send again when one has been answered",
-        allowed=f"at most {max_pending_events} events waiting for a session",
-    )
+    return too_many_pending("events", max_pending_events).outcome(event.session, event.event_seq)

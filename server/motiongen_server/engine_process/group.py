@@ -5,9 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from motiongen_server.engine.types import Event, ModelFacts, Open, Outcome, Playhead
-from motiongen_server.engine_process.ledger import refuse_beyond_limit, refuse_while_draining, refuse_without_engine
-from motiongen_server.engine_process.model_link import ModelLink
+from motiongen_server.engine.types import Event, ModelFacts, Open, Outcome
+from motiongen_server.engine.types.refusals import draining, session_limit
+from motiongen_server.engine_process.ledger import RETRY_AFTER_S, no_room
+from motiongen_server.engine_process.model_link import ModelLink, refused_without_engine
 from motiongen_server.engine_process.process import EngineProcess
 from motiongen_server.rpc.abilities import Abilities
 
@@ -74,19 +75,35 @@ class EngineGroup:
             # Of a session that has ended meanwhile: any engine knows what to answer.
             link = next((link for _, link in self._members if link.is_up), None)
         if link is None:
-            return None if isinstance(event, Playhead) else refuse_without_engine(event.session, event.event_seq)
+            return refused_without_engine(event)
         return link.submit(event)
 
-    def _open(self, event: Open) -> Outcome | None:
+    def refusal_of(self, event: Open) -> Outcome | None:
+        """What an Open would be refused with as things stand; no place is held."""
+        refusal = self._refusal(event)
+        if refusal is not None or event.spec.is_clip:
+            return refusal
+        priority = event.spec.priority
+        if all(priority in link.full for _, link in self._members if link.is_up):
+            return no_room(priority).outcome(event.session, event.event_seq)
+        return None
+
+    def _refusal(self, event: Open) -> Outcome | None:
         if self._is_draining:
-            return refuse_while_draining(event.session, event.event_seq)
+            return draining().outcome(event.session, event.event_seq)
         if not event.spec.is_clip:
             num_sessions = sum(link.num_sessions - link.num_clips for _, link in self._members)
             if num_sessions >= self._max_sessions:
-                return refuse_beyond_limit(event.session, event.event_seq, self._max_sessions)
+                return session_limit(self._max_sessions, RETRY_AFTER_S).outcome(event.session, event.event_seq)
+        return None if any(link.is_up for _, link in self._members) else refused_without_engine(event)
+
+    def _open(self, event: Open) -> Outcome | None:
+        refusal = self._refusal(event)
+        if refusal is not None:
+            return refusal
         free = [member for member in self._members if member[1].is_up]
-        if not free:
-            return refuse_without_engine(event.session, event.event_seq)
+        if not free:  # one was lost since
+            return refused_without_engine(event)
         is_clip = event.spec.is_clip
         _, link = min(free, key=lambda member: _taken(member[0], member[1], is_clip))
         return link.submit(event)

@@ -23,7 +23,6 @@ from motiongen_server.engine_process.messages import (
     Events,
     Load,
     LoadEncoder,
-    NotLoaded,
     Ready,
     Stop,
     ToEngine,
@@ -107,15 +106,15 @@ class EngineHost:
         try:
             built = self._build(job.source, outlet.deliver, outlet.observe, slot.inbox)
         except SettingError as error:
-            self._wire.say(NotLoaded(job.slot, str(error), is_setting=True))
+            self._wire.say(Unloaded(job.slot, str(error), is_setting=True))
         except Exception as error:
             _log.exception("loading %r failed", job.source)
-            self._wire.say(NotLoaded(job.slot, f"{type(error).__name__}: {error}", is_setting=False))
+            self._wire.say(Unloaded(job.slot, f"{type(error).__name__}: {error}"))
         else:
+            settle_again()  # before anybody waits for the engine
             self._slots[job.slot] = slot
             slot.start(built.engine, self._ended)
             self._wire.say(Ready(job.slot, built.facts, built.licence, built.abilities))
-            settle_again()
 
     def _load_encoder(self, job: LoadEncoder) -> None:
         try:

@@ -12,13 +12,16 @@ from motiongen_server.engine.types import (
     CloseReason,
     Code,
     Event,
+    EventRefused,
     Open,
     Opened,
     Outcome,
     Output,
     Playhead,
+    Priority,
     SessionKey,
 )
+from motiongen_server.engine.types.refusals import session_closed
 
 RETRY_AFTER_S = 2.0
 
@@ -161,8 +164,7 @@ class Ledger:
 
     @staticmethod
     def _cancelled(key: SessionKey, event_seqs: Iterable[int]) -> list[Output]:
-        message = "the session closed before it"
-        return [Outcome(key, seq, Code.CANCELLED, None, "SESSION_CLOSED", message) for seq in event_seqs]
+        return [session_closed().outcome(key, seq) for seq in event_seqs]
 
     def end_all(self, reason: CloseReason, message: str) -> list[Output]:
         """The engine process is gone: an end for every session, and an answer for everything that waits for one."""
@@ -176,7 +178,7 @@ class Ledger:
                 outputs += self._cancelled(key, entry.unanswered)
                 outputs.append(Closed(key, reason, Code.UNAVAILABLE, message, entry.num_frames, 0))
             else:
-                outputs.append(refuse_without_engine(key, entry.open_seq))
+                outputs.append(engine_restarting().outcome(key, entry.open_seq))
                 closes = () if entry.close is None else (entry.close.event_seq,)
                 outputs += self._cancelled(key, [*entry.unanswered, *closes])
         self._entries.clear()
@@ -186,35 +188,14 @@ class Ledger:
         return outputs
 
 
-def refuse_without_engine(key: SessionKey, event_seq: int) -> Outcome:
+def engine_restarting() -> EventRefused:
     """The answer to an event while there is no engine process."""
-    return Outcome(
-        key,
-        event_seq,
-        Code.UNAVAILABLE,
-        None,
-        "ENGINE_RESTARTING",
-        "the server's engine is being started anew; open a session again in a moment",
-        retry_after_s=RETRY_AFTER_S,
-    )
+    given = "the server's engine is being started anew; open a session again in a moment"
+    return EventRefused(Code.UNAVAILABLE, "ENGINE_RESTARTING", given, retry_after_s=RETRY_AFTER_S)
 
 
-def refuse_while_draining(key: SessionKey, event_seq: int) -> Outcome:
-    """The answer to an Open once the server takes no new sessions."""
-    message = "the server is going away; open the session elsewhere"
-    return Outcome(key, event_seq, Code.UNAVAILABLE, None, "DRAINING", message, "open")
-
-
-def refuse_beyond_limit(key: SessionKey, event_seq: int, most: int) -> Outcome:
-    """The answer to an Open where all engines together hold as many sessions as they may."""
-    return Outcome(
-        key,
-        event_seq,
-        Code.RESOURCE_EXHAUSTED,
-        None,
-        "SESSION_LIMIT",
-        "the server is full; try again later",
-        "open",
-        f"at most {most} sessions at once",
-        retry_after_s=RETRY_AFTER_S,
-    )
+def no_room(priority: Priority) -> EventRefused:
+    """The answer to an Open of a class that no engine lets in, as they last told."""
+    given = f"the machine has no room for another session of class {priority.name}; try again later"
+    allowed = "sessions of a more urgent class, or another server"
+    return EventRefused(Code.RESOURCE_EXHAUSTED, "OVERLOADED", given, "open", allowed, RETRY_AFTER_S)

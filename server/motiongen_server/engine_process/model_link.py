@@ -8,10 +8,20 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.mailbox import Mailbox, refuse_pending
+from motiongen_server.engine.mailbox import Mailbox, pending_refusal
 from motiongen_server.engine.ports import Deliver, Observe
-from motiongen_server.engine.types import CloseReason, Event, Open, Outcome, Output, Playhead, SessionKey
-from motiongen_server.engine_process.ledger import Ledger, refuse_without_engine
+from motiongen_server.engine.types import (
+    CloseReason,
+    Event,
+    Open,
+    Outcome,
+    Output,
+    Playhead,
+    Priority,
+    Resume,
+    SessionKey,
+)
+from motiongen_server.engine_process.ledger import Ledger, engine_restarting
 from motiongen_server.engine_process.messages import TO_GATEWAY, CloseAhead, Events, Pulse, Ready
 
 MAX_PENDING = EngineConfig().max_pending_events
@@ -32,6 +42,7 @@ class ModelLink:
         self.is_retired = False  # it is being unloaded
         self.silent_s = 0.0  # since the engine last said something
         self.observe: Observe | None = None
+        self.full: frozenset[Priority] = frozenset()  # classes that its engine lets nobody in of, as last told
         self._deliver = deliver
         self._ring = ring
         self._lock = threading.Lock()
@@ -75,10 +86,10 @@ class ModelLink:
         """Hand in an event. What is returned is a refusal; every other answer is delivered."""
         with self._lock:
             if not self._is_up:
-                return None if isinstance(event, Playhead) else refuse_without_engine(event.session, event.event_seq)
+                return refused_without_engine(event)
             if not self._ledger.goes_ahead(event):
                 if not self._mailbox.put(event):
-                    return refuse_pending(event, MAX_PENDING)
+                    return pending_refusal(event, MAX_PENDING)
                 self._has_events = True
             self._ledger.note(event)
             self._opens_since += isinstance(event, Open)
@@ -113,6 +124,8 @@ class ModelLink:
         self.silent_s = 0.0
         self.heartbeat_at = pulse.heartbeat_at
         for report in pulse.reports:
+            if report.full is not None:
+                self.full = frozenset(report.full)
             if report.load is not None:
                 self._load, self._opens_since = report.load, 0
             if self.observe is not None:
@@ -145,6 +158,7 @@ class ModelLink:
             self._mailbox = Mailbox(MAX_PENDING)
             self._has_events = False
             self._load, self._opens_since = 0.0, 0
+            self.full = frozenset()
             outputs = self._ledger.end_all(reason, message)
         if outputs:
             self._deliver(outputs)
@@ -155,3 +169,8 @@ class ModelLink:
         if error is not None and not self.ready.done():
             self.ready.set_exception(error)
         self.ended.set()
+
+
+def refused_without_engine(event: Event) -> Outcome | None:
+    """The answer to an event while its engine process is being started; a Playhead gets none, a Resume a Closed."""
+    return None if isinstance(event, Playhead | Resume) else engine_restarting().outcome(event.session, event.event_seq)

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import zmq
 
-from motiongen_server.engine.scheduling.report import StepReport
 from motiongen_server.engine.types import Output
+from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine_process.messages import TO_GATEWAY, Outputs, Pulse, ToGateway
 from motiongen_server.engine_process.sockets import LAST_WORDS_MS
 

@@ -15,7 +15,7 @@ from motiongen_server.models.repertoire import NOTHING_SAID, Repertoire
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.rpc.abilities import Abilities
 from motiongen_server.rpc.catalog import Catalog
-from motiongen_server.rpc.limits import Limits
+from motiongen_server.rpc.limits import Limits, PeerLimits, ServiceLimits
 from motiongen_server.text.prompts import PromptEncoder, TextEncoder
 
 
@@ -133,6 +133,26 @@ class ModelFactory:
             prompts.close()
 
 
+def make_limits(config: ServerConfig) -> ServiceLimits:
+    """What the service as a whole allows."""
+    return ServiceLimits(
+        max_streams=config.max_streams,
+        max_clip_calls=config.max_clip_calls,
+        hello_timeout_s=config.hello_timeout_s,
+        empty_timeout_s=config.empty_timeout_s,
+        stuck_timeout_s=config.stuck_timeout_s,
+        max_waiting_bytes=config.max_waiting_mib << 20,
+        peer=PeerLimits(
+            streams=config.peer_streams,
+            events_per_second=config.peer_events_per_second,
+            prompts_per_second=config.peer_prompts_per_second,
+            session_weight=config.peer_session_weight,
+            heroes=config.peer_heroes,
+            clip_samples=config.peer_clip_samples,
+        ),
+    )
+
+
 def make_catalog(
     config: ServerConfig, facts: ModelFacts, licence: str, text_encoder: str, repertoire: Repertoire = NOTHING_SAID
 ) -> Catalog:
@@ -145,6 +165,7 @@ def make_catalog(
         max_lookahead_frames=config.max_lookahead_frames,
         events_per_second=config.events_per_second,
         stream_events_per_second=config.stream_events_per_second,
+        resume_grace_s=config.resume_grace_s,
     )
     guidance = Guidance(
         facts.guidance.text if config.text_guidance is None else config.text_guidance,
@@ -156,7 +177,7 @@ def make_catalog(
         guidance,
         licence,
         text_encoder,
-        config.history_frames,
+        facts.whole_patches(config.history_frames),
         repertoire.presets,
         repertoire.gaits,
         repertoire.abilities,

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # M_TRIM_THRESHOLD and M_MMAP_THRESHOLD of malloc.h
 KEPT_BYTES = 64 << 20
@@ -28,6 +30,26 @@ def keep_freed_memory() -> bool:
     return bool(mallopt(_TRIM_THRESHOLD, KEPT_BYTES) and mallopt(_MMAP_THRESHOLD, LARGEST_KEPT_BYTES))
 
 
+def give_back_freed_memory() -> bool:
+    """Give what is free by now back to the operating system, once. True where that can be.
+
+    For the end of loading: that and measuring a model take more memory than serving it ever does again.
+    """
+    try:
+        trim = ctypes.CDLL(None).malloc_trim
+    except (AttributeError, OSError, TypeError):  # another C library
+        return False
+    return bool(trim(0))
+
+
+def resident_bytes(pid: int) -> int:
+    """Memory of a process, what it shares with others included; 0 where that is not known."""
+    try:
+        return resource.getpagesize() * int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
+    except (OSError, IndexError, ValueError):  # it has just ended, or this system has no /proc
+        return 0
+
+
 @contextmanager
 def settled_objects() -> Iterator[None]:
     """Leave all objects that there are out of garbage collection meanwhile, and look for garbage less often.
@@ -47,9 +69,12 @@ def settled_objects() -> Iterator[None]:
 
 
 def settle_again() -> None:
-    """Free what has been unloaded; within `settled_objects`, leave what has been loaded since out of collection too."""
+    """Free what has been unloaded or was needed to load; within `settled_objects`, leave what has been loaded since out
+    of collection too.
+    """
     are_settled = gc.get_freeze_count() > 0
     gc.unfreeze()  # else rings of objects that nobody holds any more would stay
     gc.collect()
+    give_back_freed_memory()
     if are_settled:
         gc.freeze()

@@ -57,6 +57,15 @@ class Metrics:
         self.slow_readers = Counter(
             "motiongen_slow_reader_closes", "Streams whose sessions were closed for reading slowly.", registry=registry
         )
+        self.resumes = Counter(
+            "motiongen_session_resumes",
+            "Sessions that another stream went on with, or could not, or that expired before one did.",
+            ["how"],
+            registry=registry,
+        )
+        self.parked = Gauge(
+            "motiongen_sessions_parked", "Sessions that wait for a client that lost its transport.", registry=registry
+        )
         self.dropped = Counter(
             "motiongen_frames_dropped", "Frames taken out of a stream's queue unsent.", registry=registry
         )
@@ -119,6 +128,10 @@ class Metrics:
         self.clips.labels(code).inc(num_samples)
         if code == "OK":
             self.clip_seconds.observe(seconds)
+
+    def count_resume(self, how: str) -> None:
+        """As in Tally."""
+        self.resumes.labels(how).inc()
 
     def give_up_on_reader(self) -> None:
         """As in Tally."""

@@ -8,8 +8,8 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Metr
 from prometheus_client.registry import Collector
 from prometheus_client.samples import Sample
 
-from motiongen_server.engine.scheduling.report import StepReport
 from motiongen_server.engine.types import Code, PlayState, Priority, ServiceTier
+from motiongen_server.engine.types.report import StepReport
 
 LATENCY_BUCKETS = (0.005, 0.01, 0.02, 0.03, 0.05, 0.075, 0.1, 0.15, 0.25, 0.5, 1.0, 2.5)
 STEP_BUCKETS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
@@ -28,6 +28,9 @@ class EngineMetrics:
         self.windows = Counter("motiongen_windows", "Windows accepted.", ["class", "cause"], registry=registry)
         self.discarded = Counter("motiongen_windows_discarded", "Windows that came too late.", registry=registry)
         self.restarted = Counter("motiongen_windows_restarted", "Windows an edit started anew.", registry=registry)
+        self.steps_discarded = Counter(
+            "motiongen_steps_discarded", "Denoising steps, by rows, of windows that were not used.", registry=registry
+        )
         self.frames = Counter("motiongen_frames_sent", "Frames handed to streams.", registry=registry)
         self.superseded = Counter("motiongen_frames_superseded", "Frames an edit replaced.", registry=registry)
         self.deadlines = Counter("motiongen_deadlines", "Windows with a deadline.", ["class"], registry=registry)
@@ -115,6 +118,7 @@ class EngineMetrics:
         self.superseded.inc(report.frames_superseded)
         self.discarded.inc(report.windows_discarded)
         self.restarted.inc(report.windows_restarted)
+        self.steps_discarded.inc(report.steps_discarded)
         self.nan_rows.inc(report.nan_rows)
         self.faults.inc(report.runner_faults)
         self.memory_splits.inc(report.memory_splits)

@@ -56,6 +56,7 @@ class Catalog:
             max_events_per_second=limits.events_per_second,
             max_stream_events_per_second=limits.stream_events_per_second,
         )
+        self.limits_message.resume_grace.FromMilliseconds(round(1000 * limits.resume_grace_s))
         model = service_pb2.Model(
             model_id=facts.model_id,
             rig_id=facts.rig.rig_id,

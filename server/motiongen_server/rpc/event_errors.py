@@ -1,138 +1,92 @@
-"""Why a stream refuses an event before the engine sees it, in words for programs and for people."""
+"""Why the edge refuses an event or an open by itself; what other rooms say too is in `engine.types.refusals`."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
-from motiongen_server.engine.types import Code, Outcome, SessionKey
+from motiongen_server.engine.types import Code
 from motiongen_server.errors import EventRefused
 
 
-def refusal_outcome(session: SessionKey, event_seq: int, refusal: EventRefused) -> Outcome:
-    """The answer to an event that was refused."""
-    return Outcome(
-        session,
-        event_seq,
-        refusal.code,
-        reason=refusal.reason,
-        message=str(refusal),
-        field=refusal.field,
-        allowed=refusal.allowed,
-        retry_after_s=refusal.retry_after_s,
-    )
-
-
 def unknown_model(given: str, known: Iterable[str]) -> EventRefused:
-    return EventRefused(
-        Code.NOT_FOUND,
-        "UNKNOWN_MODEL",
-        f"no model {given[:80]!r} is served",
-        field="open.model_id",
-        allowed=", ".join(known),
-    )
+    message = f"no model {given[:80]!r} is served"
+    return EventRefused(Code.NOT_FOUND, "UNKNOWN_MODEL", message, "open.model_id", ", ".join(known))
 
 
 def model_reloading(model_id: str) -> EventRefused:
-    return EventRefused(
-        Code.UNAVAILABLE,
-        "MODEL_RELOADING",
-        f"{model_id} is being loaded anew",
-        field="open.model_id",
-        allowed="the same a little later, or another model of the catalogue",
-        retry_after_s=2.0,
-    )
+    message = f"{model_id} is being loaded anew"
+    allowed = "the same a little later, or another model of the catalogue"
+    return EventRefused(Code.UNAVAILABLE, "MODEL_RELOADING", message, "open.model_id", allowed, retry_after_s=2.0)
 
 
 def model_failed(model_id: str) -> EventRefused:
+    allowed = "another model of the catalogue, or another server"
     return EventRefused(
-        Code.UNAVAILABLE,
-        "MODEL_FAILED",
-        f"the engine of {model_id} has failed",
-        field="open.model_id",
-        allowed="another model of the catalogue, or another server",
-    )
-
-
-def not_open(handle: int) -> EventRefused:
-    return EventRefused(
-        Code.NOT_FOUND,
-        "SESSION_NOT_OPEN",
-        f"no session is open on handle {handle}",
-        field="session",
-        allowed="the handle of an open session; send OpenSession first",
-    )
-
-
-def handle_in_use(handle: int) -> EventRefused:
-    return EventRefused(
-        Code.ALREADY_EXISTS,
-        "HANDLE_IN_USE",
-        f"handle {handle} carries an open session",
-        field="session",
-        allowed="a handle that is not in use, or this one after its SessionClosed",
-    )
-
-
-def draining() -> EventRefused:
-    return EventRefused(
-        Code.UNAVAILABLE,
-        "DRAINING",
-        "the server is shutting down and opens no more sessions",
-        field="open",
-        allowed="open on another server, or here after a restart",
+        Code.UNAVAILABLE, "MODEL_FAILED", f"the engine of {model_id} has failed", "open.model_id", allowed
     )
 
 
 def too_many_sessions(held: int, limit: int) -> EventRefused:
-    return EventRefused(
-        Code.RESOURCE_EXHAUSTED,
-        "TOO_MANY_SESSIONS",
-        f"the stream carries {held} sessions",
-        field="open",
-        allowed=f"at most {limit} on a stream; use another stream",
-    )
+    code, message = Code.RESOURCE_EXHAUSTED, f"the stream carries {held} sessions"
+    return EventRefused(code, "TOO_MANY_SESSIONS", message, "open", f"at most {limit} on a stream; use another stream")
 
 
 def sequence_gap(given: int, expected: int) -> EventRefused:
-    return EventRefused(
-        Code.FAILED_PRECONDITION,
-        "SEQUENCE_GAP",
-        f"event_seq is {given}, the next is {expected}",
-        field="event_seq",
-        allowed=str(expected),
-    )
+    message = f"event_seq is {given}, the next is {expected}"
+    return EventRefused(Code.FAILED_PRECONDITION, "SEQUENCE_GAP", message, "event_seq", str(expected))
 
 
 def invalid_event_seq(given: int) -> EventRefused:
-    return EventRefused(
-        Code.INVALID_ARGUMENT,
-        "INVALID_EVENT_SEQ",
-        f"event_seq is {given}",
-        field="event_seq",
-        allowed="0 for Playhead, else one more than the session's last event",
-    )
+    allowed = "0 for Playhead, else one more than the session's last event"
+    return EventRefused(Code.INVALID_ARGUMENT, "INVALID_EVENT_SEQ", f"event_seq is {given}", "event_seq", allowed)
 
 
-def too_fast(what: str, rate: float, retry_after_s: float) -> EventRefused:
-    return EventRefused(
-        Code.RESOURCE_EXHAUSTED,
-        "TOO_MANY_EVENTS",
-        f"the {what} sends events too fast",
-        field="event",
-        allowed=f"{rate:g} a second",
-        retry_after_s=retry_after_s,
-    )
+def session_not_kept() -> EventRefused:
+    """A resume came with a token of no session that lives here."""
+    allowed = "the token of a session that lives; open it anew, with prior_frames"
+    code, given = Code.NOT_FOUND, "no session of that token lives on this server any more"
+    return EventRefused(code, "SESSION_NOT_KEPT", given, "open.resume_token", allowed)
 
 
-def closed_before() -> EventRefused:
-    """The event found its session closing."""
-    return EventRefused(
-        Code.CANCELLED,
-        "SESSION_CLOSED",
-        "the session closed before the event took effect",
-        field="session",
-        allowed="open a new session after SessionClosed",
-    )
+def resume_superseded(given: int, last: int) -> EventRefused:
+    """A resume came that is not newer than the last one."""
+    message, field = f"attempt {given} came after attempt {last}", "open.resume_point.attempt"
+    return EventRefused(Code.FAILED_PRECONDITION, "RESUME_SUPERSEDED", message, field, f"a number above {last}")
+
+
+def resume_out_of_range() -> EventRefused:
+    """A resume came from where no client can be."""
+    message, field = "the session cannot go on from there", "open.resume_point"
+    allowed = "the first frame that is not held, and the last plan announced; or open it anew, with prior_frames"
+    return EventRefused(Code.FAILED_PRECONDITION, "RESUME_OUT_OF_RANGE", message, field, allowed)
+
+
+def too_fast(rate: float, retry_after_s: float) -> EventRefused:
+    code, message = Code.RESOURCE_EXHAUSTED, "the session sends events too fast"
+    return EventRefused(code, "TOO_MANY_EVENTS", message, "event", f"{rate:g} a second", retry_after_s)
+
+
+def peer_sessions(most: int) -> EventRefused:
+    message = "your address holds as many sessions as one may"
+    allowed = f"sessions of one address up to a weight of {most}, a HERO counting 4, a NEAR 2, others 1"
+    return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, "open", allowed)
+
+
+def peer_heroes(most: int) -> EventRefused:
+    message = f"your address holds {most} sessions of the class HERO"
+    allowed = f"at most {most} of one address; open it as NEAR"
+    return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, "open.priority", allowed)
+
+
+def too_many_clips(most: int) -> EventRefused:
+    code, message = Code.RESOURCE_EXHAUSTED, "other clips are being made; try again later"
+    return EventRefused(code, "CLIP_LIMIT", message, "open", f"at most {most} calls for clips at once", 2.0)
+
+
+def peer_clips(most: int) -> EventRefused:
+    message = "your address has as many samples of clips made as one may"
+    allowed = f"at most {most} samples at once of one address"
+    return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_CLIP_LIMIT", message, "sample_count", allowed, 1.0)
 
 
 def internal(error_id: str) -> EventRefused:

@@ -14,26 +14,27 @@ SERVICE = service_pb2.DESCRIPTOR.services_by_name["MotionService"]
 SERVICE_NAME = SERVICE.full_name
 
 CatalogContext: TypeAlias = "grpc.aio.ServicerContext[service_pb2.GetCatalogRequest, service_pb2.GetCatalogResponse]"
-ClipContext: TypeAlias = "grpc.aio.ServicerContext[service_pb2.GenerateClipRequest, service_pb2.GenerateClipResponse]"
-StreamContext: TypeAlias = "grpc.aio.ServicerContext[service_pb2.StreamMotionRequest, bytes]"
+ClipContext: TypeAlias = "grpc.aio.ServicerContext[bytes, service_pb2.GenerateClipResponse]"
+StreamContext: TypeAlias = "grpc.aio.ServicerContext[bytes, bytes]"
 
 
 class Handlers(Protocol):
-    """What answers the calls. A stream's responses are handed over as bytes: see `rpc.convert.wire`."""
+    """What answers the calls. A stream's messages are bytes both ways, and so is the request of a clip.
+
+    See `rpc.convert.wire`, and `rpc.request_parts`: what comes is charged before it is parsed.
+    """
 
     async def GetCatalog(
         self, request: service_pb2.GetCatalogRequest, context: CatalogContext
     ) -> service_pb2.GetCatalogResponse: ...
 
-    async def StreamMotion(
-        self, request_iterator: AsyncIterator[service_pb2.StreamMotionRequest], context: StreamContext
-    ) -> None: ...
+    async def StreamMotion(self, request_iterator: AsyncIterator[bytes], context: StreamContext) -> None: ...
 
-    async def GenerateClip(self, request: service_pb2.GenerateClipRequest, context: ClipContext) -> None: ...
+    async def GenerateClip(self, request: bytes, context: ClipContext) -> None: ...
 
 
 def add_methods(methods: Handlers, server: grpc.aio.Server) -> None:
-    """Serve the methods. As the generated `add_MotionServiceServicer_to_server`, but for the streams' bytes."""
+    """Serve the methods. As the generated `add_MotionServiceServicer_to_server`, but for what is bytes here."""
     handlers: dict[str, grpc.RpcMethodHandler[Any, Any]] = {
         "GetCatalog": grpc.unary_unary_rpc_method_handler(
             methods.GetCatalog,
@@ -42,11 +43,8 @@ def add_methods(methods: Handlers, server: grpc.aio.Server) -> None:
         ),
         "GenerateClip": grpc.unary_stream_rpc_method_handler(
             methods.GenerateClip,
-            request_deserializer=service_pb2.GenerateClipRequest.FromString,
             response_serializer=service_pb2.GenerateClipResponse.SerializeToString,
         ),
-        "StreamMotion": grpc.stream_stream_rpc_method_handler(
-            methods.StreamMotion, request_deserializer=service_pb2.StreamMotionRequest.FromString
-        ),
+        "StreamMotion": grpc.stream_stream_rpc_method_handler(methods.StreamMotion),
     }
     server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(SERVICE_NAME, handlers),))

@@ -1,8 +1,8 @@
-"""Limits: what the service allows one stream, session and event; told to clients by the catalog and the hello."""
+"""Limits: what the service allows one stream, session and event, and all of them together."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 MAX_COORDINATE_M = 10_000.0
 MAX_FRAME = 1 << 53
@@ -18,6 +18,7 @@ class Limits:
 
     events_per_second, stream_events_per_second: sustained rates of one session and one stream, with bursts of as many.
     max_clip_s: how long one call for a clip may take, whatever deadline it has.
+    resume_grace_s: for which a session whose transport was lost can be resumed; 0: it is closed at once.
     soft_backlog_bytes for backlog_s seconds, or hard_backlog_bytes at once, of unsent updates end a stream's sessions.
     """
 
@@ -38,3 +39,38 @@ class Limits:
     soft_backlog_bytes: int = 1 << 20
     hard_backlog_bytes: int = 4 << 20
     backlog_s: float = 5.0
+    resume_grace_s: float = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class PeerLimits:
+    """Of all that one address has open together.
+
+    events_per_second: tokens, of which an event takes one; see `rpc.budget`. prompts_per_second: texts that were not
+    known. session_weight: of `peers.SESSION_WEIGHTS`; heroes: sessions of the class HERO. clip_samples: under way.
+    """
+
+    streams: int = 1024
+    events_per_second: float = 20_000.0
+    prompts_per_second: float = 200.0
+    session_weight: int = 4096
+    heroes: int = 128
+    clip_samples: int = 32
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceLimits:
+    """What the service as a whole allows.
+
+    hello_timeout_s: within which a stream must say hello; empty_timeout_s: after which one without sessions is ended.
+    stuck_timeout_s: after which one is ended, or a clip, whose client takes nothing of what is written. max_clip_calls:
+    calls for clips that are under way. max_waiting_bytes: unsent updates of all streams together.
+    """
+
+    max_streams: int = 2048
+    max_clip_calls: int = 256
+    hello_timeout_s: float = 5.0
+    empty_timeout_s: float = 300.0
+    stuck_timeout_s: float = 30.0
+    max_waiting_bytes: int = 256 << 20
+    peer: PeerLimits = field(default_factory=PeerLimits)

@@ -121,6 +121,12 @@ class SendQueue:
                 self.num_bytes -= run.num_bytes
                 self.dropped_frames += run.cut(run.first_frame)
 
+    def clear(self) -> None:
+        """Take out everything: nobody will be told."""
+        self._waiting.clear()
+        self._runs.clear()
+        self.num_bytes = 0
+
     def take(self, max_bytes: int) -> list[Run | Said]:
         """The oldest updates that fit into one message of max_bytes, at least one if there is any."""
         taken: list[Run | Said] = []

@@ -16,17 +16,34 @@ from motiongen.v1 import service_pb2
 from motiongen_server.engine.types import CloseReason, Output
 from motiongen_server.errors import StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
-from motiongen_server.rpc.clip import ClipService
+from motiongen_server.rpc.budget import BYTES_A_TOKEN, CALL_COST, CATALOG_COST, EVENT_COST
+from motiongen_server.rpc.clip import ClipService, clip_request
 from motiongen_server.rpc.convert import round_trip_s
 from motiongen_server.rpc.handlers import CatalogContext, ClipContext, StreamContext
+from motiongen_server.rpc.kept_sessions import KeptSessions
+from motiongen_server.rpc.limits import ServiceLimits
+from motiongen_server.rpc.peers import Peer, Peers
+from motiongen_server.rpc.request_parts import SMALL_BYTES, Malformed, RequestParts, parsed
+from motiongen_server.rpc.session_entry import Carrier
 from motiongen_server.rpc.stream import Stream
+from motiongen_server.rpc.stream_errors import (
+    client_agent_too_long,
+    hello_expected,
+    hello_repeated,
+    malformed,
+    too_many_calls,
+    too_many_streams,
+)
 from motiongen_server.rpc.stream_metrics import StreamMetrics
+from motiongen_server.rpc.stream_watch import StreamWatch
 
 _log = logging.getLogger(__name__)
 
 FLUSH_RANGE_S = (0.005, 0.1)
 MAX_AGENT_CHARACTERS = 128
 EVENTS_A_TURN = 64
+EVENTS_A_WALK = 1024
+"""Of a long message, counted before others have a turn."""
 
 
 class MotionService:
@@ -37,14 +54,19 @@ class MotionService:
         models: ModelRegistry,
         flush_s: float = 0.02,
         stream_metrics: StreamMetrics | None = None,
+        limits: ServiceLimits | None = None,
     ) -> None:
         self._models = models
+        self._limits = limits or ServiceLimits()
+        self._peers = Peers(self._limits.peer)
         self._flush_s = flush_s
         self._stream_metrics = stream_metrics
         self._replica_id = secrets.token_hex(4)
         self._numbers = itertools.count(1)
+        self._kept = KeptSessions(models.limits.resume_grace_s, stream_metrics)
         self._streams: dict[int, Stream] = {}
-        self.clips = ClipService(models, self._numbers, stream_metrics)
+        self.clips = ClipService(models, self._numbers, stream_metrics, self._limits)
+        self._watch = StreamWatch(self._limits, self._streams)
         self._loop = asyncio.get_running_loop()
         self._ends_at: float | None = None  # monotonic seconds, known once the server drains
         self._all_ended = asyncio.Event()
@@ -55,9 +77,14 @@ class MotionService:
         return len(self._streams)
 
     @property
+    def num_parked(self) -> int:
+        """Sessions that wait for a client that lost its transport."""
+        return self._kept.num_parked
+
+    @property
     def num_waiting_bytes(self) -> int:
         """What waits to be written to all streams."""
-        return sum(stream.send_queue.num_bytes for stream in list(self._streams.values()))
+        return sum(stream.num_waiting_bytes for stream in list(self._streams.values()))
 
     # ---- from the engine's thread -----------------------------------------------------------------------------------
 
@@ -69,15 +96,17 @@ class MotionService:
             _log.debug("outputs after the event loop's end")
 
     def _dispatch(self, outputs: tuple[Output, ...]) -> None:
-        by_stream: dict[int, list[Output]] = {}
+        by_carrier: dict[int | Carrier, list[Output]] = {}
         for output in outputs:
-            by_stream.setdefault(output.session.stream, []).append(output)
-        for number, of_stream in by_stream.items():
-            stream = self._streams.get(number)
-            if stream is not None:
-                stream.take_all(of_stream)
+            carrier = self._kept.carrier_of(output.session)
+            by_carrier.setdefault(output.session.stream if carrier is None else carrier, []).append(output)
+        for of, said in by_carrier.items():
+            if not isinstance(of, int):
+                of.take(*said)
+            elif (stream := self._streams.get(of)) is not None:
+                stream.take_all(said)
             else:  # a clip's, or of a client that has gone
-                self.clips.take(number, of_stream)
+                self.clips.take(of, said)
 
     # ---- calls ------------------------------------------------------------------------------------------------------
 
@@ -85,30 +114,81 @@ class MotionService:
         self, request: service_pb2.GetCatalogRequest, context: CatalogContext
     ) -> service_pb2.GetCatalogResponse:
         """Rigs, models and limits, or the etag alone for a client that holds them."""
+        try:
+            self._charge_call(context.peer(), CATALOG_COST)
+        except StreamRefused as refusal:
+            await context.abort_with_status(refusal.status())
         return self._models.catalog_response(request.catalog_etag)
 
-    async def GenerateClip(self, request: service_pb2.GenerateClipRequest, context: ClipContext) -> None:
+    async def GenerateClip(self, request: bytes, context: ClipContext) -> None:
         """Samples of one clip, from the request to the last frame."""
-        await self.clips.generate(request, context)
+        try:
+            peer = self._charge_call(context.peer(), CALL_COST + len(request) / BYTES_A_TOKEN)
+            asked = clip_request(request)
+        except StreamRefused as refusal:
+            await context.abort_with_status(refusal.status())
+        await self.clips.generate(asked, context, peer)
 
-    async def StreamMotion(
-        self, request_iterator: AsyncIterator[service_pb2.StreamMotionRequest], context: StreamContext
-    ) -> None:
+    def _charge_call(self, name: str, cost: float) -> Peer:
+        """Charge a call to its peer. Raises StreamRefused while that owes: there is nothing to be read later."""
+        now = time.monotonic()
+        peer = self._peers.find(name, now)
+        if (owed_s := peer.events.owed_s(now)) > 0:
+            raise too_many_calls(owed_s)
+        peer.events.charge(cost, now)
+        return peer
+
+    async def StreamMotion(self, request_iterator: AsyncIterator[bytes], context: StreamContext) -> None:
         """One stream, from its hello to its end."""
-        stream = Stream(next(self._numbers), self._models, self._stream_metrics)
+        try:
+            stream = self._begin(context.peer())
+        except StreamRefused as refusal:
+            await context.abort_with_status(refusal.status())
+        try:
+            await self._serve(stream, context)
+        finally:
+            self._end(stream)
+
+    def _begin(self, name: str) -> Stream:
+        """Raises StreamRefused where there is no place for one more stream."""
+        peer = self._charge_call(name, CALL_COST)
+        if len(self._streams) >= self._limits.max_streams or peer.num_streams >= self._limits.peer.streams:
+            raise too_many_streams(min(self._limits.max_streams, self._limits.peer.streams))
+        stream = Stream(next(self._numbers), self._models, self._stream_metrics, self._kept, peer)
         stream.flush_s = self._flush_s
         stream.accepts_opens = self._ends_at is None
+        peer.num_streams += 1
         self._streams[stream.number] = stream
         self._all_ended.clear()
+        self._watch.begin()
+        return stream
+
+    def _end(self, stream: Stream) -> None:
+        stream.lose()
+        stream.peer.num_streams -= 1
+        del self._streams[stream.number]
+        if not self._streams:
+            self._all_ended.set()
+
+    async def _serve(self, stream: Stream, context: StreamContext) -> None:
         reader = asyncio.create_task(self._read(stream, context))
         writer = asyncio.create_task(self._write(stream, context))
+        stream.cut = writer.cancel
         try:
             await asyncio.wait({reader, writer}, return_when=asyncio.FIRST_COMPLETED)
+            if stream.refusal is not None:
+                raise stream.refusal
+            if reader.done() and not reader.exception():
+                # A lost transport, too, looks as if the client had finished; only what is written tells.
+                await asyncio.wait({stream.probe(), writer}, return_when=asyncio.FIRST_COMPLETED)
             if reader.done():
                 stream.close_all(CloseReason.CLIENT)
                 stream.end()
             # To its end also where the stream is refused: a status set while a write is under way may never arrive.
-            await writer
+            await asyncio.wait({writer})
+            if stream.refusal is not None:
+                raise stream.refusal
+            writer.result()
             if reader.done():
                 reader.result()  # raises StreamRefused
         except StreamRefused as refusal:
@@ -119,47 +199,61 @@ class MotionService:
             message = f"the stream failed inside the server, error id {error_id}"
             await context.abort_with_status(StreamRefused(grpc.StatusCode.INTERNAL, "INTERNAL", message).status())
         finally:
-            stream.abandon()
             for task in (reader, writer):
                 task.cancel()
-            del self._streams[stream.number]
-            if not self._streams:
-                self._all_ended.set()
 
     async def _read(self, stream: Stream, context: StreamContext) -> None:
         while True:
             await stream.room()
-            request = await context.read()
-            if not isinstance(request, service_pb2.StreamMotionRequest):  # grpc.aio.EOF
+            data = await context.read()
+            if not isinstance(data, bytes):  # grpc.aio.EOF
                 return
-            kind = request.WhichOneof("stream_event")
-            if stream.greeted == (kind == "hello"):
-                raise StreamRefused(
-                    grpc.StatusCode.INVALID_ARGUMENT,
-                    "HELLO_EXPECTED" if not stream.greeted else "HELLO_REPEATED",
-                    "the first message of a stream must carry hello" if not stream.greeted else "hello was sent twice",
-                    field="hello",
-                )
-            if kind == "hello":
-                self._greet(stream, request.hello)
-            elif kind == "ping":
-                stream.rtt_s = round_trip_s(request.ping)
-                pong = service_pb2.Pong(client_time_ns=request.ping.client_time_ns, server_time_ns=time.time_ns())
-                stream.reply(service_pb2.StreamMotionResponse(pong=pong))
-            now = time.monotonic()
-            for number, event in enumerate(request.events, 1):
-                stream.receive(event, now)
-                if number % EVENTS_A_TURN == 0:
-                    await stream.room()
+            stream.budget.charge_message(len(data), time.monotonic())
+            try:
+                await self._take(stream, data)
+            except Malformed as error:
+                raise malformed(str(error)) from error
+
+    async def _take(self, stream: Stream, data: bytes) -> None:
+        """Take one message. Raises Malformed, and StreamRefused for what is not allowed on the stream now."""
+        if len(data) <= SMALL_BYTES:
+            request = parsed(data)
+            stream.budget.charge(EVENT_COST * len(request.events), time.monotonic())
+            self._control(stream, request)
+            await self._events(stream, request)
+            return
+        parts = RequestParts(data)
+        while not parts.is_done:
+            stream.budget.charge(EVENT_COST * parts.walk(EVENTS_A_WALK), time.monotonic())
+            await stream.room()
+        self._control(stream, parts.control())
+        for request in parts.events():
+            await stream.room()
+            await self._events(stream, request)
+
+    def _control(self, stream: Stream, request: service_pb2.StreamMotionRequest) -> None:
+        """What a message says of the stream itself."""
+        kind = request.WhichOneof("stream_event")
+        if stream.greeted == (kind == "hello"):
+            raise hello_expected() if not stream.greeted else hello_repeated()
+        if kind == "hello":
+            self._greet(stream, request.hello)
+        elif kind == "ping":
+            stream.rtt_s = round_trip_s(request.ping)
+            pong = service_pb2.Pong(client_time_ns=request.ping.client_time_ns, server_time_ns=time.time_ns())
+            stream.reply(service_pb2.StreamMotionResponse(pong=pong))
+
+    @staticmethod
+    async def _events(stream: Stream, request: service_pb2.StreamMotionRequest) -> None:
+        now = time.monotonic()
+        for number, event in enumerate(request.events, 1):
+            stream.receive(event, now)
+            if number % EVENTS_A_TURN == 0:
+                await stream.room()
 
     def _greet(self, stream: Stream, hello: service_pb2.ClientHello) -> None:
         if len(hello.client_agent) > MAX_AGENT_CHARACTERS:
-            raise StreamRefused(
-                grpc.StatusCode.INVALID_ARGUMENT,
-                "CLIENT_AGENT_TOO_LONG",
-                f"client_agent has {len(hello.client_agent)} characters; at most {MAX_AGENT_CHARACTERS} are allowed",
-                field="hello.client_agent",
-            )
+            raise client_agent_too_long(len(hello.client_agent), MAX_AGENT_CHARACTERS)
         _log.info("stream %d begins, client %r", stream.number, hello.client_agent)
         if hello.HasField("flush_interval"):
             # Not by ToTimedelta, which cannot hold every Duration that fits into a message.
@@ -191,11 +285,14 @@ class MotionService:
             stream.ready.clear()
             next_at = loop.time() + stream.flush_s
             while (response := stream.next_response()) is not None:
+                stream.writing_since = time.monotonic()
                 try:
                     await context.write(response)
+                    stream.note_written()
                 except (grpc.aio.AioRpcError, grpc.aio.UsageError, asyncio.InvalidStateError):
-                    stream.abandon()  # the client has gone; its cancellation may not have been seen yet
+                    stream.lose()  # the client has gone; its cancellation may not have been seen yet
                     return
+                stream.writing_since = None
             if stream.ended and not stream.num_sessions and not len(stream.send_queue):
                 return
 
@@ -218,13 +315,15 @@ class MotionService:
     def close_model(self, model: LoadedModel) -> int:
         """Close every session of a model that is unloaded, and its clips; returns how many sessions those were."""
         self.clips.close_model(model)
-        return sum(stream.close_all(CloseReason.MODEL_UNLOADED, model) for stream in list(self._streams.values()))
+        carried = sum(stream.close_all(CloseReason.MODEL_UNLOADED, model) for stream in list(self._streams.values()))
+        return carried + self._kept.close_parked(CloseReason.MODEL_UNLOADED, model)
 
     def close_all(self) -> None:
         """Close every session as drained and end every stream once it has been told; clips end where they are."""
         for stream in list(self._streams.values()):
             stream.close_all(CloseReason.DRAINED)
             stream.end()
+        self._kept.close_parked(CloseReason.DRAINED)
         self.clips.close_all()
 
     async def finished(self) -> None:

@@ -1,41 +1,80 @@
-"""SessionEntry: one session as its stream knows it: whose turn it is, what was answered, what waits."""
+"""SessionEntry: one session as the edge knows it: whose turn it is, what was answered, what waits, who tells of it."""
 
 from __future__ import annotations
 
 import asyncio
+import secrets
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Code, Opened, Outcome, Output, SessionKey, Warned
+from motiongen_server.engine.types import Closed, Code, Opened, Outcome, Output, ServiceLevel, SessionKey, Warned
 from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.event_errors import invalid_event_seq, sequence_gap
+from motiongen_server.rpc.peers import Place
 from motiongen_server.rpc.token_bucket import TokenBucket
+
+TOKEN_BYTES = 24
+MAX_KEPT_ANSWERS = 128
+"""Of those that a client has not said it heard; more than a second's at the rate that events may come."""
+
+
+class Carrier(Protocol):
+    """Who tells a client of its session: the stream that carries it, or nobody while there is none."""
+
+    def take(self, *outputs: Output) -> None:
+        """Take outputs of sessions, in order."""
+
+    def take_now(self, *outputs: Output) -> None:
+        """The same, and they do not wait for the flush interval."""
+
+
+def session_name(key: SessionKey) -> str:
+    """A session's name for the logs, another one whenever it is called."""
+    # Stream and handle find it there; the rest tells it from sessions of other servers and of a used handle.
+    return f"{key.stream}-{key.handle}-{secrets.token_hex(6)}"
 
 
 @dataclass(slots=True, eq=False)
 class SessionEntry:
-    """The books of one session on a stream.
+    """The books of one session.
 
-    last_seq: the highest event number taken. answered: numbers above applied_seq that have been answered already.
-    waiting: events held back behind one whose prompt is being encoded. known_to_engine: whether its open was passed on.
-    closing: whether its close was. muted: frames for it are dropped, since its client does not read. model: what it was
-    opened with. warnings: by event number, of events that have not been answered.
+    key: its name in the engine, of the stream that it was opened on. carrier, handle: who carries it now, and by which
+    handle. place: among the sessions of its peer. last_seq: the highest event number taken. answered: numbers above
+    applied_seq that have been answered already. waiting: events held back behind one whose prompt is being encoded,
+    each with its arrival and its texts. known_to_engine: whether its open was passed on. closing: whether its close
+    was. muted: frames for it are dropped, since its client does not read. model: what it was opened with. warnings: by
+    event number, of events that have not been answered. token: by which it can be resumed, "" while it cannot. attempt:
+    the last one to resume it; is_resuming: until the engine has taken that up, and nothing is told. opened, level,
+    closed: the last of each kind that the engine has said. answers: outcomes that the client may not have heard, by
+    number.
     """
 
     key: SessionKey
     model: LoadedModel
     request_id: str
     bucket: TokenBucket
+    carrier: Carrier
+    handle: int
+    place: Place
     last_seq: int = 1
     applied_seq: int = 0
     answered: set[int] = field(default_factory=set)
-    waiting: deque[tuple[session_pb2.SessionEvent, float]] = field(default_factory=deque)
+    waiting: deque[tuple[session_pb2.SessionEvent, float, Sequence[str]]] = field(default_factory=deque)
     encoding: asyncio.Task[None] | None = None
     known_to_engine: bool = False
     closing: bool = False
     muted: bool = False
     warnings: dict[int, tuple[Warned, ...]] = field(default_factory=dict)
+    token: str = ""
+    attempt: int = 0
+    is_resuming: bool = False
+    opened: Opened | None = None
+    level: ServiceLevel | None = None
+    closed: Closed | None = None
+    answers: dict[int, Outcome] = field(default_factory=dict)
 
     def takes(self, event_seq: int) -> bool:
         """Whether an event is new and next; false for a repetition. Raises EventRefused for a gap or no number."""
@@ -48,18 +87,51 @@ class SessionEntry:
         self.last_seq = event_seq
         return True
 
-    def with_warnings(self, output: Output) -> Output:
-        """An output of the session with what is to be told beside it."""
-        if self.warnings and isinstance(output, Opened | Outcome):
-            warnings = self.warnings.pop(1 if isinstance(output, Opened) else output.event_seq, ())
-            if warnings and (isinstance(output, Opened) or output.code is Code.OK):
-                return replace(output, warnings=warnings)
-        return output
+    # ---- what the engine says of it ---------------------------------------------------------------------------------
 
-    def answer(self, event_seq: int) -> None:
+    def note(self, said: Output) -> Output:
+        """Enter anything but frames into the books. Returns it with what is to be told beside it."""
+        if isinstance(said, Opened):
+            warnings, name = self.warnings.pop(1, ()), session_name(self.key)
+            self.opened = said = replace(said, warnings=warnings, session_id=name, session_token=self.token)
+            self._answer(1)
+        elif isinstance(said, Outcome) and said.event_seq:
+            warnings = self.warnings.pop(said.event_seq, ()) if self.warnings else ()
+            if warnings and said.code is Code.OK:
+                said = replace(said, warnings=warnings)
+            self._answer(said.event_seq)
+            if self.token:
+                self.answers[said.event_seq] = said
+                if len(self.answers) > MAX_KEPT_ANSWERS:
+                    del self.answers[next(iter(self.answers))]
+        elif isinstance(said, ServiceLevel):
+            self.level = said
+        elif isinstance(said, Closed):
+            self.applied_seq = self.last_seq
+            self.closed = said
+        return said
+
+    def _answer(self, event_seq: int) -> None:
         """Note that an event has been answered, and move applied_seq over all that are."""
         if event_seq > self.applied_seq:
             self.answered.add(event_seq)
         while self.applied_seq + 1 in self.answered:
             self.applied_seq += 1
             self.answered.discard(self.applied_seq)
+
+    # ---- a client that comes back -----------------------------------------------------------------------------------
+
+    def confirm(self, answered_seq: int) -> None:
+        """The client has heard the answers to all events up to a number."""
+        if self.answers:
+            for number in [number for number in self.answers if number <= answered_seq]:
+                del self.answers[number]
+
+    def welcome_back(self, start_frame: int) -> list[Output]:
+        """What a client that resumes is told first: the session, what it may not have heard, and the end if that came.
+
+        start_frame: the next frame that is sent.
+        """
+        said: list[Output] = [] if self.opened is None else [replace(self.opened, start_frame=start_frame)]
+        said += self.answers.values()
+        return [*said, *(each for each in (self.level, self.closed) if each is not None)]

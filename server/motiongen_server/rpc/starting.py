@@ -34,16 +34,14 @@ class StartingService:
         assert self._service is not None
         return await self._service.GetCatalog(request, context)
 
-    async def StreamMotion(
-        self, request_iterator: AsyncIterator[service_pb2.StreamMotionRequest], context: StreamContext
-    ) -> None:
+    async def StreamMotion(self, request_iterator: AsyncIterator[bytes], context: StreamContext) -> None:
         """As the service's."""
         if self._service is None:
             await context.abort_with_status(self._refusal())
         assert self._service is not None
         await self._service.StreamMotion(request_iterator, context)
 
-    async def GenerateClip(self, request: service_pb2.GenerateClipRequest, context: ClipContext) -> None:
+    async def GenerateClip(self, request: bytes, context: ClipContext) -> None:
         """As the service's."""
         if self._service is None:
             await context.abort_with_status(self._refusal())

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import secrets
 import time
 from collections import deque
-from collections.abc import Iterable
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_server.engine.types import (
@@ -23,51 +20,60 @@ from motiongen_server.engine.types import (
     Outcome,
     Output,
     PlanNotice,
+    Priority,
+    Resume,
+    Resumed,
     SessionKey,
 )
-from motiongen_server.errors import EventRefused
+from motiongen_server.engine.types.refusals import draining, handle_in_use, session_not_open
+from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
-from motiongen_server.rpc.convert import (
-    Parts,
-    append_frames,
-    append_plan,
-    append_update,
-    engine_event,
-    playhead_of,
-    prompt_texts,
-    warnings_of,
-    write_update,
-)
+from motiongen_server.rpc.budget import REFUSAL_COST, StreamBudget
+from motiongen_server.rpc.convert import check_resume, playhead_of
 from motiongen_server.rpc.event_errors import (
-    closed_before,
-    draining,
-    handle_in_use,
-    internal,
     invalid_event_seq,
-    not_open,
-    refusal_outcome,
+    resume_out_of_range,
+    resume_superseded,
     sequence_gap,
+    session_not_kept,
     too_fast,
     too_many_sessions,
 )
-from motiongen_server.rpc.send_queue import Run, SendQueue
-from motiongen_server.rpc.session_entry import SessionEntry
+from motiongen_server.rpc.event_path import pass_on, refuse_waiting, tell_internal_error
+from motiongen_server.rpc.kept_sessions import KeptSessions
+from motiongen_server.rpc.limits import PeerLimits
+from motiongen_server.rpc.peers import Peer
+from motiongen_server.rpc.reader_patience import ReaderPatience
+from motiongen_server.rpc.response import response_of
+from motiongen_server.rpc.send_queue import SendQueue
+from motiongen_server.rpc.session_entry import TOKEN_BYTES, SessionEntry
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 from motiongen_server.rpc.token_bucket import TokenBucket
 
-_log = logging.getLogger(__name__)
-
 MAX_RESPONSE_BYTES = 1 << 20
 MAX_WAITING_REPLIES = 64
-
-Embeddings = dict[str, NDArray[np.float32]]
 
 
 class Stream:
     """The state of one StreamMotion call. Everything here runs on the event loop."""
 
-    def __init__(self, number: int, models: ModelRegistry, stream_metrics: StreamMetrics | None = None) -> None:
+    def __init__(
+        self,
+        number: int,
+        models: ModelRegistry,
+        stream_metrics: StreamMetrics | None = None,
+        kept: KeptSessions | None = None,
+        peer: Peer | None = None,
+    ) -> None:
+        """kept: the sessions that can be resumed, of all streams; none where it is left out.
+
+        peer: whom what comes is charged to besides the stream; one of its own where it is left out.
+        """
+        now = time.monotonic()
         self.number = number
+        self.began_at = now
+        self.peer = peer or Peer(PeerLimits(), now)
+        self.budget = StreamBudget(models.limits.stream_events_per_second, self.peer, now)
         self.send_queue = SendQueue()
         self.ready = asyncio.Event()  # something to write, or the end
         self.urgent = asyncio.Event()  # something that must not wait for the flush interval
@@ -75,25 +81,36 @@ class Stream:
         self.accepts_opens = True
         self.greeted = False  # both sides have said hello
         self.ended = False
+        self.writing_since: float | None = None  # monotonic seconds, while a message is being written
+        self.cut: Callable[[], object] = lambda: None  # breaks off what is being written
+        self.empty_since = now  # monotonic seconds, while there is no session
+        self.refusal: StreamRefused | None = None  # why the stream is ended, where its client is at fault
         self.rtt_s: float | None = None  # the client's last measurement
         self.responses: deque[service_pb2.StreamMotionResponse] = deque()
         self._models = models
         self._limits = models.limits
         self._stream_metrics = stream_metrics or NoStreamMetrics()
         self._dropped_told = 0
-        self._entries: dict[int, SessionEntry] = {}
-        self._bucket = TokenBucket(self._limits.stream_events_per_second, time.monotonic())
-        self._patience: asyncio.TimerHandle | None = None  # runs while more waits than may wait for long
+        self._kept = kept or KeptSessions(0)
+        self._entries: dict[int, SessionEntry] = {}  # by the handle that they have here
+        self._by_key: dict[SessionKey, SessionEntry] = {}
+        self._patience = ReaderPatience(self._limits, self._give_up_on_reader)
         self._room = asyncio.Event()
+        self._probe: asyncio.Future[None] | None = None
 
     @property
     def num_sessions(self) -> int:
         return len(self._entries)
 
+    @property
+    def num_waiting_bytes(self) -> int:
+        """What waits to be written, about."""
+        return self.send_queue.num_bytes
+
     # ---- from the client --------------------------------------------------------------------------------------------
 
     def receive(self, event: session_pb2.SessionEvent, now: float) -> None:
-        """Take one event of the client, read at `now`: hand it to the engine, or answer why not."""
+        """Take one event of the client, read at `now` and charged: hand it to the engine, or answer why not."""
         kind = event.WhichOneof("event")
         entry = self._entries.get(event.session)
         try:
@@ -106,18 +123,20 @@ class Stream:
             key = SessionKey(self.number, event.session)
             if kind == "open" and refusal.code is Code.RESOURCE_EXHAUSTED:
                 self._stream_metrics.reject(refusal.reason)
-            self._say(refusal_outcome(key, event.event_seq, refusal), entry)
+            self.budget.charge(REFUSAL_COST, now)
+            self._say(refusal.outcome(key, event.event_seq), entry)
             return
         if entry is None:
             return
         try:
             if kind != "close":  # which asks for less work, not for more
-                self._take_tokens(entry, now)
-            self._pass_on(entry, event, now)
+                self._take_token(entry, now)
+            pass_on(entry, event, now)
         except EventRefused as refusal:
-            self.take(refusal_outcome(entry.key, event.event_seq, refusal))
+            self.budget.charge(REFUSAL_COST, now)
+            self.take(refusal.outcome(entry.key, event.event_seq))
         except Exception as error:
-            self._internal_error(entry, event.event_seq, error)
+            tell_internal_error(entry, event.event_seq, error)
 
     def _report(self, event: session_pb2.SessionEvent, entry: SessionEntry | None, now: float) -> None:
         """Pass a playhead on, past whatever waits: it is about now. Raises EventRefused."""
@@ -125,14 +144,15 @@ class Stream:
             return  # it crossed the session's end
         if event.event_seq:
             raise invalid_event_seq(event.event_seq)
-        self._take_tokens(entry, now)
+        self._take_token(entry, now)
+        entry.confirm(event.playhead.answered_seq)
         if entry.known_to_engine and not entry.closing:
             entry.model.engine.submit(playhead_of(event.playhead, entry.key, now, self.rtt_s))
 
     def _next_of(self, event: session_pb2.SessionEvent, entry: SessionEntry | None) -> SessionEntry | None:
         """The session that the event is the next one of; None where it is to be dropped. Raises EventRefused."""
         if entry is None:
-            raise not_open(event.session)
+            raise session_not_open(event.session)
         return entry if entry.takes(event.event_seq) else None
 
     def _open(self, event: session_pb2.SessionEvent, entry: SessionEntry | None, now: float) -> SessionEntry | None:
@@ -141,99 +161,64 @@ class Stream:
             if event.open.request_id and event.open.request_id == entry.request_id:
                 return None  # the same open again
             raise handle_in_use(handle)
-        if not self.accepts_opens:
-            raise draining()
+        key = SessionKey(self.number, handle)
+        if key in self._kept:  # another stream goes on with the session that was opened here by this handle
+            raise handle_in_use(handle)
         if event.event_seq != 1:
             raise sequence_gap(event.event_seq, 1)
         if len(self._entries) >= limits.max_sessions_per_stream:
             raise too_many_sessions(len(self._entries), limits.max_sessions_per_stream)
-        key = SessionKey(self.number, handle)
+        if event.open.resume_token:
+            self._resume(event, now)
+            return None
+        if not self.accepts_opens:
+            raise draining()
         model = self._models.find(event.open.model_id)
-        entry = SessionEntry(key, model, event.open.request_id, TokenBucket(limits.events_per_second, now))
-        self._entries[handle] = entry
+        bucket = TokenBucket(limits.events_per_second, now)
+        asked = int(event.open.priority)
+        place = self.peer.place(Priority(asked) if asked in tuple(Priority) else Priority.NEAR)
+        entry = SessionEntry(key, model, event.open.request_id, bucket, self, handle, place)
+        entry.token = secrets.token_urlsafe(TOKEN_BYTES) if self._kept.grace_s else ""
+        self._entries[handle] = self._by_key[key] = entry
         return entry
 
-    def _take_tokens(self, entry: SessionEntry, now: float) -> None:
-        limits = self._limits
-        if not self._bucket.take(now):
-            raise too_fast("stream", limits.stream_events_per_second, self._bucket.wait_s)
+    def _resume(self, event: session_pb2.SessionEvent, now: float) -> None:
+        """Take over a session that another stream carries, or carried. Raises EventRefused."""
+        check_resume(event.open)
+        entry, point = self._kept.find(event.open.resume_token), event.open.resume_point
+        if entry is None:
+            raise session_not_kept()
+        if point.attempt <= entry.attempt:
+            raise resume_superseded(point.attempt, entry.attempt)
+        self._take_token(entry, now)
+        if isinstance(entry.carrier, Stream):
+            entry.carrier._give_away(entry)
+        self._kept.move(entry, self, event.session)
+        self._entries[event.session] = self._by_key[entry.key] = entry
+        entry.confirm(point.answered_seq)
+        entry.attempt, entry.is_resuming = point.attempt, True
+        if entry.closed is not None:
+            self._welcome_back(entry, point.next_frame)
+        else:
+            resume = Resume(entry.key, 0, now, point.attempt, point.next_frame, point.plan)
+            entry.model.engine.submit(resume)
+
+    def _give_away(self, entry: SessionEntry) -> None:
+        """Another stream has taken over a session of this one, whose client may still be there."""
+        self._remove(entry)
+        address, message = SessionKey(self.number, entry.handle), "another stream has resumed the session"
+        self.send_queue.put(Closed(address, CloseReason.TAKEN_OVER, Code.OK, message, 0, 0), entry.applied_seq)
+        self.ready.set()
+
+    def _remove(self, entry: SessionEntry) -> None:
+        del self._entries[entry.handle]
+        del self._by_key[entry.key]
+        if not self._entries:
+            self.empty_since = time.monotonic()
+
+    def _take_token(self, entry: SessionEntry, now: float) -> None:
         if not entry.bucket.take(now):
-            raise too_fast("session", limits.events_per_second, entry.bucket.wait_s)
-
-    def _pass_on(self, entry: SessionEntry, event: session_pb2.SessionEvent, now: float) -> None:
-        """Submit at once if nothing of the session waits and its prompts are known, else queue behind the encoder."""
-        if not entry.waiting and entry.encoding is None:
-            known = self._known_embeddings(entry.model, event)
-            if known is not None:
-                self._submit(entry, event, now, known)
-                return
-        entry.waiting.append((event, now))
-        if entry.encoding is None:
-            entry.encoding = asyncio.get_running_loop().create_task(self._encode_waiting(entry))
-
-    def _known_embeddings(self, model: LoadedModel, event: session_pb2.SessionEvent) -> Embeddings | None:
-        known = {}
-        for text in prompt_texts(event, model.catalog):
-            embedding = model.prompts.cached(text)
-            if embedding is None:
-                return None
-            known[text] = embedding
-        return known
-
-    async def _encode_waiting(self, entry: SessionEntry) -> None:
-        try:
-            while entry.waiting:
-                event, received_at = entry.waiting[
-                    0
-                ]  # it stays while it is encoded, so that `_refuse_waiting` finds it
-                embeddings: Embeddings = {}
-                failure: Exception | None = None
-                try:
-                    for text in () if entry.closing else prompt_texts(event, entry.model.catalog):
-                        embeddings[text] = await entry.model.prompts.encode(text)
-                except Exception as error:
-                    failure = error
-                entry.waiting.popleft()
-                try:
-                    if failure is not None:
-                        raise failure
-                    self._submit(entry, event, received_at, embeddings)
-                except EventRefused as refusal:
-                    self.take(refusal_outcome(entry.key, event.event_seq, refusal))
-                except Exception as error:
-                    self._internal_error(entry, event.event_seq, error)
-        finally:
-            entry.encoding = None
-            self.ready.set()
-
-    def _refuse_waiting(self, entry: SessionEntry) -> None:
-        """Answer what waits for the encoder: its session is over."""
-        if entry.encoding is not None and entry.encoding is not asyncio.current_task():
-            entry.encoding.cancel()
-        waiting, entry.waiting = entry.waiting, deque()
-        for event, _ in waiting:
-            self.take(refusal_outcome(entry.key, event.event_seq, closed_before()))
-
-    def _submit(
-        self, entry: SessionEntry, message: session_pb2.SessionEvent, now: float, embeddings: Embeddings
-    ) -> None:
-        if entry.closing:
-            raise closed_before()
-        event = engine_event(message, entry.key, now, embeddings, entry.model.catalog)
-        warnings = warnings_of(message, event, entry.model.catalog)
-        if warnings:
-            entry.warnings[message.event_seq] = warnings
-        entry.closing = isinstance(event, Close)
-        entry.known_to_engine = True
-        refusal = entry.model.engine.submit(event)
-        if refusal is not None:
-            self.take(refusal)
-            self.urgent.set()
-
-    def _internal_error(self, entry: SessionEntry, event_seq: int, error: Exception) -> None:
-        error_id = secrets.token_hex(4)
-        _log.error("event failed, error id %s", error_id, exc_info=error)
-        self.take(refusal_outcome(entry.key, event_seq, internal(error_id)))
+            raise too_fast(self._limits.events_per_second, entry.bucket.wait_s)
 
     # ---- from the engine --------------------------------------------------------------------------------------------
 
@@ -241,37 +226,82 @@ class Stream:
         """Take outputs for this stream's client, in order."""
         self.take_all(outputs)
 
+    def take_now(self, *outputs: Output) -> None:
+        """Take outputs for this stream's client, which do not wait for the flush interval."""
+        self.take_all(outputs)
+        self.urgent.set()
+
     def take_all(self, outputs: Iterable[Output]) -> None:
         """Take outputs for this stream's client, in order, and keep the books of their sessions."""
         for said in outputs:
-            entry = self._entries.get(said.session.handle)
-            output = said if entry is None else entry.with_warnings(said)
-            if entry is not None and entry.muted and isinstance(output, Chunk | PlanNotice):
-                continue
-            if isinstance(output, Chunk):
-                self.send_queue.put_chunk(output, entry.applied_seq if entry is not None else 0)
-                continue
-            if entry is not None:
-                self._book(output, entry)
-            self.send_queue.put(output, entry.applied_seq if entry is not None else 0)
+            entry = self._by_key.get(said.session)
+            if isinstance(said, Chunk | PlanNotice):
+                if entry is None or entry.muted or entry.is_resuming:
+                    continue
+                self._put(said, entry)
+            elif entry is None:
+                self.send_queue.put(said, 0)
+            elif isinstance(said, Resumed):
+                self._go_on(said, entry)
+            else:
+                self._book(said, entry)
         self._check_backlog()
         self.ready.set()
 
-    def _book(self, output: Output, entry: SessionEntry) -> None:
-        """Note what an output says about its session, before it is told."""
-        if isinstance(output, Opened):
-            entry.answer(1)
-        elif isinstance(output, Outcome) and output.event_seq:
-            entry.answer(output.event_seq)
-            if output.event_seq == 1:  # an OpenSession has an outcome only when it is refused: the handle is unused
-                if output.code is Code.RESOURCE_EXHAUSTED:
-                    self._stream_metrics.reject(output.reason)
-                self._refuse_waiting(entry)
-                del self._entries[entry.key.handle]
-        elif isinstance(output, Closed):
-            self._refuse_waiting(entry)  # before the end is told and the handle can be used again
-            entry.applied_seq = entry.last_seq
-            del self._entries[entry.key.handle]
+    def _put(self, said: Output, entry: SessionEntry) -> None:
+        """Queue what is said of a session, by the handle that it has here."""
+        if entry.key.handle != entry.handle:
+            said = replace(said, session=SessionKey(self.number, entry.handle))
+        if isinstance(said, Chunk):
+            self.send_queue.put_chunk(said, entry.applied_seq)
+        else:
+            self.send_queue.put(said, entry.applied_seq)
+
+    def _book(self, said: Output, entry: SessionEntry) -> None:
+        """Note what is said of a session, and tell it, unless that has to wait until the session is resumed."""
+        if isinstance(said, Closed):
+            refuse_waiting(entry)  # before the end is told and the handle can be used again
+        noted = entry.note(said)
+        if entry.is_resuming:
+            if isinstance(said, Closed):  # it crossed the resume, which nobody will answer
+                self._welcome_back(entry, 0)
+            return
+        if isinstance(noted, Opened):
+            self._kept.add(entry)
+        elif isinstance(noted, Closed):
+            self._end(entry)
+        elif isinstance(noted, Outcome) and noted.event_seq == 1:  # a refused OpenSession: the handle is unused
+            if noted.code is Code.RESOURCE_EXHAUSTED:
+                self._stream_metrics.reject(noted.reason)
+            refuse_waiting(entry)
+            self._end(entry)
+        self._put(noted, entry)
+
+    def _end(self, entry: SessionEntry) -> None:
+        self._kept.forget(entry)
+        self._remove(entry)
+
+    def _go_on(self, resumed: Resumed, entry: SessionEntry) -> None:
+        """The engine has taken up a resume: what follows are the frames that the client lacks."""
+        if resumed.attempt != entry.attempt:
+            return  # a later one is on its way
+        if resumed.start_frame is not None:
+            self._welcome_back(entry, resumed.start_frame)
+            return
+        self._stream_metrics.count_resume("refused")
+        self._remove(entry)
+        self._kept.park(entry)  # it ends with its grace, unless the client finds out where it is
+        self._say(resume_out_of_range().outcome(SessionKey(self.number, entry.handle), 1), None)
+
+    def _welcome_back(self, entry: SessionEntry, start_frame: int) -> None:
+        """Tell a client that has resumed a session all that it may not have heard."""
+        entry.is_resuming = False
+        self._stream_metrics.count_resume("resumed")
+        if entry.closed is not None:
+            self._end(entry)
+        for said in entry.welcome_back(start_frame):
+            self._put(said, entry)
+        self.ready.set()
 
     def _say(self, outcome: Outcome, entry: SessionEntry | None) -> None:
         """Answer an event that is none of its session's."""
@@ -288,22 +318,7 @@ class Stream:
         self._check_backlog()
         if not waiting:
             return None
-        response: Parts = []
-        for item in waiting:
-            if isinstance(item, Run):
-                append_frames(
-                    response, item.handle, item.applied_seq, item.plan, item.first_frame, item.parts, item.committed_to
-                )
-                continue
-            # The number as of then: since, later events may have been answered in later updates.
-            output, applied_seq = item
-            if isinstance(output, PlanNotice):
-                append_plan(response, applied_seq, output)
-            else:
-                update = session_pb2.SessionUpdate(session=output.session.handle, applied_seq=applied_seq)
-                write_update(update, output)
-                append_update(response, update)
-        return b"".join(response)
+        return response_of(waiting)
 
     def reply(self, response: service_pb2.StreamMotionResponse) -> None:
         """Send a message that belongs to no session ahead of the updates."""
@@ -311,41 +326,50 @@ class Stream:
         self.urgent.set()
         self.ready.set()
 
-    async def room(self) -> None:
-        """Let other streams have a turn, and wait until there is room for more answers, or the stream ends.
+    def probe(self) -> asyncio.Future[None]:
+        """Done once something more has been written: the client has finished, and its transport is not lost."""
+        self._probe = asyncio.get_running_loop().create_future()
+        self.reply(service_pb2.StreamMotionResponse())
+        return self._probe
 
-        Events that are refused cost the client a few bytes and the server an answer each; one that sends them and does
-        not read would fill the memory. Not reading on passes the wait to the client, by gRPC's own flow control.
+    def note_written(self) -> None:
+        """What `next_response` gave last was written."""
+        if self._probe is not None and not self.responses and not self._probe.done():
+            self._probe.set_result(None)
+
+    async def room(self) -> None:
+        """Let other streams have a turn, and wait until this one may be read on, or ends.
+
+        Not while it owes for what it has sent, nor while more answers wait than its client reads. Not reading on passes
+        the wait to the client, by gRPC's own flow control.
         """
         await asyncio.sleep(0)
-        while not self.ended and (
-            self.send_queue.num_bytes > self._limits.hard_backlog_bytes or len(self.responses) > MAX_WAITING_REPLIES
-        ):
+        while not self.ended:
+            owed_s = self.budget.owed_s(time.monotonic())
+            if not owed_s and not self._is_backlogged:
+                return
             self._room.clear()
+            timer = asyncio.get_running_loop().call_later(owed_s, self._room.set) if owed_s else None
             await self._room.wait()
+            if timer is not None:
+                timer.cancel()
+
+    @property
+    def _is_backlogged(self) -> bool:
+        full = self.send_queue.num_bytes > self._limits.hard_backlog_bytes
+        return full or len(self.responses) > MAX_WAITING_REPLIES
 
     # ---- ends -------------------------------------------------------------------------------------------------------
 
     def _check_backlog(self) -> None:
         """Close every session when the client reads too slowly: too much unsent at once, or a lot for too long."""
-        limits, waiting = self._limits, self.send_queue.num_bytes
+        waiting = self.send_queue.num_bytes
         if self.send_queue.dropped_frames > self._dropped_told:
             self._stream_metrics.drop_frames(self.send_queue.dropped_frames - self._dropped_told)
             self._dropped_told = self.send_queue.dropped_frames
-        if waiting > limits.hard_backlog_bytes:
-            self._give_up_on_reader()
-        elif waiting <= limits.soft_backlog_bytes:
-            self._end_patience()
-        elif self._patience is None:
-            self._patience = asyncio.get_running_loop().call_later(limits.backlog_s, self._give_up_on_reader)
-
-    def _end_patience(self) -> None:
-        if self._patience is not None:
-            self._patience.cancel()
-            self._patience = None
+        self._patience.check(waiting)
 
     def _give_up_on_reader(self) -> None:
-        self._end_patience()
         if any(not entry.muted for entry in self._entries.values()):
             self._stream_metrics.give_up_on_reader()
         for entry in self._entries.values():
@@ -362,18 +386,33 @@ class Stream:
         for entry in list(self._entries.values()):
             if model is not None and entry.model is not model:
                 continue
-            self._refuse_waiting(entry)  # the first may be the OpenSession itself, which is then refused
+            refuse_waiting(entry)  # the first may be the OpenSession itself, which is then refused
             if entry.known_to_engine and not entry.closing:
                 entry.closing = True
                 entry.model.engine.submit(Close(entry.key, entry.last_seq + 1, now, reason))
                 asked += 1
         return asked
 
-    def abandon(self) -> None:
-        """The client is gone: close everything and write nothing more."""
+    def lose(self) -> None:
+        """The transport is gone: keep the sessions that can be resumed, close the others, and write nothing more."""
+        for entry in list(self._entries.values()):
+            # One that its client has not heard of, or does not read, or that the server ends, is not gone on with.
+            if entry.opened is not None and not entry.muted and not self.ended and self._kept.park(entry):
+                self._remove(entry)
         self.close_all(CloseReason.CLIENT)
+        for entry in self._entries.values():
+            entry.place.release()
         self.end()
-        self._end_patience()
+        self._patience.end()
+
+    def refuse(self, refusal: StreamRefused) -> None:
+        """End the stream for what its client does, or does not: its sessions too, and what waits is not written."""
+        self.refusal = refusal
+        self.end()
+        self.lose()
+        self.send_queue.clear()
+        self.responses.clear()
+        self.cut()
 
     def end(self) -> None:
         """Let the write loop finish what is there and stop."""

@@ -16,6 +16,10 @@ class StreamMetrics(Protocol):
         """A call for a clip has ended with a status, after so long."""
         ...
 
+    def count_resume(self, how: str) -> None:
+        """A session whose transport was lost was resumed, or refused, or has expired: then nobody came back."""
+        ...
+
     def give_up_on_reader(self) -> None:
         """The sessions of a stream were closed because its client does not read."""
         ...
@@ -32,6 +36,9 @@ class NoStreamMetrics:
         """As in Tally."""
 
     def end_clip(self, code: str, seconds: float, num_samples: int) -> None:
+        """As in Tally."""
+
+    def count_resume(self, how: str) -> None:
         """As in Tally."""
 
     def give_up_on_reader(self) -> None:

@@ -17,4 +17,5 @@ def load_runner(model: str, device: str = "cpu", default_steps: int = 4, precisi
     """
     folder = model_folder(model)
     loaded = load_checkpoint(folder, device)
-    return TorchRunner(loaded, read_model_card(folder).model_id, default_steps, choose_precision(precision, device))
+    model_id = read_model_card(folder).model_id
+    return TorchRunner(loaded, model_id, default_steps, choose_precision(precision, device), owns_model=True)

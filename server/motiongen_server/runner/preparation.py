@@ -11,16 +11,14 @@ from torch import Tensor
 
 from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.core.representation import ROOT_WIDTH
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, Pass, needed_passes
 from motiongen_ardy.model.generation import local_goals, recentre_tokens
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.noise import window_noise
 from motiongen_ardy.model.packed import PackedDenoiser, RowRequest
 from motiongen_ardy.model.rollout import visible_frames
-from motiongen_ardy.model.sampling.plan import plan_targets
+from motiongen_ardy.model.sampling.plan import plan_targets, plan_text
 from motiongen_ardy.model.sampling.projection import RootProjection, make_projection
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_server.engine.types import WindowJob
 from motiongen_server.runner.row import Row
 from motiongen_server.runner.targets import job_targets
@@ -33,6 +31,15 @@ class _Shape(NamedTuple):
     num_frames: int
     has_targets: bool
     has_tokens: bool
+
+
+class _Member(NamedTuple):
+    """A job with what its window is told. text: (n, W), zeros for no prompt; num_frames: of its new ones, told so."""
+
+    job: WindowJob
+    targets: Targets | None
+    text: Tensor
+    num_frames: int
 
 
 class Preparation:
@@ -54,26 +61,30 @@ class Preparation:
 
     def rows(self, jobs: Sequence[WindowJob]) -> list[Row]:
         """A row for every job, in any order."""
-        groups: dict[_Shape, list[tuple[WindowJob, Targets | None]]] = {}
+        groups: dict[_Shape, list[_Member]] = {}
         for job in jobs:
-            targets = self._targets(job)
+            member = self._member(job)
             history_len = len(job.history)
-            num_frames = visible_frames(self._model, history_len, targets, job.first_frame - history_len)
-            shape = _Shape(history_len, num_frames, targets is not None, job.history_tokens is not None)
-            groups.setdefault(shape, []).append((job, targets))
+            num_frames = visible_frames(self._model, history_len, member.targets, job.first_frame - history_len)
+            shape = _Shape(history_len, num_frames, member.targets is not None, job.history_tokens is not None)
+            groups.setdefault(shape, []).append(member)
         return [row for shape, members in groups.items() for row in self._group(shape, members)]
 
-    def _targets(self, job: WindowJob) -> Targets | None:
-        """The job's constraints, with what leads there from where the character is."""
-        options = self._model.sampling
+    def _member(self, job: WindowJob) -> _Member:
+        """The job with its constraints, what leads there from where the character is, and what it is told."""
+        options, horizon = self._model.sampling, self._model.config.horizon
         targets = job_targets(self._model.skeleton, job, options.plan.stride_frames if options.plan_root else 1)
         history = torch.from_numpy(job.history) if len(job.history) else None
         pose = job.start_pose
         start = (pose.x, pose.z, pose.heading) if pose else (0.0, 0.0, 0.0)
-        return plan_targets(self._model, targets, history, job.first_frame, start)
+        targets = plan_targets(self._model, targets, history, job.first_frame, start)
+        text, led_to = self._text(job), None
+        if not job.keep_prompt:
+            text, led_to = plan_text(self._model, text, targets, history, job.first_frame, start)
+        return _Member(job, targets, text, horizon if led_to is None else led_to - job.first_frame)
 
-    def _group(self, shape: _Shape, members: list[tuple[WindowJob, Targets | None]]) -> list[Row]:
-        jobs = [job for job, _ in members]
+    def _group(self, shape: _Shape, members: list[_Member]) -> list[Row]:
+        jobs = [member.job for member in members]
         history, translation, heading = self._history(shape, jobs)
         observed, mask, projection, goals = None, None, None, None
         if shape.has_targets:
@@ -82,19 +93,21 @@ class Preparation:
             horizon = slice(shape.history_len, shape.history_len + self._model.config.horizon)
             goals = observed[:, horizon], mask[:, horizon]
         passes = [self.passes(job) for job in jobs]
-        request = RowRequest(history, self._texts(jobs), heading, observed, mask, passes, projection)
+        texts = torch.stack([member.text for member in members]).to(self._device)
+        request = RowRequest(history, texts, heading, observed, mask, passes, projection)
         conditions = self._denoiser.conditions(request)
         noise = torch.stack([self._noise(job) for job in jobs]).to(self._device)
         return [
             Row(
-                job,
+                member.job,
                 noise[index],
                 history[index],
                 translation[index],
                 conditions[index],
+                member.num_frames,
                 None if goals is None else (goals[0][index], goals[1][index]),
             )
-            for index, job in enumerate(jobs)
+            for index, member in enumerate(members)
         ]
 
     def _history(self, shape: _Shape, jobs: Sequence[WindowJob]) -> tuple[Tensor, Tensor, Tensor]:
@@ -104,24 +117,21 @@ class Preparation:
             starts = [job.start_pose for job in jobs]
             origins = [[pose.x, 0.0, pose.z] if pose else [0.0, 0.0, 0.0] for pose in starts]
             headings = [pose.heading if pose else 0.0 for pose in starts]
-            width = ROOT_TOKEN_WIDTH + self._model.config.denoiser.latent_dim
-            none = torch.zeros(len(jobs), 0, width, device=self._device)
+            none = torch.zeros(len(jobs), 0, self._model.config.token_width, device=self._device)
             return none, torch.tensor(origins, device=self._device), torch.tensor(headings, device=self._device)
         if shape.has_tokens:
             tokens = self._stack(job.history_tokens for job in jobs if job.history_tokens is not None)
         else:
             tokens = self._model.codec.to_hybrid(self._stack(job.history for job in jobs))
         heading = layout.heading_of_root(tokens[:, 0, :ROOT_WIDTH])
-        return *recentre_tokens(layout, tokens), heading
+        return *recentre_tokens(self._model, tokens), heading
 
-    def _goals(
-        self, shape: _Shape, members: list[tuple[WindowJob, Targets | None]], translation: Tensor
-    ) -> tuple[Tensor, Tensor]:
+    def _goals(self, shape: _Shape, members: list[_Member], translation: Tensor) -> tuple[Tensor, Tensor]:
         layout = self._model.representation
         filled = [
-            targets.fill(layout, job.first_frame - shape.history_len, shape.num_frames)
-            for job, targets in members
-            if targets is not None
+            member.targets.fill(layout, member.job.first_frame - shape.history_len, shape.num_frames)
+            for member in members
+            if member.targets is not None
         ]
         mask = torch.stack([mask for _, mask in filled]).to(self._device)
         observed = layout.normalize(torch.stack([observed for observed, _ in filled]).to(self._device)) * mask
@@ -129,16 +139,16 @@ class Preparation:
         return local_goals(layout, observed, mask, translation, history_len)
 
     def _projection(
-        self, shape: _Shape, members: list[tuple[WindowJob, Targets | None]], observed: Tensor, mask: Tensor
+        self, shape: _Shape, members: list[_Member], observed: Tensor, mask: Tensor
     ) -> RootProjection | None:
         model = self._model
         if not model.sampling.project_root:
             return None
         planned = torch.stack(
             [
-                targets.planned_frames(job.first_frame - shape.history_len, shape.num_frames)
-                for job, targets in members
-                if targets is not None
+                member.targets.planned_frames(member.job.first_frame - shape.history_len, shape.num_frames)
+                for member in members
+                if member.targets is not None
             ]
         )
         planned, horizon = planned.to(self._device), model.config.horizon
@@ -146,21 +156,19 @@ class Preparation:
             model.representation, observed, mask, planned, shape.history_len, horizon, model.sampling
         )
 
-    def _texts(self, jobs: Sequence[WindowJob]) -> Tensor:
-        """(B, n, W), zeros for no prompt; fewer vectors than the model takes are filled up, more are cut off."""
+    def _text(self, job: WindowJob) -> Tensor:
+        """(n, W), zeros for no prompt; fewer vectors than the model takes are filled up, more are cut off."""
         config = self._model.config.denoiser
-        texts = np.zeros((len(jobs), config.text_tokens, config.text_dim), np.float32)
-        for row, job in enumerate(jobs):
-            if job.embedding is not None:
-                vectors = np.atleast_2d(job.embedding)[: config.text_tokens]
-                texts[row, : len(vectors)] = vectors
-        return torch.from_numpy(texts).to(self._device)
+        text = np.zeros((config.text_tokens, config.text_dim), np.float32)
+        if job.embedding is not None:
+            vectors = np.atleast_2d(job.embedding)[: config.text_tokens]
+            text[: len(vectors)] = vectors
+        return torch.from_numpy(text)
 
     def _noise(self, job: WindowJob) -> Tensor:
         """What the job's window starts from. Plans count from 1, a rollout's windows from 0."""
         config = self._model.config
-        width = ROOT_TOKEN_WIDTH + config.denoiser.latent_dim
-        return window_noise(job.seed, job.plan - 1, config.horizon // FRAMES_PER_TOKEN, width)
+        return window_noise(job.seed, job.plan - 1, config.horizon_tokens, config.token_width)
 
     def _stack(self, arrays: Iterable[np.ndarray]) -> Tensor:
         return torch.from_numpy(np.stack(list(arrays))).to(self._device)

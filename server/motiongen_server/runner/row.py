@@ -16,7 +16,7 @@ class Row:
 
     tokens: (G / 4, 20 + L), the horizon, noisy until the last step. history: (H / 4, 20 + L), clean, both in the
     window's frame. translation: (3) metres from there to the world's frame. goals: observed features (G, D) of the
-    horizon, normalised, in the window's frame, and their mask.
+    horizon, normalised, in the window's frame, and their mask. num_frames: of the horizon, that count.
     """
 
     job: WindowJob
@@ -24,5 +24,6 @@ class Row:
     history: Tensor
     translation: Tensor
     conditions: RowConditions
+    num_frames: int
     goals: tuple[Tensor, Tensor] | None = None
     steps_done: int = 0

@@ -22,14 +22,9 @@ def job_targets(skeleton: Skeleton, job: WindowJob, stride_frames: int = 1) -> T
             heading = None if constraint.heading is None else torch.tensor([constraint.heading])
             targets.add_waypoints([constraint.frame], torch.tensor([[constraint.x, constraint.z]]), heading)
         elif isinstance(constraint, RootTrajectory):
-            leads = constraint.constraint_id == VELOCITY_ID and stride_frames > 1
-            rows = list(range(len(constraint.xz) - 1, -1, -stride_frames if leads else -1))[::-1]
-            frames = [constraint.first_frame + row for row in rows]
-            headings = None if constraint.heading is None else torch.from_numpy(constraint.heading[rows])
-            targets.add_waypoints(frames, torch.from_numpy(constraint.xz[rows]), headings)
-            if leads:
-                targets.planned.update(frames)
-                targets.faced.update(frames)
+            headings = None if constraint.heading is None else torch.from_numpy(constraint.heading)
+            stride = stride_frames if constraint.constraint_id == VELOCITY_ID else 1
+            targets.add_lead(constraint.first_frame, torch.from_numpy(constraint.xz), headings, stride)
         elif isinstance(constraint, JointTargets):
             positions, turns = torch.from_numpy(constraint.positions), constraint.turns
             targets.add_joints(constraint.frame, constraint.joints, positions)

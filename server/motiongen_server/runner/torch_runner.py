@@ -8,7 +8,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.model.diffusion import cosine_schedule
 from motiongen_ardy.model.generation import world_tokens_of
 from motiongen_ardy.model.model import Model
@@ -26,13 +25,23 @@ class TorchRunner:
     """Runs one model; satisfies `motiongen_server.engine.ports.Runner`."""
 
     def __init__(
-        self, model: Model, model_id: str, default_steps: int = 4, precision: torch.dtype = torch.float32
+        self,
+        model: Model,
+        model_id: str,
+        default_steps: int = 4,
+        precision: torch.dtype = torch.float32,
+        owns_model: bool = False,
     ) -> None:
-        """precision: of the denoiser's layers, float32 or bfloat16; all else is float32."""
+        """precision: of the denoiser's layers, float32 or bfloat16; all else is float32.
+
+        owns_model: nobody else needs the model, so that weights which are held packed are not held twice.
+        """
         config = model.config
         self._model = model
         self._device = model.representation.stats.mean.device
         self._denoiser = PackedDenoiser(model.denoiser, config.num_base_steps, config.horizon, precision)
+        if owns_model:
+            self._denoiser.release_originals()
         self._preparation = Preparation(model, self._denoiser)
         self._schedule = cosine_schedule(config.num_base_steps).to(self._device)
         self._rows: dict[int, Row] = {}
@@ -104,9 +113,9 @@ class TorchRunner:
             for history_tokens, ids in by_history.items():
                 rows = [self._rows[job_id] for job_id in ids]
                 frames, features, tokens = self._decode(rows, history_tokens)
-                for index, job_id in enumerate(ids):
-                    kept = None if tokens is None else tokens[index]
-                    results[job_id] = WindowResult(job_id, frames[index], features[index], kept)
+                for index, (job_id, row) in enumerate(zip(ids, rows, strict=True)):
+                    kept, count = None if tokens is None else tokens[index], row.num_frames
+                    results[job_id] = WindowResult(job_id, frames[index, :count], features[index, :count], kept)
         self.discard(job_ids)
         return [results[job_id] for job_id in job_ids]
 
@@ -117,8 +126,9 @@ class TorchRunner:
         """
         tokens = torch.stack([torch.cat([row.history, row.tokens]) for row in rows])
         tokens = world_tokens_of(self._model, tokens, torch.stack([row.translation for row in rows]))
-        lengths = torch.full((len(rows),), tokens.shape[1] * FRAMES_PER_TOKEN, device=self._device)
-        features = self._model.codec.from_hybrid(tokens, lengths)[:, history_tokens * FRAMES_PER_TOKEN :]
+        patch = self._facts.patch
+        lengths = torch.full((len(rows),), tokens.shape[1] * patch, device=self._device)
+        features = self._model.codec.from_hybrid(tokens, lengths)[:, history_tokens * patch :]
         features = corrected(self._model, rows, features)
         frames = wire_rows(self._model.representation, features).cpu().numpy()
         kept = None if self._model.sampling.corrects else tokens[:, history_tokens:].cpu().numpy()

@@ -13,8 +13,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from motiongen_server.engine.types import Code
 from motiongen_server.errors import EventRefused
+from motiongen_server.text.event_errors import encoder_away, encoder_busy, encoder_slow
+from motiongen_server.text.turns import PlaceLost, Turns
 
 _log = logging.getLogger(__name__)
 
@@ -87,6 +88,7 @@ class PromptEncoder:
         self._max_waiting = max_waiting
         self._cache: OrderedDict[str, Embedding] = OrderedDict()
         self._running: dict[str, asyncio.Task[Embedding]] = {}
+        self._turns = Turns(ENCODING_THREADS)
         self._workers = ThreadPoolExecutor(ENCODING_THREADS, thread_name_prefix="prompts")
         # Its own, so that what is on the disk does not wait behind what has to be encoded.
         self._manager = ThreadPoolExecutor(1, thread_name_prefix="prompt-store")
@@ -115,9 +117,10 @@ class PromptEncoder:
         while len(self._cache) > self._cache_size:
             self._cache.popitem(last=False)
 
-    async def encode(self, text: str) -> Embedding:
+    async def encode(self, text: str, owner: int = 0) -> Embedding:
         """The embedding (E,). Whoever asks for a text that is being encoded waits for the same result.
 
+        owner: who asks, by number: owners take turns, and where all places are taken, who has most gives up one.
         Raises EventRefused when the encoder is slow (the text is still encoded, for the next who asks), busy or away.
         """
         embedding = self.cached(text)
@@ -125,9 +128,9 @@ class PromptEncoder:
             return embedding
         task = self._running.get(text)
         if task is None:
-            if len(self._running) >= self._max_waiting:
+            if len(self._running) >= self._max_waiting and not self._turns.make_room(owner):
                 raise self._refused(encoder_busy(self._max_waiting))
-            task = asyncio.get_running_loop().create_task(self._encode(text))
+            task = asyncio.get_running_loop().create_task(self._encode(text, owner))
             task.add_done_callback(_retrieve)
             self._running[text] = task
         try:
@@ -137,11 +140,11 @@ class PromptEncoder:
             self._complain("the text encoder has not answered within %g s", self._timeout_s)
             raise self._refused(encoder_slow(self._timeout_s)) from None
 
-    async def _encode(self, text: str) -> Embedding:
+    async def _encode(self, text: str, owner: int) -> Embedding:
         loop = asyncio.get_running_loop()
         try:
             kept = None if self._store is None else await loop.run_in_executor(self._manager, self._store.get, text)
-            embedding = await self._ask(text) if kept is None else kept
+            embedding = await self._ask(text, owner) if kept is None else kept
         finally:
             del self._running[text]
         self._count("encoder" if kept is None else "store")
@@ -150,14 +153,20 @@ class PromptEncoder:
             self._manager.submit(self._store.put, text, embedding)
         return embedding
 
-    async def _ask(self, text: str) -> Embedding:
+    async def _ask(self, text: str, owner: int) -> Embedding:
         started = time.monotonic()
         loop = asyncio.get_running_loop()
+        try:
+            await self._turns.take(owner)
+        except PlaceLost:
+            raise self._refused(encoder_busy(self._max_waiting)) from None
         try:
             vectors = await loop.run_in_executor(self._workers, self._encoder.encode, [text])
         except ConnectionError as error:
             self._complain("a prompt could not be encoded: %s", error)
             raise self._refused(encoder_away(error)) from error
+        finally:
+            self._turns.give_back()
         if self._observe is not None:
             self._observe(time.monotonic() - started)
         embedding: Embedding = vectors[0]
@@ -182,36 +191,6 @@ class PromptEncoder:
         self._manager.shutdown(wait=True)
         if self._store is not None:
             self._store.close()
-
-
-def encoder_busy(most: int) -> EventRefused:
-    return EventRefused(
-        Code.RESOURCE_EXHAUSTED,
-        "TEXT_ENCODER_BUSY",
-        f"{most} prompts wait for the text encoder already",
-        allowed="prompts that were used before, presets, embeddings",
-        retry_after_s=1.0,
-    )
-
-
-def encoder_slow(timeout_s: float) -> EventRefused:
-    return EventRefused(
-        Code.UNAVAILABLE,
-        "TEXT_ENCODER_SLOW",
-        f"the prompt has not been encoded within {timeout_s:g} s; it still is being encoded",
-        allowed="prompts that were used before, presets, embeddings",
-        retry_after_s=timeout_s,
-    )
-
-
-def encoder_away(error: ConnectionError) -> EventRefused:
-    return EventRefused(
-        Code.UNAVAILABLE,
-        "TEXT_ENCODER_UNAVAILABLE",
-        f"the prompt cannot be encoded: {error}",
-        allowed="prompts that were used before, presets, embeddings",
-        retry_after_s=getattr(error, "retry_after_s", None),
-    )
 
 
 def _retrieve(task: asyncio.Task[Embedding]) -> None:

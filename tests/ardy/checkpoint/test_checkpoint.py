@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -164,3 +166,15 @@ def test_bad_statistics_are_refused(folder: Path) -> None:
     path.unlink()
     with pytest.raises(CheckpointError, match="missing"):
         load_checkpoint(folder)
+
+
+def test_loading_a_model_brings_in_no_compiler() -> None:
+    code = (
+        "import sys\n"
+        "from motiongen_ardy.checkpoint.checkpoint import load_checkpoint\n"
+        "from motiongen_ardy.checkpoint.model_card import model_folder\n"
+        "load_checkpoint(model_folder('motiongen-mini'))\n"
+        "print(*sys.modules)"
+    )
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"torch._dynamo", "torch._inductor", "sympy", "triton"} & set(loaded)

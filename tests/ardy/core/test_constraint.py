@@ -9,7 +9,7 @@ from torch import Tensor
 
 from motiongen_ardy.core.constraint import ConstraintError, Targets, limb_chains
 from motiongen_ardy.core.rotation import matrix_to_6d, rotation_y
-from motiongen_ardy.core.skeleton import forward_kinematics
+from motiongen_ardy.core.skeleton import forward_kinematics, load_skeleton
 from motiongen_ardy.formats.constraints import constraint_targets, parse_constraints
 
 CASES = (
@@ -164,3 +164,20 @@ def test_meaningless_targets_are_refused(layout: Any, pose: Any, add: Any, messa
     with pytest.raises(ConstraintError, match=message):
         add(targets, *pose)
     assert not targets.frames, "a refused target leaves nothing behind"
+
+
+def test_what_is_asked_for_holds_over_what_leads_along() -> None:
+    skeleton = load_skeleton("core27")
+    targets = Targets(skeleton)
+    targets.add_lead(10, torch.zeros(9, 2), torch.zeros(9), 4)
+    assert targets.planned == targets.faced == {10, 14, 18}
+    asked = Targets(skeleton)
+    asked.add_waypoints([14], torch.ones(1, 2))
+    asked.add_heading([18], torch.ones(1))
+    targets.add_all(asked)
+    targets.add_joints(10, [0], torch.ones(1, 3))
+    assert (targets.planned, targets.faced) == ({18}, {10, 14})
+    assert [targets.ground[frame].tolist() for frame in (10, 14, 18)] == [[1, 1], [1, 1], [0, 0]]
+    exact = Targets(skeleton)
+    exact.add_lead(10, torch.zeros(3, 2), None, 1)
+    assert (sorted(exact.ground), exact.planned, exact.heading) == ([10, 11, 12], set(), {})

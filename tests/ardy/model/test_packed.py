@@ -109,6 +109,23 @@ def test_bfloat16_stays_near_float32() -> None:
     assert difference.square().mean().sqrt() < 0.05 * expected.square().mean().sqrt()
 
 
+def test_weights_that_are_held_packed_need_not_be_held_twice() -> None:
+    model = load_checkpoint(GOLDEN / "tiny-core27" / "checkpoint")
+    packed = PackedDenoiser(model.denoiser, model.config.num_base_steps, model.config.horizon, torch.float32)
+    with torch.no_grad():
+        rows, noisy, step, expected = rows_of(model, packed, (4, 3, True), GuidanceWeights(2, 2), 5)
+        layers = [
+            layer for stage in (model.denoiser.root_model, model.denoiser.body_model) for layer in stage.modules()
+        ]
+        linear = [layer.weight for layer in layers if isinstance(layer, nn.Linear)]
+        before = sum(weight.nbytes for weight in linear)
+        packed.release_originals()
+        assert (packed.predict(packed.batch(rows), noisy, step) - expected).abs().max() < TOLERANCE
+    assert sum(weight.nbytes for weight in linear) < before / 2
+    with pytest.raises(RuntimeError):
+        rows_of(model, packed, (4, 3, True), GuidanceWeights(2, 2), 5)
+
+
 def test_a_pass_that_guidance_does_not_need_is_not_computed() -> None:
     model = load_checkpoint(GOLDEN / "tiny-core27" / "checkpoint")
     packed = PackedDenoiser(model.denoiser, model.config.num_base_steps, model.config.horizon, torch.float32)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import itertools
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -62,11 +64,14 @@ def test_after_a_failure_it_is_asked_who_it_is_and_refused_when_it_is_another(ap
             encoder.encode(["jump"])
 
 
-def test_one_that_only_says_that_it_lives_is_given_up(app: FakeGradio) -> None:
-    encoder = GradioTextEncoder(app.url, timeout_s=0.2)
+def test_one_that_only_says_that_it_lives_is_given_up(app: FakeGradio, monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = itertools.count()  # a second passes whenever the client looks at the time
+    monkeypatch.setattr("motiongen_ardy.text.gradio.time", SimpleNamespace(monotonic=lambda: float(next(looks))))
+    encoder = GradioTextEncoder(app.url, timeout_s=30.0)
     app.fate = "silent"
     with pytest.raises(TextEncoderUnavailable):
         encoder.encode(["walk"])
+    assert next(looks) > 30
 
 
 def pickled() -> bytes:

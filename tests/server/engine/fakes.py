@@ -80,7 +80,8 @@ class FakeRunner:
     step_s: virtual seconds of a denoising step by rows. fails: called with "prepare", "denoise" or "decode" and the job
     ids; where it says True the call raises. poisoned: whether a job's row turns to NaN in its first step;
     poisoned_result: whether its frames hold NaN. moves: changes the frames of a window in place. holds, rights: whether
-    sessions may hold a pose, so that histories lag behind frames, or may be started anew.
+    sessions may hold a pose, so that histories lag behind frames, or may be started anew. counts: how many frames of a
+    window it gives; None for all.
     """
 
     clock: FakeClock = field(default_factory=FakeClock)
@@ -100,6 +101,7 @@ class FakeRunner:
     moves: Callable[[WindowJob, np.ndarray], None] = lambda job, frames: None
     holds: bool = False
     rights: bool = False
+    counts: Callable[[WindowJob], int | None] = lambda job: None
 
     def num_passes(self, job: WindowJob) -> int:
         return self.passes(job)
@@ -160,7 +162,8 @@ class FakeRunner:
             frames[-1] = np.nan
         features = np.repeat(frames[:, FRAME : FRAME + 1], FEATURE_DIM, axis=1)
         self.moves(job, frames)
-        return WindowResult(job.job_id, frames, features, features[:: self.facts.patch, :TOKEN_WIDTH].copy())
+        tokens, count = features[:: self.facts.patch, :TOKEN_WIDTH].copy(), self.counts(job)
+        return WindowResult(job.job_id, frames[:count], features[:count], tokens)
 
     def _check_job(self, job: WindowJob) -> None:
         """The history must be the frames just before the window, and long enough to be one."""

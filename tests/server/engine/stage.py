@@ -11,8 +11,7 @@ import numpy as np
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
-from motiongen_server.engine.ports import SchedulingPolicy
-from motiongen_server.engine.scheduling.report import StepReport
+from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.types import (
     Close,
     Code,
@@ -32,6 +31,7 @@ from motiongen_server.engine.types import (
     SetPrompts,
     SetVelocity,
 )
+from motiongen_server.engine.types.report import StepReport
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
 from tests.server.engine.viewer import Viewer
 
@@ -54,6 +54,7 @@ def spec(
     prior_rows: np.ndarray | None = None,
     clip_frames: int | None = None,
     gaits: tuple[Gait, ...] = (),
+    keep_prompts: bool = False,
 ) -> SessionSpec:
     return SessionSpec(
         key,
@@ -69,6 +70,7 @@ def spec(
         prior_rows=prior_rows,
         clip_frames=clip_frames,
         gaits=gaits,
+        keep_prompts=keep_prompts,
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.types import CloseReason, Code, Priority, SessionKey, Waypoint
+from motiongen_server.engine.types import CloseReason, Code, Playhead, Priority, SessionKey, Waypoint
 from tests.server.engine.fakes import CONSTRAINTS, FRAME, PROMPT, ROW_WIDTH, SEED
 from tests.server.engine.stage import Stage, prompt
 
@@ -38,6 +38,21 @@ def test_a_clip_does_not_wait_for_a_playhead() -> None:
     begun_at = stage.clock.now()
     stage.run_until(lambda: clip.closed is not None)
     assert stage.clock.now() - begun_at < 1.0, "twenty seconds of motion"
+
+
+def test_no_more_is_made_than_its_client_takes() -> None:
+    stage = Stage()
+    clip = stage.open_clip(1, 300, lookahead=160)
+    stage.run(2.0)
+    assert len(clip.rows) == 160
+    assert len(stage.runner.decoded) == 4
+    for _ in range(5):
+        clip.reported = len(clip.rows)
+        stage.engine.submit(Playhead(clip.key, 0, stage.clock.now(), len(clip.rows), len(clip.rows), 0, None))
+        stage.run(1.0)
+    assert [int(row[FRAME]) for row in clip.rows] == list(range(300))
+    assert clip.closed is not None
+    stage.check_finished()
 
 
 def test_samples_and_sessions_share_steps() -> None:

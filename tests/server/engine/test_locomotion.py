@@ -10,11 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from motiongen_ardy.locomotion.gait import quarter_of
+from motiongen_ardy.locomotion.velocity import SLOWING_FRAMES
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.locomotion import direction_of, gait_of
+from motiongen_server.engine.locomotion import gait_of
 from motiongen_server.engine.session.conditions import Conditions, edit_prompts
 from motiongen_server.engine.session.edits import edited
-from motiongen_server.engine.session.velocity import SLOWING_FRAMES, Velocity
+from motiongen_server.engine.session.velocity import Velocity
 from motiongen_server.engine.types import Direction, Gait, SessionKey, SetPrompts, SetVelocity
 from tests.server.engine.stage import Stage, prompt
 
@@ -66,7 +68,7 @@ def test_the_direction_is_seen_from_the_heading(x: float, z: float, heading: flo
 
 @given(st.floats(-100, 100))
 def test_an_angle_has_the_direction_it_is_nearest_to(angle: float) -> None:
-    centre = direction_of(angle) * math.pi / 2
+    centre = quarter_of(angle) * math.pi / 2
     assert abs(math.remainder(angle - centre, math.tau)) <= math.pi / 4 + 1e-9
 
 

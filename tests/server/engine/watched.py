@@ -40,17 +40,26 @@ class WatchedScheduler(Scheduler):
         super().remove(job_id)
 
     def schedule(self, now: float) -> list[ScheduledJob]:
+        gathering = {priority for priority in Priority if self.gathers(priority)}
         batch = super().schedule(now)
         chosen = {held.job.job_id for held in batch}
         _require(len(chosen) == len(batch) <= self._most_rows, f"{len(batch)} rows of at most {self._most_rows}")
         _require(bool(batch) == bool(self._held), "nothing to do though jobs are held, or the reverse")
         _require(chosen <= self._held.keys(), "a job that is not held")
+        _require(batch == sorted(batch, key=ScheduledJob.rank), "the rows are out of order")
         for priority in Priority:
-            of_class = [job for job in self._held.values() if job.priority is priority]
-            due = sorted((job.deadline, job.job_id) for job in of_class)
-            taken = [held.dueness for held in batch if held.job.priority is priority]
-            _require(taken == due[: len(taken)], f"class {priority.name} is out of order")
-            self._note_wait(priority, len(taken), len(batch), len(of_class))
+            of_class = [held for held in self._jobs.values() if held.job.priority is priority]
+            # Who continues may come first, where its frames are endangered; newcomers may wait to begin together.
+            taken = [held.dueness for held in batch if held.job.priority is priority and not held.continues]
+            left = [
+                held.dueness
+                for held in of_class
+                if held.job.job_id not in chosen and (held.prepared or priority not in gathering)
+            ]
+            in_order = not taken or not left or max(taken) < min(left)
+            _require(in_order, f"class {priority.name} is out of order")
+            num_taken = sum(held.job.priority is priority for held in batch)
+            self._note_wait(priority, num_taken, len(batch), len(of_class))
         return batch
 
     def _note_wait(self, priority: Priority, taken: int, rows: int, held: int) -> None:

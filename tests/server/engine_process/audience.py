@@ -13,7 +13,6 @@ from pathlib import Path
 from motiongen_server.config import ServerConfig
 from motiongen_server.devices import EngineDevice
 from motiongen_server.engine.ports import Observe
-from motiongen_server.engine.scheduling.report import StepReport
 from motiongen_server.engine.types import (
     Chunk,
     Close,
@@ -30,6 +29,7 @@ from motiongen_server.engine.types import (
     StartPose,
 )
 from motiongen_server.engine.types import PlayState as State
+from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine_process.group import EngineGroup
 from motiongen_server.engine_process.pool import EnginePool
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -51,8 +52,7 @@ class FatalRunner(FakeRunner):
         jobs = [self.jobs[job_id] for job_id in job_ids]
         if any(job.seed == FATAL_SEED and job.first_frame > 0 for job in jobs):
             if self.how == "hang":
-                while True:
-                    time.sleep(60)
+                threading.Event().wait()
             if self.how == "die":
                 os.kill(os.getpid(), signal.SIGKILL)
             if self.how == "fail":

@@ -20,6 +20,7 @@ from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from tests.conftest import ROOT, TINY_MODEL
 from tests.contract.talk import Talk
 from tests.server.engine_process.audience import is_gone
+from tests.waiting import try_again, until_true
 
 LIMIT_S = 90.0
 SETTINGS = ("--model", str(TINY_MODEL), "--text-encoder", "hashed", "--profile-s", "0",
@@ -81,7 +82,7 @@ async def test_a_killed_engine_ends_sessions_not_streams_and_service_goes_on() -
             if again.chunks:
                 break
             handle += 1
-            await asyncio.sleep(0.1)
+            await try_again()
         await talk.plays_on(handle)
         assert (await ops.get("/readyz")).status_code == 200
         (engine,) = psutil.Process(process.pid).children()
@@ -136,10 +137,9 @@ async def test_the_gateway_has_no_torch_and_an_engine_process_no_grpc() -> None:
 async def test_sigterm_while_it_loads_ends_it_with_0_and_nothing_stays(when: str) -> None:
     async with asyncio.timeout(LIMIT_S):
         process = await start("cpu:1")
-        engines: list[psutil.Process] = []
-        while not engines or (when == "with torch" and "/torch/" not in loaded_libraries(engines[0].pid)):
-            await asyncio.sleep(0.01)
-            engines = psutil.Process(process.pid).children()
+        engines = await until_true(psutil.Process(process.pid).children)
+        if when == "with torch":
+            await until_true(lambda: "/torch/" in loaded_libraries(engines[0].pid))
         os.kill(engines[0].pid, signal.SIGTERM)  # as a service manager does, to every process of the group
         process.send_signal(signal.SIGTERM)
         _, err = await process.communicate()

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import gc
+import os
 import resource
 import subprocess
 import sys
 
-from motiongen_server.ops.memory import COLLECT_EVERY, settled_objects
+from motiongen_server.ops.memory import COLLECT_EVERY, resident_bytes, settled_objects
 
 LARGE = 4 << 20
 SCRIPT = f"""
@@ -32,9 +33,39 @@ def test_large_blocks_are_not_faulted_in_again_and_again() -> None:
     assert not kept or faults < 2 * LARGE / resource.getpagesize()
 
 
+GIVEN_BACK = f"""
+from pathlib import Path
+from motiongen_server.ops.memory import keep_freed_memory, settle_again
+
+def resident():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * {resource.getpagesize()}
+
+kept = keep_freed_memory()
+blocks = [b"x" * {LARGE} for _ in range(8)]
+last = b"y" * {LARGE}
+del blocks
+before = resident()
+settle_again()
+print(int(kept), before - resident())
+"""
+
+
+def test_what_loading_has_freed_is_given_back() -> None:
+    ran = subprocess.run([sys.executable, "-c", GIVEN_BACK], capture_output=True, text=True, check=True)
+    kept, given_back = map(int, ran.stdout.split())
+    assert not kept or given_back > 6 * LARGE
+
+
 def test_objects_that_are_there_are_settled_for_a_while_and_no_longer() -> None:
     before = gc.get_threshold()
     with settled_objects():
         assert gc.get_freeze_count() > 1000
         assert gc.get_threshold() == COLLECT_EVERY
     assert (gc.get_freeze_count(), gc.get_threshold()) == (0, before)
+
+
+def test_the_memory_of_a_process_is_told_and_of_one_that_has_ended_none() -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    assert resident_bytes(os.getpid()) > 1 << 20
+    assert resident_bytes(ended.pid) == 0

@@ -7,8 +7,8 @@ from functools import partial
 from prometheus_client import Metric, generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
-from motiongen_server.engine.scheduling.report import EventLatency, StepReport
 from motiongen_server.engine.types import CloseReason, Code, PlanCause, PlayState, Priority, ServiceTier
+from motiongen_server.engine.types.report import EventLatency, StepReport
 from motiongen_server.ops.metrics import Metrics
 
 SET_BY_THE_APPLICATION = {
@@ -23,6 +23,8 @@ SET_BY_THE_APPLICATION = {
     "motiongen_engine_restarts",
     "motiongen_engine_resident_memory_bytes",
     "motiongen_admission_rejects",
+    "motiongen_session_resumes",
+    "motiongen_sessions_parked",
     "motiongen_slow_reader_closes",
     "motiongen_frames_dropped",
     "motiongen_streams",
@@ -53,6 +55,7 @@ def full_report() -> StepReport:
         frames_superseded=7,
         windows_discarded=1,
         windows_restarted=2,
+        steps_discarded=3,
         nan_rows=1,
         runner_faults=1,
         client_underruns=[(Priority.CROWD, 5)],

@@ -207,6 +207,7 @@ def test_an_open_arrives_whole() -> None:
         prompts=[motion_pb2.PromptSpan(prompt_id=2, start_frame=8, end_frame=20, text="walk")],
         constraints=[motion_pb2.Constraint(constraint_id=4, frame=30, waypoint=motion_pb2.Waypoint(x=1, z=2))],
         start_pose=session_pb2.StartPose(x=-1, z=0.5, heading=0.25),
+        keep_prompts=True,
     )
     event = convert(session_pb2.SessionEvent(event_seq=1, open=message))
     assert isinstance(event, Open)
@@ -214,6 +215,7 @@ def test_an_open_arrives_whole() -> None:
     assert (spec.session, spec.seed, spec.model_id, spec.priority) == (KEY, 5, FACTS.model_id, Priority.CROWD)
     assert (spec.lookahead, spec.denoise_steps, spec.guidance) == (60, 7, Guidance(3.0, 2.5))
     assert spec.start_pose == StartPose(-1.0, 0.5, 0.25)
+    assert spec.keep_prompts
     (prompt,) = spec.prompts
     assert (prompt.prompt_id, prompt.start_frame, prompt.end_frame, prompt.text) == (2, 8, 20, "walk")
     np.testing.assert_array_equal(prompt.embedding, [4, 4])
@@ -227,6 +229,7 @@ def test_an_empty_open_gets_the_defaults_and_a_seed_of_its_own() -> None:
     assert specs[0].guidance == Guidance(1.5, 2.5)
     assert specs[0].start_pose == StartPose(0.0, 0.0, 0.0)
     assert specs[0].seed != specs[1].seed
+    assert not specs[0].keep_prompts
 
 
 def test_prompts_arrive_with_open_ends_as_none() -> None:

@@ -28,7 +28,9 @@ from motiongen_server.engine.types import (
     SetPrompts,
 )
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
+from motiongen_server.rpc import event_path
 from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.convert import prompt_texts
 from motiongen_server.rpc.limits import Limits
 from motiongen_server.rpc.stream import Stream
 
@@ -58,11 +60,13 @@ class Prompts:
     """An encoder that knows no text until the test lets it go on."""
 
     go: asyncio.Event = field(default_factory=asyncio.Event)
+    asked: list[str] = field(default_factory=list)
 
     def cached(self, text: str) -> NDArray[np.float32] | None:
         return np.ones(3, np.float32) if self.go.is_set() else None
 
-    async def encode(self, text: str) -> NDArray[np.float32]:
+    async def encode(self, text: str, owner: int) -> NDArray[np.float32]:
+        self.asked.append(text)
         await self.go.wait()
         return np.ones(3, np.float32)
 
@@ -72,10 +76,15 @@ class Engine:
     """Notes what it is given."""
 
     events: list[Event] = field(default_factory=list)
+    is_full: bool = False
 
     def submit(self, event: Event) -> Outcome | None:
         self.events.append(event)
         return None
+
+    def refusal_of(self, event: Open) -> Outcome | None:
+        full = Outcome(event.session, 1, Code.RESOURCE_EXHAUSTED, reason="SESSION_LIMIT", message="full")
+        return full if self.is_full else None
 
     def kinds(self) -> list[type]:
         return [type(event) for event in self.events]
@@ -167,14 +176,6 @@ async def test_an_event_that_comes_too_fast_uses_up_its_number() -> None:
     assert [event.event_seq for event in line.engine.events] + [seq for seq, _ in line.refusals()] == [1, 2, 3, 4, 5]
 
 
-async def test_a_busy_stream_refuses_without_breaking_the_order() -> None:
-    line = Line(make_catalog(stream_events_per_second=2.0))
-    line.open()
-    for event_seq in (2, 3, 4):
-        line.send(event_seq, set_play_state=PAUSE)
-    assert line.refusals() == [(3, "TOO_MANY_EVENTS"), (4, "TOO_MANY_EVENTS")]
-
-
 async def test_events_after_the_close_are_refused_before_the_end_is_told(line: Line) -> None:
     line.open()
     line.send(2, close=session_pb2.CloseSession())
@@ -206,6 +207,26 @@ async def test_events_wait_behind_a_prompt_that_is_being_encoded(line: Line) -> 
     await line.encoded()
     assert line.engine.kinds() == [Open, SetPrompts, Close]
     assert line.refusals() == [(4, "SESSION_CLOSED")]
+
+
+async def test_a_prompt_is_checked_once_and_a_wrong_one_does_not_wait_for_the_encoder(
+    line: Line, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checked: list[int] = []
+
+    def counted(event: session_pb2.SessionEvent, catalog: Catalog) -> tuple[str, ...]:
+        checked.append(event.event_seq)
+        return prompt_texts(event, catalog)
+
+    monkeypatch.setattr(event_path, "prompt_texts", counted)
+    line.open()
+    line.send(2, edit_prompts=WALK)
+    line.send(3, edit_prompts=session_pb2.EditPrompts(upsert=[motion_pb2.PromptSpan(prompt_id=1, text=" ")]))
+    line.send(4, edit_prompts=WALK)
+    assert line.refusals() == [(3, "EMPTY_PROMPT")]
+    await line.encoded()
+    assert [event.event_seq for event in line.engine.events] == [1, 2, 4]
+    assert checked == [1, 2, 3, 4]
 
 
 async def test_what_waits_when_the_stream_ends_is_answered(line: Line) -> None:

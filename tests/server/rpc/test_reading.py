@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import time
 
 import pytest
 
-from motiongen.v1 import service_pb2
+from motiongen.v1 import service_pb2, session_pb2
 from motiongen_server.engine.types import Code, Outcome, SessionKey
 from motiongen_server.rpc.stream import MAX_WAITING_REPLIES
 from tests.server.rpc.test_event_order import Line, make_catalog
 
 PONG = service_pb2.StreamMotionResponse(pong=service_pb2.Pong(client_time_ns=1))
 ROUNDS = 10
+LIMIT_S = 20.0
 
 
 async def is_waiting(task: asyncio.Task[None]) -> bool:
@@ -55,3 +57,21 @@ async def test_the_end_of_the_stream_ends_the_wait(line: Line) -> None:
     assert await is_waiting(reading)
     line.stream.end()
     assert not await is_waiting(reading)
+
+
+async def test_a_stream_that_owes_is_not_read_until_it_has_paid() -> None:
+    line = Line(make_catalog(stream_events_per_second=2_000.0))
+    line.stream.budget.charge(2_100.0, time.monotonic())
+    reading = asyncio.create_task(line.stream.room())
+    assert await is_waiting(reading)
+    async with asyncio.timeout(LIMIT_S):
+        await reading
+
+
+async def test_a_refusal_costs_more_than_what_is_taken() -> None:
+    line = Line(make_catalog(stream_events_per_second=10.0))
+    line.send(5, set_play_state=session_pb2.SetPlayState())
+    now = time.monotonic()
+    assert line.stream.budget.owed_s(now) == 0
+    line.send(5, set_play_state=session_pb2.SetPlayState())
+    assert line.stream.budget.owed_s(now) > 0

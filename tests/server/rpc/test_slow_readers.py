@@ -12,7 +12,7 @@ import pytest
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.rpc.limits import Limits
-from tests.contract.local import LocalServer
+from tests.contract.local import NO_BUDGET, UNMETERED, LocalServer
 from tests.contract.talk import Talk
 
 LIMIT_S = 30.0
@@ -62,8 +62,12 @@ async def closing(talk: Talk, handle: int) -> session_pb2.SessionClosed:
 @pytest.mark.parametrize(
     "limits",
     [
-        Limits(soft_backlog_bytes=1 << 30, hard_backlog_bytes=512 * KIB, backlog_s=3600),
-        Limits(soft_backlog_bytes=64 * KIB, hard_backlog_bytes=1 << 30, backlog_s=0.05),
+        Limits(
+            stream_events_per_second=UNMETERED, soft_backlog_bytes=1 << 30, hard_backlog_bytes=512 * KIB, backlog_s=3600
+        ),
+        Limits(
+            stream_events_per_second=UNMETERED, soft_backlog_bytes=64 * KIB, hard_backlog_bytes=1 << 30, backlog_s=0.05
+        ),
     ],
     ids=["too much at once", "a lot for too long"],
 )
@@ -71,7 +75,7 @@ async def test_a_client_that_does_not_read_loses_its_sessions_and_is_told_once_i
     least = min(limits.soft_backlog_bytes, limits.hard_backlog_bytes)
     async with (
         asyncio.timeout(LIMIT_S),
-        LocalServer(limits) as server,
+        LocalServer(limits, service_limits=NO_BUDGET) as server,
         talking(server) as slow,
         talking(server) as other,
     ):
@@ -85,8 +89,14 @@ async def test_a_client_that_does_not_read_loses_its_sessions_and_is_told_once_i
 
 
 async def test_a_client_that_reads_again_in_time_keeps_its_sessions() -> None:
-    limits = Limits(soft_backlog_bytes=64 * KIB, hard_backlog_bytes=1 << 30, backlog_s=3600)
-    async with asyncio.timeout(LIMIT_S), LocalServer(limits) as server, talking(server) as slow:
+    limits = Limits(
+        stream_events_per_second=UNMETERED, soft_backlog_bytes=64 * KIB, hard_backlog_bytes=1 << 30, backlog_s=3600
+    )
+    async with (
+        asyncio.timeout(LIMIT_S),
+        LocalServer(limits, service_limits=NO_BUDGET) as server,
+        talking(server) as slow,
+    ):
         await slow.open(1)
         async with flooded(slow, server, limits.soft_backlog_bytes):
             while server.service.num_waiting_bytes:
@@ -107,7 +117,8 @@ async def test_a_session_whose_client_says_nothing_is_closed_as_idle() -> None:
 
 
 async def test_a_call_that_is_cancelled_ends_its_sessions_and_their_windows() -> None:
-    async with asyncio.timeout(LIMIT_S), LocalServer() as server, talking(server) as other:
+    limits = Limits(resume_grace_s=0)
+    async with asyncio.timeout(LIMIT_S), LocalServer(limits) as server, talking(server) as other:
         await other.open(1)
         async with talking(server) as gone:
             for handle in range(20):

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_server.engine.types import Chunk, Close, Closed, CloseReason, Code, Open, Outcome
-from tests.server.rpc.test_event_order import PAUSE, WALK, Line, make_catalog
+from motiongen_server.rpc.event_path import MAX_WAITING_EVENTS
+from tests.server.rpc.test_event_order import HANDLE, PAUSE, WALK, Line, make_catalog
 
 
 @pytest.fixture
 async def line() -> Line:
-    return Line()
+    return Line(make_catalog(events_per_second=1000.0))
 
 
 def fault(line: Line) -> Closed:
@@ -38,13 +41,32 @@ async def test_nothing_of_an_old_session_reaches_a_new_one_on_its_handle(line: L
     assert line.engine.kinds() == [Open, Open]
 
 
-async def test_an_open_that_is_refused_after_encoding_takes_what_waits_behind_it_along(line: Line) -> None:
+async def test_what_must_fail_is_refused_before_anything_is_encoded_for_it(line: Line) -> None:
     line.send(1, open=session_pb2.OpenSession(rig_id="none", prompts=WALK.upsert))
     line.send(2, edit_prompts=WALK)
-    await line.encoded()
-    assert line.refusals() == [(2, "SESSION_CLOSED"), (1, "UNKNOWN_RIG")]
-    assert line.engine.events == []
+    assert line.refusals() == [(1, "UNKNOWN_RIG"), (2, "SESSION_NOT_OPEN")]
+    assert line.prompts.asked == []
     assert line.stream.num_sessions == 0
+
+
+async def test_who_is_not_let_in_has_nothing_encoded(line: Line) -> None:
+    line.engine.is_full = True
+    line.send(1, open=session_pb2.OpenSession(prompts=WALK.upsert))
+    assert line.refusals() == [(1, "SESSION_LIMIT")]
+    assert line.prompts.asked == []
+    assert line.stream.num_sessions == 0
+
+
+async def test_no_more_waits_for_the_encoder_than_may(line: Line) -> None:
+    line.open()
+    for event_seq in range(2, 2 + MAX_WAITING_EVENTS + 2):
+        line.stream.receive(
+            session_pb2.SessionEvent(session=HANDLE, event_seq=event_seq, edit_prompts=WALK), time.monotonic()
+        )
+    line.send(MAX_WAITING_EVENTS + 4, close=session_pb2.CloseSession())
+    assert [reason for _, reason in line.refusals()] == ["TOO_MANY_PENDING_EVENTS"] * 2
+    await line.encoded()
+    assert line.engine.kinds()[-1] is Close
 
 
 async def test_an_open_refused_by_the_engine_frees_its_handle(line: Line) -> None:
@@ -76,7 +98,7 @@ async def test_too_many_prompts_are_refused_before_any_is_encoded(line: Line) ->
 async def test_a_prompt_that_fails_to_encode_is_answered_and_the_session_goes_on(line: Line) -> None:
     line.open()
 
-    async def broken(text: str) -> None:
+    async def broken(text: str, owner: int) -> None:
         raise RuntimeError(f"cannot encode {text}")
 
     line.prompts.encode = broken  # type: ignore[assignment, method-assign]

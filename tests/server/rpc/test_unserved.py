@@ -14,7 +14,7 @@ from motiongen_server.rpc.convert.unserved import UNSERVED_FIELDS, check_served
 
 PROTOS = Path(__file__).resolve().parents[3] / "proto" / "motiongen" / "v1"
 # sent by servers alone, so there is nothing to refuse
-TOLD = {"durable_seq", "constraint_reached", "spare_sessions", "session_token", "SCALAR_TYPE_F16_LE"}
+TOLD = {"durable_seq", "constraint_reached", "spare_sessions", "SCALAR_TYPE_F16_LE"}
 TOLD_IN = {("SessionUpdate", "snapshot")}
 
 EXAMPLES = [
@@ -26,7 +26,6 @@ EXAMPLES = [
     (motion_pb2.Constraint(tolerance_rad=0.1), "upsert[0]", "upsert[0].tolerance_rad"),
     (motion_pb2.Constraint(heading=motion_pb2.HeadingTarget()), "upsert[0]", "upsert[0].heading"),
     (motion_pb2.Constraint(joint_rotations=motion_pb2.JointRotations()), "upsert[0]", "upsert[0].joint_rotations"),
-    (session_pb2.OpenSession(resume_token="x"), "open", "open.resume_token"),
     (session_pb2.OpenSession(snapshot=b"x"), "open", "open.snapshot"),
     (session_pb2.OpenSession(outputs=["joint_positions_m"]), "open", "open.outputs"),
     (session_pb2.SessionEvent(seek=session_pb2.Seek()), "", "seek"),

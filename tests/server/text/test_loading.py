@@ -72,15 +72,16 @@ def test_prompts_encoded_beforehand_serve_without_an_encoder(tmp_path: Path) -> 
 def test_a_server_that_starts_without_its_encoder_has_what_its_store_kept(tmp_path: Path) -> None:
     log, store = tmp_path / "log.txt", str(tmp_path / "prompts.db")
     with EncoderProcess(log, "--text-encoder", "hashed", "--width", str(WIDTH)) as process:
-        settings = config(text_encoder=f"grpc:{process.address}", prompt_store=store, prompt_timeout_s=0.5)
+        settings = config(text_encoder=f"grpc:{process.address}", prompt_store=store)
         encoder = load_encoder(settings, FACTS)
         first = open_store(settings, encoder.identity, FACTS)
         assert first is not None
         first.put("a person bows", encoder.encode(["a person bows"])[0])
         first.close()
         process.kill()
-        again = load_encoder(settings, FACTS)
-        kept = open_store(settings, again.identity, FACTS)
+        impatient = config(text_encoder=settings.text_encoder, prompt_store=store, prompt_timeout_s=0.1)
+        again = load_encoder(impatient, FACTS)
+        kept = open_store(impatient, again.identity, FACTS)
         assert kept is not None
         np.testing.assert_array_equal(kept.get("a person bows"), HashedTextEncoder(WIDTH).encode(["a person bows"])[0])
         kept.close()

@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from motiongen_tools.bench.bracket import Bracket
 from motiongen_tools.bench.load import Load
 from motiongen_tools.bench.result import Result
 from motiongen_tools.bench.scenario import load_scenario
-from motiongen_tools.bench.search import Bracket, Found, Trial, find_most
+from motiongen_tools.bench.search import Found, Trial, find_most
 from tests.tools.bench.made_up import make_result
 
 LONG = 30

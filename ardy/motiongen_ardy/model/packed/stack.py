@@ -72,7 +72,20 @@ class PackedStack:
     """All layers of a `TransformerStack`."""
 
     def __init__(self, stack: TransformerStack, dtype: torch.dtype) -> None:
-        self.layers = [PackedLayer(layer, dtype) for layer in stack.layers if isinstance(layer, TransformerLayer)]
+        self._originals = [layer for layer in stack.layers if isinstance(layer, TransformerLayer)]
+        self.layers = [PackedLayer(layer, dtype) for layer in self._originals]
+
+    def release_originals(self) -> None:
+        """Free the matrices that the layers here are copies of; the stack they were made from is of no more use."""
+        for layer in self._originals:
+            attention = layer.self_attn
+            for matrix in (
+                attention.in_proj_weight,
+                attention.out_proj.weight,
+                layer.linear1.weight,
+                layer.linear2.weight,
+            ):
+                matrix.data = matrix.new_empty(0)
 
     def __call__(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
         """vectors: (P, width) float32, the groups one behind another. The argument is not changed."""

@@ -144,13 +144,28 @@ class ReachOptions(CheckedOptions):
 
 
 @dataclass(frozen=True)
+class PaceOptions(CheckedOptions):
+    """When a planned root goes against a prompt, and a gait's is told instead.
+
+    It does where it goes faster than above_share of the fastest usual for the prompt and above_m_s more, or nowhere
+    as fast as below_share of the slowest. least_frames: a way that lasts no longer than this is gone under the prompt.
+    """
+
+    above_share: float = option(1.5, 1.0, 10.0)
+    above_m_s: float = option(0.3, 0.0, 10.0)
+    below_share: float = option(0.3, 0.0, 1.0)
+    least_frames: int = option(8, 4, 1000)
+
+
+@dataclass(frozen=True)
 class SamplingOptions(CheckedOptions):
     """All of it; the released behaviour unless said otherwise.
 
     project_root: each step's root is brought onto its goals before the body follows it. plan_root: sparse root goals
     get a path laid under them. clean_feet: feet in contact are held in place. reach_joints: joints are brought onto
     their goals. join_tokens: jumps between one token's frames and the next's are smoothed. face_root: a body that parts
-    from its root's heading is turned to it.
+    from its root's heading is turned to it. fit_prompts: a gait's prompt is told where the root is to go at a pace that
+    the prompt's motion does not have; which those are, the checkpoint says.
     """
 
     guidance: GuidanceOptions = GuidanceOptions()
@@ -160,11 +175,13 @@ class SamplingOptions(CheckedOptions):
     reach_joints: bool = False
     join_tokens: bool = False
     face_root: bool = False
+    fit_prompts: bool = False
     projection: ProjectionOptions = ProjectionOptions()
     plan: PlanOptions = PlanOptions()
     feet: FeetOptions = FeetOptions()
     reach: ReachOptions = ReachOptions()
     joins: JoinOptions = JoinOptions()
+    paces: PaceOptions = PaceOptions()
 
     @property
     def corrects(self) -> bool:

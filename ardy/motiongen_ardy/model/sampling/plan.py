@@ -9,6 +9,7 @@ from torch import Tensor
 from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
 from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.sampling.paces import Told, told_text
 from motiongen_ardy.model.sampling.root_plan import PlanSpan, RootGoals, plan_root, without_steering
 from motiongen_ardy.model.sampling.steering import RootState
 
@@ -41,6 +42,25 @@ def plan_targets(
     asked = without_steering(root_goals(targets), first_frame)
     planned = plan_root(asked, root_state(model.representation, history, start), span, model.sampling.plan)
     return with_root(targets, planned)
+
+
+def plan_text(
+    model: Model,
+    text: Tensor,
+    targets: Targets | None,
+    history: Tensor | None,
+    first_frame: int,
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Told:
+    """What a window is told: its prompt's text (n, W), or a gait's where its targets contradict the prompt.
+
+    targets: as `plan_targets` gave them; history, start: as there.
+    """
+    if targets is None or not model.sampling.fit_prompts:
+        return Told(text)
+    x, z = root_state(model.representation, history, start).position
+    window = range(first_frame, first_frame + model.config.horizon)
+    return told_text(model.paces, text, targets, (x, z), window, model.config.fps, model.sampling.paces)
 
 
 def root_goals(targets: Targets) -> RootGoals:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
+from motiongen_tools.bench.bracket import Bracket
 from motiongen_tools.bench.load import Load
 from motiongen_tools.bench.recorder import EVENT
 from motiongen_tools.bench.result import Result
 
-_MOST_CHARACTERS = 1_000_000
 _TRIES_WHEN_VOID = 3  # something else on the machine may have made the load late
 
 
@@ -27,38 +27,6 @@ class Trial:
     @property
     def passed(self) -> bool:
         return not self.shortfalls and not self.void
-
-
-@dataclass
-class Bracket:
-    """What is known so far: `most` were served, `too_many` were not (None: no such number is known).
-
-    It ends when the two are neighbours within `tolerance` (of `most`).
-    """
-
-    start: int
-    tolerance: float = 0.05
-    most: int = 0
-    too_many: int | None = None
-    _served: list[int] = field(default_factory=list)
-
-    def next(self) -> int | None:
-        """The next number to try; None when there is nothing more to find out."""
-        if self.too_many is None:
-            return min(self.most * 2 or self.start, _MOST_CHARACTERS) if self.most < _MOST_CHARACTERS else None
-        if self.too_many - self.most <= max(1, self.tolerance * self.most):
-            return None
-        return self.too_many // 2 if self.most == 0 else (self.most + self.too_many) // 2
-
-    def note(self, characters: int, passed: bool) -> None:
-        """A number was tried. One that passed and then failed has failed, and so has every larger one."""
-        if passed:
-            self._served.append(characters)
-            self.most = max(self.most, characters)
-        else:
-            self.too_many = characters if self.too_many is None else min(self.too_many, characters)
-            self._served = [served for served in self._served if served < self.too_many]
-            self.most = max(self._served, default=0)
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,8 @@ class MotionServiceServicer(object):
         """A stream carries any number of sessions up to Limits.max_sessions_per_stream. The client's first message must carry
         `hello`, the server's first message does; an event before that ends the stream with INVALID_ARGUMENT. A mistake in
         an event is answered in the stream, which lives on. When the client finishes writing, its sessions are closed, each
-        with its SessionClosed, and the stream ends with OK.
+        with its SessionClosed, and the stream ends with OK. When the transport is lost instead, or the client cancels, its
+        sessions are kept for Limits.resume_grace, so that another stream can go on with them.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

@@ -28,6 +28,7 @@ class PlanCause(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     PLAN_CAUSE_CONTINUE: _ClassVar[PlanCause]
     PLAN_CAUSE_EDIT: _ClassVar[PlanCause]
     PLAN_CAUSE_FALLBACK: _ClassVar[PlanCause]
+    PLAN_CAUSE_RESUME: _ClassVar[PlanCause]
 
 class ServiceTier(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -48,6 +49,7 @@ class CloseReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     CLOSE_REASON_ENGINE_FAULT: _ClassVar[CloseReason]
     CLOSE_REASON_OVERLOAD: _ClassVar[CloseReason]
     CLOSE_REASON_MODEL_UNLOADED: _ClassVar[CloseReason]
+    CLOSE_REASON_TAKEN_OVER: _ClassVar[CloseReason]
 PRIORITY_CLASS_UNSPECIFIED: PriorityClass
 PRIORITY_CLASS_HERO: PriorityClass
 PRIORITY_CLASS_NEAR: PriorityClass
@@ -60,6 +62,7 @@ PLAN_CAUSE_UNSPECIFIED: PlanCause
 PLAN_CAUSE_CONTINUE: PlanCause
 PLAN_CAUSE_EDIT: PlanCause
 PLAN_CAUSE_FALLBACK: PlanCause
+PLAN_CAUSE_RESUME: PlanCause
 SERVICE_TIER_UNSPECIFIED: ServiceTier
 SERVICE_TIER_FULL: ServiceTier
 SERVICE_TIER_FEWER_STEPS: ServiceTier
@@ -74,6 +77,7 @@ CLOSE_REASON_DRAINED: CloseReason
 CLOSE_REASON_ENGINE_FAULT: CloseReason
 CLOSE_REASON_OVERLOAD: CloseReason
 CLOSE_REASON_MODEL_UNLOADED: CloseReason
+CLOSE_REASON_TAKEN_OVER: CloseReason
 
 class SessionEvent(_message.Message):
     __slots__ = ("session", "event_seq", "open", "edit_prompts", "edit_constraints", "set_velocity", "playhead", "set_play_state", "close", "seek", "set_options", "take_snapshot")
@@ -104,7 +108,7 @@ class SessionEvent(_message.Message):
     def __init__(self, session: _Optional[int] = ..., event_seq: _Optional[int] = ..., open: _Optional[_Union[OpenSession, _Mapping]] = ..., edit_prompts: _Optional[_Union[EditPrompts, _Mapping]] = ..., edit_constraints: _Optional[_Union[EditConstraints, _Mapping]] = ..., set_velocity: _Optional[_Union[SetVelocity, _Mapping]] = ..., playhead: _Optional[_Union[Playhead, _Mapping]] = ..., set_play_state: _Optional[_Union[SetPlayState, _Mapping]] = ..., close: _Optional[_Union[CloseSession, _Mapping]] = ..., seek: _Optional[_Union[Seek, _Mapping]] = ..., set_options: _Optional[_Union[SetOptions, _Mapping]] = ..., take_snapshot: _Optional[_Union[TakeSnapshot, _Mapping]] = ...) -> None: ...
 
 class OpenSession(_message.Message):
-    __slots__ = ("request_id", "rig_id", "model_id", "seed", "priority", "lookahead_frames", "prior_frames", "scalar_type", "prompts", "constraints", "start_pose", "denoise_steps", "guidance", "history_frames", "resume_token", "snapshot", "outputs")
+    __slots__ = ("request_id", "rig_id", "model_id", "seed", "priority", "lookahead_frames", "prior_frames", "scalar_type", "prompts", "constraints", "start_pose", "denoise_steps", "guidance", "history_frames", "resume_token", "snapshot", "outputs", "keep_prompts", "resume_point")
     REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
     RIG_ID_FIELD_NUMBER: _ClassVar[int]
     MODEL_ID_FIELD_NUMBER: _ClassVar[int]
@@ -122,6 +126,8 @@ class OpenSession(_message.Message):
     RESUME_TOKEN_FIELD_NUMBER: _ClassVar[int]
     SNAPSHOT_FIELD_NUMBER: _ClassVar[int]
     OUTPUTS_FIELD_NUMBER: _ClassVar[int]
+    KEEP_PROMPTS_FIELD_NUMBER: _ClassVar[int]
+    RESUME_POINT_FIELD_NUMBER: _ClassVar[int]
     request_id: str
     rig_id: str
     model_id: str
@@ -139,7 +145,21 @@ class OpenSession(_message.Message):
     resume_token: str
     snapshot: bytes
     outputs: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, request_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., seed: _Optional[int] = ..., priority: _Optional[_Union[PriorityClass, str]] = ..., lookahead_frames: _Optional[int] = ..., prior_frames: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., prompts: _Optional[_Iterable[_Union[_motion_pb2.PromptSpan, _Mapping]]] = ..., constraints: _Optional[_Iterable[_Union[_motion_pb2.Constraint, _Mapping]]] = ..., start_pose: _Optional[_Union[StartPose, _Mapping]] = ..., denoise_steps: _Optional[int] = ..., guidance: _Optional[_Union[Guidance, _Mapping]] = ..., history_frames: _Optional[int] = ..., resume_token: _Optional[str] = ..., snapshot: _Optional[bytes] = ..., outputs: _Optional[_Iterable[str]] = ...) -> None: ...
+    keep_prompts: bool
+    resume_point: ResumePoint
+    def __init__(self, request_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., seed: _Optional[int] = ..., priority: _Optional[_Union[PriorityClass, str]] = ..., lookahead_frames: _Optional[int] = ..., prior_frames: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., prompts: _Optional[_Iterable[_Union[_motion_pb2.PromptSpan, _Mapping]]] = ..., constraints: _Optional[_Iterable[_Union[_motion_pb2.Constraint, _Mapping]]] = ..., start_pose: _Optional[_Union[StartPose, _Mapping]] = ..., denoise_steps: _Optional[int] = ..., guidance: _Optional[_Union[Guidance, _Mapping]] = ..., history_frames: _Optional[int] = ..., resume_token: _Optional[str] = ..., snapshot: _Optional[bytes] = ..., outputs: _Optional[_Iterable[str]] = ..., keep_prompts: bool = ..., resume_point: _Optional[_Union[ResumePoint, _Mapping]] = ...) -> None: ...
+
+class ResumePoint(_message.Message):
+    __slots__ = ("next_frame", "plan", "answered_seq", "attempt")
+    NEXT_FRAME_FIELD_NUMBER: _ClassVar[int]
+    PLAN_FIELD_NUMBER: _ClassVar[int]
+    ANSWERED_SEQ_FIELD_NUMBER: _ClassVar[int]
+    ATTEMPT_FIELD_NUMBER: _ClassVar[int]
+    next_frame: int
+    plan: int
+    answered_seq: int
+    attempt: int
+    def __init__(self, next_frame: _Optional[int] = ..., plan: _Optional[int] = ..., answered_seq: _Optional[int] = ..., attempt: _Optional[int] = ...) -> None: ...
 
 class StartPose(_message.Message):
     __slots__ = ("x", "z", "heading")
@@ -192,14 +212,16 @@ class SetVelocity(_message.Message):
     def __init__(self, x: _Optional[float] = ..., z: _Optional[float] = ..., heading: _Optional[float] = ..., hold_frames: _Optional[int] = ..., keep_prompt: bool = ...) -> None: ...
 
 class Playhead(_message.Message):
-    __slots__ = ("frame", "buffered_to", "underruns")
+    __slots__ = ("frame", "buffered_to", "underruns", "answered_seq")
     FRAME_FIELD_NUMBER: _ClassVar[int]
     BUFFERED_TO_FIELD_NUMBER: _ClassVar[int]
     UNDERRUNS_FIELD_NUMBER: _ClassVar[int]
+    ANSWERED_SEQ_FIELD_NUMBER: _ClassVar[int]
     frame: int
     buffered_to: int
     underruns: int
-    def __init__(self, frame: _Optional[int] = ..., buffered_to: _Optional[int] = ..., underruns: _Optional[int] = ...) -> None: ...
+    answered_seq: int
+    def __init__(self, frame: _Optional[int] = ..., buffered_to: _Optional[int] = ..., underruns: _Optional[int] = ..., answered_seq: _Optional[int] = ...) -> None: ...
 
 class SetPlayState(_message.Message):
     __slots__ = ("state",)

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.spread import spread
-from motiongen_server.engine.types import Code, ModelFacts, Outcome, SessionKey, SessionSpec
+from motiongen_server.engine.types import Code, EventRefused, ModelFacts, Outcome, Priority, SessionKey, SessionSpec
+from motiongen_server.engine.types.refusals import draining, session_limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +32,7 @@ class Admission:
     def __init__(self, facts: ModelFacts, config: EngineConfig) -> None:
         self._config = config
         self._windows_a_second = facts.fps / facts.horizon
+        self._least_steps = facts.min_steps
         self._prices = Prices()
         self._measured = self._elsewhere = 0.0
         self._lock = threading.Lock()
@@ -72,13 +74,26 @@ class Admission:
         with self._lock:
             if spec.session in self._places:
                 return None
-            refusal = self._refusal(spec, event_seq)
+            refusal = self._refusal(spec)
             if refusal is None:
                 self._places[spec.session] = spec
                 self._count(spec, 1)
             else:
                 self._refused[refusal.code] += 1
-            return refusal
+            return None if refusal is None else refusal.outcome(spec.session, event_seq)
+
+    def refusal_of(self, spec: SessionSpec, event_seq: int) -> Outcome | None:
+        """What `reserve` would say, without holding a place."""
+        with self._lock:
+            refusal = self._refusal(spec)
+        return None if refusal is None else refusal.outcome(spec.session, event_seq)
+
+    @property
+    def full(self) -> list[Priority]:
+        """The classes of which not even a session of the fewest steps would be let in."""
+        load = self.load + self._share(self._least_steps, 1)
+        alone = not self._num_sessions
+        return [priority for priority in Priority if not alone and load > self._config.admit_load[priority - 1]]
 
     def release(self, session: SessionKey, spec: SessionSpec | None = None) -> None:
         """Give up a session's place. spec: only if the place is this one's, not that of a later one of the same key."""
@@ -102,43 +117,31 @@ class Admission:
             refused, self._refused = self._refused, Counter()
             return refused
 
-    def _refusal(self, spec: SessionSpec, event_seq: int) -> Outcome | None:
+    def _refusal(self, spec: SessionSpec) -> EventRefused | None:
         config = self._config
         if self._closed_for_good:
-            message = "the server is going away; open the session elsewhere"
-            return Outcome(spec.session, event_seq, Code.UNAVAILABLE, None, "DRAINING", message, "open")
+            return draining()
         if spec.is_clip:
             if self._clips < config.max_clips:
                 return None
             limit = f"at most {config.max_clips} samples of clips at once"
-            return self._full(spec, event_seq, "CLIP_LIMIT", "other clips are being made; try again later", limit)
+            return self._full("CLIP_LIMIT", "other clips are being made; try again later", limit)
         if self._num_sessions >= config.max_sessions:
-            limit = f"at most {config.max_sessions} sessions at once"
-            return self._full(spec, event_seq, "SESSION_LIMIT", "the server is full; try again later", limit)
+            return session_limit(config.max_sessions, self._retry_after_s())
         most = config.admit_load[spec.priority - 1]
         load = self.load + self._share(spec.denoise_steps, 1)
         if load <= most or (not self._num_sessions and self._elsewhere <= most):
             return None
         return self._full(
-            spec,
-            event_seq,
             "OVERLOADED",
             f"the machine would be {load:.0%} busy with this session; try again later, or ask for fewer steps",
             f"sessions of class {spec.priority.name} up to a load of {most:.0%}",
         )
 
-    def _full(self, spec: SessionSpec, event_seq: int, reason: str, message: str, allowed: str) -> Outcome:
+    def _full(self, reason: str, message: str, allowed: str) -> EventRefused:
+        return EventRefused(Code.RESOURCE_EXHAUSTED, reason, message, "open", allowed, self._retry_after_s())
+
+    def _retry_after_s(self) -> float:
+        """Those who are sent away together should not come back together: hints are spread over as much again."""
         self._refusals += 1
-        # Those who are sent away together should not come back together: hints are spread over as much again.
-        retry_after_s = self._config.retry_after_s * (1.0 + spread(self._refusals))
-        return Outcome(
-            spec.session,
-            event_seq,
-            Code.RESOURCE_EXHAUSTED,
-            None,
-            reason,
-            message,
-            "open",
-            allowed,
-            round(retry_after_s, 2),
-        )
+        return round(self._config.retry_after_s * (1.0 + spread(self._refusals)), 2)

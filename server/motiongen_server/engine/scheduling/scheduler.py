@@ -1,19 +1,26 @@
 """Scheduler: which jobs are in the next denoising step. Pure: time comes in as an argument.
 
-Within a class the earliest deadline goes first. Classes go in order of priority, but each has a share of all rows
-reserved: while jobs of a class are left over, it gets a row at the latest when it is owed a whole one, so that no class
-starves. A step is as large as the caps and the tightest deadline allow. Jobs pause and go on between steps, at no cost.
+Frames that a client would run out of come before anything that only changes frames: a window that goes on from frames
+being played is taken first, whatever its class, once it is endangered. Then classes go in order of priority, but each
+has a share of all rows reserved: while jobs of a class are left over, it gets a row at the latest when it is owed a
+whole one, so that no class starves. Within a class the earliest deadline goes first.
+
+Preparing and decoding cost little more for several windows than for one. So newcomers gather: where the windows of
+their class, or of a more urgent one, that are under way will soon be done, they wait for these, and begin together.
+
+A step is as large as the caps and the tightest deadline allow. Jobs pause and go on between steps, at no cost.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left, insort
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import ceil, inf
 
 from motiongen_server.engine.scheduling.costs import CostTable
-from motiongen_server.engine.types import Priority, RowStatus, WindowJob
+from motiongen_server.engine.types import PlanCause, Priority, RowStatus, WindowJob
 
 DEFAULT_SHARES = (0.0, 0.15, 0.1, 0.05)
 DEFAULT_BACKGROUND_STEP_S = 0.025
@@ -29,6 +36,11 @@ _LITTLE_WASTE = 1.15
 _STRAINED_SHARE = 0.5
 _STRAINED_STRETCH = 2.0
 _SOON_S = 0.25
+# Frames are endangered where no more than so many times the time is left that their window still takes, one of the
+# largest steps after another.
+_ENDANGERED = 2.0
+# Newcomers wait for others to be done at most so long.
+DEFAULT_GATHER_S = 0.09
 
 
 @dataclass(slots=True)
@@ -45,13 +57,24 @@ class ScheduledJob:
         """What orders the jobs of a class."""
         return (self.job.deadline, self.job.job_id)
 
+    def rank(self) -> tuple[int, float, int]:
+        """What orders all jobs."""
+        return (self.job.priority, *self.dueness)
+
+    @property
+    def continues(self) -> bool:
+        """Whether it makes frames that a client would run out of."""
+        job = self.job
+        return job.first_frame > 0 and job.cause is not PlanCause.EDIT and not job.background
+
 
 class Scheduler:
     """Holds every window job from `add` to `remove`.
 
     max_rows, max_evaluations: of one step. max_step_s: a step is not made larger than what this time allows, so that
     whoever comes meanwhile need not wait longer; background_step_s: the same for a step that has jobs in the background
-    only; shares: of all rows, reserved for each class, most urgent first.
+    only; shares: of all rows, reserved for each class, most urgent first; gather_s: how long newcomers wait for others
+    at most.
     """
 
     def __init__(
@@ -62,6 +85,7 @@ class Scheduler:
         max_step_s: float = inf,
         background_step_s: float = DEFAULT_BACKGROUND_STEP_S,
         shares: Sequence[float] = DEFAULT_SHARES,
+        gather_s: float = DEFAULT_GATHER_S,
     ) -> None:
         self.costs = costs
         self._max_rows = max_rows
@@ -69,8 +93,10 @@ class Scheduler:
         self._max_step_s = max_step_s
         self._background_step_s = background_step_s
         self._shares = tuple(shares)
+        self._gather_s = gather_s
         self._jobs: dict[int, ScheduledJob] = {}
         self._queues: tuple[list[tuple[float, int]], ...] = tuple([] for _ in Priority)
+        self._continuing: list[tuple[float, int]] = []
         self._evaluations = [0 for _ in Priority]
         self._background = 0  # evaluations of those
         self._owed = [0.0 for _ in Priority]
@@ -82,52 +108,80 @@ class Scheduler:
         held = ScheduledJob(job, passes)
         self._jobs[job.job_id] = held
         insort(self._queues[job.priority - 1], held.dueness)
+        if held.continues:
+            insort(self._continuing, held.dueness)
         self._evaluations[job.priority - 1] += passes
         self._background += passes if job.background else 0
 
     def remove(self, job_id: int) -> None:
         held = self._jobs.pop(job_id)
-        queue = self._queues[held.job.priority - 1]
-        del queue[bisect_left(queue, held.dueness)]
+        for queue in (self._queues[held.job.priority - 1], *([self._continuing] if held.continues else ())):
+            del queue[bisect_left(queue, held.dueness)]
         self._evaluations[held.job.priority - 1] -= held.passes
         self._background -= held.passes if held.job.background else 0
 
     def schedule(self, now: float) -> list[ScheduledJob]:
         """The jobs of the next step, most urgent first."""
-        taken = self._reserved()
-        rows = sum(taken)
-        evaluations = sum(
-            self._jobs[job_id].passes
-            for queue, count in zip(self._queues, taken, strict=True)
-            for _, job_id in queue[:count]
-        )
+        chosen = {held.job.job_id: held for held in self._reserved()}
+        evaluations = sum(held.passes for held in chosen.values())
         strained = self._strained(now)
         budget_s, most, least = inf, self._step_cap(strained), self._least_evaluations(strained)
         room_s: float | None = None  # for the step, once jobs in the background are looked at
-        for index, queue in enumerate(self._queues):
-            for _, job_id in queue[taken[index] :]:
-                held = self._jobs[job_id]
-                larger = evaluations + held.passes
-                if rows >= self._max_rows or (rows and larger > most):
-                    return self._commit_rows(taken)
-                step_s = self.costs.step.seconds(larger)
-                if step_s > budget_s and larger > least:
-                    return self._commit_rows(taken)
-                if held.job.background:
-                    room_s = self._background_room_s(taken, evaluations) if room_s is None else room_s
-                    if rows and step_s > room_s:
-                        break
-                allowed_s = self._allowed_step_s(held, now)
-                if allowed_s >= step_s:  # else it is late whatever is done, and nobody need make room for it
-                    budget_s = min(budget_s, allowed_s)
-                rows, evaluations = rows + 1, larger
-                taken[index] += 1
-        return self._commit_rows(taken)
+        for held in self._candidates(now):
+            if held.job.job_id in chosen:
+                continue
+            larger = evaluations + held.passes
+            step_s = self.costs.step.seconds(larger)
+            full = len(chosen) >= self._max_rows or (chosen and larger > most)
+            if full or (step_s > budget_s and larger > least):
+                break
+            if held.job.background:
+                room_s = self._background_room_s(chosen.values(), evaluations) if room_s is None else room_s
+                if chosen and step_s > room_s:
+                    break
+            allowed_s = self._allowed_step_s(held, now)
+            if allowed_s >= step_s:  # else it is late whatever is done, and nobody need make room for it
+                budget_s = min(budget_s, allowed_s)
+            chosen[held.job.job_id], evaluations = held, larger
+        return self._commit_rows(chosen)
 
-    def _background_room_s(self, taken: Sequence[int], evaluations: int) -> float:
+    def _candidates(self, now: float) -> Iterator[ScheduledJob]:
+        """Who may be in the next step, in the order in which they are taken; some come twice."""
+        yield from self._endangered(now)
+        for priority, queue in zip(Priority, self._queues, strict=True):
+            gathers = self.gathers(priority)
+            for _, job_id in queue:
+                held = self._jobs[job_id]
+                if held.prepared or not gathers:
+                    yield held
+
+    def _endangered(self, now: float) -> list[ScheduledJob]:
+        """Windows whose frames clients are about to run out of, in order of class and deadline."""
+        step_s = self.costs.step.seconds(self._step_cap(strained=True))
+        window_s = self.costs.prepare.seconds(1) + self.costs.decode.seconds(1)
+        endangered = []
+        for deadline, job_id in self._continuing:
+            held = self._jobs[job_id]
+            left_s = window_s + step_s * (held.job.num_steps - held.steps_done)
+            if deadline - now > _ENDANGERED * left_s:
+                break
+            endangered.append(held)
+        return sorted(endangered, key=ScheduledJob.rank)
+
+    def gathers(self, priority: Priority) -> bool:
+        """Whether newcomers of a class wait for windows of it, or of more urgent ones, that will soon be done."""
+        ahead = [
+            held for queue in self._queues[:priority] for _, job_id in queue if (held := self._jobs[job_id]).prepared
+        ]
+        if not ahead:
+            return False
+        step_s = self.costs.step.seconds(sum(held.passes for held in ahead))
+        rounds = max(held.job.num_steps - held.steps_done for held in ahead)
+        return rounds * step_s + self.costs.decode.seconds(len(ahead)) <= self._gather_s
+
+    def _background_room_s(self, chosen: Iterable[ScheduledJob], evaluations: int) -> float:
         """How long a step may become by jobs in the background: others wait for its end, or for each of their own."""
-        chosen = [job_id for queue, count in zip(self._queues, taken, strict=True) for _, job_id in queue[:count]]
-        if any(not self._jobs[job_id].job.background for job_id in chosen):
+        if any(not held.job.background for held in chosen):
             return _BACKGROUND_DRAG * self.costs.step.seconds(evaluations)
         return self._background_step_s
 
@@ -135,25 +189,22 @@ class Scheduler:
         """Jobs that are held are never made to wait."""
         return inf
 
-    def _reserved(self) -> list[int]:
-        """Rows that each class must have in this step: the whole rows it is owed, the most owed first."""
-        taken = [0 for _ in Priority]
+    def _reserved(self) -> Iterator[ScheduledJob]:
+        """The rows that classes must have in this step: the whole rows they are owed, the most owed first."""
         rows = self._max_rows
-        for index in sorted(range(len(taken)), key=lambda index: -self._owed[index]):
-            taken[index] = min(int(self._owed[index]), len(self._queues[index]), rows)
-            rows -= taken[index]
-        return taken
+        for index in sorted(range(len(self._owed)), key=lambda index: -self._owed[index]):
+            queue = self._queues[index][: min(int(self._owed[index]), rows)]
+            rows -= len(queue)
+            yield from (self._jobs[job_id] for _, job_id in queue)
 
-    def _commit_rows(self, taken: Sequence[int]) -> list[ScheduledJob]:
-        """Keep the books of what the classes are owed, and give out the rows."""
-        rows = sum(taken)
-        for index, queue in enumerate(self._queues):
-            left_out = len(queue) > taken[index]
-            owed = self._owed[index] + self._shares[index] * rows - taken[index]
-            self._owed[index] = min(max(owed, 0.0), max(_MOST_OWED, self._shares[index] * rows)) if left_out else 0.0
-        return [
-            self._jobs[job_id] for queue, count in zip(self._queues, taken, strict=True) for _, job_id in queue[:count]
-        ]
+    def _commit_rows(self, chosen: dict[int, ScheduledJob]) -> list[ScheduledJob]:
+        """Keep the books of what the classes are owed, and give out the rows in order of class and deadline."""
+        taken = Counter(held.job.priority for held in chosen.values())
+        for index, (priority, queue) in enumerate(zip(Priority, self._queues, strict=True)):
+            owed = self._owed[index] + self._shares[index] * len(chosen) - taken[priority]
+            most_owed = max(_MOST_OWED, self._shares[index] * len(chosen))
+            self._owed[index] = min(max(owed, 0.0), most_owed) if len(queue) > taken[priority] else 0.0
+        return sorted(chosen.values(), key=ScheduledJob.rank)
 
     def _step_cap(self, strained: bool) -> int:
         """Most evaluations of a step."""

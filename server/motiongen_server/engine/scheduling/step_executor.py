@@ -11,13 +11,14 @@ from math import ceil
 
 import numpy as np
 
-from motiongen_server.engine.ports import Clock, DeviceLost, OutOfMemory, Runner, SchedulingPolicy
+from motiongen_server.engine.ports import Clock, DeviceLost, OutOfMemory, Runner
 from motiongen_server.engine.scheduling.admission import Prices
 from motiongen_server.engine.scheduling.batch_retry import BatchRetry
 from motiongen_server.engine.scheduling.costs import bucket
-from motiongen_server.engine.scheduling.report import StepReport
+from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.scheduler import ScheduledJob
 from motiongen_server.engine.types import Float32Array, RowStatus, WindowJob, WindowResult
+from motiongen_server.engine.types.report import StepReport
 
 _log = logging.getLogger(__name__)
 

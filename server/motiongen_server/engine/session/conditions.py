@@ -12,28 +12,12 @@ from motiongen_server.engine.session.velocity import Velocity
 from motiongen_server.engine.types import (
     Code,
     Constraint,
+    EventRefused,
     Gait,
-    Outcome,
     Prompt,
-    SessionKey,
     SetConstraints,
     SetPrompts,
 )
-
-
-class EditRefused(Exception):
-    """An edit that cannot be done; it has changed nothing. The fields are those of Outcome."""
-
-    def __init__(self, code: Code, reason: str, message: str, field: str, allowed: str) -> None:
-        super().__init__(message)
-        self.code = code
-        self.reason = reason
-        self.message = message
-        self.field = field
-        self.allowed = allowed
-
-    def outcome(self, session: SessionKey, event_seq: int) -> Outcome:
-        return Outcome(session, event_seq, self.code, None, self.reason, self.message, self.field, self.allowed)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,7 +125,7 @@ def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) ->
     """Apply an edit of prompts. floor: the first frame that can still change.
 
     Returns the new conditions and the first frame from floor on whose prompt differs, None if none does.
-    Raises EditRefused for an unknown id, a span that has passed, or more than `limit` prompts.
+    Raises EventRefused for an unknown id, a span that has passed, or more than `limit` prompts.
     """
     prompts = {prompt.prompt_id: prompt for prompt in held.prompts}
     for index, prompt_id in enumerate(event.remove):
@@ -166,7 +150,7 @@ def edit_constraints(
     """Apply an edit of constraints. floor: the first frame that can still change.
 
     Returns the new conditions and every constraint that came, went or was replaced.
-    Raises EditRefused for an unknown id, a target that has passed, or more than `limit` constraints.
+    Raises EventRefused for an unknown id, a target that has passed, or more than `limit` constraints.
     """
     constraints = {item.constraint_id: item for item in held.constraints}
     changed: list[Constraint] = []
@@ -204,9 +188,9 @@ def _same(one: Prompt | None, other: Prompt | None) -> bool:
     return one.embedding is other.embedding or np.array_equal(one.embedding, other.embedding)
 
 
-def _unknown(what: str, given: int, index: int, held: Iterable[int]) -> EditRefused:
+def _unknown(what: str, given: int, index: int, held: Iterable[int]) -> EventRefused:
     listed = ", ".join(map(str, sorted(held)[:16])) or "none"
-    return EditRefused(
+    return EventRefused(
         Code.NOT_FOUND,
         f"UNKNOWN_{what.upper()}",
         f"{what} {given} is not set: it never was, was removed, or its frames have passed; leave it out",
@@ -215,8 +199,8 @@ def _unknown(what: str, given: int, index: int, held: Iterable[int]) -> EditRefu
     )
 
 
-def _passed(what: str, given: int, frame: int, floor: int, field: str) -> EditRefused:
-    return EditRefused(
+def _passed(what: str, given: int, frame: int, floor: int, field: str) -> EventRefused:
+    return EventRefused(
         Code.FAILED_PRECONDITION,
         "FRAME_COMMITTED",
         f"{what} {given} asks for frame {frame}, but frames below {floor} cannot change any more; choose a later frame",
@@ -225,8 +209,8 @@ def _passed(what: str, given: int, frame: int, floor: int, field: str) -> EditRe
     )
 
 
-def _too_many(what: str, given: int, limit: int) -> EditRefused:
-    return EditRefused(
+def _too_many(what: str, given: int, limit: int) -> EventRefused:
+    return EventRefused(
         Code.RESOURCE_EXHAUSTED,
         f"TOO_MANY_{what.upper()}",
         f"the session would hold {given} {what}; remove some or reuse their ids",

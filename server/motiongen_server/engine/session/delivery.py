@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.session.plan_log import PlanLog
 from motiongen_server.engine.session.playback import PlaybackClock, RoundTrip
 from motiongen_server.engine.session.timeline import Timeline
-from motiongen_server.engine.types import Chunk, Playhead, SessionKey
+from motiongen_server.engine.types import Chunk, Output, PlanCause, PlanNotice, Playhead, Resume, Resumed, SessionKey
 
 
 @dataclass(slots=True)
@@ -30,6 +31,7 @@ class Delivery:
     first_chunk_due: bool = True
     num_frames: int = 0
     late_frames: int = 0
+    plan_log: PlanLog = field(default_factory=PlanLog)
 
     # ---- leads ------------------------------------------------------------------------------------------------------
 
@@ -65,14 +67,35 @@ class Delivery:
 
     def report(self, event: Playhead) -> None:
         self.clock.report(event.frame, event.received_at, self.sent_to)
+        self.plan_log.confirm(self.clock.reported)
         self.round_trip.report(event.rtt_s, event.received_at)
         self.far_frames = max(0, math.ceil(self.clock.fps * (self.round_trip.seconds - self.config.rtt_s)))
+
+    def grant(self, frame: int) -> None:
+        """The client of a clip has taken the frames below `frame`."""
+        self.clock.reported = max(self.clock.reported, min(frame, self.sent_to))
 
     def superseded(self, frame: int) -> int:
         """A plan replaces the frames from `frame` on. Returns how many of those were sent and are now void."""
         void = max(0, self.sent_to - frame)
         self.sent_to -= void
         return void
+
+    def resume(self, event: Resume, plan: int, first_held: int) -> list[Output]:
+        """Go on where a client is that lost its transport, with one notice for all the plans that it missed.
+
+        plan: the newest. first_held: the first frame that can still be sent. A client that cannot be where it says is
+        told that its frames are not held.
+        """
+        valid_from, event_seqs = self.plan_log.missed(event.plan, event.next_frame)
+        start = min(event.next_frame, valid_from)
+        if event.plan > plan or not first_held <= start <= self.sent_to:
+            return [Resumed(self.session, event.attempt, None)]
+        self.sent_to = start
+        resumed = Resumed(self.session, event.attempt, start)
+        if event.plan == plan:
+            return [resumed]
+        return [resumed, PlanNotice(self.session, plan, valid_from, PlanCause.RESUME, event_seqs)]
 
     def promise(self, frame: int) -> None:
         """Frames below `frame` will not change."""

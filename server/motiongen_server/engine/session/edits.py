@@ -9,9 +9,10 @@ from typing import TypeAlias
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.locomotion import gait_of
-from motiongen_server.engine.session.conditions import Conditions, EditRefused, edit_constraints, edit_prompts
+from motiongen_server.engine.session.conditions import Conditions, edit_constraints, edit_prompts
 from motiongen_server.engine.session.velocity import changed_velocity
-from motiongen_server.engine.types import Code, Gait, SetConstraints, SetPrompts, SetVelocity
+from motiongen_server.engine.types import Gait, SetConstraints, SetPrompts, SetVelocity
+from motiongen_server.engine.types.refusals import too_many_pending
 
 EditEvent: TypeAlias = SetPrompts | SetConstraints | SetVelocity
 
@@ -33,7 +34,7 @@ def edited(
     gaits: prompts that hold while a velocity leads.
 
     Returns the new conditions, the kind of edit, and the first frame that is to change, None if none is.
-    Raises EditRefused for what cannot be done.
+    Raises EventRefused for what cannot be done.
     """
     match event:
         case SetPrompts():
@@ -64,15 +65,9 @@ class EditQueue:
     unseen: list[tuple[PendingEdit, int]] = field(default_factory=list)
 
     def require_room(self) -> None:
-        """Raise EditRefused where too many edits wait already."""
+        """Raise EventRefused where too many edits wait already."""
         if len(self.waiting) >= self.most:
-            raise EditRefused(
-                Code.RESOURCE_EXHAUSTED,
-                "TOO_MANY_PENDING_EVENTS",
-                f"{len(self.waiting)} edits of this session wait for a plan; send again when one was answered",
-                "",
-                f"at most {self.most} edits that wait",
-            )
+            raise too_many_pending("edits", self.most)
 
     def add(self, edit: PendingEdit) -> None:
         self.waiting = (*self.waiting, edit)
@@ -81,6 +76,16 @@ class EditQueue:
         """All that wait, for a window that starts now."""
         taken, self.waiting = self.waiting, ()
         return taken
+
+    def space_replans(self, now: float, replans_hz: float) -> None:
+        """A window starts for the edits that wait: the next one may not before its time.
+
+        Counted from when this one might have started, one period ago at the most: who comes as often as is allowed
+        would else fall behind a little with every wait, and never catch up.
+        """
+        period_s = 1.0 / replans_hz
+        asked_at = min((edit.received_at for edit in self.waiting), default=now)
+        self.not_before = max(self.not_before, asked_at, now - period_s) + period_s
 
     def put_back(self, edits: tuple[PendingEdit, ...]) -> None:
         """The window that was to answer these will not: the next one may start at once."""

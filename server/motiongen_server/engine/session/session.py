@@ -7,12 +7,14 @@ return and what they count in the StepReport. The rules:
 - A window starts at a commit frame, which the client cannot have played when the window lands, or at the end of the
   plan. One that lands too late is discarded, and its edits are tried again with a longer lead.
 - All edits that wait when a window starts are answered by that window. One that arrives while a window runs cuts the
-  window (a prompt that starts inside it), restarts it (less than half of its steps are done), or follows it.
+  window (a prompt that starts inside it), joins it (it has not begun), restarts it (it answers no edit, and less than
+  half of its steps are done), or follows it.
 - Each class has a most replans a second; edits in between wait and share one. They are answered however long it takes.
 - A window is taken only up to the next change of prompt, so the window after it starts there with the new prompt.
 - No frame is sent at or beyond the reported playhead + lookahead.
 - A session told to hold makes no windows; it repeats its last pose when it would run out.
-- A clip has no playhead: windows follow one another until its frames are there, and each is sent when it lands.
+- A clip is not played: windows follow one another until its frames are there, and each is sent when it lands; no more
+  than its lookahead beyond what its client has taken.
 """
 
 from __future__ import annotations
@@ -22,8 +24,7 @@ from dataclasses import dataclass
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import FULL, Level
-from motiongen_server.engine.scheduling.report import EventLatency, StepReport
-from motiongen_server.engine.session.conditions import Conditions, EditRefused
+from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.delivery import Delivery
 from motiongen_server.engine.session.drift import DriftState
 from motiongen_server.engine.session.edits import EditEvent, EditQueue, PendingEdit, edited
@@ -34,6 +35,7 @@ from motiongen_server.engine.types import (
     Closed,
     CloseReason,
     Code,
+    EventRefused,
     ModelFacts,
     Opened,
     Outcome,
@@ -41,6 +43,7 @@ from motiongen_server.engine.types import (
     PlanCause,
     PlanNotice,
     Playhead,
+    Resume,
     ServiceLevel,
     SessionKey,
     SessionSpec,
@@ -49,6 +52,8 @@ from motiongen_server.engine.types import (
     WindowJob,
     WindowResult,
 )
+from motiongen_server.engine.types.refusals import session_closed
+from motiongen_server.engine.types.report import EventLatency, StepReport
 
 # A wake-up computed in floating point may come a hair early; the tolerance keeps it from being asked for again.
 _FRAME_TOLERANCE = 1e-3
@@ -122,10 +127,7 @@ class SessionState:
     def close(self, reason: CloseReason, code: Code, message: str) -> list[Output]:
         """Answer every edit that still waits, then say goodbye. The session must not be used again."""
         waiting = (*(self.running.answers if self.running else ()), *self.edits.waiting)
-        outputs: list[Output] = [
-            Outcome(self.key, edit.event_seq, Code.CANCELLED, None, "SESSION_CLOSED", "the session closed before it")
-            for edit in waiting
-        ]
+        outputs: list[Output] = [session_closed().outcome(self.key, edit.event_seq) for edit in waiting]
         self.running, self.edits.waiting = None, ()
         return [*outputs, Closed(self.key, reason, code, message, self.delivery.num_frames, self.delivery.late_frames)]
 
@@ -138,20 +140,28 @@ class SessionState:
 
     # ---- events -----------------------------------------------------------------------------------------------------
 
-    def apply(self, event: EditEvent | Playhead | SetPlayState, now: float, report: StepReport) -> list[Output]:
+    def apply(
+        self, event: EditEvent | Playhead | SetPlayState | Resume, now: float, report: StepReport
+    ) -> list[Output]:
         """Take in one event. If this ends the running window (`running` becomes None), its job is to be discarded."""
         if isinstance(event, Playhead):
             self._report_playhead(event, now, report)
             return []
+        if isinstance(event, Resume):
+            self.last_playhead_at = now
+            return self.delivery.resume(event, self.plan, self.timeline.first)
         if isinstance(event, SetPlayState):
             self.clock.set_state(event.state, event.received_at, self.delivery.sent_to)
             return [Outcome(self.key, event.event_seq, Code.OK)]
         try:
             return self._edit(event, now, report)
-        except EditRefused as refused:
+        except EventRefused as refused:
             return [refused.outcome(self.key, event.event_seq)]
 
     def _report_playhead(self, event: Playhead, now: float, report: StepReport) -> None:
+        if self.spec.clip_frames is not None:
+            self.delivery.grant(min(event.frame, self.spec.clip_frames - self.spec.lookahead))
+            return
         self.last_playhead_at = now
         self.delivery.report(event)
         if event.underruns > self.underruns:
@@ -181,17 +191,24 @@ class SessionState:
             return []
         self.edits.add(edit)
         if running is not None and dirty_from < running.accept_to and self._worth_restarting(running):
-            self._withdraw(running)
-            self.restarts += 1
-            report.windows_restarted += 1
+            self.restarts += running.steps_done > 0
+            report.windows_restarted += running.steps_done > 0
+            self._withdraw(running, report)
         return self._settle()
 
     def _worth_restarting(self, running: RunningWindow) -> bool:
-        early = running.steps_done * 2 < running.job.num_steps
-        return early and self.restarts < self.config.max_restarts and not self.level.full_stride
+        """Whether to begin a window again for an edit that came meanwhile, rather than let another one follow it.
 
-    def _withdraw(self, running: RunningWindow) -> None:
+        One that has not begun costs nothing. One that answers edits is finished: these were first, and more may come.
+        """
+        if not running.steps_done:
+            return True
+        early = running.steps_done * 2 < running.job.num_steps
+        return early and not running.answers and self.restarts < self.config.max_restarts and not self.level.full_stride
+
+    def _withdraw(self, running: RunningWindow, report: StepReport) -> None:
         """Forget the running window; its edits wait again."""
+        report.steps_discarded += running.steps_done
         self.edits.put_back(running.answers)
         self.drift_state.correction = running.correction
         self.running = None
@@ -239,7 +256,7 @@ class SessionState:
             return False
         planned_to = self.timeline.end
         if self.spec.clip_frames is not None:
-            return planned_to < self.spec.clip_frames
+            return planned_to < min(self.spec.clip_frames, self.clock.reported + self.spec.lookahead)
         if planned_to == 0:
             return True
         if self.level.hold:
@@ -261,7 +278,7 @@ class SessionState:
         job = site.job(first_frame, correction, job_id, self.plan + 1, cause, now, self.deadline(now))
         if self._replan_wanted:
             replans_hz = self.config.replans_hz[self.spec.priority - 1] * self.level.replan_cap_scale
-            self.edits.not_before = now + 1.0 / replans_hz
+            self.edits.space_replans(now, replans_hz)
         end = first_frame + self.facts.horizon
         if cause is PlanCause.CONTINUE and self.clock.running:
             end, self.cut_frames = end - self.cut_frames, 0
@@ -309,12 +326,13 @@ class SessionState:
         assert running.job.job_id == result.job_id
         self._note_deadline(running, now, report)
         if running.first_frame < self._replaceable_from(now, self.delivery.delivery_s):
-            self._withdraw(running)
+            self._withdraw(running, report)
             self.extra_lead_s = max(now - running.job.created_at, 2 * self.extra_lead_s)
             report.windows_discarded += 1
             return []
         self.running = None
         first_frame, num_frames = running.first_frame, running.accept_to - running.first_frame
+        # A runner may give fewer: from the next frame on it would tell the model something else.
         rows = result.frames[:num_frames]
         self.timeline = self.timeline.spliced(
             first_frame, rows, result.features[:num_frames], result.tokens, anew=running.fresh
@@ -327,11 +345,14 @@ class SessionState:
         self.delivery.first_chunk_due |= running.job.cause is PlanCause.EDIT
         report.windows.append((self.spec.priority, running.job.cause))
         report.soft_resets += running.correction is not None
+        sent_to = self.delivery.sent_to
         report.frames_superseded += self.delivery.superseded(first_frame)
         answered = self.edits.landed(running.answers, first_frame, self.delivery.sent_to)
         seqs = tuple(edit.event_seq for edit, _ in answered)
+        notice = PlanNotice(self.key, self.plan, first_frame, running.job.cause, seqs)
+        self.delivery.plan_log.note(notice, sent_to)
         return [
-            PlanNotice(self.key, self.plan, first_frame, running.job.cause, seqs),
+            notice,
             *(Outcome(self.key, edit.event_seq, Code.OK, frame) for edit, frame in answered),
             *self._settle(),
         ]
@@ -382,12 +403,16 @@ class SessionState:
             return []
         self.plan += 1
         self.holding = True
-        return [PlanNotice(self.key, self.plan, held_from, PlanCause.FALLBACK, ())]
+        notice = PlanNotice(self.key, self.plan, held_from, PlanCause.FALLBACK, ())
+        delivery.plan_log.note(notice, delivery.sent_to)
+        return [notice]
 
     def _trim(self) -> None:
         """Let go of what can neither be sent, nor replaced, nor be history; and of conditions that have passed."""
         committed_to = self.delivery.committed_to
-        keep_from = min(committed_to, self.delivery.sent_to) - history_crop(self.spec, self.config)
+        # A client that loses its transport may have to be sent again all that lies beyond its last report.
+        missed_from = math.inf if self.spec.is_clip else self.clock.reported
+        keep_from = int(min(committed_to, self.delivery.sent_to, missed_from)) - history_crop(self.spec, self.config)
         if keep_from - self.timeline.first >= self.facts.horizon:
             self.timeline = self.timeline.trimmed(keep_from)
         self.conditions = self.conditions.without_past(committed_to)

@@ -4,14 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from motiongen_ardy.locomotion.velocity import STATE_FRAMES, RootState, root_state
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import Level
 from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.drift import Correction, DriftGuard
 from motiongen_server.engine.session.edits import PendingEdit
 from motiongen_server.engine.session.timeline import Timeline
-from motiongen_server.engine.session.velocity import STATE_FRAMES, RootState, Velocity, root_state
-from motiongen_server.engine.types import Constraint, Guidance, ModelFacts, PlanCause, SessionSpec, StartPose, WindowJob
+from motiongen_server.engine.session.velocity import Velocity
+from motiongen_server.engine.types import (
+    Constraint,
+    Guidance,
+    ModelFacts,
+    PlanCause,
+    RootTrajectory,
+    SessionSpec,
+    StartPose,
+    WindowJob,
+)
 
 
 @dataclass(slots=True)
@@ -67,7 +77,8 @@ class WindowSite:
         if correction is Correction.SHORT_HISTORY:
             length = min(length, self.facts.patch)
         prompt = self.conditions.prompt_at(first_frame)
-        constraints = self._constraints(first_frame, length)
+        path = self._velocity_path(first_frame)
+        constraints = self._constraints(first_frame, length, path)
         return WindowJob(
             job_id=job_id,
             session=self.spec.session,
@@ -86,6 +97,7 @@ class WindowSite:
             created_at=now,
             history_tokens=self.timeline.tokens_before(first_frame, length) if self.config.reuse_tokens else None,
             background=self.spec.is_clip,
+            keep_prompt=self.spec.keep_prompts or path is not None,  # a velocity has chosen its prompt already
         )
 
     def _start_pose(self, first_frame: int, correction: Correction | None) -> StartPose | None:
@@ -96,15 +108,21 @@ class WindowSite:
             return None
         return self.guard.fresh_start(self.timeline.rows_between(first_frame - 1, first_frame)[0])
 
-    def _constraints(self, first_frame: int, history_length: int) -> tuple[Constraint, ...]:
+    def _constraints(
+        self, first_frame: int, history_length: int, path: RootTrajectory | None
+    ) -> tuple[Constraint, ...]:
         """The constraints that a window sees. Of two the later one holds: those of the client over a velocity."""
         end = first_frame - history_length + self.facts.max_window_frames
         seen = self.conditions.constraints_within(first_frame, end)
-        velocity, fps = self.conditions.velocity, self.facts.fps
-        if velocity is None:
-            return seen
-        path = velocity.path(first_frame, first_frame + self.facts.horizon, self._root_before(first_frame), fps)
         return seen if path is None else (path, *seen)
+
+    def _velocity_path(self, first_frame: int) -> RootTrajectory | None:
+        """Where a velocity leads through a window; None where none does."""
+        velocity = self.conditions.velocity
+        if velocity is None:
+            return None
+        end = first_frame + self.facts.horizon
+        return velocity.path(first_frame, end, self._root_before(first_frame), self.facts.fps)
 
     def _root_before(self, first_frame: int) -> RootState:
         """What the root does just before a window; it stands in the start pose before the first."""
@@ -112,7 +130,7 @@ class WindowSite:
         rows = self.timeline.rows_between(max(self.timeline.first, first_frame - STATE_FRAMES), first_frame)
         if not len(rows):
             return RootState(start.x, start.z, 0.0, 0.0, start.heading)
-        return root_state(reader.positions(rows), reader.heading(rows[-1]), self.facts.fps)
+        return root_state(reader.positions(rows)[:, [0, 2]], reader.heading(rows[-1]), self.facts.fps)
 
 
 def history_crop(spec: SessionSpec, config: EngineConfig) -> int:

@@ -22,6 +22,7 @@ from motiongen_server.engine.types.events import (
     Event,
     Open,
     Playhead,
+    Resume,
     SetConstraints,
     SetPlayState,
     SetPrompts,
@@ -58,8 +59,12 @@ from motiongen_server.engine.types.outputs import (
     Outcome,
     Output,
     PlanNotice,
+    Resumed,
     ServiceLevel,
     Warned,
+)
+from motiongen_server.engine.types.refusals import (
+    EventRefused,
 )
 from motiongen_server.engine.types.spec import (
     Guidance,
@@ -78,6 +83,7 @@ __all__ = [
     "Constraint",
     "Direction",
     "Event",
+    "EventRefused",
     "Float32Array",
     "Gait",
     "Guidance",
@@ -111,4 +117,6 @@ __all__ = [
     "Warned",
     "WindowJob",
     "WindowResult",
+    "Resume",
+    "Resumed",
 ]

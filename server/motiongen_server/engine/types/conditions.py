@@ -28,23 +28,29 @@ class Prompt:
     embedding: Float32Array
 
 
-@dataclass(frozen=True, slots=True)
-class Waypoint:
-    """A waypoint: the root's ground position at one frame, heading optional."""
+@dataclass(frozen=True, slots=True, eq=False)
+class AtFrame:
+    """A constraint of a single frame."""
 
     constraint_id: int
     frame: int
-    x: float
-    z: float
-    heading: float | None = None
+
+    @property
+    def first_frame(self) -> int:
+        return self.frame
 
     @property
     def last_frame(self) -> int:
         return self.frame
 
-    @property
-    def first_frame(self) -> int:
-        return self.frame
+
+@dataclass(frozen=True, slots=True)
+class Waypoint(AtFrame):
+    """A waypoint: the root's ground position at one frame, heading optional."""
+
+    x: float
+    z: float
+    heading: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,14 +68,12 @@ class RootTrajectory:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JointTargets:
+class JointTargets(AtFrame):
     """World targets of some joints at one frame. positions: (K, 3); rotations: (K, 3, 3) global matrices, or None.
 
     rotated: which of the joints the rotations count for, all of them unless given; the other matrices say nothing.
     """
 
-    constraint_id: int
-    frame: int
     joints: tuple[int, ...]
     positions: Float32Array
     rotations: Float32Array | None = None
@@ -81,30 +85,12 @@ class JointTargets:
         count = 0 if self.rotations is None else len(self.joints)
         return [index for index in range(count) if self.rotated is None or self.rotated[index]]
 
-    @property
-    def last_frame(self) -> int:
-        return self.frame
-
-    @property
-    def first_frame(self) -> int:
-        return self.frame
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Keyframe:
+class Keyframe(AtFrame):
     """A keyframe: the world positions of all joints at one frame. positions: (J, 3)."""
 
-    constraint_id: int
-    frame: int
     positions: Float32Array
-
-    @property
-    def last_frame(self) -> int:
-        return self.frame
-
-    @property
-    def first_frame(self) -> int:
-        return self.frame
 
 
 Constraint: TypeAlias = Waypoint | RootTrajectory | JointTargets | Keyframe

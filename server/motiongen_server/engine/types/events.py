@@ -2,8 +2,8 @@
 
 event_seq rises within a session and names the event in its Outcome; 0 means not sequenced. received_at is when the
 service read the event. SetPrompts, SetConstraints, SetVelocity and SetPlayState get exactly one Outcome each; Open gets
-Opened, or an Outcome that refuses it; Close gets Closed, or an Outcome where no session is open; Playhead gets no
-answer.
+Opened, or an Outcome that refuses it; Resume gets Resumed, or a Closed crosses it; Close gets Closed, or an Outcome
+where no session is open; Playhead gets no answer.
 """
 
 from __future__ import annotations
@@ -95,6 +95,21 @@ class SetPlayState:
 
 
 @dataclass(frozen=True, slots=True)
+class Resume:
+    """Go on with a client that lost its transport: it holds frames below next_frame, of plans up to `plan`.
+
+    Answered by `Resumed` with the same attempt, which the service counts.
+    """
+
+    session: SessionKey
+    event_seq: int
+    received_at: float
+    attempt: int
+    next_frame: int
+    plan: int
+
+
+@dataclass(frozen=True, slots=True)
 class Close:
     """End the session. The service also sends it for every session of a stream that broke or reads too slowly."""
 
@@ -104,4 +119,4 @@ class Close:
     reason: CloseReason = CloseReason.CLIENT
 
 
-Event: TypeAlias = Open | SetPrompts | SetConstraints | SetVelocity | Playhead | SetPlayState | Close
+Event: TypeAlias = Open | SetPrompts | SetConstraints | SetVelocity | Playhead | SetPlayState | Resume | Close

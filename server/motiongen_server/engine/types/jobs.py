@@ -21,7 +21,8 @@ class WindowJob:
     where whole tokens of earlier windows do not cover it exactly, and the runner then encodes `history` again.
     embedding: the prompt's, None for no prompt. constraints: absolute frames, only those that reach past first_frame
     and into the window. deadline: when the frames are due. cause and priority are for the scheduler and the metrics.
-    background: of a clip, which nobody plays while it is made.
+    background: of a clip, which nobody plays while it is made. keep_prompt: the embedding is told even where the
+    constraints contradict it.
     """
 
     job_id: int
@@ -41,6 +42,7 @@ class WindowJob:
     created_at: float
     history_tokens: Float32Array | None = None
     background: bool = False
+    keep_prompt: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +56,8 @@ class RowStatus:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowResult:
-    """A finished window, horizon frames from the job's first_frame on.
+    """A finished window: G frames from the job's first_frame on, the horizon, or fewer where something else is to be
+    told from the next frame on, and never fewer than a patch.
 
     frames: (G, row_width) float32, rows for the wire. features: (G, D) float32, normalized, for later histories.
     tokens: (G / patch, token_width) float32, the same frames as tokens: normalized, latents on the grid, root in the

@@ -26,3 +26,8 @@ class Gait:
     from_mps: float
     direction: Direction
     embedding: Float32Array
+
+    @property
+    def quarter(self) -> int:
+        """The direction as `motiongen_ardy.locomotion` counts it."""
+        return int(self.direction)

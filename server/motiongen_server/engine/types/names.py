@@ -27,11 +27,15 @@ class Priority(IntEnum):
 
 
 class PlanCause(IntEnum):
-    """Why a plan was made; the numbers are those of the protocol. FALLBACK: the server held or righted a character."""
+    """Why a plan was made; the numbers are those of the protocol. FALLBACK: the server held or righted a character.
+
+    RESUME: all that a client missed while its transport was lost.
+    """
 
     CONTINUE = 1
     EDIT = 2
     FALLBACK = 5
+    RESUME = 6
 
 
 class PlayState(IntEnum):
@@ -51,6 +55,7 @@ class CloseReason(IntEnum):
     ENGINE_FAULT = 6
     OVERLOAD = 8
     MODEL_UNLOADED = 9
+    TAKEN_OVER = 10
 
 
 class ServiceTier(IntEnum):

@@ -23,7 +23,10 @@ class Warned:
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """The first output of a session. committed_horizon: least frames from the playhead to what an edit can change."""
+    """The first output of a session. committed_horizon: least frames from the playhead to what an edit can change.
+
+    warnings, session_id, session_token: the service fills them in.
+    """
 
     session: SessionKey
     seed: int
@@ -35,6 +38,8 @@ class Opened:
     rig_id: str
     fps: int
     warnings: tuple[Warned, ...] = ()
+    session_id: str = ""
+    session_token: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +98,15 @@ class ServiceLevel:
 
 
 @dataclass(frozen=True, slots=True)
+class Resumed:
+    """What follows is for a client that resumes. start_frame: the next frame sent; None: it is not held any more."""
+
+    session: SessionKey
+    attempt: int
+    start_frame: int | None
+
+
+@dataclass(frozen=True, slots=True)
 class Closed:
     """The last output of a session. num_frames: frames sent; late_frames: frames that came after they were due."""
 
@@ -104,4 +118,4 @@ class Closed:
     late_frames: int
 
 
-Output: TypeAlias = Opened | PlanNotice | Chunk | Outcome | ServiceLevel | Closed
+Output: TypeAlias = Opened | PlanNotice | Chunk | Outcome | ServiceLevel | Resumed | Closed

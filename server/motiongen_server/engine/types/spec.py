@@ -35,7 +35,8 @@ class SessionSpec:
     prior_rows: (H, row_width) float32, the frames just before frame 0, whole patches of them; start_pose counts only
     where there are none. clip_frames: not None makes the session a clip: that many frames, as fast as there is room
     beside the sessions, with all that was asked for; it has no playhead, and closes itself after its last frame.
-    gaits: the prompts that hold while a velocity leads; none: the session's own do.
+    gaits: the prompts that hold while a velocity leads; none: the session's own do. keep_prompts: its own hold also
+    where constraints ask the root for a pace that they contradict.
     """
 
     session: SessionKey
@@ -52,6 +53,7 @@ class SessionSpec:
     prior_rows: Float32Array | None = None
     clip_frames: int | None = None
     gaits: tuple[Gait, ...] = ()
+    keep_prompts: bool = False
 
     @property
     def is_clip(self) -> bool:

@@ -25,17 +25,24 @@ from motiongen_server.engine.types import (
     Opened,
     Outcome,
     Output,
+    Playhead,
     SessionKey,
     SessionSpec,
     Warned,
 )
+from motiongen_server.engine.types.refusals import draining
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.clip.request import check_extent, clip_specs, opening_event
 from motiongen_server.rpc.clip.residuals import constrained_frames, residuals
-from motiongen_server.rpc.convert import prompt_texts, warnings_of, write_update
-from motiongen_server.rpc.event_errors import draining
+from motiongen_server.rpc.convert import UNENCODED, prompt_texts, warnings_of, write_update
+from motiongen_server.rpc.encoding import encoded
+from motiongen_server.rpc.event_errors import too_many_clips
 from motiongen_server.rpc.handlers import ClipContext
+from motiongen_server.rpc.limits import ServiceLimits
+from motiongen_server.rpc.peers import Peer
+from motiongen_server.rpc.session_entry import session_name
+from motiongen_server.rpc.stream_errors import reader_stuck
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 
 _log = logging.getLogger(__name__)
@@ -75,9 +82,11 @@ class ClipService:
         models: ModelRegistry,
         numbers: Iterator[int],
         stream_metrics: StreamMetrics | None = None,
+        limits: ServiceLimits | None = None,
     ) -> None:
         """numbers: of streams, which clips share: the engine knows a call by one."""
         self._models = models
+        self._limits = limits or ServiceLimits()
         self._numbers = numbers
         self._stream_metrics = stream_metrics or NoStreamMetrics()
         self._calls: dict[int, Call] = {}
@@ -108,14 +117,14 @@ class ClipService:
         """Wait until no call is left."""
         await self._idle.wait()
 
-    async def generate(self, request: service_pb2.GenerateClipRequest, context: ClipContext) -> None:
+    async def generate(self, request: service_pb2.GenerateClipRequest, context: ClipContext, peer: Peer) -> None:
         """Answer one call. What it has under way stops within a step when its client or its time is gone."""
         begun_at, code = time.monotonic(), "CANCELLED"
         remaining_s = context.time_remaining()  # a cancelled or expired call is ended by gRPC, which cancels this task
         most_s = self._models.limits.max_clip_s
         try:
             async with asyncio.timeout(most_s if remaining_s is None else min(most_s, remaining_s)):
-                await self._make(request, context)
+                await self._make(request, context, peer)
             code = "OK"
         except TimeoutError:
             code = "DEADLINE_EXCEEDED"
@@ -124,7 +133,10 @@ class ClipService:
             code = refusal.code.name
             if refusal.code is Code.RESOURCE_EXHAUSTED:
                 self._stream_metrics.reject(refusal.reason)
-            await context.abort_with_status(_as_status(refusal).status())
+            await context.abort_with_status(StreamRefused.of(refusal).status())
+        except StreamRefused as refusal:
+            code = refusal.code.name
+            await context.abort_with_status(refusal.status())
         except Exception as error:
             code = "INTERNAL"
             error_id = secrets.token_hex(4)
@@ -134,28 +146,66 @@ class ClipService:
         finally:
             self._stream_metrics.end_clip(code, time.monotonic() - begun_at, request.sample_count or 1)
 
-    async def _make(self, request: service_pb2.GenerateClipRequest, context: ClipContext) -> None:
+    async def _make(self, request: service_pb2.GenerateClipRequest, context: ClipContext, peer: Peer) -> None:
         model = self._models.find(request.open.model_id)
         check_extent(request, model.catalog)
+        if len(self._calls) >= self._limits.max_clip_calls:
+            raise too_many_clips(self._limits.max_clip_calls)
+        number, num_samples = next(self._numbers), request.sample_count or 1
+        peer.begin_clip(num_samples)
+        try:
+            call = await self._prepared(request, number, model, peer)
+            await self._run(call, number, context)
+        finally:
+            peer.end_clip(num_samples)
+
+    async def _prepared(
+        self, request: service_pb2.GenerateClipRequest, number: int, model: LoadedModel, peer: Peer
+    ) -> Call:
+        """The call, with all that can be wrong with it found before its prompts are encoded. Raises EventRefused."""
         received_at = time.monotonic()
         texts = prompt_texts(opening_event(request), model.catalog)
-        embeddings = {text: await model.prompts.encode(text) for text in texts}
-        number = next(self._numbers)
-        specs = clip_specs(request, number, embeddings, received_at, model.catalog)
+        specs = clip_specs(request, number, UNENCODED, received_at, model.catalog)
+        if texts:
+            refusal = model.engine.refusal_of(Open(specs[0], 1, received_at))
+            if refusal is not None:
+                raise _refused(refusal)
+            embeddings = {text: await encoded(model.prompts, text, number, peer) for text in texts}
+            specs = clip_specs(request, number, embeddings, received_at, model.catalog)
         opening = Open(specs[0], 1, received_at)
-        call = Call(specs, model, warnings_of(opening_event(request), opening, model.catalog))
+        return Call(specs, model, warnings_of(opening_event(request), opening, model.catalog))
+
+    async def _run(self, call: Call, number: int, context: ClipContext) -> None:
         self._calls[number] = call
         self._idle.clear()
         try:
-            self._start(call, received_at)
+            self._start(call, time.monotonic())
             while call.under_way:
-                for response in await self._responses(call, await call.said.get()):
-                    await context.write(response)
+                output = await call.said.get()
+                for response in await self._responses(call, output):
+                    await self._write(response, context)
+                if isinstance(output, Chunk) and output.session in call.under_way:
+                    self._grant(call, output)
         finally:
             self._stop(call, CloseReason.CLIENT)
             del self._calls[number]
             if not self._calls:
                 self._idle.set()
+
+    async def _write(self, response: service_pb2.GenerateClipResponse, context: ClipContext) -> None:
+        """Raises StreamRefused where the client takes nothing for too long: its samples keep others waiting."""
+        limit_s = self._limits.stuck_timeout_s
+        try:
+            async with asyncio.timeout(limit_s):
+                await context.write(response)
+        except TimeoutError:
+            raise reader_stuck(limit_s) from None
+
+    @staticmethod
+    def _grant(call: Call, chunk: Chunk) -> None:
+        """Frames were taken: as many more may be made. Those who do not read are made no more than waits for them."""
+        frame = chunk.first_frame + len(chunk.rows)
+        call.model.engine.submit(Playhead(chunk.session, 0, time.monotonic(), frame, frame, 0, None))
 
     def _start(self, call: Call, received_at: float) -> None:
         if self._closing:
@@ -179,7 +229,7 @@ class ClipService:
             return [service_pb2.GenerateClipResponse(sample=sample, chunk=_frames(output))]
         if isinstance(output, Opened):
             update = session_pb2.SessionUpdate()
-            write_update(update, replace(output, warnings=call.warnings))
+            write_update(update, replace(output, warnings=call.warnings, session_id=session_name(output.session)))
             update.opened.lookahead_frames = update.opened.committed_horizon_frames = 0
             return [service_pb2.GenerateClipResponse(sample=sample, opened=update.opened)]
         if isinstance(output, Outcome):  # only an Open that is refused has one
@@ -225,17 +275,4 @@ def _too_slow(waited_s: float) -> StreamRefused:
         grpc.StatusCode.DEADLINE_EXCEEDED,
         "CLIP_TOO_SLOW",
         f"the clip was not finished within {waited_s:.3g} s; ask for less, or give it a longer deadline",
-    )
-
-
-def _as_status(refusal: EventRefused) -> StreamRefused:
-    """A refusal as the status of a call."""
-    message = f"{refusal}; allowed is {refusal.allowed}" if refusal.allowed else str(refusal)
-    return StreamRefused(
-        grpc.StatusCode[refusal.code.name],
-        refusal.reason,
-        message,
-        refusal.field,
-        refusal.retry_after_s or 0.0,
-        refusal.allowed,
     )

@@ -5,13 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from google.protobuf.message import DecodeError
+
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_server.engine.types import Float32Array, Open, Priority, SessionKey, SessionSpec
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert import engine_event
 from motiongen_server.rpc.convert.checks import check_range, refuse
+from motiongen_server.rpc.stream_errors import malformed
 
 MAX_SEED = 1 << 64
+LOOKAHEAD_WINDOWS = 4
+"""So much of a sample is made beyond what its client has taken."""
 
 
 def check_extent(request: service_pb2.GenerateClipRequest, catalog: Catalog) -> None:
@@ -24,6 +29,14 @@ def check_extent(request: service_pb2.GenerateClipRequest, catalog: Catalog) -> 
         if value:
             allowed = "none: clips are made in the background of sessions, and as a whole"
             raise refuse("NOT_FOR_CLIPS", f"open.{name}", f"{name} is {value}", allowed)
+
+
+def clip_request(data: bytes) -> service_pb2.GenerateClipRequest:
+    """The message of a call. Raises StreamRefused for what is none."""
+    try:
+        return service_pb2.GenerateClipRequest.FromString(data)
+    except DecodeError as error:
+        raise malformed(str(error)) from error
 
 
 def opening_event(request: service_pb2.GenerateClipRequest) -> session_pb2.SessionEvent:
@@ -47,7 +60,8 @@ def clip_specs(
             given = f"its last frame is {constraint.last_frame}"
             allowed = f"frames 0 to {num_frames - 1} of the clip"
             raise refuse("CONSTRAINT_OUTSIDE_CLIP", f"open.constraints[{index}].frame", given, allowed)
-    whole = replace(event.spec, priority=Priority.BATCH, lookahead=num_frames, clip_frames=num_frames)
+    lookahead = min(num_frames, LOOKAHEAD_WINDOWS * catalog.facts.horizon)
+    whole = replace(event.spec, priority=Priority.BATCH, lookahead=lookahead, clip_frames=num_frames)
     return [
         replace(whole, session=SessionKey(number, sample), seed=(whole.seed + sample) % MAX_SEED)
         for sample in range(request.sample_count or 1)

@@ -2,15 +2,18 @@
 
 from motiongen_server.rpc.convert.events import engine_event, playhead_of, round_trip_s
 from motiongen_server.rpc.convert.outputs import write_update
-from motiongen_server.rpc.convert.prompts import prompt_texts
+from motiongen_server.rpc.convert.prompts import UNENCODED, prompt_texts
+from motiongen_server.rpc.convert.resuming import check_resume
 from motiongen_server.rpc.convert.warned import warnings_of
 from motiongen_server.rpc.convert.wire import Parts, append_frames, append_plan, append_update
 
 __all__ = [
+    "UNENCODED",
     "Parts",
     "append_frames",
     "append_plan",
     "append_update",
+    "check_resume",
     "engine_event",
     "playhead_of",
     "prompt_texts",

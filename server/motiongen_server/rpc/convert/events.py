@@ -37,6 +37,7 @@ from motiongen_server.rpc.convert.constraints import constraints_of
 from motiongen_server.rpc.convert.forms import check_forms
 from motiongen_server.rpc.convert.history import history_frames_of, prior_rows_of
 from motiongen_server.rpc.convert.prompts import Embeddings, prompts_of
+from motiongen_server.rpc.convert.resuming import check_no_resume
 from motiongen_server.rpc.convert.unserved import UNSERVED_SCALARS, check_served, not_served
 from motiongen_server.rpc.limits import MAX_FRAME, MAX_GUIDANCE, MAX_REQUEST_ID_CHARACTERS, MAX_SPEED_MPS
 
@@ -128,6 +129,7 @@ def _session_spec(
     message: session_pb2.OpenSession, key: SessionKey, embeddings: Embeddings, catalog: Catalog
 ) -> SessionSpec:
     check_served(message, "open")
+    check_no_resume(message)
     facts, limits = catalog.facts, catalog.limits
     if len(message.request_id) > MAX_REQUEST_ID_CHARACTERS:
         raise refuse(
@@ -168,6 +170,7 @@ def _session_spec(
         history_frames=history_frames_of(message, catalog.facts),
         prior_rows=prior_rows_of(message, catalog),
         gaits=catalog.gaits,
+        keep_prompts=message.keep_prompts,
     )
 
 

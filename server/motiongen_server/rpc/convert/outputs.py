@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 from collections.abc import Iterable
 
 from motiongen.v1 import motion_pb2, session_pb2
@@ -28,8 +27,8 @@ def write_update(update: session_pb2.SessionUpdate, output: Output) -> None:
 
 
 def _write_opened(opened: session_pb2.SessionOpened, output: Opened) -> None:
-    # Stream and handle find it in the logs; the rest tells it from sessions of other servers and of a used handle.
-    opened.session_id = f"{output.session.stream}-{output.session.handle}-{secrets.token_hex(6)}"
+    opened.session_id = output.session_id
+    opened.session_token = output.session_token
     opened.seed = output.seed
     opened.start_frame = output.start_frame
     opened.rig_id = output.rig_id

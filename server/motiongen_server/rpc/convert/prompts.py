@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -19,12 +19,34 @@ from motiongen_server.rpc.convert.checks import (
 )
 
 Embeddings = Mapping[str, Float32Array]
+
+
+class _Unencoded(Mapping[str, Float32Array]):
+    """Every text has an embedding of no numbers: enough to check all else of an event."""
+
+    _nothing = np.zeros(0, np.float32)
+
+    def __getitem__(self, text: str) -> Float32Array:
+        return self._nothing
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(())
+
+    def __len__(self) -> int:
+        return 0
+
+
+UNENCODED: Embeddings = _Unencoded()
+"""For events that are checked before their prompts are encoded."""
 MAX_ABSOLUTE_VALUE = 1e4
 """Of a number in an embedding; encoders stay below a hundred, and what is far beyond overflows in bfloat16 products."""
 
 
 def prompt_texts(event: session_pb2.SessionEvent, catalog: Catalog) -> tuple[str, ...]:
-    """The texts that must be encoded before `engine_event` can be called. Raises EventRefused for a bad one."""
+    """The texts that must be encoded before `engine_event` can be called.
+
+    The only check of what prompts say, made once and before any is encoded: raises EventRefused for a bad one.
+    """
     name = event.WhichOneof("event")
     if name == "open":
         spans, field = event.open.prompts, "open.prompts"
@@ -32,14 +54,14 @@ def prompt_texts(event: session_pb2.SessionEvent, catalog: Catalog) -> tuple[str
         spans, field = event.edit_prompts.upsert, "edit_prompts.upsert"
     else:
         return ()
-    # Before any of them is encoded: a message has room for a thousand times as many as a session.
+    # A message has room for a thousand times as many as a session.
     check_count(spans, catalog.limits.max_prompts, "TOO_MANY_PROMPTS", field)
-    texts = (prompt_text(span, f"{field}[{index}]", catalog) for index, span in enumerate(spans))
+    texts = (_text_to_encode(span, f"{field}[{index}]", catalog) for index, span in enumerate(spans))
     return tuple(text for text in texts if text is not None)
 
 
-def prompt_text(span: motion_pb2.PromptSpan, field: str, catalog: Catalog) -> str | None:
-    """The text to encode; None for a span that comes with its embedding, or names one."""
+def _text_to_encode(span: motion_pb2.PromptSpan, field: str, catalog: Catalog) -> str | None:
+    """None for a span that comes with its embedding, or names one."""
     most = catalog.limits.max_prompt_characters
     if len(span.text) > most:
         given = f"the prompt has {len(span.text)} characters"
@@ -63,7 +85,10 @@ def prompt_text(span: motion_pb2.PromptSpan, field: str, catalog: Catalog) -> st
 def prompts_of(
     spans: Sequence[motion_pb2.PromptSpan], field: str, embeddings: Embeddings, catalog: Catalog
 ) -> tuple[Prompt, ...]:
-    """The engine's prompts. embeddings: one for each text that `prompt_texts` gave. Raises EventRefused."""
+    """The engine's prompts, of spans that `prompt_texts` has passed. embeddings: one for each text that it gave.
+
+    Raises EventRefused.
+    """
     prompts = []
     for index, span in enumerate(spans):
         where = f"{field}[{index}]"
@@ -84,9 +109,8 @@ def prompts_of(
 def _meaning(
     span: motion_pb2.PromptSpan, field: str, embeddings: Embeddings, catalog: Catalog
 ) -> tuple[str, Float32Array]:
-    text = prompt_text(span, field, catalog)
-    if text is not None:
-        return text, embeddings[text]
+    if span.HasField("embedding"):
+        return span.text, _vector(span.embedding, f"{field}.embedding", catalog)
     if span.preset_id:
         preset = catalog.presets.get(span.preset_id)
         if preset is None:
@@ -94,7 +118,7 @@ def _meaning(
             given = f"no preset {span.preset_id[:80]!r}"
             raise refuse("UNKNOWN_PRESET", f"{field}.preset_id", given, f"as in Model.presets: {known}", Code.NOT_FOUND)
         return preset.text, preset.embedding
-    return span.text, _vector(span.embedding, f"{field}.embedding", catalog)
+    return span.text, embeddings[span.text]
 
 
 def _vector(embedding: motion_pb2.TextEmbedding, field: str, catalog: Catalog) -> Float32Array:

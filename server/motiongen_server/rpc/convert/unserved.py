@@ -13,7 +13,7 @@ UNSERVED_FIELDS: dict[str, tuple[str, ...]] = {
         "last_frame", "frames_from_effect", "at_any_frame", "weight", "tolerance_m", "tolerance_rad", "heading",
         "joint_rotations",
     ),
-    "OpenSession": ("resume_token", "snapshot", "outputs"),
+    "OpenSession": ("snapshot", "outputs"),
     "SessionEvent": ("seek", "set_options", "take_snapshot"),
 }  # fmt: skip
 """By message. Their comments in the protos begin with "Not served": a test compares."""

@@ -51,9 +51,7 @@ class TextEncoderService(encoder_pb2_grpc.TextEncoderServiceServicer):
             self._check(request)
             vectors = await asyncio.gather(*(self._prompts.encode(text) for text in request.texts))
         except EventRefused as refusal:
-            code = next(code for code in grpc.StatusCode if code.value[0] == int(refusal.code))
-            error = StreamRefused(code, refusal.reason, str(refusal), refusal.field, refusal.retry_after_s or 0.0)
-            await context.abort_with_status(error.status())
+            await context.abort_with_status(StreamRefused.of(refusal).status())
         except StreamRefused as refused:
             await context.abort_with_status(refused.status())
         except Exception as error:

@@ -1,4 +1,5 @@
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -82,6 +83,69 @@ def test_a_step_takes_no_longer_than_newcomers_may_wait() -> None:
     for n in range(64):
         scheduler.add(_job(n, NEAR), 1)
     assert 14 <= len(_ids(scheduler)) <= 18
+
+
+# ---- frames before replans -------------------------------------------------------------------------------------------
+
+
+def _going_on(job_id: int, priority: Priority, deadline: float) -> WindowJob:
+    return replace(_job(job_id, priority, deadline), first_frame=40)
+
+
+def _edit(job_id: int, priority: Priority, deadline: float) -> WindowJob:
+    return replace(_job(job_id, priority, deadline), first_frame=40, cause=PlanCause.EDIT)
+
+
+def test_frames_that_somebody_would_run_out_of_come_before_anybodys_replan() -> None:
+    # 4 steps of 0.02 s take 0.08 s; the crowd's frames are endangered from twice that on
+    heroes = [_edit(number, HERO, 0.05) for number in range(4)]
+    for deadline, endangered in ((0.15, True), (0.5, False)):
+        chosen = _ids(_scheduler(4, *heroes, _going_on(9, CROWD, deadline)))
+        assert (9 in chosen) is endangered
+        assert len(chosen) == 4
+
+
+def test_an_edit_of_the_crowd_never_passes_a_hero() -> None:
+    heroes = [_edit(number, HERO, 0.05) for number in range(4)]
+    assert _ids(_scheduler(4, *heroes, _edit(9, CROWD, 0.01))) == [0, 1, 2, 3]
+
+
+def test_of_those_who_would_run_out_of_frames_the_most_urgent_class_comes_first() -> None:
+    crowd = [_going_on(number, CROWD, 0.01) for number in range(4)]
+    assert _ids(_scheduler(2, *crowd, _going_on(9, HERO, 0.1)))[0] == 9
+
+
+# ---- newcomers gather ------------------------------------------------------------------------------------------------
+
+
+def _under_way(scheduler: Scheduler, *job_ids: int, steps_done: int = 1) -> Scheduler:
+    scheduler.mark_prepared(job_ids)
+    scheduler.commit([RowStatus(job_id, steps_done, True) for job_id in job_ids])
+    return scheduler
+
+
+def test_newcomers_wait_for_windows_that_will_soon_be_done_and_begin_together() -> None:
+    scheduler = _scheduler(8, *[_edit(number, HERO, 0.05) for number in range(4)])
+    _under_way(scheduler, 0, 1)
+    assert _ids(scheduler) == [0, 1]
+    for job_id in (0, 1):
+        scheduler.remove(job_id)
+    assert _ids(scheduler) == [2, 3]
+
+
+def test_newcomers_do_not_wait_long() -> None:
+    scheduler = _scheduler(8, _edit(0, HERO, 0.05), _edit(1, HERO, 0.05), costs=CostTable.assumed(0.04))
+    assert _ids(_under_way(scheduler, 0)) == [0, 1]  # three steps of 0.04 s are left
+
+
+def test_newcomers_do_not_wait_for_a_class_below_theirs() -> None:
+    scheduler = _scheduler(8, _edit(0, CROWD, 1.0), _edit(1, HERO, 0.05))
+    assert _ids(_under_way(scheduler, 0)) == [1, 0]
+
+
+def test_frames_in_danger_do_not_wait_for_company() -> None:
+    scheduler = _scheduler(8, _edit(0, HERO, 0.05), _going_on(1, CROWD, 0.1))
+    assert _ids(_under_way(scheduler, 0)) == [0, 1]
 
 
 # ---- the tightest deadline decides the size --------------------------------------------------------------------------

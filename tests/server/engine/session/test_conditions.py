@@ -3,8 +3,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motiongen_server.engine.session.conditions import Conditions, EditRefused, edit_constraints, edit_prompts
-from motiongen_server.engine.types import Code, Prompt, RootTrajectory, SessionKey, SetConstraints, SetPrompts, Waypoint
+from motiongen_server.engine.session.conditions import Conditions, edit_constraints, edit_prompts
+from motiongen_server.engine.types import (
+    Code,
+    EventRefused,
+    Prompt,
+    RootTrajectory,
+    SessionKey,
+    SetConstraints,
+    SetPrompts,
+    Waypoint,
+)
 from tests.server.engine.stage import prompt
 
 KEY = SessionKey(1, 1)
@@ -114,7 +123,7 @@ def test_refused_edits_say_what_is_allowed() -> None:
         ),
     ]
     for edit, code, reason, allowed in cases:
-        with pytest.raises(EditRefused) as caught:
+        with pytest.raises(EventRefused) as caught:
             edit()
         outcome = caught.value.outcome(KEY, 3)
         assert outcome.code is code

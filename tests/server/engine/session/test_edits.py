@@ -4,10 +4,11 @@ import math
 
 import pytest
 
-from motiongen_server.engine.session.conditions import Conditions, EditRefused
+from motiongen_ardy.locomotion.velocity import SLOWING_FRAMES
+from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.edits import EditQueue, PendingEdit
-from motiongen_server.engine.session.velocity import SLOWING_FRAMES, Velocity
-from motiongen_server.engine.types import Code
+from motiongen_server.engine.session.velocity import Velocity
+from motiongen_server.engine.types import Code, EventRefused
 
 
 def _edit(seq: int, dirty_from: int = 0) -> PendingEdit:
@@ -35,7 +36,7 @@ def test_a_full_queue_refuses() -> None:
     queue = _queue(_edit(1), _edit(2))
     queue.require_room()
     queue.add(_edit(3))
-    with pytest.raises(EditRefused) as refused:
+    with pytest.raises(EventRefused) as refused:
         queue.require_room()
     assert (refused.value.code, refused.value.reason) == (Code.RESOURCE_EXHAUSTED, "TOO_MANY_PENDING_EVENTS")
     queue.take()

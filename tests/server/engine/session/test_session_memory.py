@@ -7,7 +7,6 @@ import numpy as np
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import FULL, Level
-from motiongen_server.engine.scheduling.report import StepReport
 from motiongen_server.engine.session.opening import open_session
 from motiongen_server.engine.types import (
     Keyframe,
@@ -21,6 +20,7 @@ from motiongen_server.engine.types import (
     SetVelocity,
     Waypoint,
 )
+from motiongen_server.engine.types.report import StepReport
 from tests.server.engine.fakes import FACTS, FakeRunner
 from tests.server.engine.stage import prompt, spec
 

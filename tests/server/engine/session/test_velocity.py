@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from motiongen_ardy.locomotion.velocity import SLOWING_FRAMES, RootState, root_state
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.session.velocity import SLOWING_FRAMES, RootState, Velocity, changed_velocity, root_state
+from motiongen_server.engine.session.velocity import Velocity, changed_velocity
 from motiongen_server.engine.types import Code, PlanCause, RootTrajectory, SessionKey, SetVelocity, Waypoint
 from tests.server.engine.fakes import SPEED
 from tests.server.engine.stage import Stage, prompt
@@ -125,10 +126,10 @@ def test_saying_the_same_again_changes_only_where_it_ends() -> None:
 
 def test_the_root_state_is_read_from_the_last_few_frames() -> None:
     positions = np.array([[9, 9, 9], [0.8, 1, 2.4], [0.9, 1, 2.3], [1, 1, 2], [1.1, 1, 1.8]], np.float32)
-    state = root_state(positions, 0.25, FPS)
+    state = root_state(positions[:, [0, 2]], 0.25, FPS)
     assert (state.x, state.z, state.heading) == pytest.approx((1.1, 1.8, 0.25))
     assert (state.speed_x, state.speed_z) == pytest.approx((2.0, -4.0), abs=1e-4)
-    assert root_state(positions[:1], 0.0, FPS) == RootState(9.0, 9.0, 0.0, 0.0, 0.0)
+    assert root_state(positions[:1, [0, 2]], 0.0, FPS) == RootState(9.0, 9.0, 0.0, 0.0, 0.0)
 
 
 # ---- in a session ----------------------------------------------------------------------------------------------------

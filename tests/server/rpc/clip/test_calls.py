@@ -19,6 +19,7 @@ from motiongen_server.engine.types import WindowJob
 from motiongen_server.rpc.limits import Limits
 from tests.contract.local import LocalServer
 from tests.server.engine.fakes import FRAME, PROMPT, ROW_WIDTH, SEED, SPEED
+from tests.waiting import until_true
 
 LIMIT_S = 20.0
 
@@ -209,8 +210,7 @@ def hold_up(server: LocalServer) -> Callable[[], None]:
 
 
 async def no_job_is_left(server: LocalServer) -> None:
-    while server.runner.jobs or server.engine.num_sessions:  # noqa: ASYNC110  the engine's thread has no event for this
-        await asyncio.sleep(0.005)
+    await until_true(lambda: not server.runner.jobs and not server.engine.num_sessions)
 
 
 async def test_a_deadline_ends_the_call_and_the_work(server: LocalServer) -> None:
@@ -234,8 +234,7 @@ async def test_without_a_deadline_the_servers_own_ends_the_call() -> None:
 async def test_a_client_that_cancels_stops_the_work(server: LocalServer) -> None:
     release = hold_up(server)
     asking = asyncio.create_task(generate(server, clip(400)))
-    while not server.runner.prepared:  # noqa: ASYNC110  as above
-        await asyncio.sleep(0.005)
+    await until_true(lambda: server.runner.prepared)
     asking.cancel()
     await no_job_is_left(server)
     release()
@@ -254,8 +253,7 @@ async def test_a_sample_that_fails_ends_its_call_with_a_reason(server: LocalServ
 async def test_a_server_that_ends_ends_its_clips(server: LocalServer) -> None:
     release = hold_up(server)
     asking = asyncio.create_task(refusal(server, clip(400)))
-    while not server.runner.prepared:  # noqa: ASYNC110  as above
-        await asyncio.sleep(0.005)
+    await until_true(lambda: server.runner.prepared)
     server.service.close_all()
     code, info, _ = await asking
     assert (code, info.reason) == (grpc.StatusCode.UNAVAILABLE, "CLIP_LOST")

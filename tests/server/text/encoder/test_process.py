@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import pytest
 from motiongen_ardy.text import HashedTextEncoder, TextEncoderChanged, TextEncoderUnavailable, UnknownTextEncoder
 from motiongen_server.text.encoder.client import RemoteEncoder
 from tests.server.text.encoder.encoder_process import ROOT, EncoderProcess
+from tests.waiting import until
 
 LIMIT_S = 20.0
 PROMPTS = ["a person walks", "", "a person waves"]
@@ -28,13 +28,16 @@ def hashed(tmp_path: Path) -> Iterator[EncoderProcess]:
 
 def encode_when_back(encoder: RemoteEncoder, prompts: list[str]) -> np.ndarray:
     """As `encode`, tried again as long as it fails: at most so long as the test may take."""
-    while True:
+
+    def attempt() -> list[np.ndarray]:
         try:
-            return encoder.encode(prompts)
-        except TextEncoderUnavailable as error:
-            if isinstance(error, TextEncoderChanged):
-                raise
-            time.sleep(0.02)  # leaves the core to the process that is waited for
+            return [encoder.encode(prompts)]
+        except TextEncoderChanged:
+            raise
+        except TextEncoderUnavailable:
+            return []
+
+    return until(attempt)[0]
 
 
 def test_its_vectors_are_the_encoder_s_however_many_are_asked_for(hashed: EncoderProcess) -> None:
@@ -68,7 +71,7 @@ def test_back_as_another_it_is_refused_with_both_names(hashed: EncoderProcess) -
 
 def test_halted_it_takes_too_long(hashed: EncoderProcess) -> None:
     encoder = RemoteEncoder(hashed.address, LIMIT_S)
-    impatient = RemoteEncoder(hashed.address, 1.0)
+    impatient = RemoteEncoder(hashed.address, 0.2, ("hashed-16", 16))  # asks nothing before it is halted
     hashed.halt()
     with pytest.raises(TextEncoderUnavailable, match="takes too long"):
         impatient.encode(PROMPTS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from motiongen_server.engine.types import CloseReason, Code, PlanCause, PlayState, Priority, ServiceTier
+from motiongen_server.engine.types.names import CloseReason, Code, PlanCause, PlayState, Priority, ServiceTier
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,9 +24,10 @@ class StepReport:
     rows: rows in the denoising step, 0 when there was none; bucket: the size it counts as in the cost table.
     windows: those accepted. slacks: seconds of frames that a client held when it reported its playhead.
     client_underruns: how many a client has newly reported. memory_splits: calls made smaller for want of memory.
-    soft_resets: windows that righted a character. frames_held: frames that repeat a pose for want of a window.
+    steps_discarded: those done for windows that were restarted or came too late. soft_resets: windows that righted a
+    character. frames_held: frames that repeat a pose for want of a window.
     Where they were taken: sessions, how many there are; load, the share of the machine in use; tiers, what each class
-    gets.
+    gets; full, the classes of which not the least session would be let in.
     """
 
     rows: int = 0
@@ -43,6 +44,7 @@ class StepReport:
     frames_superseded: int = 0
     windows_discarded: int = 0
     windows_restarted: int = 0
+    steps_discarded: int = 0
     nan_rows: int = 0
     runner_faults: int = 0
     memory_splits: int = 0
@@ -55,3 +57,4 @@ class StepReport:
     sessions: Mapping[tuple[Priority, PlayState], int] | None = None
     load: float | None = None
     tiers: Mapping[Priority, ServiceTier] | None = None
+    full: list[Priority] | None = None

@@ -1,0 +1,139 @@
+"""Paces: where a planned root goes as nobody does who does what the prompt says, the prompt of a gait is told instead.
+
+A character told to stand and to be somewhere else in two seconds has to walk there. The network, told to stand, glides.
+How fast a prompt's motion goes is known from the captions it was trained on; the gaits are those of velocities.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.model.sampling.options import PaceOptions
+
+SPEED_FRAMES = 10  # that a speed is taken over: about a step
+
+
+@dataclass(frozen=True, eq=False)
+class PromptPaces:
+    """How fast captions go, and the gaits. All on the CPU.
+
+    mean: (W), of captions as unit vectors; directions: (N, W), unit vectors from it to captions; speeds: (N, 2) metres
+    a second that hardly a frame of the caption's is below, and above. threshold: of one minus the cosine to the nearest
+    caption, above which nothing is known of a prompt. gaits: (K, W) texts; from_mps: (K) metres a second from which
+    each holds; quarters: (K) quarter turns to the left of where the body faces that it goes, 0 to 3.
+    """
+
+    mean: Tensor
+    directions: Tensor
+    speeds: Tensor
+    threshold: float
+    gaits: Tensor
+    from_mps: Tensor
+    quarters: Tensor
+
+    def of(self, text: Tensor) -> tuple[float, float] | None:
+        """Least and greatest usual speed of a prompt (W), metres a second; None where it is like no caption."""
+        offset = text / text.norm().clamp(min=1e-12) - self.mean
+        cosines = self.directions @ (offset / offset.norm().clamp(min=1e-12))
+        nearest = int(cosines.argmax())
+        if 1 - float(cosines[nearest]) > self.threshold:
+            return None
+        slow, fast = self.speeds[nearest].tolist()
+        return slow, fast
+
+    def gait(self, speed: float, angle: float) -> Tensor | None:
+        """The gait's text (W) for a speed, in a direction in radians to the left of where the body faces."""
+        reached = self.from_mps <= speed
+        own = reached & (self.quarters == round(angle / (math.pi / 2)) % 4)
+        fit = own if bool(own.any()) else reached & (self.quarters == 0)
+        if not bool(fit.any()):
+            return None
+        return self.gaits[int(torch.where(fit, self.from_mps, -1.0).argmax())]
+
+
+class Told(NamedTuple):
+    """What a window is told. text: (n, W); led_to: the frame from which the prompt itself holds again, and at which
+    the window is to end; None where the window is told one thing throughout.
+    """
+
+    text: Tensor
+    led_to: int | None = None
+
+
+def told_text(
+    paces: PromptPaces | None,
+    text: Tensor,
+    targets: Targets | None,
+    position: tuple[float, float],
+    window: range,
+    fps: int,
+    options: PaceOptions,
+) -> Told:
+    """The text (n, W) for a window of new frames, or that of a gait where its targets go at a pace that the text's
+    motion does not have.
+
+    targets: as planned for the window; position: x and z in metres of the root at the frame before it.
+    """
+    if paces is None or targets is None or len(text) != 1 or not bool(text.any()):
+        return Told(text)
+    ground = {frame: place for frame, place in targets.ground.items() if frame >= window.start}
+    usual = paces.of(text[0].cpu()) if ground else None
+    if usual is None:
+        return Told(text)
+    path = _path(ground, np.array(position), window.start, min(window.stop, max(ground) + 1))
+    speed = _speeds(path) * fps
+    slow, fast = usual
+    if speed.max() > options.above_share * fast + options.above_m_s:
+        moving = np.flatnonzero(speed > fast + options.above_m_s)
+        led = speed[: int(moving[-1]) + 1]
+    elif speed.max() < options.below_share * slow:
+        led = speed
+    else:
+        return Told(text)
+    if len(led) < options.least_frames:
+        return Told(text)
+    pace = float(led[led >= 0.5 * led.max()].mean())
+    gait = paces.gait(pace, _aside(targets, path[: len(led) + 1], window.start))
+    if gait is None:
+        return Told(text)
+    led_to = window.start + len(led)
+    return Told(gait[None].to(text), None if led_to >= window.stop else led_to)
+
+
+def _path(ground: Mapping[int, Tensor], position: np.ndarray, first: int, end: int) -> np.ndarray:
+    """Ground positions (end - first + 1, 2) of the frames from first - 1 on, straight between those that are known."""
+    frames = sorted(ground)
+    known = np.concatenate([position[None], torch.stack([ground[frame] for frame in frames]).double().numpy()])
+    at = np.arange(first - 1, end)
+    return np.stack([np.interp(at, [first - 1, *frames], known[:, axis]) for axis in (0, 1)], axis=1)
+
+
+def _speeds(path: np.ndarray) -> np.ndarray:
+    """Metres a frame (T) of each frame of a path (T + 1, 2) but its first, over the frames about it."""
+    count = len(path) - 1
+    first = np.clip(np.arange(count) - SPEED_FRAMES // 2, 0, max(0, count - SPEED_FRAMES))
+    last = np.minimum(first + SPEED_FRAMES, count)
+    speeds: np.ndarray = np.hypot(*(path[last] - path[first]).T) / (last - first)
+    return speeds
+
+
+def _aside(targets: Targets, path: np.ndarray, first: int) -> float:
+    """The angle in radians to the left of where a body faces at which it goes along a path (T + 1, 2); 0 where its
+    heading is free. The path's first point is of the frame before `first`.
+    """
+    facing = np.zeros(2)
+    for frame, heading in targets.heading.items():
+        row = frame - first + 1
+        if 0 < row < len(path):
+            way = path[row] - path[max(0, row - SPEED_FRAMES)]
+            cosine, sine = heading.tolist()
+            facing += (way[1] * cosine + way[0] * sine, way[0] * cosine - way[1] * sine)
+    return math.atan2(facing[1], facing[0]) if facing.any() else 0.0

@@ -1,0 +1,60 @@
+"""PlanLog: the plans that a client may not have heard of, to be made up for when it has lost its transport."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from motiongen_server.engine.types import PlanNotice
+
+MAX_TOLD_EVENTS = 64
+
+
+@dataclass(frozen=True, slots=True)
+class _Announced:
+    """A plan and those before it that it has outdone. sent_to: the end of all frames sent before it, exclusive."""
+
+    plan: int
+    valid_from: int
+    sent_to: int
+    event_seqs: tuple[int, ...]
+
+
+@dataclass(slots=True)
+class PlanLog:
+    """Plans in order, with valid_from rising: one that replaces what an older one replaced takes its place.
+
+    A plan leaves when the client reports a frame that was sent in it, or after it. No more than one for each frame from
+    the playhead to the end of the plan is held.
+    """
+
+    _plans: list[_Announced] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self._plans)
+
+    def note(self, notice: PlanNotice, sent_to: int) -> None:
+        """A plan is announced. sent_to: the end of the frames sent before, those it replaces among them."""
+        seqs = notice.event_seqs
+        while self._plans and self._plans[-1].valid_from >= notice.valid_from:
+            outdone = self._plans.pop()
+            sent_to, seqs = max(sent_to, outdone.sent_to), (outdone.event_seqs + seqs)[-MAX_TOLD_EVENTS:]
+        self._plans.append(_Announced(notice.plan, notice.valid_from, sent_to, seqs))
+
+    def confirm(self, playhead: int) -> None:
+        """The client shows a frame, so it has heard of every plan without which it could not hold that."""
+        known = 0
+        while known < len(self._plans) and self._plans[known].sent_to < playhead:
+            known += 1
+        if known:
+            del self._plans[:known]
+
+    def missed(self, plan: int, next_frame: int) -> tuple[int, tuple[int, ...]]:
+        """What a client missed that has heard of plans up to `plan` and holds frames below next_frame.
+
+        Returns the first frame that any newer plan replaces, next_frame where none is known, and the events that first
+        take effect in them.
+        """
+        missed = [each for each in self._plans if each.plan > plan]
+        if not missed:
+            return next_frame, ()
+        return missed[0].valid_from, tuple(seq for each in missed for seq in each.event_seqs)[-MAX_TOLD_EVENTS:]

@@ -1,0 +1,40 @@
+"""StreamBudget: everything that a stream sends is charged, to the stream and to its peer, before it is looked at.
+
+Nothing is refused for being too much: a stream that owes is not read on until it has paid, and gRPC's flow control
+passes the wait to the client. Tokens are events: at the default rates a stream has 5,000 a second.
+"""
+
+from __future__ import annotations
+
+from motiongen_server.rpc.peers import Peer
+from motiongen_server.rpc.token_bucket import TokenBucket
+
+MESSAGE_COST = 1.0
+EVENT_COST = 1.0
+REFUSAL_COST = 9.0
+"""More, for an event that is refused: its answer costs the server several times what taking it does."""
+BYTES_A_TOKEN = 256.0
+CALL_COST = 20.0
+"""Of a call for a clip, besides its bytes."""
+CATALOG_COST = 10.0
+
+
+class StreamBudget:
+    """Lives on the event loop. now: monotonic seconds."""
+
+    def __init__(self, rate: float, peer: Peer, now: float) -> None:
+        self.peer = peer
+        self._bucket = TokenBucket(rate, now)
+
+    def charge(self, tokens: float, now: float) -> None:
+        """Use tokens, of the stream and of its peer."""
+        self._bucket.charge(tokens, now)
+        self.peer.events.charge(tokens, now)
+
+    def charge_message(self, num_bytes: int, now: float) -> None:
+        """A message has come; its events are charged as they are counted."""
+        self.charge(MESSAGE_COST + num_bytes / BYTES_A_TOKEN, now)
+
+    def owed_s(self, now: float) -> float:
+        """Seconds until the stream may be read on."""
+        return max(self._bucket.owed_s(now), self.peer.events.owed_s(now))

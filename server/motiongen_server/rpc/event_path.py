@@ -1,0 +1,125 @@
+"""The way of one event of a session to the engine: its prompts encoded, its order kept, and refusals told."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import secrets
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motiongen.v1 import session_pb2
+from motiongen_server.engine.types import Close, Open
+from motiongen_server.engine.types.refusals import session_closed, too_many_pending
+from motiongen_server.errors import EventRefused
+from motiongen_server.models.registry import LoadedModel
+from motiongen_server.rpc.budget import REFUSAL_COST
+from motiongen_server.rpc.convert import UNENCODED, engine_event, prompt_texts, warnings_of
+from motiongen_server.rpc.encoding import encoded
+from motiongen_server.rpc.event_errors import internal
+from motiongen_server.rpc.session_entry import SessionEntry
+
+_log = logging.getLogger(__name__)
+
+Embeddings = dict[str, NDArray[np.float32]]
+
+MAX_WAITING_EVENTS = 64
+"""Events of one session that may wait for a prompt to be encoded."""
+
+
+def pass_on(entry: SessionEntry, event: session_pb2.SessionEvent, now: float) -> None:
+    """Submit at once if nothing of the session waits and its prompts are known, else queue behind the encoder.
+
+    now: when it was read. Raises EventRefused.
+    """
+    texts = prompt_texts(event, entry.model.catalog)
+    if not entry.waiting and entry.encoding is None:
+        known = _known_embeddings(entry.model, texts)
+        if known is not None:
+            _submit(entry, event, now, known)
+            return
+    if len(entry.waiting) >= MAX_WAITING_EVENTS and event.WhichOneof("event") != "close":
+        raise too_many_pending("events", MAX_WAITING_EVENTS)
+    # All that can be wrong with it is found before anything is encoded for it, or waits.
+    checked = engine_event(event, entry.key, now, UNENCODED, entry.model.catalog)
+    if isinstance(checked, Open) and (refusal := entry.model.engine.refusal_of(checked)) is not None:
+        entry.place.peer.events.charge(REFUSAL_COST, now)
+        entry.carrier.take_now(refusal)
+        return
+    kept = session_pb2.SessionEvent()
+    kept.CopyFrom(event)  # else the whole message would be kept with it
+    entry.waiting.append((kept, now, texts))
+    if entry.encoding is None:
+        entry.encoding = asyncio.get_running_loop().create_task(_encode_waiting(entry))
+
+
+def refuse_waiting(entry: SessionEntry) -> None:
+    """Answer what waits for the encoder: its session is over."""
+    if entry.encoding is not None and entry.encoding is not asyncio.current_task():
+        entry.encoding.cancel()
+    waiting, entry.waiting = entry.waiting, deque()
+    for event, *_ in waiting:
+        entry.carrier.take(session_closed().outcome(entry.key, event.event_seq))
+
+
+def tell_internal_error(entry: SessionEntry, event_seq: int, error: Exception) -> None:
+    """Answer an event with a number that is in the log beside what happened."""
+    error_id = secrets.token_hex(4)
+    _log.error("event failed, error id %s", error_id, exc_info=error)
+    entry.carrier.take(internal(error_id).outcome(entry.key, event_seq))
+
+
+def _known_embeddings(model: LoadedModel, texts: Sequence[str]) -> Embeddings | None:
+    known = {}
+    for text in texts:
+        embedding = model.prompts.cached(text)
+        if embedding is None:
+            return None
+        known[text] = embedding
+    return known
+
+
+async def _encode_waiting(entry: SessionEntry) -> None:
+    try:
+        while entry.waiting:
+            # It stays while it is encoded, so that `refuse_waiting` finds it.
+            event, received_at, texts = entry.waiting[0]
+            embeddings: Embeddings = {}
+            failure: Exception | None = None
+            try:
+                for text in () if entry.closing else texts:
+                    embeddings[text] = await encoded(entry.model.prompts, text, entry.key.stream, entry.place.peer)
+            except Exception as error:
+                failure = error
+            if not entry.waiting or entry.waiting[0][0] is not event:
+                return  # its session ended meanwhile, and it was answered
+            entry.waiting.popleft()
+            try:
+                if failure is not None:
+                    raise failure
+                _submit(entry, event, received_at, embeddings)
+            except EventRefused as refusal:
+                entry.carrier.take(refusal.outcome(entry.key, event.event_seq))
+            except Exception as error:
+                tell_internal_error(entry, event.event_seq, error)
+    finally:
+        if entry.encoding is asyncio.current_task():
+            entry.encoding = None
+        entry.carrier.take()  # a stream that ends may have waited for this alone
+
+
+def _submit(entry: SessionEntry, message: session_pb2.SessionEvent, now: float, embeddings: Embeddings) -> None:
+    if entry.closing:
+        raise session_closed()
+    event = engine_event(message, entry.key, now, embeddings, entry.model.catalog)
+    warnings = warnings_of(message, event, entry.model.catalog)
+    if warnings:
+        entry.warnings[message.event_seq] = warnings
+    entry.closing = isinstance(event, Close)
+    entry.known_to_engine = True
+    refusal = entry.model.engine.submit(event)
+    if refusal is not None:
+        entry.carrier.take_now(refusal)

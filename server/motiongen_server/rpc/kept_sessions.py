@@ -1,0 +1,126 @@
+"""KeptSessions: every session by the token that resumes it, and those whose client has lost its transport."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+from motiongen_server.engine.types import Chunk, Close, Closed, CloseReason, Output, PlanNotice, Resumed, SessionKey
+from motiongen_server.models.registry import LoadedModel
+from motiongen_server.rpc.event_path import refuse_waiting
+from motiongen_server.rpc.session_entry import Carrier, SessionEntry
+from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
+
+
+class KeptSessions:
+    """The sessions of all streams that can be resumed. Used from the event loop only.
+
+    A session whose transport is lost is *parked*: nobody hears of it, its books are kept, and the engine goes on until
+    it has made a look-ahead of frames. It counts for every limit as before. After the grace it is closed.
+    """
+
+    def __init__(self, grace_s: float, stream_metrics: StreamMetrics | None = None) -> None:
+        """grace_s: for which a session is kept; 0: none is."""
+        self.grace_s = grace_s
+        self._stream_metrics = stream_metrics or NoStreamMetrics()
+        self._by_token: dict[str, SessionEntry] = {}
+        self._away: dict[SessionKey, SessionEntry] = {}
+        self._timers: dict[SessionKey, asyncio.TimerHandle] = {}
+
+    @property
+    def num_parked(self) -> int:
+        """Sessions that wait for their client."""
+        return len(self._timers)
+
+    def __contains__(self, key: SessionKey) -> bool:
+        """Whether a session of this name lives elsewhere than on the stream that it was opened on."""
+        return key in self._away
+
+    def carrier_of(self, key: SessionKey) -> Carrier | None:
+        """Who tells of a session that is not on the stream it was opened on; None for all others."""
+        if not self._away:
+            return None
+        entry = self._away.get(key)
+        return None if entry is None else entry.carrier
+
+    def add(self, entry: SessionEntry) -> None:
+        """A session has been opened, and can be resumed if it has a token."""
+        if entry.token:
+            self._by_token[entry.token] = entry
+
+    def find(self, token: str) -> SessionEntry | None:
+        """The session that a token resumes, parked or not."""
+        return self._by_token.get(token)
+
+    def park(self, entry: SessionEntry) -> bool:
+        """Keep a session until its client comes back, or for as long as the grace lasts. False: it cannot be."""
+        if entry.token not in self._by_token or not self.grace_s:
+            return False
+        entry.carrier = _Nobody(entry, self)
+        entry.is_resuming = False
+        self._away[entry.key] = entry
+        self._timers[entry.key] = asyncio.get_running_loop().call_later(self.grace_s, self._give_up, entry)
+        return True
+
+    def move(self, entry: SessionEntry, carrier: Carrier, handle: int) -> None:
+        """Another stream carries a session from now on."""
+        self._stop_timer(entry)
+        entry.carrier, entry.handle = carrier, handle
+        self._away[entry.key] = entry
+
+    def forget(self, entry: SessionEntry) -> None:
+        """A session is over, and its client has been told, or will not come to hear it."""
+        self._stop_timer(entry)
+        self._by_token.pop(entry.token, None)
+        self._away.pop(entry.key, None)
+        entry.place.release()
+
+    def close_parked(self, reason: CloseReason, model: LoadedModel | None = None) -> int:
+        """Close the sessions that are parked, those of one model only if it is given; returns how many those were."""
+        parked = [self._away[key] for key in self._timers]
+        chosen = [entry for entry in parked if not entry.closing and model in (None, entry.model)]
+        for entry in chosen:
+            self._close(entry, reason)
+        return len(chosen)
+
+    def _give_up(self, entry: SessionEntry) -> None:
+        """Nobody came back."""
+        self._stop_timer(entry)
+        self._by_token.pop(entry.token, None)
+        if entry.closed is not None:
+            self.forget(entry)
+            return
+        self._stream_metrics.count_resume("expired")
+        if not entry.closing:
+            self._close(entry, CloseReason.CLIENT)
+
+    def _close(self, entry: SessionEntry, reason: CloseReason) -> None:
+        entry.closing = True
+        refuse_waiting(entry)
+        entry.model.engine.submit(Close(entry.key, entry.last_seq + 1, time.monotonic(), reason))
+
+    def _stop_timer(self, entry: SessionEntry) -> None:
+        timer = self._timers.pop(entry.key, None)
+        if timer is not None:
+            timer.cancel()
+
+
+class _Nobody:
+    """Carries a parked session: keeps its books, and lets frames go, which the engine sends again."""
+
+    def __init__(self, entry: SessionEntry, kept: KeptSessions) -> None:
+        self._entry = entry
+        self._kept = kept
+
+    def take(self, *outputs: Output) -> None:
+        for said in outputs:
+            if isinstance(said, Chunk | PlanNotice | Resumed):
+                continue
+            if isinstance(said, Closed):
+                refuse_waiting(self._entry)
+            self._entry.note(said)
+            if isinstance(said, Closed) and self._kept.find(self._entry.token) is None:
+                self._kept.forget(self._entry)
+
+    def take_now(self, *outputs: Output) -> None:
+        self.take(*outputs)

@@ -1,0 +1,37 @@
+"""ReaderPatience: how much may wait for a client that does not read, and for how long."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from motiongen_server.rpc.limits import Limits
+
+
+class ReaderPatience:
+    """Gives up on a reader when too much waits for it at once, or a lot for too long."""
+
+    def __init__(self, limits: Limits, give_up: Callable[[], None]) -> None:
+        self._limits = limits
+        self._give_up = give_up
+        self._timer: asyncio.TimerHandle | None = None  # runs while more waits than may wait for long
+
+    def check(self, waiting_bytes: int) -> None:
+        """So much waits now."""
+        limits = self._limits
+        if waiting_bytes > limits.hard_backlog_bytes:
+            self._lose()
+        elif waiting_bytes <= limits.soft_backlog_bytes:
+            self.end()
+        elif self._timer is None:
+            self._timer = asyncio.get_running_loop().call_later(limits.backlog_s, self._lose)
+
+    def end(self) -> None:
+        """Nothing more is waited for."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _lose(self) -> None:
+        self.end()
+        self._give_up()

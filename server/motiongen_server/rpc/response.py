@@ -1,0 +1,30 @@
+"""What waits in a send queue -> the bytes of one StreamMotionResponse."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from motiongen.v1 import session_pb2
+from motiongen_server.engine.types import PlanNotice
+from motiongen_server.rpc.convert import Parts, append_frames, append_plan, append_update, write_update
+from motiongen_server.rpc.send_queue import Run, Said
+
+
+def response_of(waiting: Iterable[Run | Said]) -> bytes:
+    """One message of all that is given, in its order."""
+    response: Parts = []
+    for item in waiting:
+        if isinstance(item, Run):
+            append_frames(
+                response, item.handle, item.applied_seq, item.plan, item.first_frame, item.parts, item.committed_to
+            )
+            continue
+        # The number as of then: since, later events may have been answered in later updates.
+        output, applied_seq = item
+        if isinstance(output, PlanNotice):
+            append_plan(response, applied_seq, output)
+        else:
+            update = session_pb2.SessionUpdate(session=output.session.handle, applied_seq=applied_seq)
+            write_update(update, output)
+            append_update(response, update)
+    return b"".join(response)

@@ -1,0 +1,56 @@
+"""Why a whole call is ended, in words for programs and for people."""
+
+from __future__ import annotations
+
+import grpc
+
+from motiongen_server.errors import StreamRefused
+
+
+def hello_expected() -> StreamRefused:
+    message = "the first message of a stream must carry hello"
+    return StreamRefused(grpc.StatusCode.INVALID_ARGUMENT, "HELLO_EXPECTED", message, field="hello")
+
+
+def hello_repeated() -> StreamRefused:
+    return StreamRefused(grpc.StatusCode.INVALID_ARGUMENT, "HELLO_REPEATED", "hello was sent twice", field="hello")
+
+
+def hello_late(within_s: float) -> StreamRefused:
+    message = f"no hello came within {within_s:g} s; send it in the first message, when the stream begins"
+    return StreamRefused(grpc.StatusCode.DEADLINE_EXCEEDED, "HELLO_LATE", message, field="hello")
+
+
+def client_agent_too_long(num_characters: int, most: int) -> StreamRefused:
+    message = f"client_agent has {num_characters} characters; at most {most} are allowed"
+    return StreamRefused(grpc.StatusCode.INVALID_ARGUMENT, "CLIENT_AGENT_TOO_LONG", message, field="hello.client_agent")
+
+
+def malformed(what: str) -> StreamRefused:
+    message = f"a message could not be read ({what}); send messages of motiongen.v1"
+    return StreamRefused(grpc.StatusCode.INVALID_ARGUMENT, "MALFORMED_REQUEST", message)
+
+
+def too_many_streams(most: int) -> StreamRefused:
+    message = f"there are as many streams as there may be, {most}; carry more sessions on each, or come back later"
+    return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_STREAMS", message, retry_after_s=5.0)
+
+
+def too_many_calls(wait_s: float) -> StreamRefused:
+    message = f"your address asks for too much; ask again in {wait_s:.1f} s"
+    return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_CALLS", message, retry_after_s=max(0.1, wait_s))
+
+
+def stream_empty(after_s: float) -> StreamRefused:
+    message = f"the stream has carried no session for {after_s:g} s; begin another when there is one to open"
+    return StreamRefused(grpc.StatusCode.DEADLINE_EXCEEDED, "STREAM_EMPTY", message)
+
+
+def reader_stuck(after_s: float) -> StreamRefused:
+    message = f"the client has taken nothing of what was written for {after_s:g} s; read the stream as it comes"
+    return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "SLOW_READER", message)
+
+
+def no_memory_left(most: int) -> StreamRefused:
+    message = f"more than {most} bytes wait for clients that do not read, and most of them for this one"
+    return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "SLOW_READER", message)

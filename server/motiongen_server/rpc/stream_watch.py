@@ -1,0 +1,61 @@
+"""StreamWatch: ends the streams that hold a place or memory and do nothing with it."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Iterable, Mapping
+
+from motiongen_server.errors import StreamRefused
+from motiongen_server.rpc.limits import ServiceLimits
+from motiongen_server.rpc.stream import Stream
+from motiongen_server.rpc.stream_errors import hello_late, no_memory_left, reader_stuck, stream_empty
+
+LOOK_EVERY_S = 0.25
+
+
+class StreamWatch:
+    """Looks at all streams a few times a second, while there are any. Lives on the event loop."""
+
+    def __init__(self, limits: ServiceLimits, streams: Mapping[int, Stream]) -> None:
+        self._limits = limits
+        self._streams = streams
+        self._timer: asyncio.TimerHandle | None = None
+
+    def begin(self) -> None:
+        """A stream has begun."""
+        if self._timer is None:
+            self._timer = asyncio.get_running_loop().call_later(LOOK_EVERY_S, self._look)
+
+    def _look(self) -> None:
+        self._timer = None
+        streams = tuple(self._streams.values())
+        self.look(streams, time.monotonic())
+        if streams:
+            self.begin()
+
+    def look(self, streams: Iterable[Stream], now: float) -> None:
+        """End those that are due at `now`, in monotonic seconds."""
+        live = [stream for stream in streams if stream.refusal is None]
+        for stream in live:
+            if (refusal := self.refusal(stream, now)) is not None:
+                stream.refuse(refusal)
+        most = self._limits.max_waiting_bytes
+        total = sum(stream.num_waiting_bytes for stream in live)
+        if total > most:
+            live.sort(key=lambda stream: stream.num_waiting_bytes)
+            while total > most:
+                stream = live.pop()
+                total -= stream.num_waiting_bytes
+                stream.refuse(no_memory_left(most))
+
+    def refusal(self, stream: Stream, now: float) -> StreamRefused | None:
+        """Why a stream is to be ended now, if it is."""
+        limits = self._limits
+        if not stream.greeted:
+            late = now - stream.began_at > limits.hello_timeout_s
+            return hello_late(limits.hello_timeout_s) if late and not stream.ended else None
+        if stream.writing_since is not None and now - stream.writing_since > limits.stuck_timeout_s:
+            return reader_stuck(limits.stuck_timeout_s)
+        is_empty = not stream.num_sessions and now - stream.empty_since > limits.empty_timeout_s
+        return stream_empty(limits.empty_timeout_s) if is_empty and not stream.ended else None

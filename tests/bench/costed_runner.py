@@ -1,0 +1,65 @@
+"""A runner that computes nothing, and lets as much time pass on its clock as a model's calls would take."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from motiongen_server.engine.types import RowStatus, WindowJob, WindowResult
+from tests.bench.null_runner import NullRunner
+
+
+@dataclass(frozen=True)
+class Costs:
+    """Seconds of calls by rows: (of any call, of each row). goals_s: besides, of each row that has constraints.
+
+    These are of the built-in model in float32 on one thread of an AMD Zen 5 (`python -m tests.bench.levers`).
+    """
+
+    prepare: tuple[float, float] = (0.0033, 0.0005)
+    step: tuple[float, float] = (0.0042, 0.00135)
+    decode: tuple[float, float] = (0.0065, 0.0019)
+    goals_s: float = 0.001
+    slower: float = 1.0
+
+    def seconds(self, of: tuple[float, float], rows: int) -> float:
+        return self.slower * (of[0] + of[1] * rows)
+
+
+class VirtualClock:
+    """Time that passes when a call of the model takes some."""
+
+    def __init__(self) -> None:
+        self.time_s = 1000.0
+
+    def now(self) -> float:
+        return self.time_s
+
+
+class CostedRunner(NullRunner):
+    """Computes nothing, and takes the time that it costs."""
+
+    def __init__(self, clock: VirtualClock, costs: Costs) -> None:
+        super().__init__()
+        self._clock, self._costs = clock, costs
+        self.steps = self.steps_thrown_away = 0
+        self._jobs: dict[int, WindowJob] = {}
+
+    def prepare(self, jobs: Sequence[WindowJob]) -> None:
+        self._jobs.update((job.job_id, job) for job in jobs)
+        goals_s = self._costs.slower * self._costs.goals_s * sum(bool(job.constraints) for job in jobs)
+        self._clock.time_s += self._costs.seconds(self._costs.prepare, len(jobs)) + goals_s
+        super().prepare(jobs)
+
+    def denoise(self, job_ids: Sequence[int]) -> list[RowStatus]:
+        self._clock.time_s += self._costs.seconds(self._costs.step, len(job_ids))
+        self.steps += len(job_ids)
+        return super().denoise(job_ids)
+
+    def decode(self, job_ids: Sequence[int]) -> list[WindowResult]:
+        self._clock.time_s += self._costs.seconds(self._costs.decode, len(job_ids))
+        return super().decode(job_ids)
+
+    def discard(self, job_ids: Sequence[int]) -> None:
+        self.steps_thrown_away += sum(self._steps_done.get(job_id, 0) for job_id in job_ids)
+        super().discard(job_ids)

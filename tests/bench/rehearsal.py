@@ -1,0 +1,126 @@
+"""A scenario of `motiongen bench` in virtual time: `python -m tests.bench.rehearsal --scenario mixed --characters 80`.
+
+The engines are the real ones, one after another, each with its share of the characters; a model that computes nothing
+lets as much time pass on the engine's clock as `Costs` says that calls take. So a change of scheduling shows in a few
+seconds, whoever else uses the machine, and the same way every time. What is missing: the gateway, gRPC and the client.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.scheduling.profile import profile
+from motiongen_server.engine.scheduling.scheduler import Scheduler
+from motiongen_server.engine.types import Priority
+from motiongen_tools.bench.scenario import Scenario, load_scenario
+from motiongen_tools.bench.schedule import make_schedule
+from tests.bench.costed_runner import CostedRunner, Costs, VirtualClock
+from tests.bench.scenario_script import Outcomes, Script
+
+_OPENED_S = 1.0  # after its open, who has no frame misses them
+
+
+@dataclass
+class Rehearsal:
+    """What came of all engines together. waste: the share of denoising steps that were thrown away."""
+
+    outcomes: dict[Priority, Outcomes]
+    frames_s: dict[Priority, float]
+    waste: float
+    rows: float
+    busy: float
+    restarted: int
+    windows: int
+
+
+def rehearse(
+    scenario: Scenario, characters: int, seconds: int, seed: int, costs: Costs, engines: int, config: EngineConfig
+) -> Rehearsal:
+    """Play a scenario on so many engines; frames are counted from its measured part on."""
+    schedule = make_schedule(scenario, characters, seconds, seed)
+    parts, runners = [], []
+    steps = rows = restarted = windows = 0
+    busy_s = total_s = 0.0
+    begin, end = schedule.phases.measure_from_s, schedule.phases.end_s
+    for index in range(engines):
+        clock = VirtualClock()
+        runner = CostedRunner(clock, costs)
+        table = profile(runner, clock, 64, 16, 60.0).costs
+        runner.steps = runner.steps_thrown_away = 0
+        numbers = [plan.number for plan in schedule.characters if plan.number % engines == index]
+        script = Script(scenario, schedule, numbers, clock)
+        scheduler = Scheduler(table, 64, max_step_s=config.max_step_s)
+        engine = Engine(runner, clock, script.deliver, config, inbox=script, scheduler=scheduler)
+        while clock.now() < script.began_at + end:
+            before = clock.now()
+            report = engine.step()
+            restarted, windows = restarted + report.windows_restarted, windows + len(report.windows)
+            if report.rows:
+                steps, rows, busy_s = steps + 1, rows + report.rows, busy_s + clock.now() - before
+            else:
+                script.wait(min(engine.idle_s(), 0.05))
+        total_s += end
+        parts.append(script)
+        runners.append(runner)
+    outcomes = {priority: Outcomes() for priority in Priority}
+    frames_s = dict.fromkeys(Priority, 0.0)
+    for part in parts:
+        for number, playback in part.playbacks.items():
+            mine, priority = outcomes[part.priority(number)], part.priority(number)
+            mine.latencies_s += playback.latencies_s
+            plan = schedule.characters[number]
+            shown = max(begin, plan.open_s + _OPENED_S), min(end, plan.close_s)
+            if shown[0] < shown[1]:
+                mine.missed_s += playback.held_between(part.began_at + shown[0], part.began_at + shown[1])
+                frames_s[priority] += shown[1] - shown[0]
+        for priority, found in part.outcomes.items():
+            outcomes[priority].opens_s += found.opens_s
+            outcomes[priority].refused += found.refused
+            outcomes[priority].degraded += found.degraded
+    waste = sum(runner.steps_thrown_away for runner in runners) / max(1, sum(runner.steps for runner in runners))
+    return Rehearsal(outcomes, frames_s, waste, rows / max(1, steps), busy_s / total_s, restarted, windows)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--scenario", nargs="+", default=["mixed"])
+    parser.add_argument("--characters", type=int, nargs="+", help="for each scenario (default: the scenario's)")
+    parser.add_argument("--seconds", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--engines", type=int, default=2)
+    parser.add_argument("--slower", type=float, default=1.25, help="calls take so many times longer than alone")
+    options = parser.parse_args()
+    logging.disable(logging.CRITICAL)
+    for index, name in enumerate(options.scenario):
+        scenario = load_scenario(name)
+        characters = options.characters[index] if options.characters else scenario.characters
+        found = rehearse(
+            scenario, characters, options.seconds, options.seed, Costs(slower=options.slower), options.engines,
+            EngineConfig(max_sessions=4096),
+        )  # fmt: skip
+        print(
+            f"{name} {characters}: busy {found.busy:.0%}, {found.rows:.1f} rows a step, {found.windows} windows, "
+            f"{found.restarted} restarted, {found.waste:.1%} of steps thrown away"
+        )
+        for priority, seen in found.outcomes.items():
+            if found.frames_s[priority]:
+                edits = np.percentile(seen.latencies_s or [0.0], [50, 95, 99, 100]) * 1000
+                opens = np.percentile(seen.opens_s or [0.0], [50, 100]) * 1000
+                print(
+                    f"  {priority.name:5}: missed {seen.missed_s / found.frames_s[priority]:.2%}, "
+                    f"edits p50 {edits[0]:.0f} p95 {edits[1]:.0f} p99 {edits[2]:.0f} max {edits[3]:.0f} ms, "
+                    f"opens p50 {opens[0]:.0f} max {opens[1]:.0f} ms, "
+                    f"refused {seen.refused}, told of less {seen.degraded} times"
+                )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

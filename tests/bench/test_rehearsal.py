@@ -1,0 +1,38 @@
+"""Scenarios in virtual time: what the engine promises of steps, frames and edits at the sizes that it lets in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.types import Priority
+from motiongen_tools.bench.scenario import BUILT_IN, load_scenario
+from tests.bench.rehearsal import Costs, Rehearsal, rehearse
+
+CONFIG = EngineConfig(max_sessions=4096)
+
+
+def _rehearse(name: str, characters: int) -> Rehearsal:
+    return rehearse(load_scenario(name), characters, 5, 1, Costs(slower=1.25), 2, CONFIG)
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_hardly_a_step_is_thrown_away_and_nobody_misses_a_frame(name: str) -> None:
+    found = _rehearse(name, load_scenario(name).characters)
+    assert found.windows
+    assert found.waste < 0.02
+    assert sum(seen.missed_s for seen in found.outcomes.values()) == 0
+    assert sum(seen.refused + seen.degraded for seen in found.outcomes.values()) == 0
+
+
+def test_a_crowd_plays_on_and_is_answered_while_heroes_steer() -> None:
+    found = _rehearse("mixed", 80).outcomes
+    assert found[Priority.CROWD].missed_s == 0
+    assert np.percentile(found[Priority.CROWD].latencies_s, 99) < 1.0
+    assert np.percentile(found[Priority.HERO].latencies_s, 99) < 0.4
+
+
+def test_a_stick_is_followed_as_often_as_it_speaks() -> None:
+    found = _rehearse("hero", 4)
+    assert found.windows > 0.9 * 4 * 10 * 11  # ten a second, eleven seconds

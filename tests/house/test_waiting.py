@@ -1,0 +1,41 @@
+"""No test sleeps: it waits for an event, moves a clock, or asks again by tests/waiting.py."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+WAITING = Path("tests/waiting.py")
+SLEEPS = {"time.sleep", "asyncio.sleep", "sleep"}
+
+
+def naps(source: str) -> list[int]:
+    """The lines that sleep for anything but a plain 0, which only lets others run."""
+    calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
+    named = [call for call in calls if ast.unparse(call.func) in SLEEPS]
+    return [call.lineno for call in named if not (call.args and ast.unparse(call.args[0]) == "0")]
+
+
+def test_no_test_sleeps(repository: Any) -> None:
+    files = [path for path in repository.files if path.parts[0] == "tests" and path.suffix == ".py"]
+    # the programs in tests/bench measure, and may pace themselves
+    tests = [path for path in files if path != WAITING and (path.parts[1] != "bench" or "test_" in path.name)]
+    found = [f"{path}:{line}" for path in tests for line in naps((repository.root / path).read_text(encoding="utf-8"))]
+    assert found == [], "see tests/waiting.py"
+    assert len(tests) > 100
+
+
+@pytest.mark.parametrize(
+    ("source", "lines"),
+    [
+        ("await asyncio.sleep(0)", []),
+        ("x = 1\ntime.sleep(0.1)", [2]),
+        ("await asyncio.sleep(wait_s)", [1]),
+        ("from time import sleep\nsleep(5)", [2]),
+    ],
+)
+def test_a_nap_is_seen(source: str, lines: list[int]) -> None:
+    assert naps(source) == lines

@@ -1,0 +1,35 @@
+"""A session that plays, and what tests of it say often."""
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.types import Waypoint
+from tests.server.engine.fakes import PROMPT
+from tests.server.engine.stage import Stage, prompt
+from tests.server.engine.viewer import Viewer
+
+
+def markers(viewer: Viewer, begin: int, end: int) -> set[int]:
+    return {int(row[PROMPT]) for row in viewer.rows[begin:end]}
+
+
+# when the viewer of `playing` begins to play: after four steps
+PLAYS_FROM = 100.04
+
+
+def waypoint(frame: int, constraint_id: int = 1) -> Waypoint:
+    return Waypoint(constraint_id, frame, 1.0, 2.0)
+
+
+def playing(config: EngineConfig | None = None, **fields: object) -> tuple[Stage, Viewer]:
+    """A stage whose one session has played for a second; 4 steps a window, 10 ms a step."""
+    stage = Stage(config)
+    viewer = stage.open(prompts=(prompt(1),), **fields)
+    stage.run(1.0)
+    return stage, viewer
+
+
+def start_job(stage: Stage, steps: int) -> None:
+    """Let a continuation start and do some of its four steps."""
+    before = len(stage.runner.prepared)
+    stage.run_until(lambda: len(stage.runner.prepared) > before)
+    (job_id,) = stage.runner.jobs
+    stage.run_until(lambda: stage.runner.steps[job_id] >= steps)

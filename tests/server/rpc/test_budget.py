@@ -1,0 +1,95 @@
+"""Who sends too much is read more slowly, and owes it together with all that comes from the same address."""
+
+from __future__ import annotations
+
+import pytest
+
+from motiongen_server.engine.types import Priority
+from motiongen_server.errors import EventRefused
+from motiongen_server.rpc.budget import BYTES_A_TOKEN, MESSAGE_COST, StreamBudget
+from motiongen_server.rpc.limits import PeerLimits
+from motiongen_server.rpc.peers import MOST_IDLE, Peer, Peers, address_of
+
+
+def peer_of(**limits: float) -> Peer:
+    return Peer(PeerLimits(**limits), 0.0)  # type: ignore[arg-type]
+
+
+def test_a_burst_is_free_and_what_is_beyond_it_is_owed() -> None:
+    budget = StreamBudget(100.0, peer_of(), 0.0)
+    budget.charge(100.0, 0.0)
+    assert budget.owed_s(0.0) == 0
+    budget.charge(50.0, 0.0)
+    assert budget.owed_s(0.0) == pytest.approx(0.5)
+    assert budget.owed_s(0.25) == pytest.approx(0.25)
+    assert budget.owed_s(0.5) == 0
+
+
+def test_bytes_are_charged_too() -> None:
+    budget = StreamBudget(MESSAGE_COST + 10, peer_of(), 0.0)
+    budget.charge_message(int(20 * BYTES_A_TOKEN), 0.0)
+    assert budget.owed_s(0.0) * (MESSAGE_COST + 10) == pytest.approx(10)
+
+
+def test_streams_of_one_peer_pay_together_and_others_do_not() -> None:
+    peer = peer_of(events_per_second=100.0)
+    first, second = StreamBudget(1000.0, peer, 0.0), StreamBudget(1000.0, peer, 0.0)
+    elsewhere = StreamBudget(1000.0, peer_of(events_per_second=100.0), 0.0)
+    first.charge(200.0, 0.0)
+    assert second.owed_s(0.0) == pytest.approx(1.0)
+    assert elsewhere.owed_s(0.0) == 0
+
+
+def test_heroes_of_one_peer_are_few_and_a_place_can_be_taken_again() -> None:
+    peer = peer_of(heroes=2)
+    places = [peer.place(Priority.HERO) for _ in range(2)]
+    with pytest.raises(EventRefused) as refused:
+        peer.place(Priority.HERO)
+    assert (refused.value.reason, refused.value.field) == ("PEER_SESSION_LIMIT", "open.priority")
+    peer.place(Priority.NEAR)
+    places[0].release()
+    places[0].release()
+    peer.place(Priority.HERO)
+    with pytest.raises(EventRefused):
+        peer.place(Priority.HERO)
+
+
+def test_sessions_count_by_their_class() -> None:
+    peer = peer_of(session_weight=7)
+    held = [peer.place(priority) for priority in (Priority.HERO, Priority.NEAR, Priority.CROWD)]
+    with pytest.raises(EventRefused, match="as many sessions"):
+        peer.place(Priority.BATCH)
+    held[1].release()
+    peer.place(Priority.CROWD)
+    peer.place(Priority.BATCH)
+    assert peer.session_weight == 7
+
+
+def test_samples_of_clips_are_counted_while_they_are_made() -> None:
+    peer = peer_of(clip_samples=4)
+    peer.begin_clip(3)
+    with pytest.raises(EventRefused) as refused:
+        peer.begin_clip(2)
+    assert refused.value.reason == "PEER_CLIP_LIMIT"
+    peer.end_clip(3)
+    peer.begin_clip(4)
+
+
+def test_a_peer_is_its_address_and_not_its_port() -> None:
+    assert address_of("ipv4:10.0.0.7:1234") == address_of("ipv4:10.0.0.7:4321") == "ipv4:10.0.0.7"
+    assert address_of("ipv6:%5B::1%5D:99") == "ipv6:%5B::1%5D"
+    assert address_of("unix:") == address_of("unix:/run/x") == "unix"
+
+
+def test_peers_that_owe_nothing_are_forgotten_and_others_are_not() -> None:
+    peers = Peers(PeerLimits(events_per_second=10.0))
+    debtor = peers.find("ipv4:1.1.1.1:1", 0.0)
+    debtor.events.charge(1000.0, 0.0)
+    holder = peers.find("ipv4:2.2.2.2:1", 0.0)
+    holder.place(Priority.NEAR)
+    quiet = peers.find("ipv4:3.3.3.3:1", 0.0)
+    for number in range(MOST_IDLE):
+        peers.find(f"ipv4:9.{number >> 8}.{number & 255}.1:1", 0.0)
+    assert peers.find("ipv4:1.1.1.1:2", 1.0) is debtor
+    assert peers.find("ipv4:2.2.2.2:2", 1.0) is holder
+    assert peers.find("ipv4:3.3.3.3:2", 1.0) is not quiet

@@ -1,0 +1,176 @@
+"""Streams that hold a place and do nothing with it, are more than there may be, or send what is no message."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import grpc
+import grpc.aio
+import numpy as np
+import pytest
+from google.rpc import error_details_pb2
+from grpc_status import rpc_status
+
+from motiongen.v1 import service_pb2, service_pb2_grpc
+from motiongen_server.engine.types import Chunk, SessionKey
+from motiongen_server.rpc.handlers import SERVICE_NAME
+from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
+from motiongen_server.rpc.stream import Stream
+from motiongen_server.rpc.stream_watch import StreamWatch
+from tests.contract.local import LocalServer
+from tests.contract.talk import Talk
+from tests.server.engine.fakes import ROW_WIDTH
+from tests.server.rpc.test_event_order import Line
+
+LIMIT_S = 30.0
+
+
+@asynccontextmanager
+async def connected(server: LocalServer) -> AsyncIterator[tuple[grpc.aio.Channel, service_pb2.GetCatalogResponse]]:
+    async with grpc.aio.insecure_channel(server.address) as channel:
+        stub = service_pb2_grpc.MotionServiceStub(channel)
+        yield channel, await stub.GetCatalog(service_pb2.GetCatalogRequest())
+
+
+def talk_on(channel: grpc.aio.Channel, catalog: service_pb2.GetCatalogResponse) -> Talk:
+    return Talk(service_pb2_grpc.MotionServiceStub(channel), catalog)  # type: ignore[arg-type]
+
+
+async def end_of(talk: Talk) -> tuple[grpc.StatusCode, str]:
+    """Status and reason with which the server ends a stream."""
+    code = await talk.to_the_end()
+    status = rpc_status.from_call(
+        grpc.aio.AioRpcError(
+            code, await talk.call.initial_metadata(), await talk.call.trailing_metadata(), await talk.call.details()
+        )
+    )
+    info = error_details_pb2.ErrorInfo()
+    for detail in status.details if status is not None else ():
+        detail.Unpack(info)
+    return code, info.reason
+
+
+@pytest.mark.parametrize(
+    ("limits", "says_hello", "reason"),
+    [
+        (ServiceLimits(hello_timeout_s=0.1), False, "HELLO_LATE"),
+        (ServiceLimits(empty_timeout_s=0.1), True, "STREAM_EMPTY"),
+    ],
+    ids=["no hello", "no session"],
+)
+async def test_a_stream_that_does_nothing_is_ended(limits: ServiceLimits, says_hello: bool, reason: str) -> None:
+    async with (
+        asyncio.timeout(LIMIT_S),
+        LocalServer(service_limits=limits) as server,
+        connected(server) as (channel, catalog),
+    ):
+        talk = talk_on(channel, catalog)
+        if says_hello:
+            await talk.hello()
+        assert await end_of(talk) == (grpc.StatusCode.DEADLINE_EXCEEDED, reason)
+        assert server.service.num_streams == 0
+
+
+async def test_a_stream_with_a_session_is_not_empty(server_limits: ServiceLimits) -> None:
+    async with (
+        asyncio.timeout(LIMIT_S),
+        LocalServer(service_limits=server_limits) as server,
+        connected(server) as (channel, catalog),
+    ):
+        played, empty = talk_on(channel, catalog), talk_on(channel, catalog)
+        await (await played.hello()).open(1)
+        await empty.hello()
+        assert (await end_of(empty))[1] == "STREAM_EMPTY"
+        await played.plays_on(1)
+        await played.close(1)
+        assert (await end_of(played))[1] == "STREAM_EMPTY"
+
+
+@pytest.fixture
+def server_limits() -> ServiceLimits:
+    return ServiceLimits(empty_timeout_s=0.2)
+
+
+@pytest.mark.parametrize("limits", [ServiceLimits(max_streams=1), ServiceLimits(peer=PeerLimits(streams=1))])
+async def test_one_stream_too_many_is_refused_and_the_place_can_be_taken_again(limits: ServiceLimits) -> None:
+    async with (
+        asyncio.timeout(LIMIT_S),
+        LocalServer(service_limits=limits) as server,
+        connected(server) as (channel, catalog),
+    ):
+        first = await talk_on(channel, catalog).hello()
+        assert await end_of(talk_on(channel, catalog)) == (grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_STREAMS")
+        first.call.cancel()
+        while server.service.num_streams:  # noqa: ASYNC110  the server has no event for this
+            await asyncio.sleep(0)
+        await talk_on(channel, catalog).hello()
+
+
+async def test_what_is_no_message_ends_its_stream_alone() -> None:
+    async with asyncio.timeout(LIMIT_S), LocalServer() as server, connected(server) as (channel, catalog):
+        other = await talk_on(channel, catalog).hello()
+        await other.open(1)
+        for garbage in (b"\x0a\xff", b"\x0a\x7f" * 5000):
+            call = channel.stream_stream(f"/{SERVICE_NAME}/StreamMotion")()
+            await call.write(garbage)
+            assert await call.code() is grpc.StatusCode.INVALID_ARGUMENT
+            assert "could not be read" in await call.details()
+        with pytest.raises(grpc.aio.AioRpcError, match="could not be read"):
+            await anext(aiter(channel.unary_stream(f"/{SERVICE_NAME}/GenerateClip")(b"\x0a\xff")))
+        await other.plays_on(1)
+
+
+async def test_calls_of_a_peer_that_owes_are_refused_with_the_time_to_wait() -> None:
+    limits = ServiceLimits(peer=PeerLimits(events_per_second=15.0))
+    async with (
+        asyncio.timeout(LIMIT_S),
+        LocalServer(service_limits=limits) as server,
+        grpc.aio.insecure_channel(server.address) as channel,
+    ):
+        stub = service_pb2_grpc.MotionServiceStub(channel)
+
+        async def ask_often() -> None:
+            for _ in range(100):
+                await stub.GetCatalog(service_pb2.GetCatalogRequest())
+
+        with pytest.raises(grpc.aio.AioRpcError, match="ask again in") as refused:
+            await ask_often()
+        assert refused.value.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
+
+
+def holding(num_frames: int) -> Stream:
+    """A stream whose client does not read."""
+    stream = Line().stream
+    stream.greeted = True
+    stream.number = num_frames
+    stream.send_queue.put_chunk(Chunk(SessionKey(stream.number, 1), 1, 0, FRAMES[:num_frames], 0), 0)
+    return stream
+
+
+FRAMES = np.zeros((1000, ROW_WIDTH), np.float32)
+
+
+async def test_memory_is_taken_back_from_those_that_hold_most() -> None:
+    streams = {stream.number: stream for stream in map(holding, (100, 200, 400, 500))}
+    most = sum(stream.num_waiting_bytes for stream in streams.values()) // 2
+    StreamWatch(ServiceLimits(max_waiting_bytes=most), streams).look(streams.values(), time.monotonic())
+    assert [number for number, stream in streams.items() if stream.refusal is not None] == [400, 500]
+    assert sum(stream.num_waiting_bytes for stream in streams.values()) <= most
+
+
+async def test_a_client_that_takes_nothing_for_long_loses_its_stream() -> None:
+    stream, now = holding(10), time.monotonic()
+    watch = StreamWatch(ServiceLimits(stuck_timeout_s=30.0), {stream.number: stream})
+    stream.writing_since = now
+    watch.look([stream], now + 29)
+    assert stream.refusal is None
+    cut = []
+    stream.cut = lambda: cut.append(True)
+    watch.look([stream], now + 31)
+    assert stream.refusal is not None
+    assert stream.refusal.reason == "SLOW_READER"
+    assert cut == [True]
+    assert stream.num_waiting_bytes == 0

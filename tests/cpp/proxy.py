@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import threading
+from collections.abc import Callable
 
 
 class TcpProxy:
@@ -17,15 +19,16 @@ class TcpProxy:
         self._open: list[socket.socket] = []
         self._flowing = threading.Event()
         self._flowing.set()
-        self.num_accepted = 0
         self.address = f"127.0.0.1:{self._listener.getsockname()[1]}"
-        threading.Thread(target=self._accept, daemon=True).start()
+        self._threads: list[threading.Thread] = []
+        self._start(self._accept)
 
     def cut(self) -> None:
         """End all connections at once; new ones are accepted."""
         with self._lock:
             for each in self._open:
-                each.close() if each.fileno() < 0 else each.shutdown(socket.SHUT_RDWR)
+                with contextlib.suppress(OSError):  # the other side was first
+                    each.shutdown(socket.SHUT_RDWR)
             self._open.clear()
 
     def freeze(self) -> None:
@@ -40,28 +43,41 @@ class TcpProxy:
         while True:
             try:
                 ours, _ = self._listener.accept()
+            except OSError:
+                return  # it was closed
+            try:
                 theirs = socket.create_connection(self._target)
             except OSError:
-                return
-            self.num_accepted += 1
+                ours.close()
+                continue
             with self._lock:
                 self._open += [ours, theirs]
             for source, sink in ((ours, theirs), (theirs, ours)):
-                threading.Thread(target=self._pass_on, args=(source, sink), daemon=True).start()
+                self._start(self._pass_on, source, sink)
+
+    def _start(self, target: Callable[..., None], *arguments: object) -> None:
+        thread = threading.Thread(target=target, args=arguments)
+        self._threads.append(thread)
+        thread.start()
 
     def _pass_on(self, source: socket.socket, sink: socket.socket) -> None:
-        try:
-            while data := source.recv(65536):
-                self._flowing.wait()
-                sink.sendall(data)
-            sink.shutdown(socket.SHUT_RDWR)
-        except OSError:
-            pass  # one of them was cut
+        """Each thread closes the socket that it reads, and ends the one that it writes."""
+        with source, contextlib.suppress(OSError):
+            try:
+                while data := source.recv(65536):
+                    self._flowing.wait()
+                    sink.sendall(data)
+            finally:
+                sink.shutdown(socket.SHUT_RDWR)
 
     def __enter__(self) -> TcpProxy:
         return self
 
     def __exit__(self, *_: object) -> None:
+        with contextlib.suppress(OSError):
+            self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
         self.thaw()
         self.cut()
+        for thread in self._threads:
+            thread.join()

@@ -80,9 +80,11 @@ void Call::OnWriteDone(bool ok) {
 }
 
 void Call::OnDone(const grpc::Status& status) {
-  const std::shared_ptr<Call> self = std::move(self_);
-  const std::shared_ptr<CallUser> user = std::move(user_);
-  user->on_call_ended(status);
+  // Neither this call nor its user must be destroyed on this thread, one of gRPC's: with the last reference to the last
+  // channel, which both hold, gRPC 1.51 joins its own threads. So the user takes the call, and lives as long as the one
+  // who waits for the end.
+  user_->on_call_ended(status, std::move(self_));
+  user_ = nullptr;
   const std::lock_guard<std::mutex> lock(mutex_);
   ended_ = true;
   ended_changed_.notify_all();

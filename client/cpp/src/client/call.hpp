@@ -21,7 +21,8 @@ class CallUser {
   virtual ~CallUser() = default;
   // A message, in pieces that are there until this returns. `size`: of all of them.
   virtual void on_message(const wire::Piece* pieces, std::size_t size) = 0;
-  virtual void on_call_ended(const grpc::Status& status) = 0;
+  // `call` is to be let go on another thread.
+  virtual void on_call_ended(const grpc::Status& status, std::shared_ptr<class Call> call) = 0;
 };
 
 // Keeps itself, and its user, alive until it has ended.

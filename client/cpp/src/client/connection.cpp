@@ -134,18 +134,21 @@ void ClientCore::begin_call() {
   outbox_.clear();
   outbox_.put_alone(hello);
   heard_at_s_ = now_s();
+  std::vector<std::shared_ptr<Call>> ended;  // let go when the lock is
   const std::lock_guard<std::mutex> lock(mutex_);
   if (closing_) return;
+  ended.swap(ended_calls_);
   is_lost_ = draining_ = false;
   next_ping_s_ = now_s();
   call_ = Call::start(*stub_, options_.token, outbox_, shared_from_this());
 }
 
-void ClientCore::on_call_ended(const grpc::Status& status) {
+void ClientCore::on_call_ended(const grpc::Status& status, std::shared_ptr<Call> call) {
   Status why =
       status.ok() ? Status(Code::unavailable, "STREAM_ENDED", "the server ended the stream") : status_of(status);
   {
     const std::lock_guard<std::mutex> lock(mutex_);
+    ended_calls_.push_back(std::move(call));
     if (!drop_reason_) why = drop_reason_;
     drop_reason_ = Status();
   }
@@ -218,18 +221,21 @@ void ClientCore::shut_down() {
     const std::lock_guard<std::mutex> lock(state->mutex);
     state->end(why, events_);
   }
-  const bool may_wait = !events_.in_callback();  // inside a callback the call cannot end before this returns
-  if (call != nullptr) {
-    call->finish();
-    if (!may_wait || !call->wait_ended(kCloseGraceS)) call->cancel();
-    if (may_wait) call->wait_ended(kCancelGraceS);
+  if (call != nullptr) call->finish();
+  if (!events_.in_callback()) {
+    end_call(call);
+    if (worker.joinable()) worker.join();
+  } else if (worker.joinable()) {
+    worker.detach();  // inside a callback the call cannot end: the thread waits for it, and holds this until then
   }
-  if (!worker.joinable()) return;
-  if (worker.get_id() == std::this_thread::get_id()) {
-    worker.detach();  // it holds this, and ends as soon as the callback that it runs has returned
-  } else {
-    worker.join();
-  }
+}
+
+void ClientCore::end_call(const std::shared_ptr<Call>& call) {
+  if (call == nullptr || call->wait_ended(kCloseGraceS)) return;
+  call->cancel();
+  if (call->wait_ended(kCancelGraceS)) return;
+  // gRPC has not let go of the call and may still call us: rather than of memory that is gone, of memory that is lost
+  static_cast<void>(new std::shared_ptr<ClientCore>(shared_from_this()));
 }
 
 }  // namespace motiongen

@@ -54,7 +54,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   // ---- for the call
 
   void on_message(const wire::Piece* pieces, std::size_t size) override;
-  void on_call_ended(const grpc::Status& status) override;
+  void on_call_ended(const grpc::Status& status, std::shared_ptr<Call> call) override;
 
  private:
   // connection.cpp: calls, their loss, and another one
@@ -64,6 +64,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void reconnect();
   void lose(const Status& status, bool will_reconnect);
   void forget_closed();
+  void end_call(const std::shared_ptr<Call>& call);
 
   // worker.cpp: what is done when its time has come
   void work();
@@ -100,7 +101,8 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   std::condition_variable changed_;
   std::shared_ptr<const Catalog> catalog_;
   std::shared_ptr<Call> call_;
-  grpc::ClientContext* asking_ = nullptr;  // for the catalogue at present, so that closing need not wait
+  std::vector<std::shared_ptr<Call>> ended_calls_;  // to be let go by the next one, or with this
+  grpc::ClientContext* asking_ = nullptr;           // for the catalogue at present, so that closing need not wait
   std::unordered_map<std::uint32_t, std::shared_ptr<SessionState>> sessions_;
   std::uint32_t next_session_ = 1;
   Status failure_;        // of the last call

@@ -205,7 +205,11 @@ Status Session::wait_frame(std::uint64_t frame, double timeout_s) {
 
 // ---- frames
 
-const Rig& Session::rig() const { return state_->rig; }
+const Rig& Session::rig() const {
+  static const Rig none;
+  const std::lock_guard<std::mutex> lock(state_->mutex);
+  return state_->timeline ? state_->rig : none;  // which does not change any more
+}
 
 bool Session::is_open() const {
   const std::lock_guard<std::mutex> lock(state_->mutex);

@@ -74,6 +74,8 @@ void SessionState::send_open(Outbox& outbox, const Catalog& catalog) {
 }
 
 EditId SessionState::send_edit(v1::SessionEvent event, Outbox& outbox) {
+  // Where a caller moves the playhead, the server cannot know how far: it is told before it chooses what to change.
+  if (options.clock == Clock::manual) report(0, 0, outbox);
   event.set_session(id);
   const EditId edit = book.add(event);
   if (phase == Phase::opening || phase == Phase::open) outbox.put(SessionBook::shifted(std::move(event), base_));

@@ -38,6 +38,12 @@ void ClientCore::work() {
     }
     events_.dispatch();
   }
+  std::shared_ptr<Call> call;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    call = call_;
+  }
+  end_call(call);
 }
 
 void ClientCore::tick(double now) {

@@ -31,6 +31,7 @@ from motiongen_server.rpc.limits import Limits
 from tests.contract.local import LocalServer
 from tests.e2e.tcp_proxy import TcpProxy
 from tests.server.engine.fakes import CONSTRAINTS, FACTS, FRAME, PROMPT, SEED
+from tests.waiting import until_true
 
 LIMIT_S = 120.0
 FACTS_AS_SERVED = replace(
@@ -67,12 +68,6 @@ async def proxied(
     port = int(server.address.rpartition(":")[2])
     async with TcpProxy(port, budget) as proxy, MotionClient(proxy.address, policy=policy or LinePolicy()) as client:
         yield proxy, client
-
-
-async def until(holds: Callable[[], object]) -> None:
-    async with asyncio.timeout(LIMIT_S):
-        while not holds():  # noqa: ASYNC110  what is waited for may be of another thread
-            await asyncio.sleep(0.005)
 
 
 @dataclass
@@ -150,7 +145,8 @@ async def direct(session: Session, rng: random.Random, is_over: Callable[[], boo
         if rng.random() < 0.7:
             await edit
         else:
-            await asyncio.sleep(0.01)
+            shown = session.playback.playhead
+            await until_true(lambda shown=shown: session.playback.playhead > shown)
     await asyncio.gather(*(_answer(each.edit) for each in edits))
 
 
@@ -211,7 +207,7 @@ async def test_lines_that_are_cut_at_two_hundred_moments_lose_nothing(
             )
             for session, of in zip(sessions, edits, strict=True):
                 last = max(each.effective_frame for each in of)
-                await until(lambda session=session, last=last: session.playback.playhead > last)
+                await until_true(lambda session=session, last=last: session.playback.playhead > last)
                 await session.close()
             await asyncio.gather(*playing)
             for session, of, seen in zip(sessions, edits, frames, strict=True):
@@ -260,7 +256,7 @@ async def test_after_its_grace_a_session_is_opened_anew_and_goes_on_from_what_wa
         assert await played(session, 60) == list(range(60))
         proxy.is_shut = True
         proxy.cut()
-        await until(lambda: not server.engine.num_sessions)
+        await until_true(lambda: not server.engine.num_sessions)
         waiting = session.set_prompt("third, while away")
         told: list[object] = []
         session.on_reopened = told.append
@@ -327,7 +323,7 @@ async def test_a_line_that_falls_silent_is_noticed_and_the_session_resumed() -> 
         session = await client.open("a person walks", options=LOOKAHEAD)
         await played(session, 50)
         proxy.is_silent = True
-        await until(lambda: not client.is_connected)
+        await until_true(lambda: not client.is_connected)
         proxy.is_silent = False
         assert await played(session, 100) == list(range(50, 150))
         assert (session.stats.resumes, session.reopenings) == (1, ())
@@ -350,11 +346,11 @@ async def test_a_session_that_is_closed_while_the_line_is_lost_is_over_here_and_
         session, other = await client.open("one"), await client.open("two")
         proxy.is_shut = True
         proxy.cut()
-        await until(lambda: not client.is_connected)
+        await until_true(lambda: not client.is_connected)
         assert (await session.close()).reason == "client"
         proxy.is_shut = False
         assert await played(other, 10) == list(range(10))
-        await until(lambda: server.engine.num_sessions == 1)
+        await until_true(lambda: server.engine.num_sessions == 1)
 
 
 async def test_a_paused_session_is_paused_when_it_comes_back() -> None:
@@ -364,9 +360,9 @@ async def test_a_paused_session_is_paused_when_it_comes_back() -> None:
         await session.pause()
         proxy.is_shut = True
         proxy.cut()
-        await until(lambda: not server.engine.num_sessions)
+        await until_true(lambda: not server.engine.num_sessions)
         proxy.is_shut = False
-        await until(lambda: session.reopenings)
+        await until_true(lambda: session.reopenings)
         assert (await session.resume()).event_seq == 3, "after its opening, and the pause that it was told again"
         assert len(await played(session, 100)) == 100
         check_history(server, session.reopenings[0].frame)
@@ -376,7 +372,7 @@ async def test_a_stream_without_sessions_is_connected_again_when_there_is_one_to
     async with asyncio.timeout(LIMIT_S), a_server() as server, proxied(server) as (proxy, client):
         await (await client.open("one")).close()
         proxy.cut()
-        await until(lambda: not client.is_connected)
-        await until(lambda: not server.service.num_streams)
+        await until_true(lambda: not client.is_connected)
+        await until_true(lambda: not server.service.num_streams)
         assert await played(await client.open("another"), 10) == list(range(10))
         assert server.engine.num_sessions == 1

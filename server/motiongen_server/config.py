@@ -73,6 +73,7 @@ class ServerConfig:
     events_per_second: float = setting(50.0, "events of one session a second", 1, 1e6)
     stream_events_per_second: float = setting(5000.0, "events of one stream a second", 1, 1e7)
     flush_ms: float = setting(20.0, "how long updates are gathered into one message", 1, 1000)
+    playback_rate: float = setting(1.05, "times its frame rate that a session may be played at", 1, 1e6)
     idle_timeout_s: float = setting(300.0, "silence after which a session is closed", 1, 1e6)
     resume_grace_s: float = setting(30.0, "for which sessions wait for a client that lost its line", 0, 3600)
     prompt_cache: int = setting(4096, "prompts whose embeddings are remembered", 1, 10_000_000)

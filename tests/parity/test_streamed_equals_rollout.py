@@ -62,7 +62,7 @@ def stream(
         TorchRunner(model, "tiny"),
         clock,
         screen.deliver,
-        EngineConfig(continue_jitter=0, stride_jitter=0, reuse_tokens=reuse_tokens),
+        EngineConfig(continue_jitter=0, stride_jitter=0, reuse_tokens=reuse_tokens, playback_rate=1e6),
     )
     spec = SessionSpec(
         KEY,

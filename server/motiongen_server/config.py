@@ -46,7 +46,9 @@ class ServerConfig:
     denoise_steps: int = setting(4, "denoising steps of a window when a session does not say", 2, 1000)
     text_guidance: float | None = setting(None, "weight of the prompt when a session does not say", 0, 10, kind=float)
     constraint_guidance: float | None = setting(None, "weight of constraints then", 0, 10, kind=float)
-    history_frames: int = setting(16, "decided frames that a new window starts with; a multiple of 4", 4, 400)
+    history_frames: int = setting(
+        16, "decided frames that a new window starts with, in whole tokens of the model", 1, 400
+    )
     max_rows: int = setting(64, "most windows in one denoising step", 1, 4096)
     max_step_ms: int = setting(35, "what a denoising step may be expected to take, where smaller ones pay", 1, 60_000)
     profile_s: float = setting(8.0, "longest time that measuring the model takes at the start", 0, 600)
@@ -91,8 +93,6 @@ class ServerConfig:
     def __post_init__(self) -> None:
         """Raises SettingError for a value outside its range, or values that contradict each other."""
         check_settings(self)
-        if self.history_frames % 4:
-            raise SettingError(f"history_frames is {self.history_frames}; it must be a multiple of 4")
         if self.max_lookahead_frames < self.lookahead_frames:
             raise SettingError(
                 f"max_lookahead_frames is {self.max_lookahead_frames}; it must be at least lookahead_frames, "

@@ -8,6 +8,7 @@ Ends with status 1 where neighbours noticed more than they may. Bounded: some tw
 from __future__ import annotations
 
 import argparse
+import asyncio
 import sys
 import tempfile
 from pathlib import Path
@@ -33,7 +34,7 @@ ATTACKS = (
 )
 
 
-def main() -> int:
+async def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.attack", description=__doc__)
     parser.add_argument("--only", nargs="*", default=[], help="kinds of tests.attack.hostile, or none")
     parser.add_argument("--seconds", type=float, default=6.0, help="of each attack (default: %(default)s)")
@@ -44,7 +45,7 @@ def main() -> int:
         for number, attack in enumerate(ATTACKS):
             if options.only and attack.kind not in options.only:
                 continue
-            results.append(run(attack, options.seconds, Path(folder) / f"{number}.log"))
+            results.append(await run(attack, options.seconds, Path(folder) / f"{number}.log"))
             print(f"{attack.name}: {'; '.join(results[-1].faults) or 'held'}", flush=True)
     report = f"{table(results)}\n{machine()}, {options.seconds:g} s an attack\n"
     if options.out:
@@ -55,4 +56,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(asyncio.run(main()))

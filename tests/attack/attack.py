@@ -122,11 +122,11 @@ async def suffer(attack: Attack, server: Attacked, seconds: float) -> tuple[Noti
         return noticed, most_mib - before_mib, server.memory_mib() - before_mib, health, share
 
 
-def run(attack: Attack, seconds: float, log: Path) -> Result:
+async def run(attack: Attack, seconds: float, log: Path) -> Result:
     """A fresh server, attacked."""
     module = BUILT_IN if attack.built_in else NULL
     with attacked(log, attack.settings, attack.most_files, module) as server:
-        noticed, grown, left, health, share = asyncio.run(suffer(attack, server, seconds))
+        noticed, grown, left, health, share = await suffer(attack, server, seconds)
     return Result(attack, noticed, grown, left, health, share, log.stat().st_size / MIB, server.exit_code)
 
 

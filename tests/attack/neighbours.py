@@ -75,6 +75,11 @@ class Neighbour:
         self.pings_ms: list[float] = []
         self.lost = ""
         self._tasks: list[asyncio.Task[None]] = []
+        self._writing = asyncio.Lock()  # a call takes one message at a time
+
+    async def _write(self, request: service_pb2.StreamMotionRequest) -> None:
+        async with self._writing:
+            await self._call.write(request)
 
     async def begin(self) -> None:
         """Open all sessions and wait until they play."""
@@ -86,7 +91,7 @@ class Neighbour:
             )
             for each in self.sessions
         ]  # fmt: skip
-        await self._call.write(service_pb2.StreamMotionRequest(hello=hello, events=opens))
+        await self._write(service_pb2.StreamMotionRequest(hello=hello, events=opens))
         self._tasks = [asyncio.create_task(self._read())]
         async with asyncio.timeout(READY_S):
             while not all(each.begun_s for each in self.sessions):
@@ -136,7 +141,7 @@ class Neighbour:
                 playhead = session_pb2.Playhead(frame=min(each.due, max(0, each.sent_to - 1)), buffered_to=each.sent_to)
                 events.append(session_pb2.SessionEvent(session=each.handle, playhead=playhead))
             ping = service_pb2.Ping(client_time_ns=int(now * 1e9))
-            await self._call.write(service_pb2.StreamMotionRequest(events=events, ping=ping))
+            await self._write(service_pb2.StreamMotionRequest(events=events, ping=ping))
             await asyncio.sleep(REPORT_EVERY_S)
 
     async def _edit(self) -> None:
@@ -152,7 +157,7 @@ class Neighbour:
             edit = session_pb2.EditPrompts(upsert=[span])
             session.edits[session.seq] = time.perf_counter()
             event = session_pb2.SessionEvent(session=session.handle, event_seq=session.seq, edit_prompts=edit)
-            await self._call.write(service_pb2.StreamMotionRequest(events=[event]))
+            await self._write(service_pb2.StreamMotionRequest(events=[event]))
 
     def forget(self) -> None:
         """What was noticed so far does not count."""

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.precision import PRECISIONS
 from motiongen_server.ops.memory import keep_freed_memory
@@ -143,7 +142,7 @@ def ceiling(
         steps_run,
         waits_for(settings.device),
     )
-    config, history_tokens = chosen.model.config, HISTORY_FRAMES // FRAMES_PER_TOKEN
+    config, history_tokens = chosen.model.config, HISTORY_FRAMES // chosen.model.config.patch
     one_step = rate.passes * step_flops(config, Pass(history_tokens))
     decoding = decode_flops(config, chosen.model.skeleton.feature_dim - 5, history_tokens)
     precision = PRECISIONS[settings.precision]

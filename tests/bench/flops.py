@@ -11,8 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN, ModelConfig, TransformerConfig
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
+from motiongen_ardy.model.config import ModelConfig, TransformerConfig
 
 
 @dataclass(frozen=True)
@@ -38,17 +37,17 @@ def stack_flops(config: TransformerConfig, sequence: int) -> int:
 def step_flops(config: ModelConfig, one: Pass) -> int:
     """One denoising step of one pass: all stages' transformers, and the horizon's projections in and out."""
     denoiser = config.denoiser
-    width, latent = denoiser.transformer.width, denoiser.latent_dim
-    horizon = config.horizon // FRAMES_PER_TOKEN
+    width, latent, root = denoiser.transformer.width, denoiser.latent_dim, denoiser.root_token_width
+    horizon = config.horizon_tokens
     prefix = denoiser.text_tokens + 1 + int(denoiser.heading_token)
     stack = stack_flops(denoiser.transformer, prefix + one.history_tokens + horizon + one.future_tokens)
     if denoiser.num_stages == 1:
-        hybrid = ROOT_TOKEN_WIDTH + latent
+        hybrid = root + latent
         return stack + linear_flops(horizon, hybrid, width) + linear_flops(horizon, width, hybrid)
-    first = linear_flops(horizon, ROOT_TOKEN_WIDTH + latent, width) + linear_flops(horizon, width, ROOT_TOKEN_WIDTH)
+    first = linear_flops(horizon, root + latent, width) + linear_flops(horizon, width, root)
     # The last history token's local root has a velocity that looks into the prediction, so it changes with each step.
     changing = horizon + int(one.history_tokens > 0)
-    local = FRAMES_PER_TOKEN * LOCAL_ROOT_WIDTH + latent
+    local = config.patch * LOCAL_ROOT_WIDTH + latent
     second = linear_flops(changing, local, width) + linear_flops(horizon, width, latent)
     return 2 * stack + first + second
 
@@ -59,8 +58,8 @@ def decode_flops(config: ModelConfig, body_dim: int, history_tokens: int) -> int
     if tokenizer is None:
         return 0
     transformer = tokenizer.transformer
-    width, horizon = transformer.width, config.horizon // FRAMES_PER_TOKEN
-    condition = FRAMES_PER_TOKEN * LOCAL_ROOT_WIDTH
+    width, horizon = transformer.width, config.horizon_tokens
+    condition = config.patch * LOCAL_ROOT_WIDTH
     linear = linear_flops(horizon, width, 4 * width) + 2 * linear_flops(horizon, width, transformer.feed_forward)
     # Token i of the horizon sees the history, those before it and itself.
     seen = horizon * history_tokens + horizon * (horizon + 1) // 2
@@ -68,6 +67,6 @@ def decode_flops(config: ModelConfig, body_dim: int, history_tokens: int) -> int
     ends = (
         linear_flops(horizon, tokenizer.latent_dim, width)
         + linear_flops(horizon, width + condition, width)
-        + linear_flops(horizon, width, FRAMES_PER_TOKEN * (body_dim + LOCAL_ROOT_WIDTH))
+        + linear_flops(horizon, width, config.patch * (body_dim + LOCAL_ROOT_WIDTH))
     )
     return transformer.num_layers * (linear + attention) + ends

@@ -18,7 +18,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from motiongen_ardy.core.constraint import Targets
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.model.config import RELEASED_PATCH
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, batch_passes, full_passes, guided_prediction
 from motiongen_ardy.model.diffusion import cosine_schedule
 from motiongen_ardy.model.generation import (
@@ -32,7 +32,6 @@ from motiongen_ardy.model.generation import (
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.noise import window_noise
 from motiongen_ardy.model.rollout import visible_frames
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_ardy.model.window import Window
 from motiongen_server.engine.types import ModelFacts, RowStatus, WindowJob, WindowResult
 from motiongen_server.runner.facts import model_facts
@@ -103,8 +102,8 @@ class RolloutRunner:
         """Jobs that share history length, window length, and whether they have constraints."""
         model, first = self._model, jobs[0]
         history_len = len(first.history)
-        num_tokens = model.config.horizon // FRAMES_PER_TOKEN
-        width = ROOT_TOKEN_WIDTH + model.config.denoiser.latent_dim
+        num_tokens = model.config.horizon_tokens
+        width = model.config.token_width
         targets = [job_targets(model.skeleton, job) for job in jobs]
         span = window_frames(model, first, targets[0])
         goals = [
@@ -209,10 +208,10 @@ class PlainRunner(RolloutRunner):
         rows = [self._rows[job_id] for job_id in job_ids]
         horizon = self._model.config.horizon
         known = [row.known_frames for row in rows]
-        num_tokens = max(known) // FRAMES_PER_TOKEN
+        num_tokens = max(known) // RELEASED_PATCH
         tokens = torch.cat([padded(row.state.tokens[:, :num_tokens], num_tokens) for row in rows])
         lengths = torch.tensor(known, device=self._device)
-        valid = torch.arange(num_tokens * FRAMES_PER_TOKEN, device=self._device) < lengths[:, None]
+        valid = torch.arange(num_tokens * RELEASED_PATCH, device=self._device) < lengths[:, None]
         with self._precision():
             tokens = world_tokens_of(self._model, tokens, torch.cat([row.state.translation for row in rows]))
             features = self._model.codec.from_hybrid(tokens, lengths, valid).float()
@@ -268,7 +267,7 @@ def padded(values: Tensor, length: int) -> Tensor:
 
 def padded_window(windows: Sequence[Window], num_tokens: int) -> Window:
     """Windows of one row each as one of many; rows without constraints get empty ones where any row has some."""
-    num_frames = num_tokens * FRAMES_PER_TOKEN
+    num_frames = num_tokens * RELEASED_PATCH
     known = next((window.observed for window in windows if window.observed is not None), None)
 
     def goals(part: str) -> Tensor | None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 
 import pytest
 
-from motiongen_client import Motion, Rig, convert
+from motiongen_client import Motion, MotionClient, Rig, convert
 from tests.client.fake_server import FakeServer, rig, synthetic_rows
 
 
@@ -34,6 +34,12 @@ async def clock(monkeypatch: pytest.MonkeyPatch) -> ManualClock:
     clock = ManualClock(loop.time())
     monkeypatch.setattr(loop, "time", lambda: clock.now_s)
     return clock
+
+
+@pytest.fixture
+async def client(server: FakeServer) -> AsyncIterator[MotionClient]:
+    async with MotionClient(server.address) as connected:
+        yield connected
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import torch
 from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.rollout import RolloutRequest, rollout
+from motiongen_ardy.model.rollout import RolloutRequest, rollout, usual_history
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.types import (
@@ -62,7 +62,13 @@ def stream(
         TorchRunner(model, "tiny"),
         clock,
         screen.deliver,
-        EngineConfig(continue_jitter=0, stride_jitter=0, reuse_tokens=reuse_tokens, playback_rate=1e6),
+        EngineConfig(
+            history_crop=usual_history(model.config.patch),
+            continue_jitter=0,
+            stride_jitter=0,
+            reuse_tokens=reuse_tokens,
+            playback_rate=1e6,
+        ),
     )
     spec = SessionSpec(
         KEY,
@@ -98,7 +104,6 @@ def expected(
         seed=7,
         num_steps=STEPS,
         weights=GuidanceWeights(2.0, 1.5),
-        history_frames=16,
         reuse_tokens=reuse_tokens,
         targets=targets,
         start=(1.0, -2.0, 0.5),

@@ -72,7 +72,6 @@ def test_a_value_beyond_its_range_is_refused_with_the_range(name: str) -> None:
         (["--idle-timeout-s", "soon"], ["idle_timeout_s", "'soon'", "a number"]),
         (["--reflection", "perhaps"], ["reflection", "'perhaps'", "true or false"]),
         (["--devices", "abacus"], ["devices", "'abacus'", "cuda:all", "cpu:2x4"]),
-        (["--history-frames", "18"], ["history_frames", "18", "multiple of 4"]),
         (["--lookahead-frames", "100"], ["max_lookahead_frames", "100"]),
         (["--colour", "red"], ["--colour", "--help"]),
         (["--port"], ["--port", "--help"]),

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from motiongen_ardy.checkpoint.config_section import Section, shown
+from motiongen_ardy.core.representation import ROOT_WIDTH
 from motiongen_ardy.model.config import (
-    FRAMES_PER_TOKEN,
+    MAX_PATCH,
     ConfigError,
     DenoiserConfig,
     GuidanceMode,
@@ -50,7 +51,7 @@ DENOISER_KEYS = {
     "num_layers", "num_heads", "activation", "dropout", "pe_dropout", "norm_first", "input_first_heading_angle",
     "positional_encoding_mode",
 }  # fmt: skip
-NUM_ROOT_NUMBERS = 5 * FRAMES_PER_TOKEN
+
 
 # Far beyond any released model; they keep a config from asking for what no file beside it could fill.
 MAX_FPS = 1000
@@ -214,8 +215,9 @@ def _read_transformer(section: Section) -> TransformerConfig | None:
 
 def _read_denoiser(section: Section) -> DenoiserConfig | None:
     target = section.target(tuple(DENOISER_CLASSES))
-    section.require("num_frames_per_token", FRAMES_PER_TOKEN)
-    section.require("nframe_root_dim", NUM_ROOT_NUMBERS)
+    patch = section.integer("num_frames_per_token", MAX_PATCH)
+    if patch:
+        section.require("nframe_root_dim", ROOT_WIDTH * patch)
     section.require("sparsify_token_seq", False, default=False)
     section.boolean("trt_compatible", True)
     mask_mode = section.choice("motion_mask_mode", ("concat", None), "concat")
@@ -225,7 +227,7 @@ def _read_denoiser(section: Section) -> DenoiserConfig | None:
     heading_token = section.boolean("input_first_heading_angle", False)
     text = _read_text_shape(section)
     transformer = _read_transformer(section)
-    if not (target and latent_dim and text and transformer):
+    if not (target and patch and latent_dim and text and transformer):
         return None
     return DenoiserConfig(
         transformer=transformer,
@@ -237,6 +239,7 @@ def _read_denoiser(section: Section) -> DenoiserConfig | None:
         constraints=mask_mode == "concat",
         positions=POSITION_MODES[positions],
         num_stages=DENOISER_CLASSES[target],
+        patch=patch,
     )
 
 
@@ -251,7 +254,7 @@ def _read_text_shape(section: Section) -> tuple[int, int] | None:
 
 def _read_tokenizer(section: Section) -> TokenizerConfig | None:
     target = section.target(tuple(TOKENIZER_CLASSES))
-    section.require("num_frames_per_token", FRAMES_PER_TOKEN)
+    patch = section.integer("num_frames_per_token", MAX_PATCH)
     modes = section.content.get("feature_mode", RELEASED_MODES)
     if modes not in (RELEASED_MODES, GLOBAL_ROOT_MODES):
         section.refuse("feature_mode", "[body, pose, body, root], or with global_root last")
@@ -262,7 +265,7 @@ def _read_tokenizer(section: Section) -> TokenizerConfig | None:
     causal_encoder = section.boolean("causal_encoder", True)
     causal_decoder = section.boolean("causal_decoder", True)
     transformer = _read_transformer(section)
-    if not (target and latent_dim and levels and transformer):
+    if not (target and patch and latent_dim and levels and transformer):
         return None
     return TokenizerConfig(
         transformer=transformer,
@@ -274,6 +277,7 @@ def _read_tokenizer(section: Section) -> TokenizerConfig | None:
         causal_encoder=causal_encoder,
         causal_decoder=causal_decoder,
         global_root=modes == GLOBAL_ROOT_MODES,
+        patch=patch,
     )
 
 

@@ -9,13 +9,11 @@ from motiongen_ardy.checkpoint.config import (
     DENOISER_FILE,
     GUIDANCE_TYPES,
     MOTION_STATS,
-    NUM_ROOT_NUMBERS,
     SKELETON_CLASSES,
     TOKENIZER_CLASSES,
     TOKENIZER_FILE,
 )
 from motiongen_ardy.model.config import (
-    FRAMES_PER_TOKEN,
     DenoiserConfig,
     ModelConfig,
     TokenizerConfig,
@@ -75,8 +73,8 @@ def _write_denoiser(config: DenoiserConfig) -> dict[str, Any]:
     return {
         "_target_": f"ardy.model.auto_latent_twostage_denoiser.{name}",
         "motion_mask_mode": "concat" if config.constraints else None,
-        "num_frames_per_token": FRAMES_PER_TOKEN,
-        "nframe_root_dim": NUM_ROOT_NUMBERS,
+        "num_frames_per_token": config.patch,
+        "nframe_root_dim": config.root_token_width,
         "latent_embedding_dim": config.latent_dim,
         "llm_shape": [config.text_tokens, config.text_dim],
         "use_text_mask": config.use_text_mask,
@@ -97,7 +95,7 @@ def _write_tokenizer(config: TokenizerConfig) -> dict[str, Any]:
         "encode_with_normalization": config.normalize_latents,
         "encode_with_quantization": config.quantize_on_encode,
         "latent_embedding_dim": config.latent_dim,
-        "num_frames_per_token": FRAMES_PER_TOKEN,
+        "num_frames_per_token": config.patch,
         "causal_encoder": config.causal_encoder,
         "causal_decoder": config.causal_decoder,
         "ckpt_path": f"{FOLDER}/{TOKENIZER_FILE}",

@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 import torch
+from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
 from motiongen_ardy.core.problems import Problems
@@ -162,8 +163,7 @@ class TensorFile:
                 header = file.read(length)
         except OSError as error:
             raise CheckpointError(f"{path} cannot be read: {error.strerror}") from error
-        self._data_start = 8 + length
-        self.entries = self._parse(header, size - self._data_start)
+        self.entries = self._parse(header, size - 8 - length)
 
     def _parse(self, header: bytes, data_bytes: int) -> dict[str, TensorEntry]:
         try:
@@ -192,17 +192,12 @@ class TensorFile:
         """The named tensors, each as the given floating-point type. Raises CheckpointError if the file has shrunk."""
         tensors: dict[str, Tensor] = {}
         try:
-            with self.path.open("rb") as file:
+            with safe_open(self.path, "pt") as file:
                 for name, dtype in sorted(wanted.items(), key=lambda item: self.entries[item[0]].start):
-                    entry = self.entries[name]
-                    # Into memory of torch's own, which is aligned as products like it; they round alike on it, too.
-                    content = torch.empty(entry.end - entry.start, dtype=torch.uint8)
-                    file.seek(self._data_start + entry.start)
-                    if file.readinto(memoryview(content.numpy())) != len(content):
-                        raise CheckpointError(f"{self.path} ends within {name!r}; it has changed while it was read")
-                    tensors[name] = content.view(WEIGHT_TYPES[entry.dtype]).reshape(entry.shape).to(dtype)
-        except OSError as error:
-            raise CheckpointError(f"{self.path} cannot be read: {error.strerror}") from error
+                    # A copy in torch's own memory, which is aligned as products like it; they round alike on it, too.
+                    tensors[name] = file.get_tensor(name).clone().to(dtype)
+        except (OSError, SafetensorError) as error:
+            raise CheckpointError(f"{self.path} cannot be read, it may have changed meanwhile: {error}") from error
         return tensors
 
 

@@ -5,26 +5,47 @@ from __future__ import annotations
 import io
 import math
 import warnings
+from dataclasses import dataclass
+from typing import IO, Any
 
 import numpy as np
 
 MAX_HEADER_BYTES = 10_000
-MAGIC = b"\x93NUMPY"
+NUMBERS = "biuf"
 
 
 class NpyError(ValueError):
-    """Raised for bytes that are not one plain numeric array; the message says what was found."""
+    """Raised for bytes that are not one plain array; the message says what was found."""
 
 
-def read_npy(content: bytes) -> np.ndarray:
-    """The array that `content` holds: numbers or booleans only, exactly as long as its header says.
+@dataclass(frozen=True)
+class NpyHeader:
+    """What a header says of the bytes that follow it. by_column: as Fortran orders them."""
 
-    Raises NpyError for everything else: Python objects (pickles), text, a header that does not fit the bytes. The
-    result shares memory with `content` and cannot be written to.
+    shape: tuple[int, ...]
+    by_column: bool
+    dtype: np.dtype[Any]
+
+    def check_size(self, present: int) -> None:
+        """Raise NpyError unless the array takes just so many bytes."""
+        needed = math.prod(self.shape) * self.dtype.itemsize
+        if needed != present:
+            said = f"{str(self.shape)[:60]} of {self.dtype}"
+            raise NpyError(f"its header claims {needed} bytes of data, {said}, but it has {present} bytes")
+
+    def array(self, content: bytes, offset: int = 0) -> np.ndarray:
+        """The array, which shares memory with `content` and cannot be written to. Raises NpyError as `check_size`."""
+        self.check_size(len(content) - offset)
+        return np.frombuffer(content, self.dtype, offset=offset).reshape(
+            self.shape, order="F" if self.by_column else "C"
+        )
+
+
+def read_npy_header(stream: IO[bytes], kinds: str = NUMBERS) -> NpyHeader:
+    """The header at the start of a stream, which is left behind it. kinds: numpy's letters of the types allowed.
+
+    Raises NpyError for everything else: Python objects (pickles), another type, what numpy cannot read.
     """
-    stream = io.BytesIO(content)
-    if content[: len(MAGIC)] != MAGIC:
-        raise NpyError(f"it starts with {content[:6]!r}, not with the magic number of .npy files")
     try:
         version = np.lib.format.read_magic(stream)
         read_header = {
@@ -33,16 +54,19 @@ def read_npy(content: bytes) -> np.ndarray:
         }[version]
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # numpy warns where it guesses
-            shape, fortran_order, dtype = read_header(stream, max_header_size=MAX_HEADER_BYTES)
+            shape, by_column, dtype = read_header(stream, max_header_size=MAX_HEADER_BYTES)
     except Exception as error:  # numpy's parser meets bytes of anybody's making; whatever it raises, they are refused
         raise NpyError(f"its header cannot be read ({str(error)[:200] or type(error).__name__})") from error
-    if dtype.hasobject or dtype.kind not in "biuf":
-        raise NpyError(f"it holds {str(dtype)[:60]} entries, not numbers; Python objects are never read")
+    if dtype.hasobject or dtype.kind not in kinds:
+        found = "Python objects (a pickle)" if dtype.hasobject else f"{str(dtype)[:60]} entries"
+        raise NpyError(f"it holds {found}, not numbers; Python objects are never read")
     if any(length < 0 for length in shape):
         raise NpyError(f"its header claims the shape {str(shape)[:60]}")
-    start = stream.tell()
-    needed, present = math.prod(shape) * dtype.itemsize, len(content) - start
-    if needed != present:
-        raise NpyError(f"its header claims {needed} bytes of data, {str(shape)[:60]} of {dtype}, but it has {present}")
-    array = np.frombuffer(content, dtype, offset=start)
-    return array.reshape(shape, order="F" if fortran_order else "C")
+    return NpyHeader(shape, by_column, dtype)
+
+
+def read_npy(content: bytes) -> np.ndarray:
+    """The array that `content` holds: numbers or booleans only, exactly as long as its header says. Raises NpyError."""
+    stream = io.BytesIO(content)
+    header = read_npy_header(stream)
+    return header.array(content, stream.tell())

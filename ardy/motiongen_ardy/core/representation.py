@@ -92,7 +92,6 @@ class Representation(nn.Module):
         self.stats = stats
         self.root_stats = stats.select((0, ROOT_WIDTH))
         self.local_root_stats = stats.select((ROOT_WIDTH, local_end))
-        self.body_stats = stats.select((local_end, stats.width))
         self.feature_stats = stats.select((0, ROOT_WIDTH), (local_end, stats.width))
         joints = skeleton.num_joints
         start = 0

@@ -39,21 +39,6 @@ def axis_angle_to_matrix(axis_angle: Tensor) -> Tensor:
     return identity + torch.sin(angle) * cross + (1 - torch.cos(angle)) * (cross @ cross)
 
 
-def matrix_to_axis_angle(matrix: Tensor) -> Tensor:
-    """(..., 3, 3) -> (..., 3) axis times angle in radians; the cosine is clamped to +-(1 - 1e-6)."""
-    cosine = ((matrix.diagonal(dim1=-2, dim2=-1).sum(-1) - 1) / 2).clamp(-1 + 1e-6, 1 - 1e-6)
-    angle = torch.acos(cosine)
-    axis = torch.stack(
-        [
-            matrix[..., 2, 1] - matrix[..., 1, 2],
-            matrix[..., 0, 2] - matrix[..., 2, 0],
-            matrix[..., 1, 0] - matrix[..., 0, 1],
-        ],
-        dim=-1,
-    )
-    return axis / (2 * torch.sin(angle) + 1e-6)[..., None] * angle[..., None]
-
-
 def matrix_to_quaternion(matrix: Tensor) -> Tensor:
     """(..., 3, 3) -> (..., 4) as (w, x, y, z). The largest component is taken positive, so w may be negative."""
     m00, m11, m22 = matrix[..., 0, 0], matrix[..., 1, 1], matrix[..., 2, 2]

@@ -68,13 +68,6 @@ class Clip:
     def num_frames(self) -> int:
         return int(self.root_positions.shape[0])
 
-    def captions_for(self, start: int, length: int) -> tuple[str, ...]:
-        """What may be said of frames start .. start + length - 1: a segment's captions if it holds them all."""
-        for segment in self.segments:
-            if segment.start <= start and start + length <= segment.start + segment.length:
-                return segment.captions
-        return self.captions
-
     def mirrored(self, skeleton: Skeleton) -> Clip:
         """The mirror image, with left and right swapped in labels and captions."""
         rotations, positions = mirror_clip(skeleton, self.local_rotations, self.root_positions)

@@ -16,7 +16,6 @@ from motiongen_ardy.core.skeleton import positions_from_global
 from motiongen_ardy.evaluate.take import Result, Steer, Take
 from motiongen_ardy.locomotion.gait import gait_of
 from motiongen_ardy.locomotion.velocity import SLOWING_FRAMES, STATE_FRAMES, lead_by, root_state
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, batch_passes, needed_passes
 from motiongen_ardy.model.generation import (
     WindowRequest,
@@ -27,7 +26,7 @@ from motiongen_ardy.model.generation import (
     weights_of,
 )
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.rollout import DEFAULT_HISTORY_FRAMES, RolloutRequest, next_window
+from motiongen_ardy.model.rollout import RolloutRequest, next_window, usual_history
 from motiongen_ardy.text import TextEncoder
 
 
@@ -115,7 +114,8 @@ class Sampler:
         prompt = take.prompt_at(first) if growing.gait is None else growing.gait.text
         leader = take.steer_at(first, after=SLOWING_FRAMES)
         targets = take.targets if leader is None else self._led(growing, leader, take.targets)
-        crop = min(DEFAULT_HISTORY_FRAMES, first // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN)
+        patch = self.model.config.patch
+        crop = min(usual_history(patch), first // patch * patch)
         seen_to = first - crop + self.model.config.max_window_frames
         if targets is not None and not any(first <= frame < seen_to for frame in targets.frames):
             targets = None

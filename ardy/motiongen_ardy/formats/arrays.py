@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import warnings
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
@@ -12,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
+from motiongen_ardy.checkpoint.npy import NpyError, read_npy_header
 from motiongen_ardy.formats.bounded import MAX_ARRAY_BYTES
 from motiongen_ardy.formats.errors import FormatError, shortened
 
 MAX_MEMBERS = 64
 _HEADER_BYTES = 16_384
-_KINDS = "fiubU"  # numbers, booleans and text
 
 Check = Callable[[str, tuple[int, ...]], None]
 
@@ -78,23 +77,12 @@ def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]
 def _read(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo, kinds: str, check: Check) -> np.ndarray:
     name = entry.filename.removesuffix(".npy")
     with archive.open(entry) as file:
-        header = io.BytesIO(file.read(min(_HEADER_BYTES, entry.file_size)))
-        version = np.lib.format.read_magic(header)
-        if version not in ((1, 0), (2, 0)):
-            raise FormatError(path, f"{name} is of npy version {version}", "1.0 and 2.0 are read")
-        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, by_column, dtype = read(header)
-        if dtype.hasobject or dtype.kind not in _KINDS or dtype.kind not in kinds:
-            given = "Python objects (a pickle)" if dtype.hasobject else f"numbers of type {dtype}"
-            raise FormatError(path, f"{name} holds {given}", f"its type must be one of {', '.join(kinds)}")
-        check(name, shape)
-        size = math.prod(shape) * dtype.itemsize
-        start = header.tell()
-        if any(length < 0 for length in shape) or start + size != entry.file_size:
-            given = f"{name} says {str(shape)[:60]} of {dtype} but has {entry.file_size - start} bytes"
-            raise FormatError(path, given, "give what numpy.savez writes, whole")
-        content = header.read() + file.read()
-    if len(content) != size:
-        raise FormatError(path, f"{name} ends after {len(content)} of {size} bytes", "give the whole file")
-    values: np.ndarray = np.frombuffer(content, dtype=dtype)
-    return values.reshape(shape[::-1]).T if by_column else values.reshape(shape)
+        start = io.BytesIO(file.read(min(_HEADER_BYTES, entry.file_size)))
+        try:
+            header = read_npy_header(start, kinds)
+            check(name, header.shape)
+            header.check_size(entry.file_size - start.tell())
+            return header.array(start.read() + file.read())
+        except NpyError as error:
+            allowed = f"its type must be one of {', '.join(kinds)}, and it must be what numpy.savez writes, whole"
+            raise FormatError(path, f"{name} is no array: {error}", allowed) from None

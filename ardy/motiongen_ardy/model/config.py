@@ -6,8 +6,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 from motiongen_ardy.core.problems import Problems
+from motiongen_ardy.core.representation import ROOT_WIDTH
 
-FRAMES_PER_TOKEN = 4
+RELEASED_PATCH = 4
+"""Frames of a token of the released models, and of ours unless said otherwise."""
+MAX_PATCH = 10
 
 GuidanceMode = Literal["none", "regular", "separated"]
 TokenizerKind = Literal["fsq", "ae", "vae"]
@@ -23,6 +26,12 @@ def require_positive(owner: str, **values: int) -> None:
     for key, value in values.items():
         if value < 1:
             raise ConfigError(f"{owner}.{key} is {value}; it must be at least 1")
+
+
+def require_patch(owner: str, patch: int) -> None:
+    """Raise ConfigError for a number of frames that no token has."""
+    if not 1 <= patch <= MAX_PATCH:
+        raise ConfigError(f"{owner}.patch is {patch}; a token has 1 to {MAX_PATCH} frames")
 
 
 def require_one_of(owner: str, key: str, value: str, allowed: tuple[str, ...]) -> None:
@@ -55,7 +64,7 @@ class TransformerConfig:
 
 @dataclass(frozen=True)
 class TokenizerConfig:
-    """The tokenizer: body features of `FRAMES_PER_TOKEN` frames <-> one latent of `latent_dim` numbers.
+    """The tokenizer: body features of `patch` frames <-> one latent of `latent_dim` numbers.
 
     kind: "fsq" (quantised, the released form), "ae" or "vae" (continuous, the paper's variants).
     levels: quantisation levels of each latent dimension.
@@ -71,9 +80,11 @@ class TokenizerConfig:
     causal_encoder: bool = True
     causal_decoder: bool = True
     global_root: bool = False
+    patch: int = RELEASED_PATCH
 
     def __post_init__(self) -> None:
         require_positive("tokenizer", latent_dim=self.latent_dim)
+        require_patch("tokenizer", self.patch)
         require_one_of("tokenizer", "kind", self.kind, ("fsq", "ae", "vae"))
         if len(self.levels) != self.latent_dim:
             raise ConfigError(f"tokenizer.levels has {len(self.levels)} entries; latent_dim is {self.latent_dim}")
@@ -98,12 +109,19 @@ class DenoiserConfig:
     constraints: bool = True
     positions: PositionMode = "learned_prefix_zero_at_first_generation"
     num_stages: Literal[1, 2] = 2
+    patch: int = RELEASED_PATCH
 
     def __post_init__(self) -> None:
         require_positive("denoiser", latent_dim=self.latent_dim, text_tokens=self.text_tokens, text_dim=self.text_dim)
         require_one_of("denoiser", "positions", self.positions, ("learned_prefix_zero_at_first_generation", "default"))
+        require_patch("denoiser", self.patch)
         if self.num_stages not in (1, 2):
             raise ConfigError(f"denoiser.num_stages is {self.num_stages}; it must be 1 or 2")
+
+    @property
+    def root_token_width(self) -> int:
+        """Numbers of a token that are its frames' root."""
+        return ROOT_WIDTH * self.patch
 
 
 @dataclass(frozen=True)
@@ -124,14 +142,30 @@ class ModelConfig:
     def __post_init__(self) -> None:
         require_positive("model", fps=self.fps, horizon=self.horizon, num_base_steps=self.num_base_steps)
         require_one_of("model", "guidance", self.guidance, ("none", "regular", "separated"))
-        if self.horizon % FRAMES_PER_TOKEN:
-            raise ConfigError(f"model.horizon is {self.horizon}; it must be a multiple of {FRAMES_PER_TOKEN} frames")
+        if self.horizon % self.patch:
+            raise ConfigError(f"model.horizon is {self.horizon}; it must be a multiple of {self.patch} frames, a token")
+        if self.tokenizer is not None and self.tokenizer.patch != self.patch:
+            raise ConfigError(f"denoiser.patch is {self.patch} but the tokenizer's is {self.tokenizer.patch}")
         if self.tokenizer is not None and self.tokenizer.latent_dim != self.denoiser.latent_dim:
             raise ConfigError(
                 f"denoiser.latent_dim is {self.denoiser.latent_dim} but the tokenizer's is {self.tokenizer.latent_dim}"
             )
 
     @property
+    def patch(self) -> int:
+        """Frames of a token."""
+        return self.denoiser.patch
+
+    @property
+    def horizon_tokens(self) -> int:
+        return self.horizon // self.patch
+
+    @property
+    def token_width(self) -> int:
+        """Numbers of a hybrid token: the root of its frames, then the latent."""
+        return self.denoiser.root_token_width + self.denoiser.latent_dim
+
+    @property
     def max_window_frames(self) -> int:
         """The longest window (history, horizon and future): 10 s of frames, rounded down to whole tokens."""
-        return 10 * self.fps // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN
+        return 10 * self.fps // self.patch * self.patch

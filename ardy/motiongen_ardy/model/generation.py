@@ -9,7 +9,6 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.model.denoiser.blocks import MAX_TOKENS
 from motiongen_ardy.model.denoiser.guidance import (
     GuidanceWeights,
@@ -22,7 +21,7 @@ from motiongen_ardy.model.diffusion import cosine_schedule
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.sampling.correct import correct_window
 from motiongen_ardy.model.sampling.projection import make_projection
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens, root_to_tokens
+from motiongen_ardy.model.tokenizer.model import by_token, root_from_tokens
 from motiongen_ardy.model.window import Window, WindowError
 
 
@@ -30,9 +29,10 @@ from motiongen_ardy.model.window import Window, WindowError
 class WindowRequest:
     """One window of B rows that share history length, horizon and step count.
 
-    num_frames: history, horizon and visible future, a multiple of 4. noise: (B, G/4, 20 + L), standard normal.
+    P: the model's patch, frames of a token. num_frames: history, horizon and visible future, a multiple of P. noise:
+    (B, G / P, 5P + L), standard normal.
     text: (B, n, W), zeros for no text. history: (B, H, D) normalised features in the world frame, or None.
-    history_tokens: (B, H / 4, 20 + L) in the world frame, the tokens of `history` where they are known.
+    history_tokens: (B, H / P, 5P + L) in the world frame, the tokens of `history` where they are known.
     translation: (B, 3) with y = 0, metres, and heading: (B) radians, where a first window starts (with history they
     follow from it). weights: the model's own where None.
     observed, mask: (B, num_frames, D), normalised, in the world frame, from the first of history on. planned: (B,
@@ -74,7 +74,7 @@ def stack_windows(windows: Sequence[WindowRequest]) -> WindowRequest:
 
 @dataclass(frozen=True)
 class WindowState:
-    """A window between two denoising steps. tokens: (B, N, 20 + L), history clean; translation: (B, 3) metres."""
+    """A window between two denoising steps. tokens: (B, N, 5P + L), history clean; translation: (B, 3) metres."""
 
     tokens: Tensor
     window: Window
@@ -82,17 +82,23 @@ class WindowState:
     passes: PassBatch
 
 
-def move_root(layout: Representation, tokens: Tensor, offset: Tensor) -> Tensor:
-    """Hybrid tokens (B, N, 20 + L) with their root moved by (B, 3) metres over the ground."""
-    root = layout.translate_root(root_from_tokens(tokens), offset)
-    return torch.cat([root_to_tokens(root), tokens[..., ROOT_TOKEN_WIDTH:]], dim=-1)
+def move_root(model: Model, tokens: Tensor, offset: Tensor) -> Tensor:
+    """Hybrid tokens (B, N, 5P + L) with their root moved by (B, 3) metres over the ground."""
+    root = model.representation.translate_root(root_from_tokens(tokens, model.config.patch), offset)
+    return _with_root(model, tokens, root)
 
 
-def recentre_tokens(layout: Representation, tokens: Tensor) -> tuple[Tensor, Tensor]:
-    """Hybrid tokens (B, N, 20 + L) about the root of their last frame, and that centre (B, 3) in metres."""
-    root = root_from_tokens(tokens)
-    root, centre = layout.recentre(root, root.shape[1] - 1)
-    return torch.cat([root_to_tokens(root), tokens[..., ROOT_TOKEN_WIDTH:]], dim=-1), centre
+def recentre_tokens(model: Model, tokens: Tensor) -> tuple[Tensor, Tensor]:
+    """Hybrid tokens (B, N, 5P + L) about the root of their last frame, and that centre (B, 3) in metres."""
+    root = root_from_tokens(tokens, model.config.patch)
+    root, centre = model.representation.recentre(root, root.shape[1] - 1)
+    return _with_root(model, tokens, root), centre
+
+
+def _with_root(model: Model, tokens: Tensor, root: Tensor) -> Tensor:
+    """Hybrid tokens (B, N, 5P + L) with another root (B, PN, 5)."""
+    latents = tokens[..., model.config.denoiser.root_token_width :]
+    return torch.cat([by_token(root, model.config.patch), latents], dim=-1)
 
 
 def local_goals(
@@ -110,18 +116,17 @@ def start_window(model: Model, request: WindowRequest) -> WindowState:
 
     Raises WindowError as `lay_out` does, and for a history that is not made of whole tokens.
     """
-    layout = model.representation
+    layout, patch = model.representation, model.config.patch
     batch, device = request.text.shape[0], request.text.device
-    width = ROOT_TOKEN_WIDTH + model.config.denoiser.latent_dim
     if request.history is not None and request.history.shape[1]:
         history_frames = request.history.shape[1]
-        if history_frames % FRAMES_PER_TOKEN:
-            raise WindowError(f"history has {history_frames} frames; give a multiple of {FRAMES_PER_TOKEN}")
+        if history_frames % patch:
+            raise WindowError(f"history has {history_frames} frames; give a multiple of {patch}")
         history = model.codec.to_hybrid(request.history) if request.history_tokens is None else request.history_tokens
-        history, translation = recentre_tokens(layout, history)
+        history, translation = recentre_tokens(model, history)
         heading = layout.heading_of_root(request.history[:, 0, :ROOT_WIDTH])
     else:
-        history = torch.zeros(batch, 0, width, device=device)
+        history = torch.zeros(batch, 0, model.config.token_width, device=device)
         translation = torch.zeros(batch, 3, device=device) if request.translation is None else request.translation
         heading = torch.zeros(batch, device=device) if request.heading is None else request.heading
     return lay_out(model, request, history, translation, heading)
@@ -138,26 +143,26 @@ def check_request(model: Model, request: WindowRequest) -> None:
     config = model.config
     if not 1 <= request.num_steps <= config.num_base_steps:
         raise WindowError(f"num_steps is {request.num_steps}; this model takes 1 to {config.num_base_steps}")
-    if request.num_frames > MAX_TOKENS * FRAMES_PER_TOKEN:
-        raise WindowError(f"the window has {request.num_frames} frames; at most {MAX_TOKENS * FRAMES_PER_TOKEN} fit")
+    if request.num_frames > MAX_TOKENS * config.patch:
+        raise WindowError(f"the window has {request.num_frames} frames; at most {MAX_TOKENS * config.patch} fit")
     if request.mask is not None and not config.denoiser.constraints:
         raise WindowError("this model was built without goal inputs; leave out observed and mask")
 
 
 def lay_out(model: Model, request: WindowRequest, history: Tensor, translation: Tensor, heading: Tensor) -> WindowState:
-    """The state before the first step, from history tokens (B, N_h, 20 + L) that are already recentred.
+    """The state before the first step, from history tokens (B, N_h, 5P + L) that are already recentred.
 
     translation: (B, 3) metres from the window's frame to the world's; heading: (B) radians of the first frame.
     Raises WindowError when history and horizon do not fit, for a step count the model was not trained for, and for
     constraints given to a model without goal inputs.
     """
     check_request(model, request)
-    batch, history_tokens = history.shape[:2]
-    num_tokens = request.num_frames // FRAMES_PER_TOKEN
+    patch, (batch, history_tokens) = model.config.patch, history.shape[:2]
+    num_tokens = request.num_frames // patch
     if history_tokens + request.noise.shape[1] > num_tokens:
-        needed = (history_tokens + request.noise.shape[1]) * FRAMES_PER_TOKEN
+        needed = (history_tokens + request.noise.shape[1]) * patch
         raise WindowError(f"the window has {request.num_frames} frames; history and horizon alone need {needed}")
-    history_len = torch.full((batch,), history_tokens * FRAMES_PER_TOKEN, device=history.device)
+    history_len = torch.full((batch,), history_tokens * patch, device=history.device)
     tokens = history.new_zeros(batch, num_tokens, history.shape[-1])
     tokens[:, :history_tokens] = history
     tokens[:, history_tokens : history_tokens + request.noise.shape[1]] = request.noise
@@ -165,19 +170,20 @@ def lay_out(model: Model, request: WindowRequest, history: Tensor, translation: 
     if observed is not None and mask is not None:
         observed, mask = local_goals(model.representation, observed, mask, translation, history_len)
         if model.sampling.project_root:
-            first, count = history_tokens * FRAMES_PER_TOKEN, request.noise.shape[1] * FRAMES_PER_TOKEN
+            first, count = history_tokens * patch, request.noise.shape[1] * patch
             projection = make_projection(
                 model.representation, observed, mask, request.planned, first, count, model.sampling
             )
     window = Window(
         history_len=history_len,
-        generation_len=torch.full_like(history_len, request.noise.shape[1] * FRAMES_PER_TOKEN),
+        generation_len=torch.full_like(history_len, request.noise.shape[1] * patch),
         num_frames=request.num_frames,
         text=request.text,
         heading=heading,
         observed=observed,
         mask=mask,
         projection=projection,
+        patch=patch,
     )
     group = full_passes(model.sampling.guidance.mode, weights_of(model, request.weights))
     passes = batch_passes([group] * batch, history.device)
@@ -207,15 +213,15 @@ def finish_window(model: Model, state: WindowState) -> Tensor:
 
 def world_tokens(model: Model, state: WindowState) -> Tensor:
     """The finished hybrid tokens of history and horizon in the world frame, latents snapped to the grid."""
-    num_known = int((state.window.history_len + state.window.generation_len).max()) // FRAMES_PER_TOKEN
+    num_known = int((state.window.history_len + state.window.generation_len).max()) // model.config.patch
     return world_tokens_of(model, state.tokens[:, :num_known], state.translation)
 
 
 def world_tokens_of(model: Model, tokens: Tensor, translation: Tensor) -> Tensor:
-    """Hybrid tokens (B, N, 20 + L) moved by (B, 3) metres, their latents snapped to the grid."""
-    tokens = move_root(model.representation, tokens, translation)
-    latents = model.codec.requantize(tokens[..., ROOT_TOKEN_WIDTH:])
-    return torch.cat([tokens[..., :ROOT_TOKEN_WIDTH], latents], dim=-1)
+    """Hybrid tokens (B, N, 5P + L) moved by (B, 3) metres, their latents snapped to the grid."""
+    tokens = move_root(model, tokens, translation)
+    width = model.config.denoiser.root_token_width
+    return torch.cat([tokens[..., :width], model.codec.requantize(tokens[..., width:])], dim=-1)
 
 
 @torch.no_grad()
@@ -234,9 +240,10 @@ def commit_window(model: Model, request: WindowRequest, finished: Tensor) -> Ten
     what the model's sampling options correct. finished: (B, H + G, D), as `finish_window`.
     """
     end = finished.shape[1]
-    start = end - request.noise.shape[1] * FRAMES_PER_TOKEN
+    start = end - request.noise.shape[1] * model.config.patch
     history = finished[:, :0] if request.history is None else request.history
     goals = None
     if request.observed is not None and request.mask is not None:
         goals = request.observed[:, start:end], request.mask[:, start:end]
-    return correct_window(model.representation, history, finished[:, start:], goals, model.sampling)
+    new, patch = finished[:, start:], model.config.patch
+    return correct_window(model.representation, history, new, goals, model.sampling, patch)

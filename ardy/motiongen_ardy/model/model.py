@@ -44,7 +44,7 @@ class Model(nn.Module):
     @property
     def codec(self) -> Tokenizer | ExplicitBody:
         """What turns features into hybrid tokens and back."""
-        return ExplicitBody(self.representation) if self.tokenizer is None else self.tokenizer
+        return ExplicitBody(self.representation, self.config.patch) if self.tokenizer is None else self.tokenizer
 
     @property
     def num_parameters(self) -> int:
@@ -58,7 +58,7 @@ def build_model(config: ModelConfig, motion_stats: Stats) -> Model:
     Raises ConfigError when a denoiser without tokenizer is not as wide as the body features it works on.
     """
     representation = Representation(load_skeleton(config.skeleton), config.fps, motion_stats)
-    explicit_dim = ExplicitBody(representation).latent_dim
+    explicit_dim = ExplicitBody(representation, config.patch).latent_dim
     if config.tokenizer is None and config.denoiser.latent_dim != explicit_dim:
         raise ConfigError(
             f"denoiser.latent_dim is {config.denoiser.latent_dim}; without a tokenizer it must be {explicit_dim},"

@@ -13,17 +13,20 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.core.constraint import Targets
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
 from motiongen_ardy.model.generation import WindowRequest, commit_window, denoise_window, finish_window, world_tokens
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.noise import window_noise
 from motiongen_ardy.model.sampling.plan import plan_targets, plan_text
 from motiongen_ardy.model.token_history import TokenHistory
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_ardy.model.window import WindowError
 
 DEFAULT_HISTORY_FRAMES = 16
+
+
+def usual_history(patch: int) -> int:
+    """The history that a window starts with unless said otherwise: whole tokens of `patch` frames, at least one."""
+    return max(1, DEFAULT_HISTORY_FRAMES // patch) * patch
 
 
 def visible_frames(model: Model, history_frames: int, targets: Targets | None, first_frame: int) -> int:
@@ -35,7 +38,8 @@ def visible_frames(model: Model, history_frames: int, targets: Targets | None, f
         return shortest
     longest = model.config.max_window_frames
     ahead = [frame - first_frame + 1 for frame in targets.frames if history_frames <= frame - first_frame < longest]
-    needed = -(-max(ahead, default=0) // FRAMES_PER_TOKEN) * FRAMES_PER_TOKEN
+    patch = model.config.patch
+    needed = -(-max(ahead, default=0) // patch) * patch
     return max(shortest, min(needed, longest))
 
 
@@ -46,10 +50,10 @@ class RolloutRequest:
     text: (W) or (n, W), zeros for no text. later_text: (first frame, text) of the prompts that follow, in order of
     time; a window that would run across a prompt's first frame is kept only up to it.
     seed: the k-th window starts from `window_noise(seed, k)`. history_frames: the most decided frames that a window
-    starts with, a multiple of 4; reuse_tokens: a history that whole tokens of earlier windows cover is not encoded
-    again, unless windows are corrected, which their tokens do not know. targets: constraints by absolute frame. start:
-    x and z in metres, heading in radians. keep_prompts: they hold whatever the targets ask of the root, though the
-    model's own sampling would tell windows a gait's where it contradicts them.
+    starts with, whole tokens, `usual_history` if absent; reuse_tokens: a history that whole tokens of earlier windows
+    cover is not encoded again, unless windows are corrected, which their tokens do not know. targets: constraints by
+    absolute frame. start: x and z in metres, heading in radians. keep_prompts: they hold whatever the targets ask of
+    the root, though the model's own sampling would tell windows a gait's where it contradicts them.
     """
 
     num_frames: int
@@ -57,21 +61,25 @@ class RolloutRequest:
     seed: int = 0
     num_steps: int = 10
     weights: GuidanceWeights | None = None
-    history_frames: int = DEFAULT_HISTORY_FRAMES
+    history_frames: int | None = None
     reuse_tokens: bool = False
     targets: Targets | None = None
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     later_text: tuple[tuple[int, Tensor], ...] = ()
     keep_prompts: bool = False
 
-    def __post_init__(self) -> None:
-        if self.history_frames < FRAMES_PER_TOKEN or self.history_frames % FRAMES_PER_TOKEN:
-            raise WindowError(
-                f"history_frames is {self.history_frames}; give a positive multiple of {FRAMES_PER_TOKEN}"
-            )
-        changes = [FRAMES_PER_TOKEN - 1, *(frame for frame, _ in self.later_text)]
+    def check(self, patch: int) -> None:
+        """Raise WindowError for what no model whose tokens have `patch` frames can do."""
+        if self.history_frames is not None and (self.history_frames < patch or self.history_frames % patch):
+            raise WindowError(f"history_frames is {self.history_frames}; give a positive multiple of {patch}")
+        changes = [patch - 1, *(frame for frame, _ in self.later_text)]
         if any(later <= earlier for earlier, later in pairwise(changes)):
-            raise WindowError(f"later_text starts at frames {changes[1:]}; they must rise, the first from 4 on")
+            raise WindowError(f"later_text starts at frames {changes[1:]}; they must rise, the first from {patch} on")
+
+    def history_at(self, frame: int, patch: int) -> int:
+        """Frames of history of a window that starts at `frame`."""
+        longest = usual_history(patch) if self.history_frames is None else self.history_frames
+        return min(longest, frame // patch * patch)
 
     def prompt_at(self, frame: int) -> tuple[Tensor, int]:
         """The text (n, W) that holds at a frame, and the frame at which the next one starts (num_frames if none)."""
@@ -89,7 +97,7 @@ def next_window(model: Model, request: RolloutRequest, features: Tensor, index: 
     """
     layout, done = model.representation, len(features)
     device, x, z, heading = features.device, *request.start
-    history_len = min(request.history_frames, done // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN)
+    history_len = request.history_at(done, model.config.patch)
     first_frame = done - history_len
     text, text_end = request.prompt_at(done)
     targets = plan_targets(model, request.targets, features[first_frame:], done, request.start)
@@ -101,8 +109,7 @@ def next_window(model: Model, request: RolloutRequest, features: Tensor, index: 
     if targets is not None:
         observed, mask = (part[None] for part in targets.observe(layout, first_frame, span))
         planned = targets.planned_frames(first_frame, span)[None].to(device)
-    width = ROOT_TOKEN_WIDTH + model.config.denoiser.latent_dim
-    noise = window_noise(request.seed, index, model.config.horizon // FRAMES_PER_TOKEN, width)
+    noise = window_noise(request.seed, index, model.config.horizon_tokens, model.config.token_width)
     window = WindowRequest(
         num_frames=span,
         num_steps=request.num_steps,
@@ -121,10 +128,14 @@ def next_window(model: Model, request: RolloutRequest, features: Tensor, index: 
 
 @torch.no_grad()
 def rollout(model: Model, request: RolloutRequest) -> Tensor:
-    """Normalised features (num_frames, D) in the world frame, window after window."""
+    """Normalised features (num_frames, D) in the world frame, window after window.
+
+    Raises WindowError for a request that the model's tokens do not fit.
+    """
+    request.check(model.config.patch)
     layout = model.representation
     features = torch.zeros(0, layout.feature_dim, device=layout.stats.mean.device)
-    kept = TokenHistory()
+    kept = TokenHistory(model.config.patch)
     for index in count():
         done = len(features)
         if done >= request.num_frames:
@@ -136,5 +147,5 @@ def rollout(model: Model, request: RolloutRequest) -> Tensor:
         state = denoise_window(model, window)
         new = commit_window(model, window, finish_window(model, state))[0]
         if not model.sampling.corrects:  # tokens know nothing of what is corrected after them
-            kept.replace_from(done, world_tokens(model, state)[0, window.history_frames // FRAMES_PER_TOKEN :])
+            kept.replace_from(done, world_tokens(model, state)[0, window.history_frames // model.config.patch :])
         features = torch.cat([features, new[: end - done]])

@@ -8,7 +8,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.model.config import RELEASED_PATCH
 from motiongen_ardy.model.sampling.projection import RootProjection
 
 
@@ -20,13 +20,13 @@ class WindowError(ValueError):
 class Window:
     """What the denoiser sees of B rows at once; rows may differ in every length.
 
-    history_len, generation_len: (B) int64 frames, multiples of 4. Frames past both are future, known only by
+    history_len, generation_len: (B) int64 frames, multiples of the patch. Frames past both are future, known only by
     constraints. Row i occupies frames 0 .. num_frames-1, frame 0 being its first history frame.
     text: (B, n, W); an all-zero row stands for no text. text_mask: (B, n) bool or None, which text vectors count.
     heading: (B) radians, of the first frame.
     observed, mask: (B, T, D), constraints as normalised features and where they hold (0 or 1); both are zero in the
     history. None = no constraints in any row.
-    projection: what the root is brought onto between the stages; None for nothing.
+    projection: what the root is brought onto between the stages; None for nothing. patch: frames of a token.
     """
 
     history_len: Tensor
@@ -38,16 +38,17 @@ class Window:
     mask: Tensor | None = None
     text_mask: Tensor | None = None
     projection: RootProjection | None = None
+    patch: int = RELEASED_PATCH
 
     def __post_init__(self) -> None:
-        if self.num_frames < FRAMES_PER_TOKEN or self.num_frames % FRAMES_PER_TOKEN:
-            raise WindowError(f"a window has {self.num_frames} frames; give a positive multiple of {FRAMES_PER_TOKEN}")
+        if self.num_frames < self.patch or self.num_frames % self.patch:
+            raise WindowError(f"a window has {self.num_frames} frames; give a positive multiple of {self.patch}")
         if (self.observed is None) != (self.mask is None):
             raise WindowError("a window's observed features and their mask go together; one of them is missing")
 
     @property
     def num_tokens(self) -> int:
-        return self.num_frames // FRAMES_PER_TOKEN
+        return self.num_frames // self.patch
 
     @cached_property
     def _frames(self) -> Tensor:
@@ -72,26 +73,26 @@ class Window:
     @cached_property
     def history_tokens(self) -> Tensor:
         """(B, N) bool: tokens all of whose frames are history."""
-        return self.history_frames.unflatten(-1, (-1, FRAMES_PER_TOKEN)).all(-1)
+        return self.history_frames.unflatten(-1, (-1, self.patch)).all(-1)
 
     @cached_property
     def generation_tokens(self) -> Tensor:
         """(B, N) bool: tokens all of whose frames are to be generated."""
-        return self.generation_frames.unflatten(-1, (-1, FRAMES_PER_TOKEN)).all(-1)
+        return self.generation_frames.unflatten(-1, (-1, self.patch)).all(-1)
 
     @cached_property
     def future_tokens(self) -> Tensor:
         """(B, N) bool: future tokens that carry at least one constrained feature; the others are hidden."""
-        future = self.future_frames.unflatten(-1, (-1, FRAMES_PER_TOKEN)).all(-1)
+        future = self.future_frames.unflatten(-1, (-1, self.patch)).all(-1)
         if self.mask is None:
             return torch.zeros_like(future)
-        return future & (self.mask != 0).any(-1).unflatten(-1, (-1, FRAMES_PER_TOKEN)).any(-1)
+        return future & (self.mask != 0).any(-1).unflatten(-1, (-1, self.patch)).any(-1)
 
     @cached_property
     def token_positions(self) -> Tensor:
         """(B, N) int64: 0 at a row's first generated token, negative in its history."""
         tokens = torch.arange(self.num_tokens, device=self.history_len.device)[None]
-        return tokens - (self.history_len // FRAMES_PER_TOKEN)[:, None]
+        return tokens - (self.history_len // self.patch)[:, None]
 
     def without_text(self) -> Window:
         """The same window with the text taken away."""

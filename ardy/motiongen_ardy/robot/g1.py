@@ -22,7 +22,6 @@ from motiongen_ardy.core.rotation import matrix_to_quaternion, quaternion_to_mat
 from motiongen_ardy.core.skeleton import Skeleton, load_skeleton
 
 QPOS_WIDTH = 36
-NUM_HINGES = 29
 TO_ROBOT = torch.tensor([[0, 0, 1], [1, 0, 0], [0, 1, 0]], dtype=torch.float64)
 
 

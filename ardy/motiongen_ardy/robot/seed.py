@@ -6,13 +6,15 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.core.representation import Representation
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.model.config import RELEASED_PATCH
 from motiongen_ardy.robot.g1 import RobotError, check_qpos, load_g1, qpos_to_motion
 from motiongen_ardy.robot.trajectory import continuous_signs, resample_qpos
 
 
-def history_from_qpos(layout: Representation, qpos: Tensor, rate_hz: float, max_frames: int | None = None) -> Tensor:
-    """Normalised features (H, D) in the world frame, H a multiple of 4, of measured qpos rows (T, 36) at rate_hz.
+def history_from_qpos(
+    layout: Representation, qpos: Tensor, rate_hz: float, max_frames: int | None = None, patch: int = RELEASED_PATCH
+) -> Tensor:
+    """Normalised features (H, D) in the world frame, H a multiple of `patch`, of measured qpos rows (T, 36) at rate_hz.
 
     The last row is the last frame of the history, so that what is generated goes on from now; earlier rows are taken
     at the model's frame rate as far back as there are whole tokens, at most max_frames. Angles are taken as measured.
@@ -25,11 +27,11 @@ def history_from_qpos(layout: Representation, qpos: Tensor, rate_hz: float, max_
     newest_first = torch.cat([newest_first[:, :3], continuous_signs(newest_first[:, 3:7]), newest_first[:, 7:]], dim=1)
     frames = resample_qpos(newest_first, rate_hz, layout.fps)
     available = len(frames) if max_frames is None else min(len(frames), max_frames)
-    length = available // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN
+    length = available // patch * patch
     if length == 0:
         raise RobotError(
             f"{len(qpos)} rows at {rate_hz:g} Hz are {len(frames)} frames at the model's {layout.fps} a second"
-            f"{'' if max_frames is None else f', of which {max_frames} may be used'}; give {FRAMES_PER_TOKEN} or more"
+            f"{'' if max_frames is None else f', of which {max_frames} may be used'}; give {patch} or more"
         )
     motion = qpos_to_motion(frames[:length].flip(0), layout.fps)
     like = layout.feature_stats.mean

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -57,6 +58,33 @@ class TextEncoder(Protocol):
         May be called from several threads. Raises TextEncoderUnavailable where the encoder is elsewhere.
         """
         ...
+
+
+class EachTextEncoder(ABC):
+    """An encoder that takes one text at a time, so that no vector depends on its neighbours. As `TextEncoder`."""
+
+    def __init__(self, identity: str, width: int) -> None:
+        self._identity = identity
+        self._width = width
+
+    @property
+    def identity(self) -> str:
+        return self._identity
+
+    @property
+    def width(self) -> int:
+        return self._width
+
+    def encode(self, texts: Sequence[str]) -> Vectors:
+        vectors = np.zeros((len(texts), self._width), np.float32)
+        for row, text in enumerate(texts):
+            if not is_blank(text):
+                vectors[row] = self.encode_one(text)
+        return vectors
+
+    @abstractmethod
+    def encode_one(self, text: str) -> Vectors:
+        """(width,) of a text that is not blank. Raises TextEncoderUnavailable where the encoder is elsewhere."""
 
 
 def is_blank(text: str) -> bool:

@@ -10,7 +10,6 @@ import hashlib
 import json
 import time
 import uuid
-from collections.abc import Sequence
 from http.client import HTTPException
 from typing import Any
 from urllib.error import HTTPError
@@ -21,12 +20,12 @@ import numpy as np
 
 from motiongen_ardy.checkpoint.npy import NpyError, read_npy
 from motiongen_ardy.text.encoder import (
+    EachTextEncoder,
     TextEncoderChanged,
     TextEncoderUnavailable,
     UnknownTextEncoder,
     Vectors,
     checked_vector,
-    is_blank,
 )
 
 ENDPOINT = "DemoWrapper"
@@ -36,7 +35,7 @@ MAX_ANSWER_BYTES = 1 << 20
 NO_ANSWER = "the text encoder does not answer"
 
 
-class GradioTextEncoder:
+class GradioTextEncoder(EachTextEncoder):
     """One prompt a call. The service does not say what it is, so what it makes of a fixed text is its identity.
 
     That is asked again after every failure: behind an address that was down, something else may have come up.
@@ -57,26 +56,10 @@ class GradioTextEncoder:
         self._opener.add_handler(HTTPHandler())
         self._opener.add_handler(HTTPSHandler())
         probe = self._fetch(PROBE)
-        self._width = len(probe)
-        self._identity = _identity_of(probe)
+        super().__init__(_identity_of(probe), len(probe))
         self._is_trusted = True
 
-    @property
-    def identity(self) -> str:
-        return self._identity
-
-    @property
-    def width(self) -> int:
-        return self._width
-
-    def encode(self, texts: Sequence[str]) -> Vectors:
-        vectors = np.zeros((len(texts), self._width), np.float32)
-        for row, text in enumerate(texts):
-            if not is_blank(text):
-                vectors[row] = self._encode_one(text)
-        return vectors
-
-    def _encode_one(self, text: str) -> Vectors:
+    def encode_one(self, text: str) -> Vectors:
         try:
             if not self._is_trusted:
                 found = _identity_of(self._fetch(PROBE))

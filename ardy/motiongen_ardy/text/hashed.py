@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
-from motiongen_ardy.text.encoder import TextWidthMismatch, Vectors
+from motiongen_ardy.text.encoder import EachTextEncoder, TextWidthMismatch, Vectors
 
 
-class HashedTextEncoder:
+class HashedTextEncoder(EachTextEncoder):
     """A bag of words in which every word has a fixed pseudo-random vector, of any width.
 
     It knows nothing of meaning; it serves tests, and models whose own encoder is not at hand.
@@ -21,23 +20,14 @@ class HashedTextEncoder:
     def __init__(self, width: int) -> None:
         if width < 1:
             raise TextWidthMismatch(f"a text vector needs at least 1 number, not {width}")
-        self._width = width
+        super().__init__(f"hashed-{width}", width)
 
-    @property
-    def identity(self) -> str:
-        return f"hashed-{self._width}"
-
-    @property
-    def width(self) -> int:
-        return self._width
-
-    def encode(self, texts: Sequence[str]) -> Vectors:
-        vectors = np.zeros((len(texts), self._width), np.float32)
-        for row, text in enumerate(texts):
-            words = re.findall(r"\w+", text.lower())
-            for word in words:
-                vectors[row] += _word_vector(word, self._width) / np.sqrt(len(words))
-        return vectors
+    def encode_one(self, text: str) -> Vectors:
+        vector = np.zeros(self.width, np.float32)
+        words = re.findall(r"\w+", text.lower())
+        for word in words:
+            vector += _word_vector(word, self.width) / np.sqrt(len(words))
+        return vector
 
 
 @lru_cache(maxsize=4096)

@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +21,7 @@ from torch import Tensor
 
 from motiongen_ardy.checkpoint.hub import HubError, fetch_files
 from motiongen_ardy.model.precision import PRECISIONS
-from motiongen_ardy.text.encoder import UnknownTextEncoder, Vectors, is_blank
+from motiongen_ardy.text.encoder import EachTextEncoder, UnknownTextEncoder, Vectors
 
 if TYPE_CHECKING:
     from transformers import LlamaModel, PreTrainedTokenizerBase
@@ -49,7 +49,7 @@ class Llm2VecFolders:
     adapters: tuple[Path, ...]
 
 
-class Llm2VecEncoder:
+class Llm2VecEncoder(EachTextEncoder):
     """One prompt after the other, each alone: in a batch a row depends on the batch's size, in bfloat16 most of all.
 
     identity: the content of the folders and the precision.
@@ -69,27 +69,14 @@ class Llm2VecEncoder:
             raise UnknownTextEncoder(f"cannot load llm2vec from {folders.llama}: {error}") from error
         self._device = device
         self._model.to(device)  # type: ignore[arg-type]
-        self._width = int(self._model.config.hidden_size)
-        self._identity = f"llm2vec-{fingerprint(folders)}-{precision}"
         self._one_at_a_time = threading.Lock()
+        super().__init__(f"llm2vec-{fingerprint(folders)}-{precision}", int(self._model.config.hidden_size))
 
-    @property
-    def identity(self) -> str:
-        return self._identity
+    def encode_one(self, text: str) -> Vectors:
+        with self._one_at_a_time, torch.inference_mode():
+            return self._encoded(text)
 
-    @property
-    def width(self) -> int:
-        return self._width
-
-    def encode(self, texts: Sequence[str]) -> Vectors:
-        vectors = np.zeros((len(texts), self._width), np.float32)
-        for row, text in enumerate(texts):
-            if not is_blank(text):
-                with self._one_at_a_time, torch.inference_mode():
-                    vectors[row] = self._encode_one(text)
-        return vectors
-
-    def _encode_one(self, text: str) -> Vectors:
+    def _encoded(self, text: str) -> Vectors:
         text = shortened(text, self._num_tokens)
         tokens: list[int] = self._tokenizer(BEFORE + text.rstrip() + AFTER, truncation=True, max_length=MAX_TOKENS)[
             "input_ids"

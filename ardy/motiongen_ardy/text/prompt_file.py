@@ -12,7 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from motiongen_ardy.text.encoder import PromptNotEncoded, TextEncoder, UnknownTextEncoder, Vectors, is_blank
+from motiongen_ardy.text.encoder import (
+    EachTextEncoder,
+    PromptNotEncoded,
+    TextEncoder,
+    UnknownTextEncoder,
+    Vectors,
+    is_blank,
+)
 
 FORMAT = "motiongen-prompts-1"
 MAX_FILE_BYTES = 1 << 30
@@ -101,27 +108,14 @@ def _strings(text: str, name: str) -> tuple[str, ...]:
     return tuple(values)
 
 
-class PromptFileEncoder:
+class PromptFileEncoder(EachTextEncoder):
     """Knows the prompts of a file and no others; it has the identity of the encoder that made them."""
 
     def __init__(self, prompts: PromptFile) -> None:
-        self._identity = prompts.text_encoder
-        self._width = int(prompts.vectors.shape[1])
+        super().__init__(prompts.text_encoder, int(prompts.vectors.shape[1]))
         self._known = dict(zip(prompts.texts, prompts.vectors, strict=True))
 
-    @property
-    def identity(self) -> str:
-        return self._identity
-
-    @property
-    def width(self) -> int:
-        return self._width
-
-    def encode(self, texts: Sequence[str]) -> Vectors:
-        vectors = np.zeros((len(texts), self._width), np.float32)
-        for row, text in enumerate(texts):
-            if not is_blank(text):
-                if text not in self._known:
-                    raise PromptNotEncoded("it is none of the prompts that were encoded beforehand")
-                vectors[row] = self._known[text]
-        return vectors
+    def encode_one(self, text: str) -> Vectors:
+        if text not in self._known:
+            raise PromptNotEncoded("it is none of the prompts that were encoded beforehand")
+        return self._known[text]

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motiongen_ardy.text.encoder import UnknownTextEncoder, Vectors, is_blank
+from motiongen_ardy.text.encoder import EachTextEncoder, UnknownTextEncoder, Vectors
 
 if TYPE_CHECKING:
     from model2vec import StaticModel
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
 BUILT_IN_FOLDER = "text-static"
 
 
-class StaticTextEncoder:
+class StaticTextEncoder(EachTextEncoder):
     """Static word-piece embeddings (model2vec): a prompt is the mean of its pieces' vectors, scaled to unit RMS.
 
     The folder is read without network. Encoding takes well under a millisecond.
@@ -32,26 +31,12 @@ class StaticTextEncoder:
         except (OSError, ValueError, KeyError) as error:
             raise UnknownTextEncoder(f"{folder} is not a model2vec folder: {error}") from error
         digest = hashlib.sha256((folder / "model.safetensors").read_bytes()).hexdigest()[:12]
-        self._identity = f"static-{digest}"
-        self._width = int(self._model.dim)
+        super().__init__(f"static-{digest}", int(self._model.dim))
 
-    @property
-    def identity(self) -> str:
-        return self._identity
-
-    @property
-    def width(self) -> int:
-        return self._width
-
-    def encode(self, texts: Sequence[str]) -> Vectors:
-        if not texts:
-            return np.zeros((0, self._width), np.float32)
-        # One at a time: the library pads a batch, and a vector must not depend on its neighbours.
-        vectors = np.concatenate([self._model.encode([text]) for text in texts]).astype(np.float32)
-        rms = np.sqrt(np.square(vectors).mean(axis=1, keepdims=True))
-        vectors = vectors / np.where(rms > 0, rms, 1)
-        vectors[[is_blank(text) for text in texts]] = 0
-        return np.asarray(vectors, np.float32)
+    def encode_one(self, text: str) -> Vectors:
+        vector = self._model.encode([text])[0].astype(np.float32)
+        rms = np.sqrt(np.square(vector).mean())
+        return np.asarray(vector / (rms if rms > 0 else 1), np.float32)
 
 
 def built_in_text_folder() -> Path:

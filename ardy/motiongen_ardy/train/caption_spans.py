@@ -36,19 +36,20 @@ class CaptionSpans:
     texts: tuple[str, ...]
 
     def draw(
-        self, frames: Tensor, generation: Tensor, left: Tensor, generator: torch.Generator | None = None
+        self, frames: Tensor, generation: Tensor, left: Tensor, patch: int, generator: torch.Generator | None = None
     ) -> tuple[Tensor, Tensor]:
         """A caption (B) for windows whose first new frame is `frames` (B), and how many frames it holds for (B).
 
-        generation: (B) frames that the window would generate; left: (B) frames of the clip from there on. Where
-        another caption begins soon, the window is told that one; where it begins later, the window is cut before it,
-        as a server replans when a prompt changes.
+        generation: (B) frames that the window would generate; left: (B) frames of the clip from there on; patch: frames
+        of a token. Where another caption begins soon, the window is told that one; where it begins later, the window is
+        cut before it, as a server replans when a prompt changes.
         """
         until = self.until_next[frames]
         soon = (until <= SOON_FRAMES) & (until < left)
         said = torch.where(soon, frames + until, frames)
         holds = torch.where(soon, until + self.until_next[said], until)
-        cut = (torch.minimum(holds, generation) // 4 * 4).clamp(min=MIN_GENERATED)
+        least = -(-MIN_GENERATED // patch) * patch
+        cut = (torch.minimum(holds, generation) // patch * patch).clamp(min=least)
         chosen = self.frame_set[said]
         share = torch.rand(len(frames), generator=generator, device=frames.device)
         which = (share * self.set_size[chosen]).long().clamp(max=self.sets.shape[1] - 1)

@@ -79,7 +79,7 @@ def train_denoiser(
         device = model.representation.stats.mean.device
         bank = build_feature_bank(dataset, natural_layout(dataset.skeleton, config.fps), device=device)
         embeddings = load_text_encoder(text_encoder, config.denoiser.text_dim).encode(bank.captions.texts)
-        sampler = WindowSampler(bank, embeddings, model.representation, config.horizon, batch)
+        sampler = WindowSampler(bank, embeddings, model.representation, config.horizon, batch, config.patch)
         trainer = Trainer(DenoiserTask(model, sampler, recipe or Recipe()), settings, rank, num_processes)
         trainer.run()
         return trainer

@@ -13,11 +13,10 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from motiongen_ardy.core.representation import ROOT_WIDTH
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.model.diffusion import NoiseSchedule, cosine_schedule
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.tokenizer import ExplicitBody
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH, Tokenizer, root_from_tokens
+from motiongen_ardy.model.tokenizer.model import Tokenizer, root_from_tokens
 from motiongen_ardy.model.window import Window
 from motiongen_ardy.train.losses import (
     captured_kinematics,
@@ -47,8 +46,8 @@ class LossWeights:
     history_noise: float = 0.03
 
 
-def window_of(batch: TrainingWindows) -> Window:
-    """A training batch as the denoiser sees it."""
+def window_of(batch: TrainingWindows, patch: int) -> Window:
+    """A training batch as the denoiser sees it. patch: frames of a token."""
     return Window(
         history_len=batch.history_len,
         generation_len=batch.generation_len,
@@ -57,6 +56,7 @@ def window_of(batch: TrainingWindows) -> Window:
         heading=batch.heading,
         observed=batch.observed,
         mask=batch.mask,
+        patch=patch,
     )
 
 
@@ -67,6 +67,8 @@ class DenoiserLoss(nn.Module):
         super().__init__()
         self.denoiser = model.denoiser
         self.config = model.config
+        self.patch = model.config.patch
+        self.root_width = model.config.denoiser.root_token_width
         self.weights = weights or LossWeights()
         self.schedule: NoiseSchedule = cosine_schedule(model.config.num_base_steps)
         self._frozen = [model.codec]  # in a list, so that it is not registered as a submodule
@@ -82,20 +84,20 @@ class DenoiserLoss(nn.Module):
         return self.schedule
 
     def clean_tokens(self, batch: TrainingWindows) -> Tensor:
-        """Hybrid tokens (B, N, 20 + L) of history and horizon, zero in the future."""
+        """Hybrid tokens (B, N, 5P + L) of history and horizon, zero in the future."""
         known = batch.history_len + batch.generation_len
         valid = torch.arange(batch.num_known, device=known.device) < known[:, None]
         with torch.no_grad():
             tokens = self.codec.to_hybrid(batch.features[:, : batch.num_known], valid).float()
-            tokens = tokens * valid[:, ::FRAMES_PER_TOKEN, None]
-            ahead = (batch.features.shape[1] - batch.num_known) // FRAMES_PER_TOKEN
+            tokens = tokens * valid[:, :: self.patch, None]
+            ahead = (batch.features.shape[1] - batch.num_known) // self.patch
             return functional.pad(tokens, (0, 0, 0, ahead))
 
     def forward(self, batch: TrainingWindows) -> tuple[Tensor, dict[str, Tensor]]:
         """The total loss and its parts. A batch with an earlier one starts from what the model makes of that one."""
-        window = window_of(batch)
+        window = window_of(batch, self.patch)
         clean = self.clean_tokens(batch)
-        latents = clean[..., ROOT_TOKEN_WIDTH:]
+        latents = clean[..., self.root_width :]
         if batch.earlier is not None:
             own = own_latents(self, batch.earlier.windows, OWN_HISTORY_STEPS)
             latents = batch.earlier.as_history(own, latents)
@@ -111,13 +113,13 @@ class DenoiserLoss(nn.Module):
         """The history as it will be at run time: never quite right. latents: (B, N, L), those to be seen in it."""
         size = torch.rand(len(clean), 1, 1, device=clean.device) * 2 * self.weights.history_noise
         latents = latents + size * torch.randn_like(latents)
-        return torch.cat([clean[..., :ROOT_TOKEN_WIDTH], latents], dim=-1)
+        return torch.cat([clean[..., : self.root_width], latents], dim=-1)
 
     def _losses(
         self, predicted: Tensor, clean: Tensor, batch: TrainingWindows, window: Window
     ) -> tuple[Tensor, dict[str, Tensor]]:
         layout = self.codec.representation
-        known, num_tokens = batch.num_known, batch.num_known // FRAMES_PER_TOKEN
+        known, num_tokens = batch.num_known, batch.num_known // self.patch
         horizon, target = window.generation_frames[:, :known], batch.features[:, :known]
         valid = window.history_frames[:, :known] | horizon
         # The history is the true one: the decoder is causal, and would show the history's noise in the horizon.
@@ -140,9 +142,9 @@ class DenoiserLoss(nn.Module):
         return total, {name: value.detach() for name, value in parts.items()}
 
     def _decoded(self, tokens: Tensor, valid: Tensor) -> Tensor:
-        """Features (B, 4N, D) that the codec makes of hybrid tokens (B, N, 20 + L)."""
-        root = root_from_tokens(tokens)
-        codes = self.codec.denormalize_latents(tokens[..., ROOT_TOKEN_WIDTH:])
+        """Features (B, PN, D) that the codec makes of hybrid tokens (B, N, 5P + L)."""
+        root = root_from_tokens(tokens, self.patch)
+        codes = self.codec.denormalize_latents(tokens[..., self.root_width :])
         body, _ = self.codec.decode_codes(codes, root, valid.sum(1), valid)
         return torch.cat([root, body.float()], dim=-1)
 
@@ -163,7 +165,7 @@ class DenoiserLoss(nn.Module):
 def own_latents(loss: DenoiserLoss, batch: TrainingWindows, num_steps: int) -> Tensor:
     """Latents (B, N, L), normalised, that the model makes of a batch's windows in `num_steps` denoising steps."""
     with torch.no_grad():
-        window, clean = window_of(batch), loss.clean_tokens(batch)
+        window, clean = window_of(batch, loss.patch), loss.clean_tokens(batch)
         schedule = loss.on_device(clean.device)
         horizon = window.generation_tokens[..., None]
         known = clean * window.history_tokens[..., None]
@@ -173,4 +175,4 @@ def own_latents(loss: DenoiserLoss, batch: TrainingWindows, num_steps: int) -> T
             index = torch.full_like(batch.history_len, number)
             predicted = loss.denoiser(tokens, schedule.base_step[count, index], window).float()
             tokens = torch.where(horizon, schedule.reverse_step(tokens, predicted, index, count), known)
-        return loss.codec.requantize(tokens[..., ROOT_TOKEN_WIDTH:])
+        return loss.codec.requantize(tokens[..., loss.root_width :])

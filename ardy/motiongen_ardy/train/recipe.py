@@ -1,7 +1,8 @@
 """What is trained: the sections of a training configuration, read from YAML and checked.
 
 `tokenizer`, `denoiser` and `model` change fields of the configurations they are named after, `transformer` inside the
-first two the network's sizes; `loss` the weights of the loss; `files` names what is copied into the checkpoint.
+first two the network's sizes, `patch` inside `tokenizer` the frames of a token; `loss` the weights of the loss; `files`
+names what is copied into the checkpoint.
 """
 
 from __future__ import annotations
@@ -65,7 +66,8 @@ def read_recipe(path: Path | None) -> Recipe:
         tokenizer["levels"] = (tokenizer["levels"],) * tokenizer["latent_dim"]
     model = _mapping(sections.get("model", {}), "model", ("horizon", "num_base_steps"))
     changed_tokenizer = _changed(MINI_TOKENIZER, tokenizer, "tokenizer")
-    denoiser = {"latent_dim": changed_tokenizer.latent_dim, **_mapping(sections.get("denoiser", {}), "denoiser", None)}
+    shared = {"latent_dim": changed_tokenizer.latent_dim, "patch": changed_tokenizer.patch}
+    denoiser = {**shared, **_mapping(sections.get("denoiser", {}), "denoiser", None)}
     return Recipe(
         tokenizer=changed_tokenizer,
         denoiser=_changed(MINI_DENOISER, denoiser, "denoiser"),

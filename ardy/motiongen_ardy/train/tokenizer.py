@@ -19,7 +19,7 @@ from motiongen_ardy.checkpoint.checkpoint import load_tokenizer, save_tokenizer
 from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
 from motiongen_ardy.core.stats import Stats
 from motiongen_ardy.data.dataset import MotionDataset
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN, TokenizerConfig
+from motiongen_ardy.model.config import TokenizerConfig
 from motiongen_ardy.model.tokenizer import Tokenizer, build_tokenizer
 from motiongen_ardy.train.feature_bank import FeatureBank, build_feature_bank, measure_stats, natural_layout
 from motiongen_ardy.train.loop import STATE_FILE, LoopSettings, Trainer, add_loop_arguments, distributed, loop_settings
@@ -106,6 +106,7 @@ class TokenizerTask:
         self.bank = bank
         self.representation = representation
         self.batch = batch
+        self.patch = config.patch
         self.module = TokenizerLoss(build_tokenizer(config, representation))
 
     def kinds(self, _progress: float) -> Sequence[tuple[Hashable, float]]:
@@ -116,7 +117,7 @@ class TokenizerTask:
         """Normalised features (B, T, D) and valid frames (B, T); the number of frames is kept near 64 B."""
         if not isinstance(kind, Crop):
             raise TypeError(f"batches are drawn by crop, not by {kind!r}")
-        device, num_frames = self.bank.device, kind.frames
+        device, num_frames = self.bank.device, kind.frames // self.patch * self.patch
         batch = max(1, self.batch * 64 // num_frames)
         clips = self.bank.draw_clips(batch, generator)
         length = self.bank.length[clips]
@@ -127,7 +128,7 @@ class TokenizerTask:
         angle = (torch.rand(batch, generator=generator, device=device) * 2 - 1) * torch.pi
         frames = self.representation.rotate(self.bank.gather(clips, starts, num_frames), angle, orthonormal=True)
         frames = self.representation.translate_ground(frames, -frames[:, 0, 0:3:2])
-        left = (length - starts) // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN
+        left = (length - starts) // self.patch * self.patch
         valid = torch.arange(num_frames, device=device) < left[:, None]
         return self.representation.normalize(frames), valid
 
@@ -148,7 +149,7 @@ def measure_latents(tokenizer: Tokenizer, task: TokenizerTask, num_batches: int)
     for number in range(num_batches):
         features, valid = task.sample(CROPS[number % len(CROPS)], generator)
         latents = tokenizer.raw_latents(features[..., ROOT_WIDTH:], valid)
-        raw.append(latents[valid[:, ::FRAMES_PER_TOKEN]].float())
+        raw.append(latents[valid[:, :: task.patch]].float())
     before = torch.cat(raw)
     after = tokenizer.quantizer.quantize(before) if tokenizer.config.kind == "fsq" else before
     tokenizer.pre_stats = Stats(before.mean(0), before.std(0))

@@ -8,23 +8,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from motiongen_ardy.core.representation import Representation
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.model.config import RELEASED_PATCH
+from motiongen_ardy.model.rollout import usual_history
 from motiongen_ardy.train.constraint_sampling import ConstraintSampler, WindowSpans
 from motiongen_ardy.train.feature_bank import MIN_CLIP_FRAMES, FeatureBank
 
 TEXT_DROP = 0.15
 USUAL_FRAMES = 64  # the batch size is told in windows of this length
-OWN_HISTORY_FRAMES = 16  # what servers give a window
 SHORT_HISTORY_CHANCE = 0.5
 NO_HISTORY_CHANCE = 0.1
 PERTURBED_CHANCE = 0.08
 PERTURBED_GROUND_M = 0.03
+
+
+Frames = TypeVar("Frames", int, Tensor)
 
 
 @dataclass(frozen=True)
@@ -58,17 +62,18 @@ class OwnHistory:
 class EarlierWindows:
     """The windows before a batch's own, and how what the model makes of them becomes the history.
 
-    first_token: (B) int64, the token of `windows` that is the batch's first; used: (B) bool, false for rows whose clip
-    does not reach back so far, which keep their true history.
+    num_tokens: of the history that is replaced. first_token: (B) int64, the token of `windows` that is the batch's
+    first; used: (B) bool, false for rows whose clip does not reach back so far, which keep their true history.
     """
 
     windows: TrainingWindows
+    num_tokens: int
     first_token: Tensor
     used: Tensor
 
     def as_history(self, made: Tensor, true: Tensor) -> Tensor:
         """Latents (B, N, L) of which the history is that of `made` (B, N', L), where it is to be used."""
-        count = OWN_HISTORY_FRAMES // FRAMES_PER_TOKEN
+        count = self.num_tokens
         at = self.first_token[:, None] + torch.arange(count, device=made.device)
         taken = made.gather(1, at[..., None].expand(-1, -1, made.shape[-1]))
         head = torch.where(self.used[:, None, None], taken, true[:, :count])
@@ -80,8 +85,8 @@ class TrainingWindows:
     """A batch of windows, every tensor on the training device.
 
     features: (B, T, D) normalised, origin at the last history frame (the first frame where there is no history).
-    history_len, generation_len, length: (B) frames, multiples of 4; length counts the future too. num_known: no row's
-    history and horizon are longer.
+    history_len, generation_len, length: (B) frames, multiples of the patch; length counts the future too. num_known: no
+    row's history and horizon are longer.
     observed, mask: (B, T, D), zero outside constraints. exact: (B) bool, false where the observed numbers were
     perturbed, so that they are no goals to be met.
     text: (B, 1, W); heading: (B) radians, of the first frame.
@@ -118,20 +123,30 @@ class WindowSampler:
     """Draws batches of windows from a feature bank."""
 
     def __init__(
-        self, bank: FeatureBank, text_embeddings: np.ndarray, representation: Representation, horizon: int, batch: int
+        self,
+        bank: FeatureBank,
+        text_embeddings: np.ndarray,
+        representation: Representation,
+        horizon: int,
+        batch: int,
+        patch: int = RELEASED_PATCH,
     ) -> None:
+        """horizon: frames that a window generates; batch: windows of 64 frames; patch: frames of a token."""
         self.bank = bank
         self.text_embeddings = torch.from_numpy(text_embeddings).float().to(bank.device)
         self.representation = representation
         self.constraints = ConstraintSampler(representation)
         self.horizon = horizon
         self.batch = batch
-        longest = 10 * representation.fps // FRAMES_PER_TOKEN * FRAMES_PER_TOKEN
-        self.shapes = tuple(shape for shape in SHAPES if shape.history + horizon + shape.future <= longest)
+        self.patch = patch
+        self.own_history = usual_history(patch)  # what servers give a window
+        longest = 10 * representation.fps // patch * patch
+        shapes = [self._whole(shape) for shape in SHAPES]
+        self.shapes = tuple(shape for shape in shapes if shape.history + horizon + shape.future <= longest)
 
     def count(self, shape: WindowShape | OwnHistory) -> int:
         """Windows of a batch of one shape, so that batches of all shapes cost about the same."""
-        history = shape.history if isinstance(shape, WindowShape) else OWN_HISTORY_FRAMES
+        history = shape.history if isinstance(shape, WindowShape) else self.own_history
         return max(1, round(self.batch * USUAL_FRAMES / (history + self.horizon + shape.future)))
 
     def sample(self, shape: WindowShape | OwnHistory, generator: torch.Generator | None = None) -> TrainingWindows:
@@ -144,22 +159,31 @@ class WindowSampler:
         return self._windows(frames, rows, shape.future, generator)
 
     def _with_earlier(self, shape: OwnHistory, generator: torch.Generator | None) -> TrainingWindows:
-        """Windows with 16 frames of history, and the windows before them, whose horizon ends with those frames."""
-        given = OWN_HISTORY_FRAMES
-        rows = self._rows(self.count(shape), generator, lambda boundary: (boundary // 4 * 4).clamp(max=given))
+        """Windows with the history that servers give, and the windows before them, whose horizon ends with it."""
+        given, future = self.own_history, self._tokens_of(shape.future)
+        rows = self._rows(self.count(shape), generator, lambda boundary: self._tokens_of(boundary).clamp(max=given))
         used = rows.boundary >= self.horizon
         before = (rows.boundary - self.horizon).clamp(min=0)
-        earlier_history = torch.where(used, (before // 4 * 4).clamp(max=given), rows.history)
+        earlier_history = torch.where(used, self._tokens_of(before).clamp(max=given), rows.history)
         start = torch.where(used, before, rows.boundary) - earlier_history
-        span = given + 2 * self.horizon + shape.future
+        span = given + 2 * self.horizon + future
         frames = self._turned(rows.clips, start, span, generator)
         offset = torch.where(used, earlier_history + self.horizon - given, 0)
-        at = offset[:, None] + torch.arange(given + self.horizon + shape.future, device=offset.device)
+        at = offset[:, None] + torch.arange(given + self.horizon + future, device=offset.device)
         own = frames.gather(1, at[..., None].expand(-1, -1, frames.shape[-1]))
         earlier = _Rows(rows.clips, start + earlier_history, rows.left + self.horizon, earlier_history)
         windows = self._windows(frames[:, : given + self.horizon], earlier, 0, generator, guided=True)
-        batch = self._windows(own, rows, shape.future, generator)
-        return replace(batch, earlier=EarlierWindows(windows, offset // FRAMES_PER_TOKEN, used))
+        batch = self._windows(own, rows, future, generator)
+        return replace(batch, earlier=EarlierWindows(windows, given // self.patch, offset // self.patch, used))
+
+    def _tokens_of(self, frames: Frames) -> Frames:
+        """The frames of the whole tokens in so many frames."""
+        return frames // self.patch * self.patch
+
+    def _whole(self, shape: WindowShape) -> WindowShape:
+        """A shape of whole tokens, with a token of history at least."""
+        history = max(self.patch, self._tokens_of(shape.history))
+        return replace(shape, history=history, future=self._tokens_of(shape.future))
 
     def _rows(self, count: int, generator: torch.Generator | None, history: Callable[[Tensor], Tensor]) -> _Rows:
         clips = self.bank.draw_clips(count, generator)
@@ -173,12 +197,13 @@ class WindowSampler:
     ) -> TrainingWindows:
         """Windows of frames (B, T, D) in natural units. guided: told the root's whole way, so that they stay on it."""
         device, history = self.bank.device, rows.history
-        whole = torch.minimum(rows.left // 4 * 4, torch.full_like(rows.left, self.horizon)).clamp(min=MIN_CLIP_FRAMES)
+        whole = torch.minimum(self._tokens_of(rows.left), torch.full_like(rows.left, self.horizon))
+        whole = whole.clamp(min=self._tokens_of(MIN_CLIP_FRAMES))
         caption, generation = self.bank.captions.draw(
-            self.bank.first[rows.clips] + rows.boundary, whole, rows.left, generator
+            self.bank.first[rows.clips] + rows.boundary, whole, rows.left, self.patch, generator
         )
         generation = whole if guided else generation
-        beyond = (rows.left - generation).clamp(min=0) // 4 * 4
+        beyond = self._tokens_of((rows.left - generation).clamp(min=0))
         future = beyond if most_future else torch.zeros_like(beyond)
         length = (history + generation + future).clamp(max=frames.shape[1])
         count = len(history)
@@ -210,9 +235,9 @@ class WindowSampler:
         )
 
     def _guide(self, frames: Tensor, history: Tensor, length: Tensor) -> Tensor:
-        """Masks (B, T, D) of ground position and heading at every fourth frame after the history."""
+        """Masks (B, T, D) of ground position and heading at the last frame of every token after the history."""
         at = torch.arange(frames.shape[1], device=frames.device)
-        on = (at >= history[:, None]) & (at < length[:, None]) & ((at % FRAMES_PER_TOKEN) == FRAMES_PER_TOKEN - 1)
+        on = (at >= history[:, None]) & (at < length[:, None]) & ((at % self.patch) == self.patch - 1)
         columns = torch.arange(frames.shape[2], device=frames.device)
         root = ((columns < 5) & (columns != 1))[None, None]
         return on[..., None] & root
@@ -221,13 +246,13 @@ class WindowSampler:
         return torch.rand(count, generator=generator, device=self.bank.device)
 
     def _history(self, shape: WindowShape, boundary: Tensor, generator: torch.Generator | None) -> Tensor:
-        """History lengths (B), multiples of 4, as far as the clips reach back."""
+        """History lengths (B), whole tokens, as far as the clips reach back."""
         count = len(boundary)
-        wanted = (self._uniform(generator, count) * (shape.history // 4 + 1)).long() * 4
+        wanted = (self._uniform(generator, count) * (shape.history // self.patch + 1)).long() * self.patch
         # A long history is useful only if most rows have it, so half of the rows take the longest they can.
         wanted = torch.where(self._uniform(generator, count) < SHORT_HISTORY_CHANCE, wanted, shape.history)
         wanted = torch.where(self._uniform(generator, count) < NO_HISTORY_CHANCE, 0, wanted)
-        return torch.minimum(wanted, boundary // 4 * 4)
+        return torch.minimum(wanted, self._tokens_of(boundary))
 
     def _turned(self, clips: Tensor, starts: Tensor, num_frames: int, generator: torch.Generator | None) -> Tensor:
         """Frames (B, T, D) of clips in natural units, turned at random."""

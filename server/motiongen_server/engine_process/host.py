@@ -23,7 +23,6 @@ from motiongen_server.engine_process.messages import (
     Events,
     Load,
     LoadEncoder,
-    NotLoaded,
     Ready,
     Stop,
     ToEngine,
@@ -107,10 +106,10 @@ class EngineHost:
         try:
             built = self._build(job.source, outlet.deliver, outlet.observe, slot.inbox)
         except SettingError as error:
-            self._wire.say(NotLoaded(job.slot, str(error), is_setting=True))
+            self._wire.say(Unloaded(job.slot, str(error), is_setting=True))
         except Exception as error:
             _log.exception("loading %r failed", job.source)
-            self._wire.say(NotLoaded(job.slot, f"{type(error).__name__}: {error}", is_setting=False))
+            self._wire.say(Unloaded(job.slot, f"{type(error).__name__}: {error}"))
         else:
             settle_again()  # before anybody waits for the engine
             self._slots[job.slot] = slot

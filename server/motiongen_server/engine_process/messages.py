@@ -37,7 +37,7 @@ class Begin:
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """Load a model into a new slot; answered with Ready or NotLoaded. It goes ahead."""
+    """Load a model into a new slot; answered with Ready or Unloaded. It goes ahead."""
 
     slot: int
     source: str
@@ -108,19 +108,12 @@ class Ready:
 
 
 @dataclass(frozen=True, slots=True)
-class NotLoaded:
-    """The slot stays empty. error: why. is_setting: whether the settings are at fault."""
-
-    slot: int
-    error: str
-    is_setting: bool
-
-
-@dataclass(frozen=True, slots=True)
 class Unloaded:
-    """The last message of a slot."""
+    """The last message of a slot. error: why its model could not be loaded; is_setting: the settings are at fault."""
 
     slot: int
+    error: str = ""
+    is_setting: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,11 +159,11 @@ class Ended:
 
 
 ToEngine = Begin | Load | Unload | Events | CloseAhead | LoadEncoder | EncodeTexts | Stop
-ToGateway = Joined | Ready | NotLoaded | Unloaded | Outputs | Pulse | EncoderReady | Encoded | Ended
+ToGateway = Joined | Ready | Unloaded | Outputs | Pulse | EncoderReady | Encoded | Ended
 
 TO_ENGINE: Codec[ToEngine] = Codec(Begin, Load, Unload, Events, CloseAhead, LoadEncoder, EncodeTexts, Stop)
 TO_GATEWAY: Codec[ToGateway] = Codec(
-    Joined, Ready, NotLoaded, Unloaded, Outputs, Pulse, EncoderReady, Encoded, Ended, writable=False
+    Joined, Ready, Unloaded, Outputs, Pulse, EncoderReady, Encoded, Ended, writable=False
 )
 GREETING: Codec[Greeting] = Codec(Greeting)
 SCHEMA = f"{TO_ENGINE.schema}-{TO_GATEWAY.schema}"

@@ -111,15 +111,15 @@ def build_engine(
     device: where other engines are at work; they wait for single calls of what is measured.
     """
     check_fit(config, runner.facts)
-    clock = MonotonicClock()
+    clock, history_frames = MonotonicClock(), runner.facts.whole_patches(config.history_frames)
     lease = (device or Device()).lease()
     try:
-        measured = profile(InTurns(runner, lease), clock, config.max_rows, config.history_frames, config.profile_s)
+        measured = profile(InTurns(runner, lease), clock, config.max_rows, history_frames, config.profile_s)
         engine_config = EngineConfig(
             max_sessions=config.max_sessions,
             max_rows=measured.max_rows,
             max_step_s=config.max_step_ms / 1000,
-            history_crop=config.history_frames,
+            history_crop=history_frames,
             flush_s=config.flush_ms / 1000,
             idle_timeout_s=config.idle_timeout_s,
             playback_rate=config.playback_rate,

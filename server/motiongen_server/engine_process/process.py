@@ -5,9 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 from motiongen_server.config import ServerConfig
 from motiongen_server.devices import EngineDevice
@@ -16,25 +14,22 @@ from motiongen_server.engine.types import CloseReason
 from motiongen_server.engine_process.bell import Bell
 from motiongen_server.engine_process.child import END_S
 from motiongen_server.engine_process.connection import Connection, EngineLost, Stopped
+from motiongen_server.engine_process.control import ControlQueue
 from motiongen_server.engine_process.messages import (
     Begin,
     Encoded,
     EncoderReady,
-    EncodeTexts,
     Ended,
-    Load,
-    NotLoaded,
     Outputs,
     Pulse,
     Ready,
-    Stop,
     ToEngine,
     ToGateway,
-    Unload,
     Unloaded,
 )
 from motiongen_server.engine_process.model_link import ModelLink
 from motiongen_server.engine_process.restarts import REST_S, Restarts
+from motiongen_server.ops.memory import resident_bytes
 from motiongen_server.settings import SettingError
 
 _log = logging.getLogger(__name__)
@@ -42,7 +37,6 @@ _log = logging.getLogger(__name__)
 HUNG_S = 30.0
 """An engine that says nothing for so long will not come back; a single step must not take it."""
 TICK_S = 0.5
-PAGE_BYTES = 4096
 
 TakeText = Callable[[EncoderReady | Encoded], None]
 
@@ -71,11 +65,8 @@ class EngineProcess:
         self._command = command
         self._hung_s = hung_s
         self._bell = Bell()
-        self._lock = threading.Lock()
-        self._links: dict[int, ModelLink] = {}
-        self._unsent: deque[ToEngine] = deque()  # control messages, for the process that there is now
+        self._control = ControlQueue()
         self._take_text: TakeText | None = None
-        self._on_begin: Callable[[], Sequence[ToEngine]] = tuple
         self._on_loss: Callable[[], None] = lambda: None
         self._stopping = threading.Event()
         self._is_draining = False
@@ -105,20 +96,18 @@ class EngineProcess:
     @property
     def rss_bytes(self) -> int:
         """Memory of the engine process, 0 where that is not known."""
-        try:
-            return PAGE_BYTES * int(Path(f"/proc/{self.pid}/statm").read_text(encoding="ascii").split()[1])
-        except (OSError, IndexError, ValueError):  # it has just ended, or this system has no /proc
-            return 0
+        pid = self.pid
+        return 0 if pid is None else resident_bytes(pid)
 
     @property
     def load(self) -> float:
         """The share of the device in use, of all models."""
-        return max((link.load for link in tuple(self._links.values())), default=0.0)
+        return max((link.load for link in self._control), default=0.0)
 
     @property
     def num_sessions(self) -> int:
         """Of all models."""
-        return sum(link.num_sessions for link in tuple(self._links.values()))
+        return sum(link.num_sessions for link in self._control)
 
     def start(self) -> None:
         """Start an engine process."""
@@ -127,39 +116,29 @@ class EngineProcess:
     def load_model(self, slot: int, source: str) -> ModelLink:
         """Have a model loaded; the link's `ready` tells when that is done, or why it cannot be."""
         link = ModelLink(slot, source, self._deliver, self._bell.ring)
-        with self._lock:
-            if self._failure is not None or self._stopping.is_set():
-                link.end(EngineLost(f"engine {self.name} has failed: {self._failure}"))
-                return link
-            self._links[slot] = link
-            self._unsent.append(Load(slot, source))
+        if self._failure is not None or not self._control.add(link):
+            link.end(EngineLost(f"engine {self.name} has failed: {self._failure}"))
         self._bell.ring()
         return link
 
     def unload_model(self, link: ModelLink) -> None:
         """Have a model forgotten; the link's `ended` tells when that is done."""
-        with self._lock:
-            link.is_retired = True
-            if link.is_up:
-                self._unsent.append(Unload(link.slot))
-                self._bell.ring()
-                return
-            self._links.pop(link.slot, None)
-        link.end(EngineLost("it was unloaded before it was loaded"))
+        if self._control.retire(link):
+            self._bell.ring()
+        else:
+            link.end(EngineLost("it was unloaded before it was loaded"))
 
     def serve_text(
         self, take: TakeText, on_begin: Callable[[], Sequence[ToEngine]], on_loss: Callable[[], None]
     ) -> None:
         """Encode prompts too. on_begin: what each new process is told; take: what it answers; on_loss: it is gone."""
-        with self._lock:
-            self._take_text, self._on_begin, self._on_loss = take, on_begin, on_loss
-            self._unsent += on_begin()
+        self._take_text, self._on_loss = take, on_loss
+        self._control.serve_text(on_begin)
         self._bell.ring()
 
     def tell(self, message: ToEngine) -> None:
         """Send a message ahead of events."""
-        with self._lock:
-            self._unsent.append(message)
+        self._control.tell(message)
         self._bell.ring()
 
     def drain(self) -> None:
@@ -170,11 +149,9 @@ class EngineProcess:
         """End the engine process: at once while it loads its first model, else after its last words."""
         self._is_draining = True
         self._stopping.set()
-        with self._lock:
-            self._unsent.append(Stop())
-            connection = self._connection
-            is_loading = any(not link.ready.done() for link in self._links.values())
-        if connection is not None and is_loading:
+        self._control.stop()
+        connection = self._connection
+        if connection is not None and self._control.is_loading:
             connection.kill()
         self._bell.ring()
 
@@ -210,24 +187,14 @@ class EngineProcess:
             if not self._stopping.is_set() and not self._may_start_again(error):
                 break
         self._close(END_S)
-        for link in self._forget_all():
+        for link in self._control.close():
             link.end(error or EngineLost("the server is going away"))
 
     def _begin(self) -> None:
         connection = Connection(self._command, self._bell, self._stopping.is_set, self.device.environment())
         self._connection = connection
         connection.begin(Begin(self._config, self.device.kind, self.device.threads))
-        with self._lock:
-            retired = [link for link in self._links.values() if link.is_retired]
-            for link in retired:  # while there was no process
-                del self._links[link.slot]
-            texts = [message for message in self._unsent if isinstance(message, EncodeTexts)]
-            self._unsent.clear()
-            self._unsent += [Load(link.slot, link.source) for link in self._links.values()]
-            self._unsent += [*self._on_begin(), *texts]
-            if self._stopping.is_set():
-                self._unsent.append(Stop())
-        for link in retired:
+        for link in self._control.begin():
             link.end()
 
     def _serve(self) -> None:
@@ -241,7 +208,7 @@ class EngineProcess:
             now = time.monotonic()
             # Not by the clock alone: when this process was stopped for a while, the engine process is not to blame.
             passed_s, looked_at = min(now - looked_at, 2 * TICK_S), now
-            links = tuple(self._links.values())
+            links = tuple(self._control)
             for link in links:
                 link.silent_s = link.silent_s + passed_s if link.is_up else 0.0
             while (message := connection.next_message()) is not None:
@@ -259,9 +226,9 @@ class EngineProcess:
             if self._take_text is not None:
                 self._take_text(message)
             return
-        if not isinstance(message, Outputs | Pulse | Ready | NotLoaded | Unloaded):
+        if not isinstance(message, Outputs | Pulse | Ready | Unloaded):
             raise EngineLost(f"the engine process said {type(message).__name__} while it served")
-        link = self._links.get(message.slot)
+        link = self._control.get(message.slot)
         if link is None:
             return
         if isinstance(message, Outputs):
@@ -270,14 +237,12 @@ class EngineProcess:
             link.take_pulse(message)
         elif isinstance(message, Ready):
             self._take_ready(link, message)
-        elif link.ready.done() and isinstance(message, NotLoaded):
+        elif link.ready.done() and message.error:
             raise EngineLost(f"{link.source!r} cannot be loaded again: {message.error}")
         else:
-            with self._lock:
-                self._links.pop(link.slot, None)
-            is_setting = isinstance(message, NotLoaded) and message.is_setting
-            text = message.error if isinstance(message, NotLoaded) else "it was unloaded"
-            link.end(SettingError(text) if is_setting else EngineLost(text))
+            self._control.remove(link)
+            text = message.error or "it was unloaded"
+            link.end(SettingError(text) if message.is_setting else EngineLost(text))
 
     def _take_ready(self, link: ModelLink, message: Ready) -> None:
         is_again = link.ready.done()
@@ -289,11 +254,9 @@ class EngineProcess:
 
     def _send(self, connection: Connection) -> bool:
         """Send what waits and there is room for. True if events are left."""
-        with self._lock:
-            control = tuple(self._unsent)
-            self._unsent.clear()
+        control = self._control.take()
         is_waiting = False
-        for link in tuple(self._links.values()):
+        for link in self._control:
             if link.has_events and connection.has_room and (events := link.take_events()) is not None:
                 connection.send(events)
             is_waiting |= link.has_events
@@ -310,14 +273,9 @@ class EngineProcess:
         if not self._stopping.is_set():
             _log.error("lost engine process %s with %d sessions: %s", self.name, self.num_sessions, error)
         self._close()
-        with self._lock:
-            self._unsent.clear()
-            gone = [link for link in self._links.values() if link.is_retired or not link.ready.done()]
-            for link in gone:
-                del self._links[link.slot]
-        for link in gone:
+        for link in self._control.lose():
             link.end(error)
-        for link in tuple(self._links.values()):
+        for link in self._control:
             link.lose(CloseReason.ENGINE_FAULT, "the server's engine was lost; open a new session")
         self._on_loss()
 
@@ -333,12 +291,6 @@ class EngineProcess:
             _log.error("%s; it rests for %g s", self._failure, wait_s)
         self._stopping.wait(wait_s)
         return not self._is_draining
-
-    def _forget_all(self) -> list[ModelLink]:
-        with self._lock:
-            links = list(self._links.values())
-            self._links.clear()
-        return links
 
     def _close(self, patience_s: float = 0.0) -> None:
         connection, self._connection = self._connection, None

@@ -177,7 +177,7 @@ def make_catalog(
         guidance,
         licence,
         text_encoder,
-        config.history_frames,
+        facts.whole_patches(config.history_frames),
         repertoire.presets,
         repertoire.gaits,
         repertoire.abilities,

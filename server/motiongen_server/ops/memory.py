@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # M_TRIM_THRESHOLD and M_MMAP_THRESHOLD of malloc.h
 KEPT_BYTES = 64 << 20
@@ -38,6 +40,14 @@ def give_back_freed_memory() -> bool:
     except (AttributeError, OSError, TypeError):  # another C library
         return False
     return bool(trim(0))
+
+
+def resident_bytes(pid: int) -> int:
+    """Memory of a process, what it shares with others included; 0 where that is not known."""
+    try:
+        return resource.getpagesize() * int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
+    except (OSError, IndexError, ValueError):  # it has just ended, or this system has no /proc
+        return 0
 
 
 @contextmanager

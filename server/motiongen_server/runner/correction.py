@@ -19,7 +19,8 @@ def corrected(model: Model, rows: Sequence[Row], features: Tensor) -> Tensor:
     if not model.sampling.corrects:
         return features
     history = torch.from_numpy(np.stack([row.job.history for row in rows])).to(features.device)
-    return correct_window(model.representation, history, features, _world_goals(model, rows, features), model.sampling)
+    goals = _world_goals(model, rows, features)
+    return correct_window(model.representation, history, features, goals, model.sampling, model.config.patch)
 
 
 def _world_goals(model: Model, rows: Sequence[Row], features: Tensor) -> tuple[Tensor, Tensor] | None:

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from motiongen_ardy.core.constraint import limb_chains
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, needed_passes
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_server.engine.types import ChannelBlock, Guidance, Limb, ModelFacts, RigLayout
 
 MIN_STEPS = 2  # one step alone would tell the model that pure noise is almost clean
@@ -34,14 +32,14 @@ def model_facts(model: Model, model_id: str, default_steps: int) -> ModelFacts:
         ),
         fps=config.fps,
         horizon=config.horizon,
-        patch=FRAMES_PER_TOKEN,
+        patch=config.patch,
         feature_dim=skeleton.feature_dim,
         max_window_frames=config.max_window_frames,
         min_steps=MIN_STEPS,
         max_steps=config.num_base_steps,
         default_steps=default_steps,
         embedding_dim=config.denoiser.text_dim,
-        token_width=ROOT_TOKEN_WIDTH + config.denoiser.latent_dim,
+        token_width=config.token_width,
         guidance_passes=len(needed_passes(own.mode, GuidanceWeights(own.text, own.constraint), True, True)),
         guidance=Guidance(own.text, own.constraint),
         guidance_joint=own.mode == "joint",

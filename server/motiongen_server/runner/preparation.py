@@ -11,7 +11,6 @@ from torch import Tensor
 
 from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.core.representation import ROOT_WIDTH
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, Pass, needed_passes
 from motiongen_ardy.model.generation import local_goals, recentre_tokens
 from motiongen_ardy.model.model import Model
@@ -20,7 +19,6 @@ from motiongen_ardy.model.packed import PackedDenoiser, RowRequest
 from motiongen_ardy.model.rollout import visible_frames
 from motiongen_ardy.model.sampling.plan import plan_targets, plan_text
 from motiongen_ardy.model.sampling.projection import RootProjection, make_projection
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_server.engine.types import WindowJob
 from motiongen_server.runner.row import Row
 from motiongen_server.runner.targets import job_targets
@@ -119,15 +117,14 @@ class Preparation:
             starts = [job.start_pose for job in jobs]
             origins = [[pose.x, 0.0, pose.z] if pose else [0.0, 0.0, 0.0] for pose in starts]
             headings = [pose.heading if pose else 0.0 for pose in starts]
-            width = ROOT_TOKEN_WIDTH + self._model.config.denoiser.latent_dim
-            none = torch.zeros(len(jobs), 0, width, device=self._device)
+            none = torch.zeros(len(jobs), 0, self._model.config.token_width, device=self._device)
             return none, torch.tensor(origins, device=self._device), torch.tensor(headings, device=self._device)
         if shape.has_tokens:
             tokens = self._stack(job.history_tokens for job in jobs if job.history_tokens is not None)
         else:
             tokens = self._model.codec.to_hybrid(self._stack(job.history for job in jobs))
         heading = layout.heading_of_root(tokens[:, 0, :ROOT_WIDTH])
-        return *recentre_tokens(layout, tokens), heading
+        return *recentre_tokens(self._model, tokens), heading
 
     def _goals(self, shape: _Shape, members: list[_Member], translation: Tensor) -> tuple[Tensor, Tensor]:
         layout = self._model.representation
@@ -171,8 +168,7 @@ class Preparation:
     def _noise(self, job: WindowJob) -> Tensor:
         """What the job's window starts from. Plans count from 1, a rollout's windows from 0."""
         config = self._model.config
-        width = ROOT_TOKEN_WIDTH + config.denoiser.latent_dim
-        return window_noise(job.seed, job.plan - 1, config.horizon // FRAMES_PER_TOKEN, width)
+        return window_noise(job.seed, job.plan - 1, config.horizon_tokens, config.token_width)
 
     def _stack(self, arrays: Iterable[np.ndarray]) -> Tensor:
         return torch.from_numpy(np.stack(list(arrays))).to(self._device)

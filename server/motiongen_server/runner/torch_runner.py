@@ -8,7 +8,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.model.diffusion import cosine_schedule
 from motiongen_ardy.model.generation import world_tokens_of
 from motiongen_ardy.model.model import Model
@@ -127,8 +126,9 @@ class TorchRunner:
         """
         tokens = torch.stack([torch.cat([row.history, row.tokens]) for row in rows])
         tokens = world_tokens_of(self._model, tokens, torch.stack([row.translation for row in rows]))
-        lengths = torch.full((len(rows),), tokens.shape[1] * FRAMES_PER_TOKEN, device=self._device)
-        features = self._model.codec.from_hybrid(tokens, lengths)[:, history_tokens * FRAMES_PER_TOKEN :]
+        patch = self._facts.patch
+        lengths = torch.full((len(rows),), tokens.shape[1] * patch, device=self._device)
+        features = self._model.codec.from_hybrid(tokens, lengths)[:, history_tokens * patch :]
         features = corrected(self._model, rows, features)
         frames = wire_rows(self._model.representation, features).cpu().numpy()
         kept = None if self._model.sampling.corrects else tokens[:, history_tokens:].cpu().numpy()

@@ -33,7 +33,6 @@ def test_every_conversion(common_vectors: Callable[[str], Vectors]) -> None:
     vectors.check("out.matrix_to_six", rotation.matrix_to_6d(vectors["in.matrices"]))
     vectors.check("out.six_to_matrix", rotation.matrix_from_6d(vectors["in.six"]))
     vectors.check("out.axis_angle_to_matrix", rotation.axis_angle_to_matrix(vectors["in.axis_angle"]))
-    vectors.check("out.matrix_to_axis_angle", rotation.matrix_to_axis_angle(vectors["in.matrices"]))
     vectors.check("out.matrix_to_quaternion_wxyz", rotation.matrix_to_quaternion(vectors["in.matrices"]))
     vectors.check("out.y_rotation", rotation.rotation_y(vectors["in.angles"]))
 

@@ -10,7 +10,6 @@ from torch import Tensor, nn
 from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.model.config import DenoiserConfig, TransformerConfig
 from motiongen_ardy.model.denoiser import TwoStageDenoiser, build_denoiser
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_ardy.model.window import Window
 
 CASES = ("no_history", "history", "constraints_in_window", "constraints_in_future", "mixed_history", "zero_text")
@@ -22,6 +21,7 @@ VARIANTS = {
     "no heading": {"heading_token": False},
     "masked text": {"use_text_mask": True, "text_tokens": 3},
 }
+ROOT_NUMBERS = 20  # of a token of four frames
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -52,7 +52,7 @@ def test_golden_stages(golden: Any) -> None:
         hybrid = denoiser(tokens, step, window)
         for hook in hooks:
             hook.remove()
-        root = hybrid[..., :ROOT_TOKEN_WIDTH]
+        root = hybrid[..., :ROOT_NUMBERS]
         local_inputs = denoiser.local_inputs(tokens, root, goals, ahead, window)
     vectors.check("mid.future_proj", ahead, where=window.future_tokens)
     vectors.check("mid.root_stage_input", inputs)
@@ -126,7 +126,7 @@ def test_a_row_does_not_depend_on_the_batch(golden: Any, variant: str) -> None:
     layout = golden.model.representation
     denoiser = make_denoiser(layout, **VARIANTS[variant])
     together = make_window(layout, ROWS, 9)
-    tokens, step = make_tokens(together, ROOT_TOKEN_WIDTH + 6), torch.tensor([9, 0, 4])
+    tokens, step = make_tokens(together, ROOT_NUMBERS + 6), torch.tensor([9, 0, 4])
     with torch.no_grad():
         batch = denoiser(tokens, step, together)
         for row, lengths in enumerate(ROWS):
@@ -152,7 +152,7 @@ def test_history_passes_unchanged_and_every_weight_learns(golden: Any, variant: 
     layout = golden.model.representation
     denoiser = make_denoiser(layout, **VARIANTS[variant]).train()
     window = make_window(layout, ROWS, 9)
-    tokens = make_tokens(window, ROOT_TOKEN_WIDTH + 6)
+    tokens = make_tokens(window, ROOT_NUMBERS + 6)
     predicted = denoiser(tokens, torch.tensor([1, 2, 3]), window)
     assert torch.equal(predicted[window.history_tokens], tokens[window.history_tokens])
     predicted[window.generation_tokens].square().sum().backward()
@@ -164,8 +164,8 @@ def test_the_body_stage_does_not_train_the_root_stage(golden: Any) -> None:
     layout = golden.model.representation
     denoiser = make_denoiser(layout).train()
     window = make_window(layout, ROWS, 9)
-    predicted = denoiser(make_tokens(window, ROOT_TOKEN_WIDTH + 6), torch.tensor([1, 2, 3]), window)
-    predicted[..., ROOT_TOKEN_WIDTH:].square().sum().backward()
+    predicted = denoiser(make_tokens(window, ROOT_NUMBERS + 6), torch.tensor([1, 2, 3]), window)
+    predicted[..., ROOT_NUMBERS:].square().sum().backward()
     assert not any(weight.grad.any() for weight in denoiser.root_model.parameters())
     assert all(weight.grad.any() for weight in denoiser.body_model.output_linear.parameters())
 
@@ -175,7 +175,7 @@ def test_every_weight_takes_part_in_a_batch_without_future(golden: Any) -> None:
     layout = golden.model.representation
     denoiser = make_denoiser(layout).train()
     window = make_window(layout, [(1, 3, 0)], 4)
-    denoiser(make_tokens(window, ROOT_TOKEN_WIDTH + 6), torch.tensor([1]), window).sum().backward()
+    denoiser(make_tokens(window, ROOT_NUMBERS + 6), torch.tensor([1]), window).sum().backward()
     assert [name for name, weight in denoiser.named_parameters() if weight.grad is None] == []
 
 
@@ -183,7 +183,7 @@ def test_goals_of_zero_mask_are_no_goals(golden: Any) -> None:
     layout = golden.model.representation
     denoiser = make_denoiser(layout)
     window = make_window(layout, ROWS, 9)
-    tokens, step = make_tokens(window, ROOT_TOKEN_WIDTH + 6), torch.tensor([1, 2, 3])
+    tokens, step = make_tokens(window, ROOT_NUMBERS + 6), torch.tensor([1, 2, 3])
     empty = replace(window, observed=torch.zeros_like(window.mask), mask=torch.zeros_like(window.mask))
     with torch.no_grad():
         free = denoiser(tokens, step, window.without_constraints())
@@ -195,7 +195,7 @@ def test_hidden_text_does_not_matter(golden: Any) -> None:
     layout = golden.model.representation
     denoiser = make_denoiser(layout, use_text_mask=True, text_tokens=3)
     window = make_window(layout, [(1, 2, 0)], 3)
-    tokens, step = make_tokens(window, ROOT_TOKEN_WIDTH + 6), torch.tensor([4])
+    tokens, step = make_tokens(window, ROOT_NUMBERS + 6), torch.tensor([4])
     long_text = torch.randn(1, 5, 5, generator=torch.Generator().manual_seed(1))
     only_first = torch.tensor([[True, False, False, False, False]])
     with torch.no_grad():

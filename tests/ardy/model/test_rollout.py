@@ -21,7 +21,6 @@ from motiongen_ardy.model.generation import (
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.noise import window_noise
 from motiongen_ardy.model.rollout import RolloutRequest, rollout, visible_frames
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_ardy.model.window import WindowError
 
 WINDOWS = (
@@ -124,7 +123,7 @@ def test_rollout_is_its_windows_in_a_row(golden: Any) -> None:
     model, horizon = golden.model, golden.model.config.horizon
     request = RolloutRequest(2 * horizon, text_of(model), seed=3, num_steps=2, history_frames=8, start=(1.0, -2.0, 0.5))
     result = rollout(model, request)
-    width = ROOT_TOKEN_WIDTH + model.config.denoiser.latent_dim
+    width = model.config.token_width
 
     def window(index: int, **given: Any) -> Tensor:
         noise = window_noise(3, index, horizon // 4, width)[None]
@@ -200,14 +199,14 @@ def test_how_far_a_window_looks(golden: Any) -> None:
 @pytest.mark.parametrize("history_frames", [0, 6, -4])
 def test_rollout_refuses_part_of_a_token(golden: Any, history_frames: int) -> None:
     with pytest.raises(WindowError, match="multiple of 4"):
-        RolloutRequest(8, text_of(golden.model), history_frames=history_frames)
+        rollout(golden.model, RolloutRequest(8, text_of(golden.model), history_frames=history_frames))
 
 
 @pytest.mark.parametrize("frames", [[3], [0], [8, 8], [12, 8]])
 def test_rollout_refuses_prompts_out_of_order(golden: Any, frames: list[int]) -> None:
     text = text_of(golden.model)
     with pytest.raises(WindowError, match="must rise"):
-        RolloutRequest(80, text, later_text=tuple((frame, text) for frame in frames))
+        rollout(golden.model, RolloutRequest(80, text, later_text=tuple((frame, text) for frame in frames)))
 
 
 @pytest.mark.parametrize(

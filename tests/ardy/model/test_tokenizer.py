@@ -23,7 +23,7 @@ def test_encoding(golden: GoldenModel) -> None:
     tokenizer, vectors = tokenizer_of(golden), golden.vectors("tokenizer")
     features, valid = vectors["in.motion_normalized"], vectors["in.pad_mask"]
     kept = vectors["out.token_mask"]
-    vectors.check_equal("out.token_mask", valid_tokens(valid))
+    vectors.check_equal("out.token_mask", valid_tokens(valid, 4))
     vectors.check("out.tokens", tokenizer.encode(features, valid), where=kept)
     vectors.check("out.hybrid", tokenizer.to_hybrid(features, valid))
 
@@ -50,7 +50,7 @@ def test_requantising_and_decoding(golden: GoldenModel) -> None:
     vectors.check("requantize.out.latent", tokenizer.requantize(vectors["requantize.in.latent"]))
     valid = vectors["in.pad_mask"]
     codes = tokenizer.codes(vectors["decode.in.latent"])
-    body, root = tokenizer.decoder(codes, vectors["decode.in.external_cond"], valid_tokens(valid))
+    body, root = tokenizer.decoder(codes, vectors["decode.in.external_cond"], valid_tokens(valid, 4))
     name = "decode.out.body" if "decode.out.body" in vectors else "decode.out.explicit"
     vectors.check(name, body, where=valid)
     vectors.check("decode.out.root", root, where=valid)

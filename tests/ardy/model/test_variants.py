@@ -93,7 +93,7 @@ def make_batch(model: Model) -> TrainingWindows:
 
 
 def test_explicit_tokens_hold_the_frames_themselves(golden: Any) -> None:
-    codec = ExplicitBody(golden.model.representation)
+    codec = ExplicitBody(golden.model.representation, 4)
     features = torch.randn(2, 12, golden.model.representation.feature_dim)
     tokens = codec.to_hybrid(features)
     assert tokens.shape == (2, 3, 20 + codec.latent_dim)

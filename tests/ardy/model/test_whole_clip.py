@@ -47,7 +47,7 @@ def check_golden_clip(model: Model, vectors: Any, case: str) -> None:
         seen = window.tokens[:, : horizon - start // 4]
         vectors.check(f"{name}.hybrid", torch.cat([state.tokens[:, : start // 4], seen], dim=1))
         state = append_window(model, clip, state, window)
-    world = move_root(model.representation, state.tokens, state.translation)
+    world = move_root(model, state.tokens, state.translation)
     size = model.config.horizon // 4
     if clip.crop_frames is None:
         vectors.check(f"{case}.mid.decode0.hybrid", world)

@@ -11,7 +11,6 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
 from motiongen_ardy.model.generation import (
     WindowRequest,
@@ -22,7 +21,9 @@ from motiongen_ardy.model.generation import (
     recentre_tokens,
 )
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens
+from motiongen_ardy.model.tokenizer.model import root_from_tokens
+
+PATCH = 4
 
 
 @dataclass(frozen=True)
@@ -58,11 +59,11 @@ class ClipState:
 
     @property
     def num_frames(self) -> int:
-        return self.tokens.shape[1] * FRAMES_PER_TOKEN
+        return self.tokens.shape[1] * PATCH
 
 
 def start_clip(model: Model, clip: WholeClip) -> ClipState:
-    batch, width = len(clip.text), ROOT_TOKEN_WIDTH + model.config.denoiser.latent_dim
+    batch, width = len(clip.text), model.config.token_width
     return ClipState(torch.zeros(batch, 0, width), torch.zeros(batch, 3), clip.heading)
 
 
@@ -76,7 +77,7 @@ def clip_window(model: Model, clip: WholeClip, state: ClipState, index: int) -> 
         if part is not None
     }
     request = WindowRequest(total - start, clip.num_steps, clip.text, clip.noise[index], clip.weights, **goals)
-    history = state.tokens[:, start // FRAMES_PER_TOKEN :]
+    history = state.tokens[:, start // PATCH :]
     window = lay_out(model, request, history, state.translation, state.heading)
     for step in reversed(range(clip.num_steps)):
         window = denoise_step(model, window, step, clip.num_steps)
@@ -85,32 +86,32 @@ def clip_window(model: Model, clip: WholeClip, state: ClipState, index: int) -> 
 
 def append_window(model: Model, clip: WholeClip, state: ClipState, window: WindowState) -> ClipState:
     """The clip with a window's horizon appended."""
-    first = int(window.window.history_len[0]) // FRAMES_PER_TOKEN
-    new = window.tokens[:, first : first + model.config.horizon // FRAMES_PER_TOKEN]
-    tokens, centre = recentre_tokens(model.representation, torch.cat([state.tokens, new], dim=1))
-    root, latents = tokens[..., :ROOT_TOKEN_WIDTH], tokens[..., ROOT_TOKEN_WIDTH:]
+    first = int(window.window.history_len[0]) // PATCH
+    new = window.tokens[:, first : first + model.config.horizon_tokens]
+    tokens, centre = recentre_tokens(model, torch.cat([state.tokens, new], dim=1))
+    root, latents = tokens[..., : 5 * PATCH], tokens[..., 5 * PATCH :]
     tokens = torch.cat([root, model.codec.requantize(latents)], dim=-1)
     state = replace(state, tokens=tokens, translation=state.translation + centre)
     if clip.crop_frames is None:
         return state
     seen = max(0, state.num_frames - clip.crop_frames)
-    return replace(state, heading=model.representation.heading_of_root(root_from_tokens(root)[:, seen]))
+    return replace(state, heading=model.representation.heading_of_root(root_from_tokens(root, PATCH)[:, seen]))
 
 
 def decode_clip(model: Model, clip: WholeClip, state: ClipState) -> Tensor:
     """Normalised features of all tokens, in one go without a crop, window by window with one."""
-    tokens = move_root(model.representation, state.tokens, state.translation)
-    wanted = -(-clip.num_frames // FRAMES_PER_TOKEN) * FRAMES_PER_TOKEN
+    tokens = move_root(model, state.tokens, state.translation)
+    wanted = -(-clip.num_frames // PATCH) * PATCH
 
     def decode(first: int, end: int) -> Tensor:
         """Features of tokens first..end-1, decoded on their own."""
-        valid = torch.arange(first * FRAMES_PER_TOKEN, end * FRAMES_PER_TOKEN) < wanted
+        valid = torch.arange(first * PATCH, end * PATCH) < wanted
         valid = valid.expand(len(tokens), -1)
         return model.codec.from_hybrid(tokens[:, first:end], valid.sum(1), valid)
 
     if clip.crop_frames is None:
         return decode(0, tokens.shape[1])
     horizon = model.config.horizon
-    size, crop = horizon // FRAMES_PER_TOKEN, clip.crop_frames // FRAMES_PER_TOKEN
+    size, crop = horizon // PATCH, clip.crop_frames // PATCH
     parts = [decode(max(0, first - crop), first + size)[:, -horizon:] for first in range(0, tokens.shape[1], size)]
     return torch.cat(parts, dim=1)

@@ -11,7 +11,6 @@ from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.model.generation import WindowRequest, denoise_window, finish_window
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.noise import window_noise
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_ardy.robot.g1 import RobotError, motion_to_qpos, qpos_to_motion
 from motiongen_ardy.robot.seed import history_from_qpos
 from tests.ardy.robot.poses import walking_qpos
@@ -64,7 +63,7 @@ def test_a_model_of_people_is_refused() -> None:
 def test_a_window_goes_on_from_it(g1: Model) -> None:
     layout, config = g1.representation, g1.config
     history = history_from_qpos(layout, walking_qpos(8, layout.fps), layout.fps)
-    noise = window_noise(1, 0, config.horizon // 4, ROOT_TOKEN_WIDTH + config.denoiser.latent_dim)
+    noise = window_noise(1, 0, config.horizon // 4, config.token_width)
     request = WindowRequest(
         num_frames=8 + config.horizon,
         num_steps=2,

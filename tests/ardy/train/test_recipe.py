@@ -40,6 +40,11 @@ def test_base_steps_and_loss_weights_are_settings(tmp_path: Path) -> None:
     assert recipe.loss.planted == 2
 
 
+def test_the_patch_of_the_tokenizer_is_that_of_the_denoiser(tmp_path: Path) -> None:
+    recipe = read_recipe(written(tmp_path, "tokenizer: {patch: 5}\n"))
+    assert (recipe.tokenizer.patch, recipe.denoiser.patch) == (5, 5)
+
+
 def test_files_are_copied_from_beside_the_recipe(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text("x: 1\n", encoding="utf-8")
     recipe = read_recipe(written(tmp_path, "files: {sampling.yaml: mine.yaml}\n"))
@@ -55,6 +60,8 @@ def test_files_are_copied_from_beside_the_recipe(tmp_path: Path) -> None:
         ("denoiser: {text_tokens: many}\n", r"denoiser\.text_tokens is 'many'"),
         ("model: {horizon: 2.5}\n", r"model\.horizon is 2\.5; it must be a whole number"),
         ("tokenizer: {transformer: {width: 13}}\n", "width is 13"),
+        ("tokenizer: {patch: 0}\n", "a token has 1 to 10 frames"),
+        ("tokenizer: {patch: 11}\n", "a token has 1 to 10 frames"),
         ("files: {../evil.yaml: recipe.yaml}\n", "plain name"),
         ("files: {sampling.yaml: absent.yaml}\n", "a file that lies in"),
         ("- 1\n", "must be a mapping"),

@@ -117,7 +117,7 @@ def test_a_window_before_a_change_is_cut_there_and_one_just_before_it_is_told_th
     spans = (Segment(0, 80, "walk", ("walk",)), Segment(80, 80, "stand", ("stand",)))
     captions = caption_spans([replace(clip, segments=spans)])
     frames = torch.tensor([0, 50, 75, 100])
-    chosen, generation = captions.draw(frames, torch.full((4,), 40), 160 - frames, torch.Generator().manual_seed(0))
+    chosen, generation = captions.draw(frames, torch.full((4,), 40), 160 - frames, 4, torch.Generator().manual_seed(0))
     assert [captions.texts[number] for number in chosen.tolist()] == ["walk", "walk", "stand", "stand"]
     assert generation.tolist() == [40, 28, 40, 40]
 

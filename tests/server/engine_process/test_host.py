@@ -26,7 +26,6 @@ from motiongen_server.engine_process.messages import (
     Events,
     Load,
     LoadEncoder,
-    NotLoaded,
     Outputs,
     Pulse,
     Ready,
@@ -154,7 +153,7 @@ def test_what_the_engine_refuses_is_answered_at_once(process: Process) -> None:
 def test_slots_are_loaded_and_unloaded_and_what_comes_late_for_one_is_dropped(process: Process) -> None:
     process.load()
     process.tell(Load(2, "unsound"))
-    assert process.hear() == NotLoaded(2, "it is unsound", is_setting=True)
+    assert process.hear() == Unloaded(2, "it is unsound", is_setting=True)
     process.tell(Unload(1))
     assert process.hear() == Unloaded(1)
     process.tell(Events(1, 1, (opening(),)))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import gc
+import os
 import resource
 import subprocess
 import sys
 
-from motiongen_server.ops.memory import COLLECT_EVERY, settled_objects
+from motiongen_server.ops.memory import COLLECT_EVERY, resident_bytes, settled_objects
 
 LARGE = 4 << 20
 SCRIPT = f"""
@@ -61,3 +62,10 @@ def test_objects_that_are_there_are_settled_for_a_while_and_no_longer() -> None:
         assert gc.get_freeze_count() > 1000
         assert gc.get_threshold() == COLLECT_EVERY
     assert (gc.get_freeze_count(), gc.get_threshold()) == (0, before)
+
+
+def test_the_memory_of_a_process_is_told_and_of_one_that_has_ended_none() -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    assert resident_bytes(os.getpid()) > 1 << 20
+    assert resident_bytes(ended.pid) == 0

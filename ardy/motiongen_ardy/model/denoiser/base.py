@@ -12,10 +12,10 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from motiongen_ardy.core.representation import Representation
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN, DenoiserConfig
-from motiongen_ardy.model.denoiser.goals import Goals, by_token, goals_of
+from motiongen_ardy.model.config import DenoiserConfig
+from motiongen_ardy.model.denoiser.goals import Goals, goals_of
 from motiongen_ardy.model.precision import InWeightPrecision
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens
+from motiongen_ardy.model.tokenizer.model import by_token, root_from_tokens
 from motiongen_ardy.model.window import Window
 
 
@@ -37,21 +37,22 @@ class Denoiser(InWeightPrecision, ABC):
         self.config = config
         self.representation = representation
         width, features = config.transformer.width, representation.feature_dim
-        self.goal_width = FRAMES_PER_TOKEN * (features + representation.body_dim)
-        hybrid_width = ROOT_TOKEN_WIDTH + config.latent_dim
+        self.root_width = config.root_token_width
+        self.goal_width = config.patch * (features + representation.body_dim)
+        hybrid_width = self.root_width + config.latent_dim
         self.global_root_hybrid_proj = nn.Linear(hybrid_width, width)
         self.global_root_hybrid_constraints_proj: nn.Linear | None = None
         self.future_constraints_proj: nn.Linear | None = None
         if config.constraints:
             self.global_root_hybrid_constraints_proj = nn.Linear(hybrid_width + self.goal_width, width)
-            self.future_constraints_proj = nn.Linear(2 * FRAMES_PER_TOKEN * features, width)
+            self.future_constraints_proj = nn.Linear(2 * config.patch * features, width)
 
     @abstractmethod
     def forward(self, tokens: Tensor, step: Tensor, window: Window) -> Tensor:
         """Predict clean tokens.
 
-        tokens: (B, N, 20 + L): history (clean), then horizon (noisy), zero elsewhere. step: (B) int64 base diffusion
-        index. Returns (B, N, 20 + L): history as given, horizon predicted, zero elsewhere.
+        tokens: (B, N, 5P + L): history (clean), then horizon (noisy), zero elsewhere. step: (B) int64 base diffusion
+        index. Returns (B, N, 5P + L): history as given, horizon predicted, zero elsewhere.
         """
 
     def goals(self, window: Window) -> Goals | None:
@@ -64,7 +65,7 @@ class Denoiser(InWeightPrecision, ABC):
         In horizon tokens the root is overwritten where it is constrained.
         """
         plain = self.global_root_hybrid_proj(tokens)
-        root, latent = tokens[..., :ROOT_TOKEN_WIDTH], tokens[..., ROOT_TOKEN_WIDTH:]
+        root, latent = tokens[..., : self.root_width], tokens[..., self.root_width :]
         noisy, ahead = plain, torch.zeros_like(plain)
         if self.global_root_hybrid_constraints_proj is not None and goals is None:
             noisy = leading_columns(self.global_root_hybrid_constraints_proj, torch.cat([latent, root], dim=-1))
@@ -75,7 +76,7 @@ class Denoiser(InWeightPrecision, ABC):
         return self.join(noisy, plain, ahead, window), ahead
 
     def future_inputs(self, known: Tensor, window: Window) -> Tensor:
-        """Vectors (B, N, width) of the visible future tokens, zero elsewhere; known: (B, N, 8D), root, goals, mask."""
+        """Vectors (B, N, width) of the visible future tokens, zero elsewhere; known: (B, N, 2PD), root, goals, mask."""
         future = window.future_tokens
         # In training every weight takes part in every batch, which distributed training counts on.
         if self.future_constraints_proj is None or not (self.training or bool(future.any())):
@@ -95,14 +96,15 @@ class Denoiser(InWeightPrecision, ABC):
         return torch.where(window.generation_tokens[..., None], prediction.to(given.dtype), kept)
 
     def on_goals(self, root: Tensor, window: Window) -> Tensor:
-        """Root tokens (B, N, 20) whose horizon is brought onto the window's root goals, where it says so."""
+        """Root tokens (B, N, 5P) whose horizon is brought onto the window's root goals, where it says so."""
         projection = window.projection
         if projection is None:
             return root
-        frames = root_from_tokens(root)
+        patch = self.config.patch
+        frames = root_from_tokens(root, patch)
         end = projection.first + projection.asked.shape[1]
         horizon = projection.apply(self.representation, frames[:, projection.first : end])
-        return by_token(torch.cat([frames[:, : projection.first], horizon, frames[:, end:]], dim=1))
+        return by_token(torch.cat([frames[:, : projection.first], horizon, frames[:, end:]], dim=1), patch)
 
     def visible(self, window: Window) -> Tensor:
         """(B, N) bool: the motion tokens that attention may look at; a model without goals knows no future."""

@@ -7,12 +7,12 @@ from typing import NamedTuple
 from torch import Tensor
 
 from motiongen_ardy.core.representation import ROOT_WIDTH
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.model.tokenizer.model import by_token
 from motiongen_ardy.model.window import Window
 
 
 class Goals(NamedTuple):
-    """Observed root and body and the whole mask, frame-major: (B, N, 20), (B, N, 20), (B, N, 4(D-5)), (B, N, 4D)."""
+    """Observed root and body and the whole mask, frame-major: (B, N, 5P), (B, N, 5P), (B, N, P(D-5)), (B, N, PD)."""
 
     observed_root: Tensor
     root_mask: Tensor
@@ -20,22 +20,18 @@ class Goals(NamedTuple):
     mask: Tensor
 
     def overwrite(self, root: Tensor) -> Tensor:
-        """Root tokens (B, N, 20) with the observed numbers where the root is constrained."""
+        """Root tokens (B, N, 5P) with the observed numbers where the root is constrained."""
         return root * (1 - self.root_mask) + self.observed_root * self.root_mask
-
-
-def by_token(frames: Tensor) -> Tensor:
-    """(B, 4N, C) -> (B, N, 4C), frame-major."""
-    return frames.unflatten(1, (-1, FRAMES_PER_TOKEN)).flatten(-2)
 
 
 def goals_of(window: Window) -> Goals | None:
     """The window's constraints by token, None when it has none."""
     if window.mask is None or window.observed is None:
         return None
+    patch = window.patch
     return Goals(
-        observed_root=by_token(window.observed[..., :ROOT_WIDTH]),
-        root_mask=by_token(window.mask[..., :ROOT_WIDTH]),
-        observed_body=by_token(window.observed[..., ROOT_WIDTH:]),
-        mask=by_token(window.mask),
+        observed_root=by_token(window.observed[..., :ROOT_WIDTH], patch),
+        root_mask=by_token(window.mask[..., :ROOT_WIDTH], patch),
+        observed_body=by_token(window.observed[..., ROOT_WIDTH:], patch),
+        mask=by_token(window.mask, patch),
     )

@@ -31,9 +31,6 @@ class GuidanceWeights:
                 raise ValueError(f"the {name} guidance weight is {weight}; it must be a finite number")
 
 
-DEFAULT_WEIGHTS = GuidanceWeights()
-
-
 class Pass(NamedTuple):
     """One evaluation of the denoiser for a row: what it is told, and its weight in the guided prediction."""
 

@@ -10,7 +10,6 @@ from motiongen_ardy.model.config import DenoiserConfig
 from motiongen_ardy.model.denoiser.base import Denoiser
 from motiongen_ardy.model.denoiser.blocks import StageTransformer
 from motiongen_ardy.model.precision import in_weight_precision
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH
 from motiongen_ardy.model.window import Window
 
 
@@ -19,11 +18,11 @@ class OneStageDenoiser(Denoiser):
 
     def __init__(self, config: DenoiserConfig, representation: Representation) -> None:
         super().__init__(config, representation)
-        self.root_model = StageTransformer(config, ROOT_TOKEN_WIDTH + config.latent_dim)
+        self.root_model = StageTransformer(config, self.root_width + config.latent_dim)
 
     @in_weight_precision
     def forward(self, tokens: Tensor, step: Tensor, window: Window) -> Tensor:
         inputs, _ = self.hybrid_inputs(tokens, self.goals(window), window)
         result = self.fuse(self.root_model(inputs, self.visible(window), window, step), tokens, window)
-        root = self.on_goals(result[..., :ROOT_TOKEN_WIDTH], window)
-        return torch.cat([root, result[..., ROOT_TOKEN_WIDTH:]], dim=-1)
+        root = self.on_goals(result[..., : self.root_width], window)
+        return torch.cat([root, result[..., self.root_width :]], dim=-1)

@@ -13,16 +13,14 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from motiongen_ardy.core.representation import ROOT_WIDTH
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
+from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH, ROOT_WIDTH
 from motiongen_ardy.model.denoiser.base import Denoiser
-from motiongen_ardy.model.denoiser.goals import by_token
-from motiongen_ardy.model.denoiser.two_stage import LOCAL_ROOT_TOKEN_WIDTH, TwoStageDenoiser
+from motiongen_ardy.model.denoiser.two_stage import TwoStageDenoiser
 from motiongen_ardy.model.packed.batch import PackedBatch
 from motiongen_ardy.model.packed.conditions import RowConditions, RowGoals, RowRequest
 from motiongen_ardy.model.packed.linear import PackedLinear
 from motiongen_ardy.model.packed.stage import PackedStage
-from motiongen_ardy.model.tokenizer.model import ROOT_TOKEN_WIDTH, root_from_tokens
+from motiongen_ardy.model.tokenizer.model import by_token, root_from_tokens
 
 
 class Projection:
@@ -37,7 +35,7 @@ class Projection:
         self.goals = None if told is None else told.weight.detach()[:, plain.weight.shape[1] :]
 
     def added_by(self, body: Tensor, mask: Tensor) -> Tensor:
-        """What observed body (..., 4(D-5)) and mask (..., 4D) add to the vectors of noisy tokens."""
+        """What observed body (..., P(D-5)) and mask (..., PD) add to the vectors of noisy tokens."""
         if self.goals is None:
             raise ValueError("this model was built without goal inputs")
         return functional.linear(torch.cat([body, mask], dim=-1), self.goals)
@@ -50,17 +48,19 @@ class PackedDenoiser:
         """horizon: frames that a window generates. dtype: of the transformers' products, float32 or bfloat16."""
         self._denoiser = denoiser
         self._layout = denoiser.representation
-        self._num_tokens = horizon // FRAMES_PER_TOKEN
+        self._patch = denoiser.config.patch
+        self._root_width = denoiser.config.root_token_width
+        self._num_tokens = horizon // self._patch
         latent_dim = denoiser.config.latent_dim
         device = denoiser.global_root_hybrid_proj.weight.device
         self.stages = [PackedStage(denoiser.root_model, num_base_steps, dtype)]
         # The released layer that is told constraints takes the latent before the root; tokens have the root first.
-        order = torch.cat([torch.arange(ROOT_TOKEN_WIDTH) + latent_dim, torch.arange(latent_dim)]).to(device)
+        order = torch.cat([torch.arange(self._root_width) + latent_dim, torch.arange(latent_dim)]).to(device)
         told = denoiser.global_root_hybrid_constraints_proj
         self._projections = [Projection(denoiser.global_root_hybrid_proj, told, order)]
         if isinstance(denoiser, TwoStageDenoiser):
             self.stages.append(PackedStage(denoiser.body_model, num_base_steps, dtype))
-            order = torch.arange(LOCAL_ROOT_TOKEN_WIDTH + latent_dim, device=device)
+            order = torch.arange(LOCAL_ROOT_WIDTH * self._patch + latent_dim, device=device)
             told = denoiser.local_root_hybrid_constraints_proj
             self._projections.append(Projection(denoiser.local_root_hybrid_proj, told, order))
         self._step_vectors = torch.stack([stage.step_vectors for stage in self.stages])
@@ -116,12 +116,12 @@ class PackedDenoiser:
         future = self._denoiser.future_constraints_proj
         if request.observed is None or request.mask is None or future is None:
             return [None] * len(request.passes)
-        mask = by_token(request.mask)
+        patch, mask = self._patch, by_token(request.mask, self._patch)
         rows, numbers = (mask != 0).any(-1).nonzero(as_tuple=True)  # the tokens with goals: few, and the rest add zero
         mask = mask[rows, numbers]
-        root = by_token(request.observed[..., :ROOT_WIDTH])[rows, numbers]
-        body = by_token(request.observed[..., ROOT_WIDTH:])[rows, numbers]
-        root_mask = by_token(request.mask[..., :ROOT_WIDTH])[rows, numbers]
+        root = by_token(request.observed[..., :ROOT_WIDTH], patch)[rows, numbers]
+        body = by_token(request.observed[..., ROOT_WIDTH:], patch)[rows, numbers]
+        root_mask = by_token(request.mask[..., :ROOT_WIDTH], patch)[rows, numbers]
         root = root * root_mask
         end = history_tokens + self._num_tokens
         here, ahead = numbers < end, numbers >= end
@@ -164,21 +164,21 @@ class PackedDenoiser:
     def predict(
         self, batch: PackedBatch, tokens: Tensor, step: Tensor, project: Sequence[bool] | None = None
     ) -> Tensor:
-        """The guided clean horizon (R, G, 20 + L) of noisy horizon tokens of that shape; step: (R) base steps.
+        """The guided clean horizon (R, G, 5P + L) of noisy horizon tokens of that shape; step: (R) base steps.
 
         project: of each row, whether its root is brought onto its goals in this step; None for no row.
         """
         noisy = tokens[batch.rows]
         if batch.told is not None:
             where, root, root_mask = batch.told
-            noisy[where, :, :ROOT_TOKEN_WIDTH] = noisy[where, :, :ROOT_TOKEN_WIDTH] * (1 - root_mask) + root
+            noisy[where, :, : self._root_width] = noisy[where, :, : self._root_width] * (1 - root_mask) + root
         step_vectors = self._step_vectors[:, step[batch.rows]]
         horizon = self._projections[0].noisy.plus(noisy, batch.horizon[0])
         result = self._run(batch, 0, step_vectors, horizon)
         if batch.projection is not None and project is not None and any(project):
             result = self._on_goals(batch, result, torch.tensor(project, device=tokens.device)[batch.rows])
         if len(self.stages) > 1:
-            latent = tokens[batch.rows, :, ROOT_TOKEN_WIDTH:]
+            latent = tokens[batch.rows, :, self._root_width :]
             known = self._local(torch.cat([batch.last, torch.cat([result, latent], dim=-1)], dim=1))
             for slot in batch.slots:
                 if slot.last is not None:
@@ -196,14 +196,14 @@ class PackedDenoiser:
         return stage.output(batch.encoded_horizon(stage.stack(batch.inputs[number], batch.groups)))
 
     def _on_goals(self, batch: PackedBatch, result: Tensor, active: Tensor) -> Tensor:
-        """Predictions (Q, G, 20 or more), their roots on the goals of the sequences that are active (Q)."""
+        """Predictions (Q, G, 5P or more), their roots on the goals of the sequences that are active (Q)."""
         if batch.projection is None:
             return result
-        root = batch.projection.apply(self._layout, root_from_tokens(result), active.to(result.dtype))
-        return torch.cat([by_token(root), result[..., ROOT_TOKEN_WIDTH:]], dim=-1)
+        root = batch.projection.apply(self._layout, root_from_tokens(result, self._patch), active.to(result.dtype))
+        return torch.cat([by_token(root, self._patch), result[..., self._root_width :]], dim=-1)
 
     def _local(self, tokens: Tensor) -> Tensor:
-        """Hybrid tokens (B, N, 20 + L) with their root made local: (B, N, 16 + L)."""
-        lengths = torch.full((tokens.shape[0],), tokens.shape[1] * FRAMES_PER_TOKEN, device=tokens.device)
-        local = by_token(self._layout.local_root(root_from_tokens(tokens), lengths))
-        return torch.cat([local, tokens[..., ROOT_TOKEN_WIDTH:]], dim=-1)
+        """Hybrid tokens (B, N, 5P + L) with their root made local: (B, N, 4P + L)."""
+        lengths = torch.full((tokens.shape[0],), tokens.shape[1] * self._patch, device=tokens.device)
+        local = by_token(self._layout.local_root(root_from_tokens(tokens, self._patch), lengths), self._patch)
+        return torch.cat([local, tokens[..., self._root_width :]], dim=-1)

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.core.representation import Representation
+from motiongen_ardy.model.config import RELEASED_PATCH
 from motiongen_ardy.model.sampling.cleanup import clean_feet
 from motiongen_ardy.model.sampling.facing import face_root
 from motiongen_ardy.model.sampling.joins import HISTORY_FRAMES, join_tokens
@@ -22,12 +23,14 @@ def correct_window(
     new: Tensor,
     goals: tuple[Tensor, Tensor] | None,
     options: SamplingOptions,
+    patch: int = RELEASED_PATCH,
 ) -> Tensor:
     """The new frames (B, G, D) of B rows with their feet in place and their joints on their goals, as options say.
 
     history: (B, H, D), of which the last two frames count, H 0 where a motion begins; new: (B, G, D); both normalised,
     in the world frame. goals: observed features (B, G, D), normalised, in the world frame, and their mask, as
-    `Targets.observe` makes them; None for none. Where nothing is to be corrected the new frames come back as they are.
+    `Targets.observe` makes them; None for none. patch: frames of a token. Where nothing is to be corrected
+    the new frames come back as they are.
     Raises ConfigError for a skeleton whose legs have more than two bones.
     """
     if not options.corrects or not new.shape[1]:
@@ -38,7 +41,7 @@ def correct_window(
         none = torch.zeros(new.shape[:2], dtype=torch.bool, device=new.device)
         held = none if asked is None else asked.root_met(frames[..., layout.root_position_block])
         frames = settle_seam(layout, history, frames, options.joins)
-        frames = join_tokens(layout, history, frames, options.joins, held)
+        frames = join_tokens(layout, history, frames, options.joins, held, patch)
     before = history[:, -1:] if history.shape[1] else frames[:, :1]
     natural = torch.cat([before, frames], dim=1)
     poses = Poses(layout, natural)

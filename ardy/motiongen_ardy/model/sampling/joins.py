@@ -14,7 +14,6 @@ from torch import Tensor
 
 from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.core.rotation import matrix_from_6d, matrix_to_6d
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN
 from motiongen_ardy.model.sampling.options import JoinOptions
 from motiongen_ardy.model.sampling.spread import smooth_step, spread
 
@@ -25,10 +24,11 @@ JUMP_FROM_ONE = (-1.0, 2.0, -1.0)  # where only one frame is known before it
 
 
 @lru_cache
-def join_operator(num_before: int, num_new: int, seam_frames: int) -> Tensor:
+def join_operator(num_before: int, num_new: int, seam_frames: int, patch: int) -> Tensor:
     """(num_new, num_before + num_new): what joined frames are of the frames they were.
 
-    num_before: frames of the history, 0 to 2, which do not change; the first new frame starts a token.
+    num_before: frames of the history, 0 to 2, which do not change; the first new frame starts a token
+    of `patch` frames.
     """
     total = num_before + num_new
     joined = torch.eye(total, dtype=torch.float64)
@@ -42,7 +42,7 @@ def join_operator(num_before: int, num_new: int, seam_frames: int) -> Tensor:
         fade = smooth_step((torch.arange(total, dtype=torch.float64) - num_before) / seam_frames) - 1
         fade[:num_before] = 0
         joined = share_out(fade, 0, JUMP if num_before == HISTORY_FRAMES else JUMP_FROM_ONE, joined)
-    for first in range(num_before + FRAMES_PER_TOKEN, total - 1, FRAMES_PER_TOKEN):
+    for first in range(num_before + patch, total - 1, patch) if patch > 1 else ():
         share = torch.zeros(total, dtype=torch.float64)
         for distance, part in enumerate(SHARES):
             share[first - 1 - distance], share[first + distance] = part, -part
@@ -51,16 +51,16 @@ def join_operator(num_before: int, num_new: int, seam_frames: int) -> Tensor:
 
 
 def join_tokens(
-    layout: Representation, history: Tensor, new: Tensor, options: JoinOptions, root_held: Tensor
+    layout: Representation, history: Tensor, new: Tensor, options: JoinOptions, root_held: Tensor, patch: int
 ) -> Tensor:
     """New frames (B, G, D), in natural units, with root positions and rotations joined; the rest stays as it was.
 
     history: (B, H, D), of which the last two frames count. root_held: (B, G) bool, frames at which the root is where it
-    shall be and stays there.
+    shall be and stays there. patch: frames of a token.
     """
     before = history[:, -HISTORY_FRAMES:]
     frames = torch.cat([before, new], dim=1)
-    operator = join_operator(before.shape[1], new.shape[1], options.seam_frames).to(new)
+    operator = join_operator(before.shape[1], new.shape[1], options.seam_frames, patch).to(new)
     root, rotation = layout.root_position_block, layout.rotation_block
     moved = torch.einsum("ts,bsk->btk", operator, frames[..., root])
     back = (new[..., root] - moved)[:, :, None]

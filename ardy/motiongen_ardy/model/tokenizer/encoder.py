@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN, TokenizerConfig
+from motiongen_ardy.model.config import TokenizerConfig
 from motiongen_ardy.model.precision import InWeightPrecision, in_weight_precision
 from motiongen_ardy.model.transformer import PositionTable, TransformerStack
 
@@ -31,15 +31,16 @@ class Encoder(InWeightPrecision):
         width = config.transformer.width
         outputs = config.latent_dim * (2 if config.kind == "vae" else 1)
         self.causal = config.causal_encoder
-        self.input_proj = nn.Linear(FRAMES_PER_TOKEN * body_dim, width)
+        self.patch = config.patch
+        self.input_proj = nn.Linear(config.patch * body_dim, width)
         self.positions = PositionTable(width, 0, MAX_TOKENS - 1)
         self.seqTransEncoder = TransformerStack(config.transformer)
         self.output_proj = nn.Linear(width, outputs)
 
     @in_weight_precision
     def forward(self, body: Tensor, valid_tokens: Tensor | None = None) -> Tensor:
-        """body: (B, T, D-5) normalised, T a multiple of the patch; valid_tokens: (B, T/4) bool. -> (B, T/4, L)."""
-        patches = body.unflatten(1, (-1, FRAMES_PER_TOKEN)).flatten(-2)
+        """body: (B, T, D-5) normalised, T a multiple of the patch P; valid_tokens: (B, T/P) bool. -> (B, T/P, L)."""
+        patches = body.unflatten(1, (-1, self.patch)).flatten(-2)
         tokens = self.input_proj(patches)
         tokens = tokens + self.positions(torch.arange(tokens.shape[1], device=tokens.device))
         visible = token_visibility(tokens.shape[1], self.causal, valid_tokens, tokens.device)

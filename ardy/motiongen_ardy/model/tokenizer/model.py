@@ -1,4 +1,4 @@
-"""Tokenizer: explicit features <-> hybrid tokens (root of four frames, then the body's latent)."""
+"""Tokenizer: explicit features <-> hybrid tokens (root of a few frames, then the body's latent)."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ from torch import Tensor, nn
 
 from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
 from motiongen_ardy.core.stats import Stats
-from motiongen_ardy.model.config import FRAMES_PER_TOKEN, TokenizerConfig
+from motiongen_ardy.model.config import TokenizerConfig
 from motiongen_ardy.model.tokenizer.decoder import Decoder
 from motiongen_ardy.model.tokenizer.encoder import Encoder
 from motiongen_ardy.model.tokenizer.quantizer import Quantizer
-
-ROOT_TOKEN_WIDTH = ROOT_WIDTH * FRAMES_PER_TOKEN
 
 
 class Posterior(NamedTuple):
@@ -24,19 +22,19 @@ class Posterior(NamedTuple):
     log_variance: Tensor
 
 
-def valid_tokens(valid_frames: Tensor | None) -> Tensor | None:
-    """(B, 4N) bool -> (B, N) bool: a token is valid only when all its frames are."""
-    return None if valid_frames is None else valid_frames.unflatten(-1, (-1, FRAMES_PER_TOKEN)).all(-1)
+def valid_tokens(valid_frames: Tensor | None, patch: int) -> Tensor | None:
+    """(B, PN) bool -> (B, N) bool: a token is valid only when all its frames are."""
+    return None if valid_frames is None else valid_frames.unflatten(-1, (-1, patch)).all(-1)
 
 
-def root_to_tokens(root: Tensor) -> Tensor:
-    """(B, 4N, 5) -> (B, N, 20), frame-major."""
-    return root.unflatten(1, (-1, FRAMES_PER_TOKEN)).flatten(-2)
+def by_token(frames: Tensor, patch: int) -> Tensor:
+    """(B, PN, C) -> (B, N, PC), frame-major."""
+    return frames.unflatten(1, (-1, patch)).flatten(-2)
 
 
-def root_from_tokens(tokens: Tensor) -> Tensor:
-    """(B, N, 20 or more, the root first) -> (B, 4N, 5)."""
-    return tokens[..., :ROOT_TOKEN_WIDTH].unflatten(-1, (FRAMES_PER_TOKEN, ROOT_WIDTH)).flatten(1, 2)
+def root_from_tokens(tokens: Tensor, patch: int) -> Tensor:
+    """(B, N, 5P or more, the root first) -> (B, PN, 5)."""
+    return tokens[..., : ROOT_WIDTH * patch].unflatten(-1, (patch, ROOT_WIDTH)).flatten(1, 2)
 
 
 class Tokenizer(nn.Module):
@@ -59,6 +57,11 @@ class Tokenizer(nn.Module):
         self.pre_stats = pre_stats
 
     @property
+    def patch(self) -> int:
+        """Frames of a token."""
+        return self.config.patch
+
+    @property
     def quantizes_on_encode(self) -> bool:
         return self.config.kind == "fsq" and self.config.quantize_on_encode
 
@@ -74,19 +77,19 @@ class Tokenizer(nn.Module):
         return self.latent_stats.denormalize(latents) if self.config.normalize_latents else latents
 
     def posterior(self, body: Tensor, valid_frames: Tensor | None = None) -> Posterior:
-        """Mean and log variance of a VAE's latents for a normalised body (B, 4N, D-5)."""
-        mean, log_variance = self.encoder(body, valid_tokens(valid_frames)).chunk(2, dim=-1)
+        """Mean and log variance of a VAE's latents for a normalised body (B, PN, D-5)."""
+        mean, log_variance = self.encoder(body, valid_tokens(valid_frames, self.patch)).chunk(2, dim=-1)
         return Posterior(mean, log_variance)
 
     def raw_latents(self, body: Tensor, valid_frames: Tensor | None = None) -> Tensor:
-        """What the encoder puts out (B, N, L) for a normalised body (B, 4N, D-5); a VAE's mean."""
+        """What the encoder puts out (B, N, L) for a normalised body (B, PN, D-5); a VAE's mean."""
         if self.config.kind == "vae":
             return self.posterior(body, valid_frames).mean
-        output: Tensor = self.encoder(body, valid_tokens(valid_frames))
+        output: Tensor = self.encoder(body, valid_tokens(valid_frames, self.patch))
         return output
 
     def encode(self, features: Tensor, valid_frames: Tensor | None = None) -> Tensor:
-        """Normalised latents (B, N, L) of normalised features (B, 4N, D); valid_frames: (B, 4N) bool, all if absent.
+        """Normalised latents (B, N, L) of normalised features (B, PN, D); valid_frames: (B, PN) bool, all if absent.
 
         Tokens that are not valid come out as zero.
         """
@@ -94,7 +97,7 @@ class Tokenizer(nn.Module):
         if self.quantizes_on_encode:
             latents = self.quantizer.quantize(latents)
         latents = self.normalize_latents(latents)
-        keep = valid_tokens(valid_frames)
+        keep = valid_tokens(valid_frames, self.patch)
         return latents if keep is None else latents * keep[..., None]
 
     def codes(self, latents: Tensor) -> Tensor:
@@ -111,30 +114,30 @@ class Tokenizer(nn.Module):
         return self.normalize_latents(self.codes(latents))
 
     def decode(self, latents: Tensor, root: Tensor, lengths: Tensor, valid_frames: Tensor | None = None) -> Tensor:
-        """Normalised body (B, 4N, D-5) of normalised latents (B, N, L).
+        """Normalised body (B, PN, D-5) of normalised latents (B, N, L).
 
-        root: normalised global root (B, 4N, 5); lengths: (B) valid frames, for the root's velocities;
-        valid_frames: (B, 4N) bool hides padding from attention.
+        root: normalised global root (B, PN, 5); lengths: (B) valid frames, for the root's velocities;
+        valid_frames: (B, PN) bool hides padding from attention.
         """
         return self.decode_codes(self.codes(latents), root, lengths, valid_frames)[0]
 
     def decode_codes(
         self, codes: Tensor, root: Tensor, lengths: Tensor, valid_frames: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """As `decode`, from codes; also returns the local root that the decoder reconstructs (B, 4N, 4)."""
+        """As `decode`, from codes; also returns the local root that the decoder reconstructs (B, PN, 4)."""
         condition = root if self.config.global_root else self.representation.local_root(root, lengths)
-        body, local_root = self.decoder(codes, condition, valid_tokens(valid_frames))
+        body, local_root = self.decoder(codes, condition, valid_tokens(valid_frames, self.patch))
         return body, local_root
 
     def to_hybrid(self, features: Tensor, valid_frames: Tensor | None = None) -> Tensor:
-        """Normalised features (B, 4N, D) -> hybrid tokens (B, N, 20 + L): root first, then the latent."""
-        root = root_to_tokens(features[..., :ROOT_WIDTH])
+        """Normalised features (B, PN, D) -> hybrid tokens (B, N, 5P + L): root first, then the latent."""
+        root = by_token(features[..., :ROOT_WIDTH], self.patch)
         return torch.cat([root, self.encode(features, valid_frames)], dim=-1)
 
     def from_hybrid(self, tokens: Tensor, lengths: Tensor, valid_frames: Tensor | None = None) -> Tensor:
-        """Hybrid tokens (B, N, 20 + L) -> normalised features (B, 4N, D)."""
-        root = root_from_tokens(tokens)
-        body = self.decode(tokens[..., ROOT_TOKEN_WIDTH:], root, lengths, valid_frames)
+        """Hybrid tokens (B, N, 5P + L) -> normalised features (B, PN, D)."""
+        root = root_from_tokens(tokens, self.patch)
+        body = self.decode(tokens[..., ROOT_WIDTH * self.patch :], root, lengths, valid_frames)
         return torch.cat([root, body], dim=-1)
 
 

@@ -85,6 +85,10 @@ class ModelFacts:
     def row_width(self) -> int:
         return self.rig.row_width
 
+    def whole_patches(self, frames: int) -> int:
+        """The frames of the whole patches in so many frames, one patch at least."""
+        return max(1, frames // self.patch) * self.patch
+
     @property
     def max_history(self) -> int:
         """The longest history that still leaves room for a horizon."""

@@ -26,7 +26,7 @@ def joined_root(layout: Representation, stand: Stand, moves: Tensor, history: in
 def test_constant_speed_and_acceleration_are_left_alone() -> None:
     frames = torch.arange(42.0)
     for curve in (0.3 * frames + 2, 0.05 * frames.square()):
-        torch.testing.assert_close(join_operator(2, 40, 8) @ curve, curve[2:], atol=1e-3, rtol=0)
+        torch.testing.assert_close(join_operator(2, 40, 8, 4) @ curve, curve[2:], atol=1e-3, rtol=0)
 
 
 def test_a_jump_between_two_tokens_is_shared_out(layout: Representation, stand: Stand) -> None:
@@ -62,6 +62,6 @@ def test_a_root_that_is_on_its_goal_stays_there(layout: Representation, stand: S
 def test_short_windows_and_none_before_are_joined_too() -> None:
     for before in (0, 1, 2):
         for new in (1, 2, 4, 5, 8):
-            operator = join_operator(before, new, 8)
+            operator = join_operator(before, new, 8, 4)
             assert operator.shape == (new, before + new)
             torch.testing.assert_close(operator.sum(dim=1), torch.ones(new))

@@ -1,0 +1,137 @@
+"""The stream that sessions share: connecting, messages, the round trip, and what a broken server does to it."""
+
+from __future__ import annotations
+
+import asyncio
+
+import grpc
+import numpy as np
+import pytest
+
+from motiongen.v1 import session_pb2
+from motiongen_client import (
+    InvalidInput,
+    MotionClient,
+    ProtocolViolation,
+    ServerUnavailable,
+    Session,
+    StreamLost,
+)
+from tests.client.fake_server import FakeServer
+from tests.client.waiting import collect, until
+
+
+async def test_the_catalogue_is_there_once_connected(client: MotionClient) -> None:
+    assert client.catalog.models[0].model_id == "synthetic"
+    assert client.catalog.rig("stick9").joint_names[0] == "Hips"
+
+
+async def test_many_sessions_share_one_call(client: MotionClient, server: FakeServer) -> None:
+    async def play(session: Session) -> int:
+        return [frame.index async for frame in session.frames(seconds=0.5)][-1]
+
+    async with client.stream() as stream:
+        sessions = await asyncio.gather(*(stream.open(f"character {number}") for number in range(20)))
+        assert await asyncio.gather(*map(play, sessions)) == [49] * 20
+        assert len(stream.sessions) == 20
+        ends = await asyncio.gather(*(session.close() for session in sessions))
+        assert {end.reason for end in ends} == {"client"}
+        assert stream.sessions == ()
+    assert len(server.streams) == 1
+
+
+@pytest.mark.parametrize("code", [grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.INTERNAL])
+async def test_a_lost_stream_is_told_to_every_session_and_edit(
+    client: MotionClient, server: FakeServer, code: grpc.StatusCode
+) -> None:
+    one, two = await client.open("one"), await client.open("two")
+    server.refuse = lambda event: server.stream.fail(code) or ""  # type: ignore[func-returns-value]
+    with pytest.raises(StreamLost, match=f"{code.name}: as the test wished"):
+        await one.set_prompt("never answered")
+    with pytest.raises(StreamLost):
+        await collect(one.frames())
+    with pytest.raises(StreamLost):
+        await collect(two.frames(realtime=False))
+    assert two.playback.playhead == two.playback.buffered_to - 1, "what had come was played"
+    with pytest.raises(StreamLost):
+        one.set_prompt("again")
+
+
+async def test_a_server_that_breaks_the_rules_is_given_up(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    notice = session_pb2.PlanNotice(plan=1, valid_from=0, cause=session_pb2.PLAN_CAUSE_EDIT)
+    server.stream.push(session.handle, plan=notice)
+    with pytest.raises(ProtocolViolation, match="plans must rise"):
+        async for _ in session.frames():
+            pass
+
+
+async def test_updates_it_does_not_know_are_ignored(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    server.stream.push(session.handle)
+    server.stream.push(999, closed=session_pb2.SessionClosed())
+    assert len([frame async for frame in session.frames(seconds=0.1)]) == 10
+
+
+async def test_an_event_too_big_for_a_message_is_refused_here(client: MotionClient) -> None:
+    session = await client.open("a person walks")
+    with pytest.raises(InvalidInput, match="at most 3686 bytes"):
+        session.add_trajectory(np.zeros((1000, 2)), first_frame=10)
+    assert (await session.set_prompt("still in order")).event_seq == 2
+
+
+async def test_a_full_send_queue_is_split_over_messages(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    edits = [session.set_prompt("x" * 90) for _ in range(200)]
+    assert [(await edit).event_seq for edit in edits] == list(range(2, 202))
+
+
+async def test_no_server_is_said_with_the_address() -> None:
+    with pytest.raises(ServerUnavailable, match=r"127\.0\.0\.1:1: UNAVAILABLE"):
+        await MotionClient("127.0.0.1:1").connect()
+
+
+@pytest.mark.parametrize("address", ["", "localhost", "localhost:", "localhost:0", "localhost:x", ":50051"])
+def test_an_address_that_is_none_is_refused(address: str) -> None:
+    with pytest.raises(InvalidInput, match="host:port"):
+        MotionClient(address)
+
+
+@pytest.mark.parametrize("report_hz", [0.5, 6.0])
+async def test_report_rates_out_of_range_are_refused(client: MotionClient, report_hz: float) -> None:
+    with pytest.raises(InvalidInput, match="from 1 to 5"):
+        client.stream(report_hz=report_hz)
+
+
+async def test_the_round_trip_is_measured(client: MotionClient) -> None:
+    async with client.stream() as stream:
+        assert 0 < await until(lambda: stream.round_trip_s) < 5
+
+
+async def test_the_round_trip_is_told_to_the_server_as_soon_as_it_is_known(
+    client: MotionClient, server: FakeServer
+) -> None:
+    async with client.stream():
+        first, second = (await until(lambda: server.stream.pings if len(server.stream.pings) > 1 else None))[:2]
+    assert not first.HasField("round_trip")
+    assert 0 < second.round_trip.ToTimedelta().total_seconds() < 5
+
+
+async def test_frames_before_the_session_is_opened_break_the_rules(client: MotionClient, server: FakeServer) -> None:
+    def answer_with_a_plan(event: session_pb2.SessionEvent) -> str:
+        server.stream.push(event.session, plan=session_pb2.PlanNotice(plan=1))
+        return ""
+
+    server.refuse = answer_with_a_plan
+    with pytest.raises(ProtocolViolation, match="before the session was opened"):
+        await client.open("a person walks")
+
+
+async def test_a_rig_the_catalogue_does_not_have_breaks_the_rules(client: MotionClient, server: FakeServer) -> None:
+    def open_on_another(event: session_pb2.SessionEvent) -> str:
+        server.stream.push(event.session, opened=session_pb2.SessionOpened(rig_id="other"))
+        return ""
+
+    server.refuse = open_on_another
+    with pytest.raises(ProtocolViolation, match="no rig is called 'other'"):
+        await client.open("a person walks")

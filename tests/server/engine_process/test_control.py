@@ -1,0 +1,75 @@
+"""What engine processes are told one after the other, and what becomes of models meanwhile."""
+
+from __future__ import annotations
+
+from motiongen_server.engine.types import ModelFacts
+from motiongen_server.engine_process.control import ControlQueue
+from motiongen_server.engine_process.messages import EncodeTexts, Load, LoadEncoder, Ready, Stop, ToEngine, Unload
+from motiongen_server.engine_process.model_link import ModelLink
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED
+from tests.server.engine.fakes import FACTS
+
+
+def link_of(slot: int) -> ModelLink:
+    return ModelLink(slot, f"model-{slot}", lambda outputs: None, lambda: None)
+
+
+def loaded(link: ModelLink, facts: ModelFacts = FACTS) -> ModelLink:
+    link.take_ready(Ready(link.slot, facts, "CC0-1.0", NOTHING_CLAIMED))
+    return link
+
+
+def queue_of(*links: ModelLink) -> ControlQueue:
+    queue = ControlQueue()
+    assert all(queue.add(link) for link in links)
+    return queue
+
+
+def test_a_model_is_loaded_and_unloaded_by_messages_that_are_sent_once() -> None:
+    link = link_of(1)
+    queue = queue_of(link)
+    assert queue.is_loading
+    assert queue.take() == (Load(1, "model-1"),)
+    loaded(link)
+    assert not queue.is_loading
+    assert queue.retire(link)
+    assert (queue.take(), queue.take()) == ((Unload(1),), ())
+
+
+def test_the_next_process_is_told_what_it_is_to_hold_and_only_questions_that_still_wait() -> None:
+    first, second = link_of(1), link_of(2)
+    queue = queue_of(first, second)
+    told: list[ToEngine] = [LoadEncoder(8)]
+    queue.serve_text(lambda: told)
+    queue.tell(EncodeTexts(1, ("walk",)))
+    assert queue.begin() == []
+    assert queue.take() == (Load(1, "model-1"), Load(2, "model-2"), LoadEncoder(8), EncodeTexts(1, ("walk",)))
+    assert queue.begin() == []
+    assert queue.take() == (Load(1, "model-1"), Load(2, "model-2"), LoadEncoder(8))
+
+
+def test_a_lost_process_takes_with_it_what_was_never_loaded_and_what_was_given_up() -> None:
+    held, given_up, never_loaded = loaded(link_of(1)), loaded(link_of(2)), link_of(3)
+    queue = queue_of(held, given_up, never_loaded)
+    assert queue.retire(given_up)
+    assert queue.lose() == [given_up, never_loaded]
+    assert (list(queue), queue.take()) == ([held], ())
+
+
+def test_a_model_that_is_given_up_while_there_is_no_process_is_gone_at_once() -> None:
+    link = link_of(1)
+    queue = queue_of(link)
+    assert not queue.retire(link)
+    assert list(queue) == []
+    assert queue.get(1) is None
+
+
+def test_nothing_more_is_loaded_once_the_end_has_been_asked_for_or_has_come() -> None:
+    queue = queue_of(link_of(1))
+    queue.stop()
+    assert not queue.add(link_of(2))
+    queue.begin()
+    assert queue.take()[-1] == Stop(), "a process that was just starting is told too"
+    ended = queue_of(link_of(1))
+    assert [link.slot for link in ended.close()] == [1]
+    assert not ended.add(link_of(2))

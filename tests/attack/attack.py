@@ -127,7 +127,7 @@ async def run(attack: Attack, seconds: float, log: Path) -> Result:
     module = BUILT_IN if attack.built_in else NULL
     with attacked(log, attack.settings, attack.most_files, module) as server:
         noticed, grown, left, health, share = await suffer(attack, server, seconds)
-    return Result(attack, noticed, grown, left, health, share, log.stat().st_size / MIB, server.exit_code)
+    return Result(attack, noticed, grown, left, health, share, server.log_mib(), server.exit_code)
 
 
 def table(results: list[Result]) -> str:

@@ -42,6 +42,10 @@ class Attacked:
         """Resident memory now, of the gateway and of its engine processes."""
         return sum(each.memory_info().rss for each in (self.process, *self.process.children())) / MIB
 
+    def log_mib(self) -> float:
+        """Size of what it has logged."""
+        return self.log.stat().st_size / MIB
+
     def cpu_s(self) -> float:
         """Processor time so far, of the gateway."""
         times = self.process.cpu_times()

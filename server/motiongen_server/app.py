@@ -65,10 +65,10 @@ class Application:
 
     def __init__(self, config: ServerConfig, make_engines: MakeEngines = start_engine_processes) -> None:
         self._config = config
-        self._metrics = Metrics()
+        self.metrics = Metrics()
         self._make_engines = make_engines
         self._engines: Engines | None = None
-        self._factory = ModelFactory(config, self._metrics)
+        self._factory = ModelFactory(config, self.metrics)
         self._manager = ModelManager(self._factory.load, self._factory.forget)
         self._admin: grpc.aio.Server | None = None
         self._health = health.aio.HealthServicer()
@@ -99,7 +99,7 @@ class Application:
 
     async def _open(self) -> None:
         config = self._config
-        make = partial(self._make_engines, config, self._deliver, self._metrics)
+        make = partial(self._make_engines, config, self._deliver, self.metrics)
         self._engines = await self._unless_stopped(start_in_background(make, "starting"))
         self._factory.use(self._engines)
         for source in config.models:
@@ -107,14 +107,14 @@ class Application:
             if model.model_id in self._manager:
                 raise SettingError(f"model is {config.model!r}, and two of these are {model.model_id}; give one")
             self._manager.adopt(model)
-        self._service = MotionService(self._manager.models, config.flush_ms / 1000, self._metrics, make_limits(config))
+        self._service = MotionService(self._manager.models, config.flush_ms / 1000, self.metrics, make_limits(config))
         self._manager.open(self._service)
         self._door.open(self._service)
-        self._metrics.heartbeat_age.set_function(self._heartbeat_age_s)
-        self._metrics.streams.set_function(lambda: self._service.num_streams)
-        self._metrics.parked.set_function(lambda: self._service.num_parked)
-        self._metrics.queue_bytes.set_function(lambda: self._service.num_waiting_bytes)
-        self._metrics.prompts_waiting.set_function(lambda: self._factory.num_waiting_prompts)
+        self.metrics.heartbeat_age.set_function(self._heartbeat_age_s)
+        self.metrics.streams.set_function(lambda: self._service.num_streams)
+        self.metrics.parked.set_function(lambda: self._service.num_parked)
+        self.metrics.queue_bytes.set_function(lambda: self._service.num_waiting_bytes)
+        self.metrics.prompts_waiting.set_function(lambda: self._factory.num_waiting_prompts)
         await self._set_health(health_pb2.HealthCheckResponse.SERVING)
         self._ready = True
         for model in self._manager.kept:
@@ -145,7 +145,7 @@ class Application:
         self._service.deliver(outputs)
 
     async def _start_ops(self) -> None:
-        app = ops_app(self._metrics.registry, self._is_alive, self._is_ready)
+        app = ops_app(self.metrics.registry, self._is_alive, self._is_ready)
         host, port = self._config.ops_host, self._config.ops_port
         try:
             # Bound here, because uvicorn ends the process when it cannot.
@@ -194,7 +194,7 @@ class Application:
         if not address:
             return
         self._admin = grpc.aio.server(options=[("grpc.so_reuseport", 0)])
-        add_admin(AdminService(self._manager, self._metrics.load_of), self._admin)
+        add_admin(AdminService(self._manager, self.metrics.load_of), self._admin)
         try:
             self.admin_port = self._admin.add_insecure_port(address)
         except RuntimeError as error:

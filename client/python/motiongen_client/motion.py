@@ -22,7 +22,7 @@ ROTATION_BLOCK = "joint_rotation_quat_wxyz"
 CONTACT_BLOCK = "foot_contact"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Rig:
     """A skeleton and the layout of its frame rows, as the server's catalogue gives them.
 
@@ -41,6 +41,9 @@ class Rig:
     blocks: Mapping[str, int]
     hip_joints: tuple[int, int] | None = None
     limbs: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"Rig({self.rig_id}, {self.num_joints} joints, {self.frame_rate_hz} Hz)"
 
     @property
     def num_joints(self) -> int:
@@ -72,7 +75,7 @@ class Rig:
         return round(seconds * self.frame_rate_hz)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Frame:
     """One pose of one character.
 
@@ -82,6 +85,10 @@ class Frame:
     rig: Rig
     index: int
     row: Float32
+
+    def __repr__(self) -> str:
+        x, y, z = self.root_translation_m
+        return f"Frame({self.index} of {self.rig.rig_id}, {self.time_s:.2f} s, root at {x:.2f} {y:.2f} {z:.2f} m)"
 
     @property
     def time_s(self) -> float:
@@ -109,7 +116,7 @@ class Frame:
         return positions
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Motion:
     """Consecutive frames of one character. first_frame: index of row 0; rows: (T, D) float32."""
 
@@ -123,6 +130,10 @@ class Motion:
 
     def __len__(self) -> int:
         return len(self.rows)
+
+    def __repr__(self) -> str:
+        last = self.first_frame + len(self) - 1
+        return f"Motion(frames {self.first_frame} to {last} of {self.rig.rig_id}, {self.duration_s:.2f} s)"
 
     @property
     def duration_s(self) -> float:

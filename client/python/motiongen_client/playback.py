@@ -62,6 +62,11 @@ class Playback:
         return self._started
 
     @property
+    def is_playing(self) -> bool:
+        """Whether the playhead goes on, or would if frames were there."""
+        return self._playing
+
+    @property
     def buffered_to(self) -> int:
         """The first frame that is not held."""
         return self._first_kept + len(self._rows)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,16 +76,25 @@ class Rig:
         return round(seconds * self.frame_rate_hz)
 
 
+class Poser(Protocol):
+    """Makes joint positions of frames."""
+
+    def positions_m(self, index: int, row: Float32) -> Float32:
+        """(J, 3) world positions of all joints at a frame whose row this is."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Frame:
     """One pose of one character.
 
     index: absolute frame number since the session opened; row: (D,) float32 as `rig.blocks` lays it out.
+    poser: what makes its joint positions together with those of its neighbours; None: they are made alone.
     """
 
     rig: Rig
     index: int
     row: Float32
+    poser: Poser | None = None
 
     def __repr__(self) -> str:
         x, y, z = self.root_translation_m
@@ -112,6 +122,8 @@ class Frame:
 
     def joint_positions_m(self) -> Float32:
         """(J, 3) world positions of all joints."""
+        if self.poser is not None:
+            return self.poser.positions_m(self.index, self.row)
         positions: Float32 = Motion(self.rig, self.index, self.row[None]).joint_positions_m()[0]
         return positions
 

@@ -183,6 +183,11 @@ class Playback:
         self._check_held(frame, frame + 1)
         return self._rows[frame - self._first_kept]
 
+    def held_rows(self, first_frame: int, end_frame: int) -> list[Rows]:
+        """The rows of frames first_frame up to end_frame - 1, as many as are held from first_frame on."""
+        begin = first_frame - self._first_kept
+        return self._rows[begin : end_frame - self._first_kept] if begin >= 0 else []
+
     def rows(self, first_frame: int, end_frame: int) -> Rows:
         """(T, D) float32, frames first_frame up to end_frame - 1. Raises InvalidInput when some are not held."""
         self._check_held(first_frame, end_frame)

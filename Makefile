@@ -51,7 +51,7 @@ serve: $(READY) ## serve the built-in model; options in ARGS, listed by make ser
 # ---- check
 
 .PHONY: check
-check: lint types proto-check test ## everything that CI runs
+check: lint types proto-check test ## style, types, protos and all tests that install nothing
 
 .PHONY: test
 test: $(READY) cpp-packages ## run all tests that need no GPU; CPP=no leaves out those of the C++ client
@@ -64,8 +64,8 @@ test-system: $(READY) test-lowest ## run the tests that build, install or take l
 .PHONY: test-lowest
 test-lowest: ## run the client's tests with the oldest grpcio, protobuf and numpy that it allows, in an environment of its own
 	@bash .ci/make_venv.sh "$(LOWEST)"
-	$(LOWEST)/bin/python -m pip install --quiet --constraint constraints-lowest.txt ./proto ./client/python \
-		hypothesis pytest pytest-asyncio pytest-timeout
+	$(LOWEST)/bin/python -m pip install --quiet --constraint constraints-lowest.txt ./proto ./client/python
+	$(LOWEST)/bin/python -m pip install --quiet --constraint constraints.txt hypothesis pytest pytest-asyncio pytest-timeout
 	$(LOWEST)/bin/python -m pytest -p no:cacheprovider tests/client $(ARGS)
 
 .PHONY: test-gpu
@@ -83,6 +83,10 @@ contract: $(READY) ## test that a server keeps the protocol; any server: MOTIONG
 .PHONY: e2e
 e2e: $(READY) ## test a real server process with the real client
 	$(PYTHON) -m pytest tests/e2e $(ARGS)
+
+.PHONY: attack
+attack: $(READY) ## attack a real server in every known way, and print what its neighbours noticed; a short form is in make test
+	$(PYTHON) -m tests.attack --out $(OUT)/attack $(ARGS)
 
 .PHONY: lint
 lint: $(READY) ## check style and format

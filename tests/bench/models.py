@@ -15,16 +15,10 @@ from motiongen_ardy.core.stats import Stats
 from motiongen_ardy.model.config import DenoiserConfig, ModelConfig, TokenizerConfig, TransformerConfig
 from motiongen_ardy.model.model import Model, build_model
 from motiongen_server.engine.types import Float32Array
+from tests.bench.prompts import PROMPTS
 
 BUILT_IN = "motiongen-mini"
 SEED = 7
-PROMPTS = (
-    "a person walks forward",
-    "a person runs forward",
-    "a person waves with the right hand",
-    "a person walks and turns left",
-    "a person stands still",
-)
 
 
 def _config(denoiser: TransformerConfig, tokenizer: TransformerConfig, latent: int, text: int) -> ModelConfig:

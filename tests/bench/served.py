@@ -14,14 +14,8 @@ from motiongen_tools.bench.result import Result, Standard
 from motiongen_tools.bench.run import run_load
 from motiongen_tools.bench.scenario import EditRule, Group, Life, Scenario, load_scenario
 from motiongen_tools.bench.search import find_most
+from tests.bench.prompts import PROMPTS
 
-PROMPTS = (
-    "a person walks forward",
-    "a person runs forward",
-    "a person waves with the right hand",
-    "a person walks and turns left",
-    "a person stands still",
-)
 EDIT_EVERY_S = 0.53  # over all characters; not a multiple of the frame time or the flush interval
 REST_S = 3.0
 

@@ -206,7 +206,7 @@ async def test_a_client_that_does_not_read_does_not_hold_up_the_end() -> None:
             call = stub.StreamMotion()
             await call.write(service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello()))
             unknown = service_pb2.StreamMotionRequest(events=[session_pb2.SessionEvent(session=5)] * 50_000)
-            value = application._metrics.registry.get_sample_value
+            value = application.metrics.registry.get_sample_value
             flooding = asyncio.create_task(call.write(unknown))
             while (value("motiongen_outbound_queue_bytes") or 0) < 1 << 20:  # noqa: ASYNC110  no event tells it
                 await asyncio.sleep(0)
@@ -278,7 +278,7 @@ async def test_when_the_engine_fails_it_ends_with_1(caplog: pytest.LogCaptureFix
     def observe(report: object) -> None:
         raise RuntimeError("the books do not fit together")
 
-    application._metrics.of_engine(FACTS.model_id, ENGINE).observe = observe  # type: ignore[method-assign]
+    application.metrics.of_engine(FACTS.model_id, ENGINE).observe = observe  # type: ignore[method-assign]
     async with asyncio.timeout(LIMIT_S):
         await application.start()
         await application.serve()

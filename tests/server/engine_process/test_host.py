@@ -54,7 +54,7 @@ class Notebook:
     def __init__(self) -> None:
         self.taken: list[Event] = []
         self.came = threading.Condition()
-        self._stopped = threading.Event()
+        self.stopped = threading.Event()
 
     def submit(self, event: Event) -> Outcome | None:
         with self.came:
@@ -68,10 +68,10 @@ class Notebook:
             return list(self.taken)
 
     def run(self) -> None:
-        self._stopped.wait()
+        self.stopped.wait()
 
     def stop(self) -> None:
-        self._stopped.set()
+        self.stopped.set()
 
 
 class Process:
@@ -197,7 +197,7 @@ def test_a_gateway_that_does_not_read_stops_the_events_and_loses_nothing(process
     process.tell(Events(1, 1, (opening(), playhead(3))))
     process.tell(CloseAhead(1, close(2), 1, 2))
     process.tell(Unload(1))
-    process.engine._stopped.wait(WAIT_MS / 1000)
+    process.engine.stopped.wait(WAIT_MS / 1000)
     assert process.engine.taken == [], "an event came in, though what it makes can go nowhere"
     heard: list[int] = []
     while len(heard) < number:

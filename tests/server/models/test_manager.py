@@ -303,7 +303,7 @@ async def test_an_engine_that_fails_takes_no_other_with_it_and_can_be_reloaded(s
     talk = await stage.talk()
     await talk.open(1)
     serving = asyncio.ensure_future(stage.application.serve())
-    metrics = stage.application._metrics.of_engine("two", ENGINE)
+    metrics = stage.application.metrics.of_engine("two", ENGINE)
     sound = metrics.observe
     metrics.observe = observe  # type: ignore[method-assign]
     await stage.until(lambda models: models[1].state == admin_pb2.MODEL_STATE_FAILED)

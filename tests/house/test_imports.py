@@ -91,6 +91,7 @@ ROOMS = (
     room(f"{SERVER}/ops", "prometheus_client ~.ops ~.engine"),
     room(f"{SERVER}/config.py {SERVER}/devices.py {SERVER}/settings.py", "_typeshed ~.devices ~.settings"),
     room(f"{SERVER}/errors.py", "grpc grpc_status google ~.engine.types"),
+    room(f"{SERVER}/transport.py", "grpc ~.config ~.settings"),
     room(f"{SERVER}/app.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
     room(SERVER, ""),
     # the clients

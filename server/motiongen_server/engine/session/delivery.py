@@ -91,7 +91,9 @@ class Delivery:
         plan: the newest. first_held: the first frame that can still be sent. A client that cannot be where it says is
         told that its frames are not held.
         """
-        valid_from, event_seqs = self.plan_log.missed(event.plan, event.next_frame)
+        replaced_from, event_seqs = self.plan_log.missed(event.plan, event.next_frame)
+        # What it has shown it has shown, also where a plan that it never heard of had replaced it.
+        valid_from = max(replaced_from, self.clock.reported)
         start = min(event.next_frame, valid_from)
         if event.plan > plan or not first_held <= start <= self.sent_to:
             return [Resumed(self.session, event.attempt, None)]

@@ -16,7 +16,6 @@ from typing import Any, TypeVar
 
 import grpc.aio
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
-from grpc_reflection.v1alpha import reflection
 
 from motiongen_server.background import start_in_background
 from motiongen_server.config import ServerConfig
@@ -31,6 +30,7 @@ from motiongen_server.ops.http import OpsServer, ops_app
 from motiongen_server.ops.memory import FreedMemory, give_back_freed_memory, settled_objects
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.rpc.handlers import SERVICE_NAME, add_methods
+from motiongen_server.rpc.reflection import add_reflection
 from motiongen_server.rpc.service import MotionService
 from motiongen_server.rpc.starting import StartingService
 from motiongen_server.settings import SettingError
@@ -168,9 +168,7 @@ class Application:
         add_methods(self._door, self._server)
         health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
         if config.reflection:
-            reflection.enable_server_reflection(
-                (SERVICE_NAME, health.SERVICE_NAME, reflection.SERVICE_NAME), self._server
-            )
+            add_reflection((SERVICE_NAME, health.SERVICE_NAME), self._server)
         await self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
         address = join_address(config.host, config.port)
         try:

@@ -25,6 +25,7 @@ from motiongen_client.types import (
     Catalog,
     Clip,
     Constraint,
+    ConstraintReached,
     Opened,
     Outcome,
     ServiceLevel,
@@ -147,6 +148,10 @@ class Session:
     def resume(self) -> Edit:
         """Let the playhead go on after `pause`."""
         return self._edit(self._inner.resume)
+
+    def constraint_reached(self, constraint_id: int) -> ConstraintReached:
+        """What became of a constraint, by an id of `Edit.constraint_ids`; waits until its last frame is decided."""
+        return self._loop.run(self._inner.constraint_reached(constraint_id))
 
     def frame_in(self, seconds: float) -> int:
         """The frame that is shown `seconds` from now."""

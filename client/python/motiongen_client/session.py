@@ -14,9 +14,11 @@ from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolat
 from motiongen_client.motion import Frame, Motion
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Prompt
+from motiongen_client.reached import ReachedBook
 from motiongen_client.types import (
     Catalog,
     Constraint,
+    ConstraintReached,
     ModelWarning,
     Opened,
     ServiceLevel,
@@ -52,6 +54,7 @@ class Session(Direction):
     `frames()`, or by `poll()` for a loop that draws at its own pace; use one of the two.
 
     service_level: how well the server serves it at present; `on_service_level`, if set, is called at each change.
+    `on_constraint_reached`, if set, is called for each constraint whose last frame cannot change any more.
     """
 
     def __init__(self, handle: int, carrier: Carrier, catalog: Catalog, clock: Callable[[], float]) -> None:
@@ -69,6 +72,8 @@ class Session(Direction):
         self.opened: Opened
         self.service_level: ServiceLevel
         self.on_service_level: Callable[[ServiceLevel], None] | None = None
+        self.on_constraint_reached: Callable[[ConstraintReached], None] | None = None
+        self._reached = ReachedBook()
 
     # ---- the end
 
@@ -89,6 +94,15 @@ class Session(Direction):
     async def __aexit__(self, *_: object) -> None:
         if self._failure is None:
             await self.close()
+
+    # ---- constraints
+
+    async def constraint_reached(self, constraint_id: int) -> ConstraintReached:
+        """What became of a constraint, by an id of `Edit.constraint_ids`, once its last frame cannot change any more.
+
+        Raises SessionEnded or StreamLost where the session ends before; one that is removed is waited for until then.
+        """
+        return await self._reached.of(constraint_id)
 
     # ---- frames
 
@@ -248,6 +262,10 @@ class Session(Direction):
                 self._note_frames(len(rows), chunk.first_frame + len(rows))
             case "outcome":
                 self._handle_outcome(update.outcome)
+            case "constraint_reached":
+                reached = convert.constraint_reached(update.constraint_reached)
+                if self._reached.note(reached) and self.on_constraint_reached is not None:
+                    self.on_constraint_reached(reached)
             case "service_level":
                 self._handle_level(convert.service_level(update.service_level))
             case "closed":
@@ -310,6 +328,7 @@ class Session(Direction):
         if self._failure is None:
             self._failure = failure
         self._edits.fail(failure)
+        self._reached.fail(failure)
         if not self._opening.done():
             self._opening.set_exception(failure)
             self._opening.exception()

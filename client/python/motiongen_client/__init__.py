@@ -23,6 +23,7 @@ from motiongen_client.errors import (
     StreamLost,
     UnknownName,
 )
+from motiongen_client.line_policy import LinePolicy
 from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Preset, TextEmbedding
@@ -42,6 +43,7 @@ from motiongen_client.types import (
     Opened,
     Outcome,
     Priority,
+    Reopened,
     Residual,
     RootTrajectory,
     ServiceLevel,
@@ -52,7 +54,7 @@ from motiongen_client.types import (
 )
 
 __all__ = [
-    "MotionClient", "Stream", "Session", "Edit", "SessionStats", "Playback",
+    "MotionClient", "Stream", "Session", "Edit", "SessionStats", "Playback", "LinePolicy", "Reopened",
     "Frame", "Motion", "Rig",
     "SessionOptions", "StartPose", "Priority", "Waypoint", "RootTrajectory", "Keyframe", "JointTargets",
     "Preset", "TextEmbedding",

@@ -254,12 +254,12 @@ def warnings(messages: Iterable[session_pb2.EventWarning]) -> tuple[ModelWarning
     return tuple(ModelWarning(each.reason, each.message, each.field) for each in messages)
 
 
-def outcome(message: session_pb2.EditOutcome, event: str) -> Outcome | EventRefused:
-    """What became of an event; `event` says in words what it was."""
+def outcome(message: session_pb2.EditOutcome, event: str, offset: int = 0) -> Outcome | EventRefused:
+    """What became of an event; `event` says in words what it was, `offset` which of our frames is the server's 0."""
     if message.code == 0:
-        effective_frame = message.effective_frame if message.HasField("effective_frame") else None
+        effective_frame = message.effective_frame + offset if message.HasField("effective_frame") else None
         return Outcome(message.event_seq, effective_frame, warnings(message.warnings))
-    retry_after_s = _seconds(message.retry_after) if message.HasField("retry_after") else None
+    retry_after_s = seconds(message.retry_after) if message.HasField("retry_after") else None
     code = code_name(message.code)
     return EventRefused(event, code, message.reason, message.message, message.field, message.allowed, retry_after_s)
 
@@ -269,12 +269,12 @@ def service_level(message: session_pb2.ServiceLevel) -> ServiceLevel:
     return ServiceLevel(tier.removeprefix("SERVICE_TIER_").lower(), message.denoise_steps)
 
 
-def constraint_reached(message: session_pb2.ConstraintReached) -> ConstraintReached:
-    """What became of a constraint."""
+def constraint_reached(message: session_pb2.ConstraintReached, offset: int = 0) -> ConstraintReached:
+    """What became of a constraint. offset: of the client's frame numbers over the server's."""
     return ConstraintReached(
         constraint_id=message.constraint_id,
         met=message.met,
-        frame=message.frame,
+        frame=message.frame + offset,
         position_error_m=message.position_error_m if message.HasField("position_error_m") else None,
         rotation_error_rad=message.rotation_error_rad if message.HasField("rotation_error_rad") else None,
     )
@@ -314,7 +314,7 @@ def ping(now_ns: int, round_trip_s: float | None) -> service_pb2.Ping:
     return message
 
 
-def _seconds(duration: Duration) -> float:
+def seconds(duration: Duration) -> float:
     return duration.seconds + duration.nanos / 1e9
 
 

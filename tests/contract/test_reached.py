@@ -19,29 +19,24 @@ async def play_past(talk: Talk, handle: int, frame: int) -> None:
 
 async def test_a_constraint_is_answered_once_with_its_distance(target: Target) -> None:
     talk = await target.talk()
-    far = waypoint(60, 3, x=90.0, z=-90.0, heading=0.5)
-    anywhere = waypoint(60, 4, x=90.0, z=-90.0)
+    far = waypoint(30, 3, x=90.0, z=-90.0, heading=0.5)
+    anywhere = waypoint(30, 4, x=90.0, z=-90.0)
     anywhere.tolerance_m = 1000.0
     heard = await talk.open(1, constraints=[far, anywhere])
-    await play_past(talk, 1, 60)
+    await play_past(talk, 1, 30)
     await talk.until(lambda: len(heard.reached) == 2)
     missed, met = sorted(heard.reached, key=lambda reached: reached.constraint_id)
-    assert (missed.constraint_id, missed.met, missed.frame) == (3, False, 60)
+    assert (missed.constraint_id, missed.met, missed.frame) == (3, False, 30)
     assert missed.position_error_m > 10
     assert 0 <= missed.rotation_error_rad <= 3.15
-    assert (met.constraint_id, met.met, met.frame) == (4, True, 60)
+    assert (met.constraint_id, met.met, met.frame) == (4, True, 30)
     assert not met.HasField("rotation_error_rad")
-    frame = heard.end + 30
-    assert (await talk.edit(1, edit_constraints(waypoint(frame, 5)))).code == 0
-    await play_past(talk, 1, frame)
-    await talk.until(lambda: len(heard.reached) == 3)
-    assert (heard.reached[-1].constraint_id, heard.reached[-1].frame) == (5, frame)
 
 
 async def test_a_client_that_resumes_hears_what_it_missed(target: Target) -> None:
     first = await target.talk()
-    heard = await first.open(1, constraints=[waypoint(60)])
-    await play_past(first, 1, 60)
+    heard = await first.open(1, constraints=[waypoint(30)])
+    await play_past(first, 1, 30)
     await first.until(lambda: heard.reached)
     told = list(heard.reached)
     heard.reached.clear()  # as if it had not come

@@ -92,9 +92,11 @@ def generate_clip(
     return service_pb2.GenerateClipRequest(open=opening, frame_count=num_frames, sample_count=num_samples)
 
 
-def prompt_span(prompt_id: int, prompt: Prompt, start_frame: int | None) -> motion_pb2.PromptSpan:
-    """A prompt that holds from a frame on, or as soon as possible."""
-    span = motion_pb2.PromptSpan(prompt_id=prompt_id, start_frame=start_frame or 0)
+def prompt_span(
+    prompt_id: int, prompt: Prompt, start_frame: int | None, end_frame: int | None = None
+) -> motion_pb2.PromptSpan:
+    """A prompt that holds from a frame on, or as soon as possible, and up to another frame or to the end."""
+    span = motion_pb2.PromptSpan(prompt_id=prompt_id, start_frame=start_frame or 0, end_frame=end_frame or 0)
     match prompt:
         case Preset():
             span.preset_id = prompt.preset_id

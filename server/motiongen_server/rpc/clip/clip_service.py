@@ -168,7 +168,8 @@ class ClipService:
             refusal = model.engine.refusal_of(Open(specs[0], 1, received_at))
             if refusal is not None:
                 raise _refused(refusal)
-            embeddings = {text: await encoded(model.prompts, text, number, peer) for text in texts}
+            budget = peer.prompts_share(received_at)
+            embeddings = {text: await encoded(model.prompts, text, number, budget) for text in texts}
             specs = clip_specs(request, number, embeddings, received_at, model.catalog)
         opening = Open(specs[0], 1, received_at)
         return Call(specs, model, warnings_of(opening_event(request), opening, model.catalog))

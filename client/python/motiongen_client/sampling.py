@@ -14,6 +14,9 @@ from motiongen_client.playback import Playback
 
 _NEARLY_ONE = 0.9995  # above it a line and the arc are the same within float32, and the arc's formula divides by zero
 
+_NO_TURN = np.array([1, 0, 0, 0], np.float32)
+_CONJUGATE = np.array([1, -1, -1, -1], np.float32)
+
 
 def slerp(earlier: Float32, later: Float32, share: float) -> Float32:
     """Rotations between (..., 4) unit quaternions, `share` of the way, 0 to 1, by the shorter of the two ways."""
@@ -47,9 +50,7 @@ class Sampler:
         self._index = -1
         self._approached: Float32 | None = None
         self._shown: Float32 | None = None
-        self._apart: tuple[Float32, Float32] | None = (
-            None  # by how much the root and the joints were off, and towards what
-        )
+        self._apart: tuple[Float32, Float32] | None = None  # what was shown, seen from what was due: root, joints
         self._faded_at_s = 0.0
 
     def row(self, now_s: float) -> tuple[float, Float32]:
@@ -85,7 +86,7 @@ class Sampler:
         off_m, turned = self._apart
         row = target.copy()
         row[root] += weight * off_m
-        part = slerp(np.broadcast_to(np.float32([1, 0, 0, 0]), turned.shape), turned, weight)
+        part = slerp(np.broadcast_to(_NO_TURN, turned.shape), turned, weight)
         row[joints] = product(part, target[joints].reshape(-1, 4)).ravel()
         return row
 
@@ -100,4 +101,5 @@ def product(first: Float32, second: Float32) -> Float32:
 
 def inverse(quaternion: Float32) -> Float32:
     """(..., 4) of unit length: the rotation back."""
-    return quaternion * np.float32([1, -1, -1, -1])
+    back: Float32 = quaternion * _CONJUGATE
+    return back

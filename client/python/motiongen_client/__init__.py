@@ -33,6 +33,7 @@ from motiongen_client.stream import Stream
 from motiongen_client.types import (
     Catalog,
     Clip,
+    ConstraintReached,
     Deviation,
     JointTargets,
     Keyframe,
@@ -60,7 +61,7 @@ __all__ = [
     "SessionOptions", "StartPose", "Priority", "Waypoint", "RootTrajectory", "Keyframe", "JointTargets",
     "Preset", "TextEmbedding",
     "Clip", "Residual", "Deviation", "Catalog", "Model", "Limits", "Opened", "Outcome", "ServiceLevel", "SessionEnd",
-    "LocomotionPreset", "ModelWarning",
+    "LocomotionPreset", "ModelWarning", "ConstraintReached",
     "MotiongenError", "InvalidInput", "UnknownName", "ServerUnavailable", "StreamLost", "SessionEnded",
     "EventRefused", "DeadlineExceeded", "ProtocolViolation", "MissingExtra",
 ]  # fmt: skip

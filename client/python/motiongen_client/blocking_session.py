@@ -11,7 +11,7 @@ from motiongen_client.background_loop import BackgroundLoop
 from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.prompts import Prompt
 from motiongen_client.session import SessionStats
-from motiongen_client.types import Constraint, Opened, Outcome, Reopened, ServiceLevel, SessionEnd
+from motiongen_client.types import Constraint, ConstraintReached, Opened, Outcome, Reopened, ServiceLevel, SessionEnd
 
 
 class Edit:
@@ -149,6 +149,10 @@ class Session:
     def resume(self) -> Edit:
         """Let the playhead go on after `pause`."""
         return self._edit(self._inner.resume)
+
+    def constraint_reached(self, constraint_id: int) -> ConstraintReached:
+        """What became of a constraint, by an id of `Edit.constraint_ids`; waits until its last frame is decided."""
+        return self._loop.run(self._inner.constraint_reached(constraint_id))
 
     def frame_in(self, seconds: float) -> int:
         """The frame that is shown `seconds` from now."""

@@ -46,6 +46,7 @@ class Session(Conversation):
     has one more and `on_reopened`, if set, is called.
 
     service_level: how well the server serves it at present; `on_service_level`, if set, is called at each change.
+    `on_constraint_reached`, if set, is called for each constraint whose last frame cannot change any more.
     """
 
     def __init__(self, handle: int, carrier: Carrier, catalog: Catalog, clock: Callable[[], float]) -> None:

@@ -34,7 +34,7 @@ def make_grpc_server(config: ServerConfig) -> grpc.aio.Server:
             ("grpc.keepalive_time_ms", round(1000 * config.keepalive_s)),
             ("grpc.keepalive_timeout_ms", round(1000 * config.keepalive_timeout_s)),
             ("grpc.keepalive_permit_without_calls", 1),
-            ("grpc.http2.min_recv_ping_interval_without_data_ms", round(1000 * config.min_ping_interval_s)),
+            ("grpc.http2.min_ping_interval_without_data_ms", round(1000 * config.min_ping_interval_s)),
             ("grpc.http2.max_ping_strikes", 4),
             ("grpc.so_reuseport", 0),
         ],

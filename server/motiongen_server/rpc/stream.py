@@ -146,6 +146,7 @@ class Stream:
             raise invalid_event_seq(event.event_seq)
         self._take_token(entry, now)
         entry.confirm(event.playhead.answered_seq)
+        entry.note_shown(event.playhead.frame)
         if entry.known_to_engine and not entry.closing:
             entry.model.engine.submit(playhead_of(event.playhead, entry.key, now, self.rtt_s))
 

@@ -17,6 +17,8 @@ RESERVED_FILES = 128
 LEAST_CONNECTIONS = 32
 MOST_FILES = 65_536
 """More are not asked for: some systems allow a billion, and libraries close them all one by one."""
+HANDSHAKE_MS = 5_000
+"""Within which whoever has connected must speak HTTP/2."""
 READ_AHEAD_BYTES = 64 << 10
 """Of a stream that is not read: the rest waits at its client."""
 
@@ -29,6 +31,7 @@ def make_grpc_server(config: ServerConfig) -> grpc.aio.Server:
             ("grpc.max_send_message_length", 8 << 20),
             ("grpc.max_concurrent_streams", 256),
             ("grpc.max_allowed_incoming_connections", allowed_connections()),
+            ("grpc.server_handshake_timeout_ms", HANDSHAKE_MS),
             ("grpc.http2.lookahead_bytes", READ_AHEAD_BYTES),
             ("grpc.http2.bdp_probe", 0),
             ("grpc.keepalive_time_ms", round(1000 * config.keepalive_s)),

@@ -17,6 +17,7 @@ from motiongen_server.engine.types import (
     Opened,
     Outcome,
     Output,
+    PlanNotice,
     ServiceLevel,
     SessionKey,
     Warned,
@@ -146,12 +147,13 @@ class SessionEntry:
         while self.reached and self.reached[0].frame + lookahead < frame:
             self.reached.popleft()
 
-    def welcome_back(self, start_frame: int) -> list[Output]:
+    def welcome_back(self, start_frame: int, notice: PlanNotice | None) -> list[Output]:
         """What a client that resumes is told first: the session, what it may not have heard, and the end if that came.
 
-        start_frame: the next frame that is sent.
+        start_frame: the next frame that is sent. notice: of the plans it missed, before the answers that they are.
         """
         said: list[Output] = [] if self.opened is None else [replace(self.opened, start_frame=start_frame)]
+        said += () if notice is None else (notice,)
         said += self.answers.values()
         said += self.reached
         return [*said, *(each for each in (self.level, self.closed) if each is not None)]

@@ -105,20 +105,20 @@ class StreamSessions(StreamOutput):
         if resumed.attempt != entry.attempt:
             return  # a later one is on its way
         if resumed.start_frame is not None:
-            self._welcome_back(entry, resumed.start_frame)
+            self._welcome_back(entry, resumed.start_frame, resumed.notice)
             return
         self._stream_metrics.count_resume("refused")
         self._remove(entry)
         self._kept.park(entry)  # it ends with its grace, unless the client finds out where it is
         self._say(resume_out_of_range().outcome(SessionKey(self.number, entry.handle), 1), None)
 
-    def _welcome_back(self, entry: SessionEntry, start_frame: int) -> None:
+    def _welcome_back(self, entry: SessionEntry, start_frame: int, notice: PlanNotice | None = None) -> None:
         """Tell a client that has resumed a session all that it may not have heard."""
         entry.is_resuming = False
         self._stream_metrics.count_resume("resumed")
         if entry.closed is not None:
             self._end(entry)
-        for said in entry.welcome_back(start_frame):
+        for said in entry.welcome_back(start_frame, notice):
             self._put(said, entry)
         self.ready.set()
 

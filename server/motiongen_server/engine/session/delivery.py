@@ -98,10 +98,9 @@ class Delivery:
         if event.plan > plan or not first_held <= start <= self.sent_to:
             return [Resumed(self.session, event.attempt, None)]
         self.sent_to = start
-        resumed = Resumed(self.session, event.attempt, start)
-        if event.plan == plan:
-            return [resumed]
-        return [resumed, PlanNotice(self.session, plan, valid_from, PlanCause.RESUME, event_seqs)]
+        missed = event.plan < plan
+        notice = PlanNotice(self.session, plan, valid_from, PlanCause.RESUME, event_seqs) if missed else None
+        return [Resumed(self.session, event.attempt, start, notice)]
 
     def promise(self, frame: int) -> None:
         """Frames below `frame` will not change."""

@@ -125,11 +125,15 @@ class ServiceLevel:
 
 @dataclass(frozen=True, slots=True)
 class Resumed:
-    """What follows is for a client that resumes. start_frame: the next frame sent; None: it is not held any more."""
+    """What follows is for a client that resumes. start_frame: the next frame sent; None: it is not held any more.
+
+    notice: in place of all the plans that the client missed, None where it missed none.
+    """
 
     session: SessionKey
     attempt: int
     start_frame: int | None
+    notice: PlanNotice | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """How near the served model comes to every kind of target: `python -m tests.bench.targets --server HOST:PORT`.
 
-Clips of four seeds for each of three prompts; each has one target at a frame, which the server measures (its residuals).
+Clips of some seeds for each of three prompts; each has one target, which the server measures (its residuals).
 Poses that are asked for are those of other clips of the same prompt, moved to where the character is.
 """
 
@@ -28,7 +28,7 @@ from motiongen_client import (
 from motiongen_client.types import Constraint
 
 PROMPTS = ("a person stands still", "a person walks forward", "a person waves with the right hand")
-FRAMES, SAMPLES = 60, 4
+FRAMES = 60
 Target = Callable[[Motion], Constraint]
 """Of the motion that the character would make without it."""
 
@@ -61,7 +61,7 @@ def targets(motion: Motion, frame: int) -> dict[str, Target]:
     }
 
 
-async def measure(address: str, steps: int | None, frame: int) -> list[str]:
+async def measure(address: str, steps: int | None, frame: int, samples: int) -> list[str]:
     """The rows of a table, by target."""
     rows = ["| target | position m, mean (worst) | angle rad, mean (worst) | met |", "|---|---|---|---|"]
     found: dict[str, list[Residual]] = {}
@@ -74,7 +74,7 @@ async def measure(address: str, steps: int | None, frame: int) -> list[str]:
             )
 
         for prompt in PROMPTS:
-            plain = await clips(prompt, 1, SAMPLES)
+            plain = await clips(prompt, 1, samples)
             other = (await clips(prompt, 100, 1))[0].motion
             for name, target in targets(other, frame).items():
                 for sample, clip in enumerate(plain):
@@ -98,8 +98,9 @@ def main() -> None:
     parser.add_argument("--server", required=True, help="HOST:PORT of a server")
     parser.add_argument("--denoise-steps", type=int, help="of each window; the model's own number without it")
     parser.add_argument("--frame", type=int, default=36, help="where the targets are, below 60; 40 begins a window")
+    parser.add_argument("--samples", type=int, default=4, help="clips of each prompt")
     options = parser.parse_args()
-    print("\n".join(asyncio.run(measure(options.server, options.denoise_steps, options.frame))))
+    print("\n".join(asyncio.run(measure(options.server, options.denoise_steps, options.frame, options.samples))))
 
 
 if __name__ == "__main__":

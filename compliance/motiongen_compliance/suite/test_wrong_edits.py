@@ -5,15 +5,15 @@ from __future__ import annotations
 import pytest
 
 from motiongen.v1 import motion_pb2
-from tests.contract.conftest import Scene
-from tests.contract.mistakes import INF, NAN, Catalog, Event, Mistake, Status, check, long_text
-from tests.contract.talk import (
+from motiongen_compliance.mistakes import INF, NAN, Catalog, Event, Mistake, Status, check, long_text
+from motiongen_compliance.talk import (
     edit_constraints,
     edit_prompts,
     play_state,
     span,
     waypoint,
 )
+from motiongen_compliance.target import Scene
 
 
 def target_of(**target: object) -> Event:

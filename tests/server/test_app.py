@@ -16,7 +16,8 @@ from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_ardy.checkpoint.model_card import BUILT_IN_MODEL
-from motiongen_server.app import SERVICE_NAME, Application, StoppedEarly, join_address
+from motiongen_server.addresses import join_address
+from motiongen_server.app import SERVICE_NAME, Application, StoppedEarly
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Runner
 from motiongen_server.engine_process.model_loading import build_engine, load_model
@@ -248,7 +249,13 @@ async def test_the_line_at_the_start_names_model_licence_ports_and_threads(caplo
 
 @pytest.mark.parametrize(
     ("host", "address"),
-    [("127.0.0.1", "127.0.0.1:50051"), ("localhost", "localhost:50051"), ("::1", "[::1]:50051"), ("::", "[::]:50051")],
+    [
+        ("127.0.0.1", "127.0.0.1:50051"),
+        ("localhost", "localhost:50051"),
+        ("::1", "[::1]:50051"),
+        ("::", "[::]:50051"),
+        ("unix:a.sock", "unix:a.sock"),
+    ],
 )
 def test_ipv6_hosts_are_told_from_their_ports(host: str, address: str) -> None:
     assert join_address(host, 50051) == address

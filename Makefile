@@ -84,6 +84,10 @@ contract: $(READY) ## test that a server keeps the protocol; any server: MOTIONG
 e2e: $(READY) ## test a real server process with the real client
 	$(PYTHON) -m pytest tests/e2e $(ARGS)
 
+.PHONY: attack
+attack: $(READY) ## attack a real server in every known way, and print what its neighbours noticed; a short form is in make test
+	$(PYTHON) -m tests.attack --out $(OUT)/attack $(ARGS)
+
 .PHONY: lint
 lint: $(READY) ## check style and format
 	$(PYTHON) -m ruff check .

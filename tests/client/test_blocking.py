@@ -91,5 +91,5 @@ def test_errors_are_the_same(client: MotionClient, server: FakeServer) -> None:
 
 def test_no_server_leaves_no_thread() -> None:
     with pytest.raises(ServerUnavailable):
-        MotionClient("127.0.0.1:1").connect()
+        MotionClient("127.0.0.1:1", connect_timeout_s=0.2).connect()
     assert "motiongen-client" not in {thread.name for thread in threading.enumerate()}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
-from motiongen_server.engine.types import Gait, Guidance
+from motiongen_server.engine.types import Gait, Guidance, ModelFacts
 from motiongen_server.identity.callers import Callers
 from motiongen_server.identity.setup import listen
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
@@ -59,12 +59,14 @@ class LocalServer:
         engine_config: EngineConfig | None = None,
         abilities: Abilities = NOTHING_CLAIMED,
         gaits: tuple[Gait, ...] = (),
+        facts: ModelFacts = FACTS,
         service_limits: ServiceLimits | None = None,
         callers: Callers | None = None,
         credentials: grpc.ServerCredentials | None = None,
     ) -> None:
         self._callers = callers
         self._credentials = credentials
+        self._facts = facts
         self._service_limits = service_limits
         self._limits = limits or Limits()
         self._abilities = abilities
@@ -73,11 +75,11 @@ class LocalServer:
 
     async def __aenter__(self) -> LocalServer:
         limits = self._limits
-        self.runner = FakeRunner(RealTime())
+        self.runner = FakeRunner(RealTime(), facts=self._facts)
         self.prompts = PromptEncoder(LengthEncoder(), 1000)
         self.engine = Engine(self.runner, self.runner.clock, self._deliver, self._engine_config)
         catalog = Catalog(
-            FACTS,
+            self._facts,
             limits,
             Guidance(2.0, 2.0),
             "CC0-1.0",

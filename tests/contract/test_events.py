@@ -129,3 +129,45 @@ async def test_events_after_the_close_are_refused_before_the_end_is_told(scene: 
     assert refused is not None
     assert (refused.code, refused.reason) == (grpc.StatusCode.CANCELLED.value[0], "SESSION_CLOSED")
     await scene.others_play_on()
+
+
+async def test_what_was_sent_behind_a_refused_open_is_refused_and_the_handle_begins_with_1_again(scene: Scene) -> None:
+    talk = scene.talk
+    refused = session_pb2.SessionEvent(session=9, event_seq=1, open=session_pb2.OpenSession(model_id="none"))
+    heard = await talk.ask_open(9, model_id="none")
+    await talk.send(addressed(PAUSE, 9, 2), addressed(RESUME, 9, 3))
+    assert (await talk.answer(9, 1)).reason == "UNKNOWN_MODEL"
+    for number in (2, 3):
+        assert (await talk.answer(9, number)).reason in {"SESSION_NOT_OPEN", "SESSION_CLOSED"}
+    heard.outcomes.clear()
+    await talk.send(refused)
+    assert (await talk.answer(9, 1)).reason == "UNKNOWN_MODEL", "the number is not used up"
+    await talk.open(9)
+    assert (await talk.edit(9, PAUSE)).code == OK
+    await scene.others_play_on()
+
+
+async def test_reports_that_come_too_fast_are_refused_with_the_number_0(scene: Scene) -> None:
+    talk = scene.talk
+    heard = talk.sessions[1]
+    report = session_pb2.SessionEvent(session=1, playhead=session_pb2.Playhead(frame=1))
+    await talk.send(*[report] * (2 * round(talk.catalog.limits.max_events_per_second) + 20))
+    await talk.until(lambda: heard.outcomes)
+    refused = heard.outcomes[0]
+    assert (refused.event_seq, refused.reason) == (0, "TOO_MANY_EVENTS")
+    assert refused.retry_after.ToMilliseconds() >= 0
+    await scene.others_play_on()
+
+
+async def test_a_paused_session_is_edited_as_a_playing_one(scene: Scene) -> None:
+    talk = scene.talk
+    heard = talk.sessions[1]
+    assert (await talk.edit(1, PAUSE)).code == OK
+    assert heard.opened is not None
+    lookahead = heard.opened.lookahead_frames
+    await talk.until(lambda: heard.end == lookahead)
+    outcome = await talk.edit(1, edit_prompts(span("another")))
+    assert outcome.HasField("effective_frame"), "frames that were sent are replaced"
+    await talk.until(lambda: heard.next_frame == lookahead)
+    assert heard.end == lookahead
+    await scene.others_play_on()

@@ -21,7 +21,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope="session")
 def program() -> Callable[[str], Path]:
     """The path of a program of client/cpp by its target's name; all are built when the first is asked for."""
-    folder = build("test", "-DMOTIONGEN_TESTS=ON")
+    folder = build("test", "-DMOTIONGEN_TESTS=ON", "-DMOTIONGEN_EXAMPLES=ON")
 
     def find(name: str) -> Path:
         found = [path for path in (folder / "tests" / name, folder / "examples" / name) if path.is_file()]

@@ -70,6 +70,7 @@ ROOMS = (
     room(f"{SERVER}/rpc/catalog.py", "motiongen ~.rpc.abilities ~.engine.types ~.rpc.limits ~.text.presets"),
     room(f"{SERVER}/rpc/abilities.py", "numpy ~.engine.types"),
     room(f"{SERVER}/rpc/send_queue.py {SERVER}/rpc/token_bucket.py {SERVER}/rpc/limits.py", "~.engine.types"),
+    room(f"{SERVER}/rpc/reflection.py", "grpc grpc_reflection google.protobuf"),
     room(
         f"{SERVER}/rpc",
         "grpc google motiongen numpy ~.rpc ~.text ~.errors ~.config"
@@ -95,6 +96,7 @@ ROOMS = (
     room(f"{SERVER}/identity/setup.py", "grpc ~.identity ~.addresses ~.config ~.settings"),
     room(f"{SERVER}/identity", "grpc ~.identity ~.errors ~.settings"),
     room(f"{SERVER}/errors.py", "grpc grpc_status google ~.engine.types"),
+    room(f"{SERVER}/transport.py", "grpc ~.config ~.settings"),
     room(f"{SERVER}/app.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
     room(SERVER, ""),
     # the clients

@@ -10,6 +10,4 @@ target_include_directories(motiongen_core
   PRIVATE src)
 target_compile_features(motiongen_core PUBLIC cxx_std_17)
 target_link_libraries(motiongen_core PRIVATE $<BUILD_INTERFACE:motiongen_library_flags>)
-# Its classes are used from outside the library: what the public headers declare is visible.
-set_target_properties(motiongen_core PROPERTIES CXX_VISIBILITY_PRESET default VISIBILITY_INLINES_HIDDEN OFF
-  VERSION ${PROJECT_VERSION} SOVERSION 0 EXPORT_NAME core)
+set_target_properties(motiongen_core PROPERTIES VERSION ${PROJECT_VERSION} SOVERSION 0 EXPORT_NAME core)

@@ -23,6 +23,7 @@ from motiongen_client.errors import (
     StreamLost,
     UnknownName,
 )
+from motiongen_client.line_policy import LinePolicy
 from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Preset, TextEmbedding
@@ -41,6 +42,7 @@ from motiongen_client.types import (
     Opened,
     Outcome,
     Priority,
+    Reopened,
     Residual,
     RootTrajectory,
     ServiceLevel,
@@ -51,7 +53,7 @@ from motiongen_client.types import (
 )
 
 __all__ = [
-    "MotionClient", "Stream", "Session", "Edit", "SessionStats", "Playback",
+    "MotionClient", "Stream", "Session", "Edit", "SessionStats", "Playback", "LinePolicy", "Reopened",
     "Frame", "Motion", "Rig",
     "SessionOptions", "StartPose", "Priority", "Waypoint", "RootTrajectory", "Keyframe", "JointTargets",
     "Preset", "TextEmbedding",

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from motiongen_client import client, edit, session, stream
 from motiongen_client.background_loop import BackgroundLoop
+from motiongen_client.channel import Option, Token
 from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.prompts import Prompt
 from motiongen_client.session import SessionStats
@@ -225,9 +226,24 @@ class MotionClient:
     """A connection to one server; use it as `with MotionClient("localhost:50051") as client`."""
 
     def __init__(
-        self, address: str, *, credentials: grpc.ChannelCredentials | None = None, connect_timeout_s: float = 10.0
+        self,
+        address: str,
+        *,
+        credentials: grpc.ChannelCredentials | None = None,
+        token: Token | None = None,
+        metadata: Sequence[tuple[str, str]] = (),
+        channel_options: Sequence[Option] = (),
+        connect_timeout_s: float = 10.0,
     ) -> None:
-        self._inner = client.MotionClient(address, credentials=credentials, connect_timeout_s=connect_timeout_s)
+        """As the client with asyncio; a function that gives the token is called on the client's own thread."""
+        self._inner = client.MotionClient(
+            address,
+            credentials=credentials,
+            token=token,
+            metadata=metadata,
+            channel_options=channel_options,
+            connect_timeout_s=connect_timeout_s,
+        )
         self._loop: BackgroundLoop
 
     @property

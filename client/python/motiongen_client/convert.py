@@ -251,12 +251,12 @@ def warnings(messages: Iterable[session_pb2.EventWarning]) -> tuple[ModelWarning
     return tuple(ModelWarning(each.reason, each.message, each.field) for each in messages)
 
 
-def outcome(message: session_pb2.EditOutcome, event: str) -> Outcome | EventRefused:
-    """What became of an event; `event` says in words what it was."""
+def outcome(message: session_pb2.EditOutcome, event: str, offset: int = 0) -> Outcome | EventRefused:
+    """What became of an event; `event` says in words what it was, `offset` which of our frames is the server's 0."""
     if message.code == 0:
-        effective_frame = message.effective_frame if message.HasField("effective_frame") else None
+        effective_frame = message.effective_frame + offset if message.HasField("effective_frame") else None
         return Outcome(message.event_seq, effective_frame, warnings(message.warnings))
-    retry_after_s = _seconds(message.retry_after) if message.HasField("retry_after") else None
+    retry_after_s = seconds(message.retry_after) if message.HasField("retry_after") else None
     code = code_name(message.code)
     return EventRefused(event, code, message.reason, message.message, message.field, message.allowed, retry_after_s)
 
@@ -299,7 +299,7 @@ def ping(now_ns: int, round_trip_s: float | None) -> service_pb2.Ping:
     return message
 
 
-def _seconds(duration: Duration) -> float:
+def seconds(duration: Duration) -> float:
     return duration.seconds + duration.nanos / 1e9
 
 

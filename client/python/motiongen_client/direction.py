@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 from motiongen.v1 import session_pb2
 from motiongen_client import convert
 from motiongen_client.edit import Edit, EditBook
-from motiongen_client.errors import MotiongenError
+from motiongen_client.errors import InvalidInput, MotiongenError
+from motiongen_client.frame_shift import shifted
 from motiongen_client.motion import Rig
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Prompt, prompt_name
@@ -22,6 +23,21 @@ PRESENT_PROMPT_ID = 1  # the prompt set without a frame; scheduled prompts take 
 
 class Carrier(Protocol):
     """What a session needs of the stream that carries it."""
+
+    @property
+    def call_number(self) -> int:
+        """Rises with each call that takes the place of a lost one."""
+
+    @property
+    def draining(self) -> bool:
+        """Whether the server has said goodbye."""
+
+    @property
+    def recovers(self) -> bool:
+        """Whether a lost call is followed by another."""
+
+    def check(self, event: session_pb2.SessionEvent) -> None:
+        """Raise InvalidInput for an event that is too big to be sent."""
 
     def send(self, event: session_pb2.SessionEvent) -> None:
         """Queue an event; it goes out with the next message."""
@@ -46,6 +62,8 @@ class Direction:
         self._next_prompt_id = PRESENT_PROMPT_ID + 1
         self._scheduled_prompts: dict[int, int] = {}  # prompt id -> start frame, those the server has accepted
         self._edits = EditBook()
+        self._unanswered: dict[int, session_pb2.SessionEvent] = {}  # by number, all but playheads
+        self._offset = 0  # which of our frames is the server's frame 0
         self._changed = asyncio.Event()  # something came, or is due now
 
     def set_prompt(self, prompt: Prompt, *, frame: int | None = None) -> Edit:
@@ -165,10 +183,31 @@ class Direction:
         self._edits.add(edit)
         return edit
 
+    @property
+    def _is_attached(self) -> bool:
+        """Whether the server hears what is sent; else it waits among the unanswered."""
+        raise NotImplementedError
+
+    @property
+    def _answered_seq(self) -> int:
+        """Every event up to this number has been answered."""
+        return min(self._unanswered, default=self._next_seq) - 1
+
     def _send(self, event: session_pb2.SessionEvent) -> None:
+        """Give an event its number, and send it as soon as the server hears it. Raises why it never will."""
         if self._failure is not None:
             raise self._failure
         event.session = self.handle
         event.event_seq = self._next_seq
-        self._carrier.send(event)
+        self._carrier.check(event)
+        if shifted(event, self._offset) is None:
+            raise InvalidInput(event.WhichOneof("event") or "event", "frames that are past", "frames still to come")
+        self._unanswered[self._next_seq] = event
         self._next_seq += 1
+        if self._is_attached:
+            self._transmit(event)
+
+    def _transmit(self, event: session_pb2.SessionEvent) -> None:
+        moved = shifted(event, self._offset)
+        if moved is not None:
+            self._carrier.send(moved)

@@ -93,6 +93,16 @@ class Playback:
         del self._rows[len(self._rows) - dropped :]
         return dropped
 
+    @property
+    def received_to(self) -> int:
+        """Where the next chunk must begin."""
+        return self._received_to
+
+    def restart(self, frame: int) -> None:
+        """Another session goes on at `frame`, which is `buffered_to`: its plans are numbered anew."""
+        self.plan = 0
+        self._received_to = self.committed_to = frame
+
     def add_chunk(self, plan: int, first_frame: int, rows: Rows, committed_to: int) -> None:
         """Take consecutive frames. rows: (T, D) float32, row 0 being frame `first_frame`.
 

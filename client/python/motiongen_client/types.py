@@ -195,6 +195,18 @@ class Outcome:
 
 
 @dataclass(frozen=True)
+class Reopened:
+    """A session that could not be resumed was opened anew, with the last frames as its history.
+
+    frame: the first that the new session made, counted on from those before. The motion goes on from the same pose,
+    with the same prompts and constraints, but is not what the lost session would have made. reason: why, in words.
+    """
+
+    frame: int
+    reason: str
+
+
+@dataclass(frozen=True)
 class ServiceLevel:
     """How well a session is served. tier: full, fewer_steps, no_guidance or hold; denoise_steps: of each window."""
 

@@ -303,11 +303,11 @@ class Engine:
             self._touched[key] = self._sessions[key]
         for key in self._silences.due(now):
             state, limit = self._sessions[key], self._config.idle_timeout_s
-            if now - state.last_playhead_at >= limit:
-                message = f"no Playhead for {limit:g} s; report the playhead at least that often"
+            if now >= state.idle_at:
+                message = f"no Playhead for {limit:g} s, or none that moved; report the frame shown at least that often"
                 self._close(state, CloseReason.IDLE, Code.OK, message)
             else:
-                self._silences.ask(key, state.last_playhead_at + limit)
+                self._silences.ask(key, state.idle_at)
 
     def _attend_touched(self) -> None:
         """Send what the touched sessions may send, start the windows that are due, and deliver."""
@@ -373,7 +373,9 @@ class Engine:
 
     def _measure(self, now: float) -> None:
         """Take stock of the load; where the machine cannot keep up, or can again, sessions get less, or more."""
-        moved = self._load_monitor.measure(now, self._executor.work_s, self._executor.prices(), self._present)
+        moved = self._load_monitor.measure(
+            now, self._executor.work_s, self._executor.busy_s, self._executor.prices(), self._present
+        )
         for priority in moved:
             level = self._load_monitor.level(priority)
             _log.warning(

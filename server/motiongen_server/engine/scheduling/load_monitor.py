@@ -24,7 +24,8 @@ class LoadMonitor:
         self._lease = lease
         self._degradation = Degradation(levels_of(facts), now) if degrade else None
         self._measured = 0.0
-        self._work_s = 0.0
+        self._work_s = self._busy_s = 0.0
+        self._busy = 0.0
         self._at = now
 
     @property
@@ -51,16 +52,22 @@ class LoadMonitor:
         if self._degradation is not None:
             self._degradation.note_windows(now, windows, misses)
 
-    def measure(self, now: float, work_s: float, prices: Prices, present: Mapping[Priority, int]) -> Iterable[Priority]:
+    def measure(
+        self, now: float, work_s: float, busy_s: float, prices: Prices, present: Mapping[Priority, int]
+    ) -> Iterable[Priority]:
         """Take stock; returns the classes that are on another level now.
 
-        work_s: what the machine has done since the start, in seconds of it had all steps been full.
+        work_s: what the machine has done since the start, in seconds of it had all steps been full; busy_s: in seconds
+        as they were.
         """
         elapsed_s = now - self._at
         if elapsed_s > 0:
             weight = min(1.0, elapsed_s / _MEASURED_OVER_S)
             self._measured += weight * ((work_s - self._work_s) / elapsed_s - self._measured)
-        self._work_s, self._at = work_s, now
+            self._busy += weight * ((busy_s - self._busy_s) / elapsed_s - self._busy)
+        self._work_s, self._busy_s, self._at = work_s, busy_s, now
         self._lease.load = self._measured
         self._admission.set_prices(prices, self._measured, self._lease.elsewhere)
-        return self._degradation.update(now, self.load, present) if self._degradation is not None else ()
+        if self._degradation is None:
+            return ()
+        return self._degradation.update(now, self.load, present, self._busy + self._lease.elsewhere)

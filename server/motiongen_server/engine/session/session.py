@@ -11,7 +11,7 @@ return and what they count in the StepReport. The rules:
   half of its steps are done), or follows it.
 - Each class has a most replans a second; edits in between wait and share one. They are answered however long it takes.
 - A window is taken only up to the next change of prompt, so the window after it starts there with the new prompt.
-- No frame is sent at or beyond the reported playhead + lookahead.
+- No frame is sent at or beyond the playhead + lookahead, of which the playhead runs at real time and little more.
 - A session told to hold makes no windows; it repeats its last pose when it would run out.
 - A clip is not played: windows follow one another until its frames are there, and each is sent when it lands; no more
   than its lookahead beyond what its client has taken.
@@ -43,6 +43,7 @@ from motiongen_server.engine.types import (
     PlanCause,
     PlanNotice,
     Playhead,
+    PlayState,
     Resume,
     ServiceLevel,
     SessionKey,
@@ -79,6 +80,7 @@ class SessionState:
     drift_state: DriftState
     opened_at: float
     last_playhead_at: float
+    moved_at: float
     level: Level = FULL
     plan: int = 0
     running: RunningWindow | None = None
@@ -148,9 +150,10 @@ class SessionState:
             self._report_playhead(event, now, report)
             return []
         if isinstance(event, Resume):
-            self.last_playhead_at = now
+            self.last_playhead_at = self.moved_at = now
             return self.delivery.resume(event, self.plan, self.timeline.first)
         if isinstance(event, SetPlayState):
+            self.moved_at = now
             self.clock.set_state(event.state, event.received_at, self.delivery.sent_to)
             return [Outcome(self.key, event.event_seq, Code.OK)]
         try:
@@ -162,12 +165,25 @@ class SessionState:
         if self.spec.clip_frames is not None:
             self.delivery.grant(min(event.frame, self.spec.clip_frames - self.spec.lookahead))
             return
-        self.last_playhead_at = now
-        self.delivery.report(event)
+        clock, reported = self.clock, self.clock.reported
+        # One in every frame at most, whatever the client counts.
+        most = math.ceil((now - self.last_playhead_at) * self.facts.fps) + 1
         if event.underruns > self.underruns:
-            report.client_underruns.append((self.spec.priority, event.underruns - self.underruns))
+            report.client_underruns.append((self.spec.priority, min(event.underruns - self.underruns, most)))
             self.underruns = event.underruns
-        report.slacks.append((self.spec.priority, (event.buffered_to - event.frame) / self.facts.fps))
+        self.delivery.report(event)
+        self.last_playhead_at = now
+        if clock.reported > reported:
+            self.moved_at = now
+        held = min(event.buffered_to, self.delivery.sent_to) - event.frame
+        report.slacks.append((self.spec.priority, max(0, held) / self.facts.fps))
+
+    @property
+    def idle_at(self) -> float:
+        """When the session is to be closed if its playhead neither is reported nor moves until then."""
+        config = self.config
+        still_s = config.idle_timeout_s if self.clock.state is PlayState.PLAYING else config.still_timeout_s
+        return min(self.last_playhead_at + config.idle_timeout_s, self.moved_at + still_s)
 
     def _edit(self, event: EditEvent, now: float, report: StepReport) -> list[Output]:
         self.edits.require_room()
@@ -256,7 +272,7 @@ class SessionState:
             return False
         planned_to = self.timeline.end
         if self.spec.clip_frames is not None:
-            return planned_to < min(self.spec.clip_frames, self.clock.reported + self.spec.lookahead)
+            return planned_to < min(self.spec.clip_frames, self.clock.credited + self.spec.lookahead)
         if planned_to == 0:
             return True
         if self.level.hold:
@@ -312,7 +328,8 @@ class SessionState:
         if self.edits.waiting:
             asked_at = max(min(edit.received_at for edit in self.edits.waiting), self.edits.not_before)
             return asked_at + self.config.target_s(self.spec.priority)
-        return now + self.delivery.unplayed(now, self.planned_to) / self.facts.fps - self.delivery.delivery_s
+        unplayed = self.delivery.unplayed_at_pace(now, self.planned_to)
+        return now + unplayed / self.facts.fps - self.delivery.delivery_s
 
     def advance(self, steps_done: int) -> None:
         """Note how far the running window has come."""

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "motiongen/core/export.hpp"
 #include "motiongen/core/span.hpp"
 #include "motiongen/core/status.hpp"
 
@@ -25,7 +26,7 @@ struct Limb {
   std::vector<std::uint32_t> joints;
 };
 
-struct Rig {
+struct MOTIONGEN_API Rig {
   // More are refused: what is computed from a pose has room for so many and needs no memory of its own.
   static constexpr std::uint32_t kMostJoints = 512;
 

@@ -7,6 +7,8 @@
 #include <utility>
 #include <variant>
 
+#include "motiongen/core/export.hpp"
+
 namespace motiongen {
 
 // The numbers are those of google.rpc.Code.
@@ -31,7 +33,7 @@ enum class Code : std::int32_t {
 };
 
 // "INVALID_ARGUMENT"; "UNKNOWN" for a number that is none of them.
-const char* name_of(Code code);
+MOTIONGEN_API const char* name_of(Code code);
 
 // true when the call did what it was asked for.
 class [[nodiscard]] Status {
@@ -55,10 +57,10 @@ class [[nodiscard]] Status {
 };
 
 // An argument that nothing was done with: what was given and what is allowed.
-Status invalid(const std::string& field, const std::string& given, const std::string& allowed);
+MOTIONGEN_API Status invalid(const std::string& field, const std::string& given, const std::string& allowed);
 
 // The server broke a rule of the protocol. Not the caller's mistake: report it with the server's version.
-Status violation(std::string message);
+MOTIONGEN_API Status violation(std::string message);
 
 // A value, or why there is none.
 template <class T>

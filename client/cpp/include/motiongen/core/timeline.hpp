@@ -15,6 +15,7 @@
 #include <cstdint>
 #include <memory>
 
+#include "motiongen/core/export.hpp"
 #include "motiongen/core/rig.hpp"
 #include "motiongen/core/span.hpp"
 #include "motiongen/core/status.hpp"
@@ -22,7 +23,7 @@
 namespace motiongen {
 
 // Where the rows of a chunk come from, in order: float32, little endian.
-class RowSource {
+class MOTIONGEN_API RowSource {
  public:
   virtual ~RowSource() = default;
   // How many bytes there are in all.
@@ -32,7 +33,7 @@ class RowSource {
 };
 
 // Rows that lie in memory one after another.
-class RowSpan final : public RowSource {
+class MOTIONGEN_API RowSpan final : public RowSource {
  public:
   explicit RowSpan(Span<const float> numbers) : numbers_(numbers) {}
   std::size_t num_bytes() const override { return numbers_.size() * sizeof(float); }
@@ -68,7 +69,7 @@ struct FrameRange {
   std::uint64_t size() const { return end - first; }
 };
 
-class Timeline {
+class MOTIONGEN_API Timeline {
  public:
   // INVALID_ARGUMENT for a frame rate or a row width of 0.
   static Result<Timeline> make(const TimelineOptions& options);

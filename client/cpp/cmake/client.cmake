@@ -1,0 +1,51 @@
+# motiongen_client: the transport on gRPC's callback API. The contract's C++ is generated here, with the protoc of the
+# protobuf that it is linked with: any other pair refuses to compile or to run.
+find_package(Threads REQUIRED)
+find_package(Protobuf REQUIRED)
+find_package(gRPC CONFIG REQUIRED)
+
+set(generated ${CMAKE_CURRENT_BINARY_DIR}/generated)
+file(MAKE_DIRECTORY ${generated})
+set(generated_sources)
+foreach(name motion session service)
+  set(proto ${MOTIONGEN_PROTO_DIR}/motiongen/v1/${name}.proto)
+  set(made ${generated}/motiongen/v1/${name}.pb.cc ${generated}/motiongen/v1/${name}.pb.h)
+  set(plugin)
+  if(name STREQUAL service)
+    list(APPEND made ${generated}/motiongen/v1/${name}.grpc.pb.cc ${generated}/motiongen/v1/${name}.grpc.pb.h)
+    set(plugin --grpc_out=${generated} --plugin=protoc-gen-grpc=$<TARGET_FILE:gRPC::grpc_cpp_plugin>)
+  endif()
+  add_custom_command(OUTPUT ${made} DEPENDS ${proto}
+    COMMAND protobuf::protoc --cpp_out=${generated} ${plugin} -I ${MOTIONGEN_PROTO_DIR} ${proto})
+  list(APPEND generated_sources ${made})
+endforeach()
+
+# Generated code is not ours to warn about.
+add_library(motiongen_proto OBJECT ${generated_sources})
+target_include_directories(motiongen_proto SYSTEM PUBLIC ${generated})
+target_link_libraries(motiongen_proto PUBLIC gRPC::grpc++ protobuf::libprotobuf)
+
+add_library(motiongen_client
+  src/client/book.cpp
+  src/client/call.cpp
+  src/client/client.cpp
+  src/client/connection.cpp
+  src/client/convert.cpp
+  src/client/core.cpp
+  src/client/events.cpp
+  src/client/outbox.cpp
+  src/client/session.cpp
+  src/client/session_state.cpp
+  src/client/status_details.cpp
+  src/client/wire.cpp
+  src/client/worker.cpp
+  $<TARGET_OBJECTS:motiongen_proto>)
+add_library(motiongen::client ALIAS motiongen_client)
+target_include_directories(motiongen_client
+  PUBLIC $<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/include> $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>
+  PRIVATE src)
+target_include_directories(motiongen_client SYSTEM PRIVATE ${generated})
+target_link_libraries(motiongen_client PUBLIC motiongen_core
+  PRIVATE $<BUILD_INTERFACE:motiongen_library_flags> gRPC::grpc++ protobuf::libprotobuf Threads::Threads)
+target_precompile_headers(motiongen_client PRIVATE <grpcpp/grpcpp.h> <grpcpp/generic/generic_stub.h>)
+set_target_properties(motiongen_client PROPERTIES VERSION ${PROJECT_VERSION} SOVERSION 0 EXPORT_NAME client)

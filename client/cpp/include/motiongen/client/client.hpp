@@ -1,0 +1,65 @@
+// The way in: one stream to one server, with any number of sessions on it.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "motiongen/client/session.hpp"
+#include "motiongen/client/types.hpp"
+
+namespace motiongen {
+
+struct ClientOptions {
+  std::string address;  // host:port
+  bool tls = false;
+  std::string root_certificates_pem;  // with tls; empty: the system's
+  std::string certificate_chain_pem;  // of this client, where the server asks for one
+  std::string private_key_pem;
+  std::string token;               // sent as `authorization: Bearer ...` with every call; empty: none
+  double connect_timeout_s = 10;   // how long `connect` waits for a server that is ready
+  double report_hz = 4;            // how often the server hears each playhead, 1 to 5
+  double flush_interval_s = 0.02;  // how long the server may gather frames, 0.005 to 0.1
+  double ping_period_s = 5;        // also the time after which a silent server is given up
+  bool reconnect = true;           // after a loss; else sessions end with it
+  std::string agent;               // added to the library's name in the server's logs
+  // Called with each event, one at a time, on a thread of the library; absent: events wait for `next_event`. It may
+  // call anything but what waits, and may destroy sessions and the client itself.
+  std::function<void(const Event&)> on_event;
+};
+
+struct ClientStats {
+  std::uint64_t messages = 0;
+  std::uint64_t bytes = 0;  // of messages received
+  std::uint64_t chunks = 0;
+  std::uint64_t dropped_events = 0;  // 65,536 are kept for `next_event`; of more, the oldest are dropped
+  std::uint32_t reconnects = 0;
+  double round_trip_s = 0;  // 0: not measured yet
+};
+
+class MOTIONGEN_API Client {
+ public:
+  // Wait for a server, fetch its catalogue and begin the stream.
+  static Result<Client> connect(const ClientOptions& options);
+
+  Client(Client&&) noexcept;
+  Client& operator=(Client&&) noexcept;
+  // Ends its sessions and the stream. No callback runs after it, unless it is called by one.
+  ~Client();
+
+  std::shared_ptr<const Catalog> catalog() const;
+  bool is_connected() const;
+  ClientStats stats() const;
+
+  // Make a character. Returns at once; the event `opened` or `Session::wait_open` tells when it lives.
+  Result<Session> open(const SessionOptions& options);
+
+  // The oldest event that was not taken; false when there is none.
+  [[nodiscard]] bool next_event(Event& event);
+
+ private:
+  explicit Client(std::shared_ptr<ClientCore> core);
+  std::shared_ptr<ClientCore> core_;
+};
+
+}  // namespace motiongen

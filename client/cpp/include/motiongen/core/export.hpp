@@ -1,0 +1,8 @@
+// What the shared libraries show. Everything else in them is hidden.
+#pragma once
+
+#if defined(_WIN32)
+#define MOTIONGEN_API  // static libraries there
+#else
+#define MOTIONGEN_API __attribute__((visibility("default")))
+#endif

@@ -1,0 +1,93 @@
+#include "client/call.hpp"
+
+#include <chrono>
+
+namespace motiongen {
+
+std::shared_ptr<Call> Call::start(grpc::GenericStub& stub, const std::string& token, Outbox& outbox,
+                                  std::shared_ptr<CallUser> user) {
+  std::shared_ptr<Call> call(new Call(outbox, std::move(user)));
+  call->self_ = call;
+  if (!token.empty()) call->context_.AddMetadata("authorization", "Bearer " + token);
+  stub.PrepareBidiStreamingCall(&call->context_, "/motiongen.v1.MotionService/StreamMotion", grpc::StubOptions(),
+                                call.get());
+  call->AddHold();  // so that writes may begin outside of its own callbacks; let go when nothing more can be read
+  call->StartRead(&call->received_);
+  call->StartCall();
+  call->send();
+  return call;
+}
+
+void Call::send() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  send_next();
+}
+
+void Call::finish() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  finishing_ = true;
+  send_next();
+}
+
+void Call::cancel() { context_.TryCancel(); }
+
+bool Call::wait_ended(double timeout_s) {
+  std::unique_lock<std::mutex> lock(mutex_);
+  return ended_changed_.wait_for(lock, std::chrono::duration<double>(timeout_s), [this] { return ended_; });
+}
+
+void Call::send_next() {
+  if (writing_ || no_more_writes_) return;
+  if (outbox_.take(message_)) {
+    const grpc::Slice slice(message_);
+    sent_ = grpc::ByteBuffer(&slice, 1);
+    writing_ = true;
+    StartWrite(&sent_);
+  } else if (finishing_) {
+    no_more_writes_ = true;
+    StartWritesDone();
+  }
+}
+
+void Call::OnReadDone(bool ok) {
+  if (!ok) {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      no_more_writes_ = true;
+    }
+    RemoveHold();
+    return;
+  }
+  slices_.clear();
+  pieces_.clear();
+  std::size_t size = 0;
+  if (received_.Dump(&slices_).ok()) {
+    for (const grpc::Slice& slice : slices_) {
+      pieces_.push_back({slice.begin(), slice.size()});
+      size += slice.size();
+    }
+    user_->on_message(pieces_.data(), size);
+  }
+  slices_.clear();
+  received_.Clear();
+  StartRead(&received_);
+}
+
+void Call::OnWriteDone(bool ok) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  writing_ = false;
+  if (ok) send_next();
+}
+
+void Call::OnDone(const grpc::Status& status) {
+  // Neither this call nor its user must be destroyed on this thread, one of gRPC's: with the last reference to the last
+  // channel, which both hold, gRPC 1.51 joins its own threads. So the user takes the call, and lives as long as the one
+  // who waits for the end.
+  user_->on_call_ended(status, std::move(self_));
+  user_ = nullptr;
+  const std::lock_guard<std::mutex> lock(mutex_);
+  ended_ = true;
+  ended_changed_.notify_all();
+}
+
+}  // namespace motiongen

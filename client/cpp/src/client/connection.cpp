@@ -1,0 +1,241 @@
+// Connecting, what is done about a loss, and the end.
+#include <algorithm>
+#include <cmath>
+
+#include "client/convert.hpp"
+#include "client/core.hpp"
+#include "client/status_details.hpp"
+#include "motiongen/v1/service.grpc.pb.h"
+
+namespace motiongen {
+namespace {
+
+constexpr double kFirstBackoffS = 0.05;
+constexpr double kBackoffGrowth = 1.6;
+constexpr double kMostBackoffS = 2;
+constexpr double kAskTimeoutS = 5;   // for the catalogue, when connecting again
+constexpr double kCloseGraceS = 2;   // for the server to end the call
+constexpr double kCancelGraceS = 5;  // for gRPC to end it
+constexpr char kAgent[] = "motiongen-cpp/0.1.0";
+
+// Whether trying again can help: what a proxy or a lost server ends a stream with.
+bool is_loss(const Status& status) {
+  const Code code = status.code();
+  return code != Code::invalid_argument && code != Code::unauthenticated && code != Code::permission_denied &&
+         code != Code::unimplemented && status.reason() != "PROTOCOL_VIOLATION";
+}
+
+std::chrono::system_clock::time_point in_seconds(double seconds) {
+  return std::chrono::system_clock::now() +
+         std::chrono::duration_cast<std::chrono::system_clock::duration>(std::chrono::duration<double>(seconds));
+}
+
+}  // namespace
+
+Status ClientCore::make_channel() {
+  const auto colon = options_.address.rfind(':');
+  if (colon == std::string::npos || colon == 0 || colon + 1 == options_.address.size()) {
+    return invalid("address", "\"" + options_.address + "\"", "host:port, such as localhost:50051");
+  }
+  if (!(options_.report_hz >= 1 && options_.report_hz <= 5)) {
+    return invalid("report_hz", std::to_string(options_.report_hz), "a number from 1 to 5");
+  }
+  if (!(options_.ping_period_s >= 0.1 && options_.ping_period_s <= 60)) {
+    return invalid("ping_period_s", std::to_string(options_.ping_period_s), "a number from 0.1 to 60");
+  }
+  if (!std::isfinite(options_.connect_timeout_s) || options_.connect_timeout_s <= 0) {
+    return invalid("connect_timeout_s", std::to_string(options_.connect_timeout_s), "a number above 0");
+  }
+  grpc::ChannelArguments arguments;
+  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);  // a connection of its own
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 30'000);
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 10'000);
+  arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
+  arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 100);
+  arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 2'000);
+  // A window of fixed size: left to its own measure of the line, gRPC would take in minutes of motion unread.
+  arguments.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
+  arguments.SetInt(GRPC_ARG_HTTP2_STREAM_LOOKAHEAD_BYTES, 1 << 20);
+  arguments.SetInt(GRPC_ARG_ENABLE_RETRIES, 0);  // a stream carries state; a call repeated behind our back carries none
+  arguments.SetMaxReceiveMessageSize(64 << 20);
+  std::shared_ptr<grpc::ChannelCredentials> credentials = grpc::InsecureChannelCredentials();
+  if (options_.tls) {
+    credentials = grpc::SslCredentials(
+        {options_.root_certificates_pem, options_.private_key_pem, options_.certificate_chain_pem});
+  }
+  channel_ = grpc::CreateCustomChannel(options_.address, credentials, arguments);
+  stub_ = std::make_unique<grpc::GenericStub>(channel_);
+  return {};
+}
+
+Status ClientCore::fetch_catalog(double timeout_s) {
+  grpc::ClientContext context;
+  context.set_deadline(in_seconds(timeout_s));
+  context.set_wait_for_ready(true);
+  if (!options_.token.empty()) context.AddMetadata("authorization", "Bearer " + options_.token);
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    asking_ = &context;
+    if (closing_) context.TryCancel();
+  }
+  v1::GetCatalogRequest request;
+  v1::GetCatalogResponse response;
+  const grpc::Status status = v1::MotionService::NewStub(channel_)->GetCatalog(&context, request, &response);
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    asking_ = nullptr;
+  }
+  if (!status.ok()) return status_of(status);
+  auto made = convert::catalog(response);
+  if (!made) return made.status();
+  const std::lock_guard<std::mutex> lock(mutex_);
+  catalog_ = made.value();
+  outbox_.set_limit(catalog_->limits.max_request_bytes);
+  return {};
+}
+
+Status ClientCore::connect() {
+  Status made = make_channel();
+  if (!made) return made;
+  const double deadline_s = now_s() + options_.connect_timeout_s;
+  Status asked;
+  for (double wait_s = kFirstBackoffS;; wait_s = std::min(kBackoffGrowth * wait_s, kMostBackoffS)) {
+    const double left_s = deadline_s - now_s();
+    if (left_s <= 0) break;
+    asked = fetch_catalog(left_s);
+    if (asked.ok() || asked.code() != Code::unavailable) break;  // it is loading its model, or was lost meanwhile
+    std::this_thread::sleep_for(std::chrono::duration<double>(std::min(wait_s, std::max(left_s, 0.0))));
+  }
+  if (!asked) {
+    const Code code = asked.code() == Code::deadline_exceeded ? Code::unavailable : asked.code();
+    return {code, asked.reason(),
+            "no motiongen server answers at " + options_.address + " (" + name_of(asked.code()) + ": " +
+                asked.message() + "). Is it running and ready?"};
+  }
+  begin_call();
+  std::unique_lock<std::mutex> lock(mutex_);
+  const auto left = std::chrono::duration<double>(std::max(deadline_s - now_s(), 0.1));
+  changed_.wait_for(lock, left, [this] { return connected_ || call_ == nullptr; });
+  if (!connected_) {
+    const Status why = failure_.ok() ? Status(Code::unavailable, "", "no hello came in time") : failure_;
+    lock.unlock();
+    shut_down();
+    return {why.code(), why.reason(), "no stream to " + options_.address + ": " + why.message()};
+  }
+  worker_ = std::thread([core = shared_from_this()] { core->work(); });
+  return {};
+}
+
+void ClientCore::begin_call() {
+  v1::StreamMotionRequest hello;
+  hello.mutable_hello()->set_client_agent(options_.agent.empty() ? kAgent
+                                                                 : kAgent + (" " + options_.agent).substr(0, 100));
+  convert::set_seconds(options_.flush_interval_s, hello.mutable_hello()->mutable_flush_interval());
+  outbox_.clear();
+  outbox_.put_alone(hello);
+  heard_at_s_ = now_s();
+  std::vector<std::shared_ptr<Call>> ended;  // let go when the lock is
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (closing_) return;
+  ended.swap(ended_calls_);
+  is_lost_ = draining_ = false;
+  next_ping_s_ = now_s();
+  call_ = Call::start(*stub_, options_.token, outbox_, shared_from_this());
+}
+
+void ClientCore::on_call_ended(const grpc::Status& status, std::shared_ptr<Call> call) {
+  Status why =
+      status.ok() ? Status(Code::unavailable, "STREAM_ENDED", "the server ended the stream") : status_of(status);
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    ended_calls_.push_back(std::move(call));
+    if (!drop_reason_) why = drop_reason_;
+    drop_reason_ = Status();
+  }
+  lose(why, options_.reconnect && is_loss(why) && !closing_);
+  events_.dispatch();
+}
+
+void ClientCore::lose(const Status& status, bool will_reconnect) {
+  const bool was_connected = connected_.exchange(false);
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    call_ = nullptr;
+    failure_ = status;
+    is_lost_ = will_reconnect;
+    backoff_s_ = was_connected ? kFirstBackoffS : std::min(backoff_s_ * kBackoffGrowth, kMostBackoffS);
+    const double jitter = std::uniform_real_distribution<double>(0.8, 1.2)(jitter_);
+    reconnect_at_s_ = std::max(now_s() + backoff_s_ * jitter, server_wishes_s_);
+    server_wishes_s_ = 0;
+    woken_ = true;
+    changed_.notify_all();
+  }
+  if (was_connected && !closing_) {
+    Event event;
+    event.kind = EventKind::connection_lost;
+    event.outcome.status = status;
+    events_.push(std::move(event));
+  }
+  for (const auto& state : sessions()) {
+    const std::lock_guard<std::mutex> lock(state->mutex);
+    state->lose(status, will_reconnect, events_);
+  }
+  forget_closed();
+}
+
+void ClientCore::forget_closed() {
+  for (const auto& state : sessions()) {
+    bool closed = false;
+    {
+      const std::lock_guard<std::mutex> lock(state->mutex);
+      closed = state->phase == Phase::closed;
+    }
+    if (!closed) continue;
+    const std::lock_guard<std::mutex> lock(mutex_);
+    sessions_.erase(state->id);
+  }
+}
+
+void ClientCore::reconnect() {
+  const Status asked = fetch_catalog(kAskTimeoutS);
+  if (closing_) return;
+  if (!asked) return lose(asked, options_.reconnect && is_loss(asked));
+  begin_call();
+}
+
+void ClientCore::shut_down() {
+  events_.stop();
+  if (closing_.exchange(true)) return;
+  std::shared_ptr<Call> call;
+  std::thread worker;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    call = call_;
+    worker = std::move(worker_);
+    if (asking_ != nullptr) asking_->TryCancel();
+    woken_ = true;
+    changed_.notify_all();
+  }
+  const Status why(Code::cancelled, "CLIENT", "the client was closed");
+  for (const auto& state : sessions()) {
+    const std::lock_guard<std::mutex> lock(state->mutex);
+    state->end(why, events_);
+  }
+  if (call != nullptr) call->finish();
+  if (!events_.in_callback()) {
+    end_call(call);
+    if (worker.joinable()) worker.join();
+  } else if (worker.joinable()) {
+    worker.detach();  // inside a callback the call cannot end: the thread waits for it, and holds this until then
+  }
+}
+
+void ClientCore::end_call(const std::shared_ptr<Call>& call) {
+  if (call == nullptr || call->wait_ended(kCloseGraceS)) return;
+  call->cancel();
+  if (call->wait_ended(kCancelGraceS)) return;
+  // gRPC has not let go of the call and may still call us: rather than of memory that is gone, of memory that is lost
+  static_cast<void>(new std::shared_ptr<ClientCore>(shared_from_this()));
+}
+
+}  // namespace motiongen

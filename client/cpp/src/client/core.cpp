@@ -1,0 +1,221 @@
+// Sessions of a client, and what comes for them.
+#include "client/core.hpp"
+
+#include <chrono>
+
+#include "client/convert.hpp"
+
+namespace motiongen {
+
+double now_s() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+
+ClientCore::ClientCore(ClientOptions options) : options_(std::move(options)), events_(options_.on_event) {}
+
+std::shared_ptr<const Catalog> ClientCore::catalog() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return catalog_;
+}
+
+ClientStats ClientCore::stats() const {
+  ClientStats stats;
+  stats.messages = num_messages_;
+  stats.bytes = num_bytes_;
+  stats.chunks = num_chunks_;
+  stats.dropped_events = events_.num_dropped();
+  stats.reconnects = num_reconnects_;
+  stats.round_trip_s = round_trip_s_;
+  return stats;
+}
+
+std::vector<std::shared_ptr<SessionState>> ClientCore::sessions() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  std::vector<std::shared_ptr<SessionState>> found;
+  found.reserve(sessions_.size());
+  for (const auto& entry : sessions_) found.push_back(entry.second);
+  return found;
+}
+
+Result<std::shared_ptr<SessionState>> ClientCore::open(const SessionOptions& options) {
+  v1::OpenSession open = convert::open_session(options);
+  if (!options.prompt.empty()) {
+    *open.add_prompts() = convert::span(SessionBook::kPresentPrompt, options.prompt, 0, 0);
+  }
+  std::shared_ptr<SessionState> state;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (closing_ || (call_ == nullptr && !is_lost_)) {
+      return Status(Code::failed_precondition, "CLIENT_CLOSED", "the client is closed: " + failure_.message());
+    }
+    state = std::make_shared<SessionState>(next_session_++, options, std::move(open));
+  }
+  for (const Target& target : options.targets) {
+    Status checked = convert::check(target);
+    if (!checked) return checked;
+    state->book.add_opening(convert::constraint(state->book.take_constraint_id(), target));
+  }
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    sessions_.emplace(state->id, state);
+  }
+  {
+    const std::lock_guard<std::mutex> lock(state->mutex);
+    if (connected_ && state->phase == Phase::waiting) state->send_open(outbox_, *catalog());
+  }
+  flush();
+  return state;
+}
+
+Result<EditId> ClientCore::edit(SessionState& state, v1::SessionEvent event) {
+  return edit_with(state, [&event] { return std::move(event); });
+}
+
+void ClientCore::flush() {
+  std::shared_ptr<Call> call;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    call = call_;
+  }
+  if (call != nullptr) call->send();
+}
+
+// ---- from the server
+
+void ClientCore::on_message(const wire::Piece* pieces, std::size_t size) {
+  const double now = now_s();
+  heard_at_s_ = now;
+  ++num_messages_;
+  num_bytes_ += size;
+  // what is said of the stream is to be taken before what is said of its sessions, wherever it lies
+  if (!take_stream_event({pieces, size})) return;
+  wire::Cursor message(pieces, size);
+  std::uint32_t field = 0;
+  std::uint32_t type = 0;
+  while (message.left() > 0) {
+    wire::Cursor inner;
+    wire::Update update;
+    if (!message.read_tag(field, type)) break;
+    if (field != v1::StreamMotionResponse::kUpdatesFieldNumber || type != wire::kLength) {
+      if (!message.skip_value(type)) break;
+    } else if (message.read_message(inner) && wire::read_update(inner, update)) {
+      take_update(update, now);
+    } else {
+      break;
+    }
+  }
+  flush();
+  events_.dispatch();
+}
+
+bool ClientCore::take_stream_event(const wire::Cursor& all) {
+  wire::Cursor message = all;
+  std::uint32_t field = 0;
+  std::uint32_t type = 0;
+  bool readable = true;
+  while (readable && message.left() > 0) {
+    readable = message.read_tag(field, type);
+    wire::Cursor inner;
+    if (!readable) break;
+    if (field < v1::StreamMotionResponse::kHelloFieldNumber || type != wire::kLength) {
+      readable = message.skip_value(type);
+      continue;
+    }
+    readable = message.read_message(inner) && wire::gather(inner, scratch_);
+    if (!readable) break;
+    if (field == v1::StreamMotionResponse::kHelloFieldNumber) {
+      take_hello();
+    } else if (field == v1::StreamMotionResponse::kPongFieldNumber) {
+      v1::Pong pong;
+      readable = pong.ParseFromString(scratch_);
+      round_trip_s_ = now_s() - static_cast<double>(pong.client_time_ns()) / 1e9;
+    } else if (field == v1::StreamMotionResponse::kGoodbyeFieldNumber) {
+      v1::Goodbye goodbye;
+      readable = goodbye.ParseFromString(scratch_);
+      take_goodbye(goodbye);
+    }
+  }
+  if (!readable) drop_call(violation("a message of the server cannot be read"));
+  return readable;
+}
+
+void ClientCore::take_hello() {
+  const bool again = ever_connected_.exchange(true);
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    connected_ = true;
+    backoff_s_ = 0;
+    changed_.notify_all();
+  }
+  if (!again) return;
+  ++num_reconnects_;
+  Event event;
+  event.kind = EventKind::connected;
+  events_.push(std::move(event));
+  open_waiting(now_s());
+}
+
+void ClientCore::take_goodbye(const v1::Goodbye& goodbye) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    draining_ = true;
+    if (goodbye.has_reconnect_after()) {
+      server_wishes_s_ = now_s() + convert::seconds(goodbye.reconnect_after());
+    }
+  }
+  Event event;
+  event.kind = EventKind::draining;
+  events_.push(std::move(event));
+}
+
+void ClientCore::open_waiting(double now) {
+  const auto present = catalog();
+  for (const auto& state : sessions()) {
+    const std::lock_guard<std::mutex> lock(state->mutex);
+    if (connected_ && state->phase == Phase::waiting && state->retry_at_s <= now) state->send_open(outbox_, *present);
+  }
+}
+
+void ClientCore::take_update(const wire::Update& update, double now) {
+  std::shared_ptr<SessionState> state;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const auto found = sessions_.find(update.session);
+    if (found == sessions_.end()) return;  // what was under way when it ended here
+    state = found->second;
+  }
+  bool over = false;
+  bool readable = true;
+  {
+    const std::lock_guard<std::mutex> lock(state->mutex);
+    if (update.kind == wire::Update::Kind::chunk) {
+      wire::Chunk chunk;
+      readable = wire::read_chunk(update.body, chunk);
+      if (readable) state->take_chunk(chunk, events_, outbox_);
+      ++num_chunks_;
+    } else if (update.kind == wire::Update::Kind::plan) {
+      wire::Plan plan;
+      readable = wire::read_plan(update.body, plan);
+      if (readable) state->take_plan(plan, events_, outbox_);
+    } else {
+      v1::SessionUpdate message;
+      readable = wire::gather(update.all, scratch_) && message.ParseFromString(scratch_);
+      if (readable) state->take(message, *catalog(), now, events_);
+    }
+    over = state->phase == Phase::closed;
+  }
+  if (!readable) return drop_call(violation("an update of the server cannot be read"));
+  if (!over) return;
+  const std::lock_guard<std::mutex> lock(mutex_);
+  sessions_.erase(update.session);
+}
+
+void ClientCore::drop_call(const Status& status) {
+  std::shared_ptr<Call> call;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    call = call_;
+    drop_reason_ = status;
+  }
+  if (call != nullptr) call->cancel();
+}
+
+}  // namespace motiongen

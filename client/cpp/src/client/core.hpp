@@ -1,0 +1,141 @@
+// All of a client: its channel, its present call, its sessions, and the thread that keeps time for them.
+#pragma once
+
+#include <grpcpp/generic/generic_stub.h>
+#include <grpcpp/grpcpp.h>
+
+#include <atomic>
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <random>
+#include <string>
+#include <thread>
+#include <unordered_map>
+#include <vector>
+
+#include "client/call.hpp"
+#include "client/events.hpp"
+#include "client/outbox.hpp"
+#include "client/session_state.hpp"
+#include "motiongen/client/client.hpp"
+
+namespace motiongen {
+
+// Seconds of a clock that never goes back.
+double now_s();
+
+class ClientCore final : public CallUser, public std::enable_shared_from_this<ClientCore> {
+ public:
+  explicit ClientCore(ClientOptions options);
+
+  // ---- for Client
+
+  Status connect();
+  void shut_down();
+  Result<std::shared_ptr<SessionState>> open(const SessionOptions& options);
+  std::shared_ptr<const Catalog> catalog() const;
+  ClientStats stats() const;
+  bool is_connected() const { return connected_; }
+
+  // ---- for Session
+
+  // Send an event of a session. FAILED_PRECONDITION where the session is closed.
+  Result<EditId> edit(SessionState& state, v1::SessionEvent event);
+  // The same, made while the session is locked.
+  template <class Make>
+  Result<EditId> edit_with(SessionState& state, Make make);
+  void flush();  // send what waits in the outbox
+  void wake();   // let the thread look at what is due
+  EventQueue& events() { return events_; }
+  Outbox& outbox() { return outbox_; }
+  double report_period_s() const { return 1 / options_.report_hz; }
+
+  // ---- for the call
+
+  void on_message(const wire::Piece* pieces, std::size_t size) override;
+  void on_call_ended(const grpc::Status& status, std::shared_ptr<Call> call) override;
+
+ private:
+  // connection.cpp: calls, their loss, and another one
+  Status make_channel();
+  Status fetch_catalog(double timeout_s);
+  void begin_call();
+  void reconnect();
+  void lose(const Status& status, bool will_reconnect);
+  void forget_closed();
+  void end_call(const std::shared_ptr<Call>& call);
+
+  // worker.cpp: what is done when its time has come
+  void work();
+  void tick(double now);
+  void report(double now);
+  void send_ping(double now);
+
+  bool take_stream_event(const wire::Cursor& message);
+  void take_hello();
+  void take_goodbye(const v1::Goodbye& goodbye);
+  void drop_call(const Status& status);
+  void take_update(const wire::Update& update, double now);
+  std::vector<std::shared_ptr<SessionState>> sessions() const;
+  void open_waiting(double now);
+
+  const ClientOptions options_;
+  EventQueue events_;
+  Outbox outbox_;
+  std::shared_ptr<grpc::Channel> channel_;
+  std::unique_ptr<grpc::GenericStub> stub_;
+  std::atomic<bool> connected_{false};
+  std::atomic<bool> ever_connected_{false};
+  std::atomic<bool> closing_{false};
+  std::atomic<std::uint64_t> num_messages_{0};
+  std::atomic<std::uint64_t> num_bytes_{0};
+  std::atomic<std::uint64_t> num_chunks_{0};
+  std::atomic<std::uint32_t> num_reconnects_{0};
+  std::atomic<double> round_trip_s_{0};
+  std::atomic<double> heard_at_s_{0};
+  std::string scratch_;  // of the call's reads, which come one at a time
+
+  // never held while another lock is taken, but for `outbox_` and `events_`
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  std::shared_ptr<const Catalog> catalog_;
+  std::shared_ptr<Call> call_;
+  std::vector<std::shared_ptr<Call>> ended_calls_;  // to be let go by the next one, or with this
+  grpc::ClientContext* asking_ = nullptr;           // for the catalogue at present, so that closing need not wait
+  std::unordered_map<std::uint32_t, std::shared_ptr<SessionState>> sessions_;
+  std::uint32_t next_session_ = 1;
+  Status failure_;        // of the last call
+  Status drop_reason_;    // why the present call is given up here
+  bool is_lost_ = false;  // there is no call, and a time to make another
+  double reconnect_at_s_ = 0;
+  double server_wishes_s_ = 0;  // by its Goodbye, before which there is no use in connecting
+  double backoff_s_ = 0;
+  bool draining_ = false;
+  double next_ping_s_ = 0;
+  bool woken_ = false;
+  std::thread worker_;
+  std::minstd_rand jitter_{std::random_device{}()};
+};
+
+template <class Make>
+Result<EditId> ClientCore::edit_with(SessionState& state, Make make) {
+  EditId edit = 0;
+  {
+    const std::lock_guard<std::mutex> lock(state.mutex);
+    if (state.phase == Phase::closed || state.phase == Phase::closing) {
+      return Status(Code::failed_precondition, "SESSION_CLOSED", "the session has ended: " + state.ended.message());
+    }
+    v1::SessionEvent event = make();
+    const auto most = Outbox::most_event_bytes(catalog()->limits.max_request_bytes);
+    if (event.ByteSizeLong() > most) {
+      return invalid("edit", std::to_string(event.ByteSizeLong()) + " bytes",
+                     "at most " + std::to_string(most) + " bytes in one edit; split it");
+    }
+    edit = state.send_edit(std::move(event), outbox_);
+  }
+  flush();
+  return edit;
+}
+
+}  // namespace motiongen

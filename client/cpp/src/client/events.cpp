@@ -1,0 +1,57 @@
+#include "client/events.hpp"
+
+namespace motiongen {
+
+void EventQueue::push(Event event) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (stopped_) return;
+  if (events_.size() == kMost) {
+    events_.pop_front();
+    ++num_dropped_;
+  }
+  events_.push_back(std::move(event));
+}
+
+void EventQueue::dispatch() {
+  if (!callback_) return;
+  std::unique_lock<std::mutex> lock(mutex_);
+  if (dispatching_ != std::thread::id()) return;
+  dispatching_ = std::this_thread::get_id();
+  while (!events_.empty() && !stopped_) {
+    const Event event = std::move(events_.front());
+    events_.pop_front();
+    lock.unlock();
+    callback_(event);
+    lock.lock();
+  }
+  dispatching_ = std::thread::id();
+  idle_.notify_all();
+}
+
+bool EventQueue::take(Event& event) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (callback_ || events_.empty()) return false;
+  event = std::move(events_.front());
+  events_.pop_front();
+  return true;
+}
+
+bool EventQueue::in_callback() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return dispatching_ == std::this_thread::get_id();
+}
+
+void EventQueue::stop() {
+  std::unique_lock<std::mutex> lock(mutex_);
+  stopped_ = true;
+  events_.clear();
+  if (dispatching_ == std::this_thread::get_id()) return;
+  idle_.wait(lock, [this] { return dispatching_ == std::thread::id(); });
+}
+
+std::uint64_t EventQueue::num_dropped() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return num_dropped_;
+}
+
+}  // namespace motiongen

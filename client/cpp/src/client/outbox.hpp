@@ -1,0 +1,39 @@
+// Requests that wait for the stream: events gathered into messages that the server takes.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <mutex>
+#include <string>
+
+#include "motiongen/v1/service.pb.h"
+
+namespace motiongen {
+
+class Outbox {
+ public:
+  // Bytes of an event that still fit into a message of the server's limit.
+  static std::size_t most_event_bytes(std::uint32_t max_request_bytes) {
+    return max_request_bytes / 10 * std::size_t{9};
+  }
+
+  void set_limit(std::uint32_t max_request_bytes);
+
+  // An `events` entry, encoded with its tag.
+  void put(const std::string& entry);
+  void put(const v1::SessionEvent& event);
+  // A message about the stream itself: hello or ping.
+  void put_alone(const v1::StreamMotionRequest& message);
+  // The next message; false when there is none.
+  bool take(std::string& message);
+  void clear();
+
+ private:
+  std::mutex mutex_;
+  std::deque<std::string> messages_;
+  bool can_append_ = false;
+  std::size_t limit_ = 64 * 1024;
+};
+
+}  // namespace motiongen

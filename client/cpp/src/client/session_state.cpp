@@ -1,0 +1,271 @@
+#include "client/session_state.hpp"
+
+#include <algorithm>
+
+#include "client/convert.hpp"
+
+namespace motiongen {
+namespace {
+
+constexpr double kRetryS = 1.0;  // after a refusal that names no time
+
+const Rig* find_rig(const Catalog& catalog, const std::string& rig_id) {
+  for (const Rig& rig : catalog.rigs) {
+    if (rig.rig_id == rig_id) return &rig;
+  }
+  return nullptr;
+}
+
+const Model* find_model(const Catalog& catalog, const std::string& model_id) {
+  for (const Model& model : catalog.models) {
+    if (model.model_id == model_id || model_id.empty()) return &model;
+  }
+  return nullptr;
+}
+
+bool same_rows(const Rig& a, const Rig& b) {
+  return a.row_width == b.row_width && a.joint_names == b.joint_names && a.frame_rate_hz == b.frame_rate_hz &&
+         a.rotation_column == b.rotation_column && a.root_column == b.root_column && a.offsets_m == b.offsets_m;
+}
+
+}  // namespace
+
+// ---- to the server
+
+std::uint32_t SessionState::prior_rows(const Catalog& catalog, std::string& rows) const {
+  const Model* model = find_model(catalog, opened.model_id);
+  if (!timeline || model == nullptr || model->patch_frames == 0) return 0;
+  std::uint64_t count = timeline->buffered_to() - timeline->first_kept();
+  count = std::min<std::uint64_t>({count, model->max_history_frames, catalog.limits.max_trajectory_frames});
+  count -= count % model->patch_frames;
+  for (std::uint64_t frame = timeline->buffered_to() - count; frame < timeline->buffered_to(); ++frame) {
+    const auto row = timeline->row(frame);
+    rows.append(reinterpret_cast<const char*>(row.value().data()), row.value().size() * sizeof(float));
+  }
+  return static_cast<std::uint32_t>(count);
+}
+
+void SessionState::send_open(Outbox& outbox, const Catalog& catalog) {
+  book.begin_stream();
+  last_seq = 0;
+  v1::SessionEvent event;
+  event.set_session(id);
+  event.set_event_seq(book.take_seq());
+  if (was_open_) {
+    std::string rows;
+    const std::uint32_t num_rows = prior_rows(catalog, rows);
+    base_ = timeline->buffered_to();
+    *event.mutable_open() = book.reopening(base_, num_rows, std::move(rows));
+    event.mutable_open()->set_model_id(opened.model_id);
+  } else {
+    *event.mutable_open() = book.opening();
+  }
+  can_report = false;
+  phase = Phase::opening;
+  outbox.put(event);
+  if (was_open_ && book.is_paused()) {
+    v1::SessionEvent pause;
+    pause.set_session(id);
+    pause.set_event_seq(book.take_seq());
+    pause.mutable_set_play_state()->set_state(v1::PLAY_STATE_PAUSED);
+    outbox.put(pause);
+  }
+  for (const v1::SessionEvent& each : book.unanswered(base_)) outbox.put(each);
+}
+
+EditId SessionState::send_edit(v1::SessionEvent event, Outbox& outbox) {
+  // Where a caller moves the playhead, the server cannot know how far: it is told before it chooses what to change.
+  if (options.clock == Clock::manual) report(0, 0, outbox);
+  event.set_session(id);
+  const EditId edit = book.add(event);
+  if (phase == Phase::opening || phase == Phase::open) outbox.put(SessionBook::shifted(std::move(event), base_));
+  return edit;
+}
+
+void SessionState::send_close(Outbox& outbox) {
+  v1::SessionEvent event;
+  event.set_session(id);
+  event.set_event_seq(book.take_seq());
+  event.mutable_close();
+  outbox.put(event);
+  phase = Phase::closing;
+}
+
+void SessionState::report(double now_s, double period_s, Outbox& outbox) {
+  if (phase != Phase::open || !timeline) return;
+  if (options.clock == Clock::real_time) timeline->advance(now_s);
+  if (!timeline->started() || timeline->playhead() < base_) return;
+  std::string entry;
+  wire::put_playhead(id, timeline->playhead() - base_, timeline->buffered_to() - base_, timeline->underruns(), entry);
+  outbox.put(entry);
+  // those that open together are spread over the period, so that the server need not hear them all at once
+  next_report_s = now_s + (can_report ? period_s : period_s * (1 + id % 10) / 10);
+  can_report = true;
+}
+
+// ---- from the server
+
+void SessionState::take_plan(const wire::Plan& plan, EventQueue& events, Outbox& outbox) {
+  if (phase != Phase::open || !timeline) return;  // what was under way when it ended here
+  const Status taken = timeline->announce_plan(plan.plan, plan.valid_from + base_);
+  if (!taken) return break_off(taken, events, outbox);
+  ++stats.plans;
+}
+
+void SessionState::take_chunk(const wire::Chunk& chunk, EventQueue& events, Outbox& outbox) {
+  if (phase != Phase::open || !timeline) return;
+  if (chunk.scalar_type != v1::SCALAR_TYPE_F32_LE) {
+    return break_off(
+        violation("a chunk has scalar type " + std::to_string(chunk.scalar_type) + "; F32_LE was asked for"), events,
+        outbox);
+  }
+  ChunkHeader header = chunk.header;
+  header.first_frame += base_;
+  header.committed_to += base_;
+  wire::ChunkRows rows(chunk.data);
+  const Status taken = timeline->add_chunk(header, rows);
+  if (!taken) return break_off(taken, events, outbox);
+  stats.frames += header.num_frames;
+  changed.notify_all();
+}
+
+void SessionState::take(const v1::SessionUpdate& update, const Catalog& catalog, double now_s, EventQueue& events) {
+  if (phase == Phase::closed || phase == Phase::waiting) return;
+  last_seq = std::max<std::uint64_t>(last_seq, update.applied_seq());
+  if (update.has_opened()) {
+    take_opened(update.opened(), catalog, events);
+  } else if (update.has_outcome()) {
+    take_outcome(update.outcome(), now_s, events);
+  } else if (update.has_service_level()) {
+    Event event;
+    event.kind = EventKind::service_level;
+    event.session = id;
+    event.level = {static_cast<std::uint32_t>(update.service_level().tier()), update.service_level().denoise_steps()};
+    events.push(std::move(event));
+  } else if (update.has_closed()) {
+    const bool by_client = update.closed().reason() == v1::CLOSE_REASON_CLIENT;
+    if (update.closed().reason() == v1::CLOSE_REASON_DRAINED && phase != Phase::closing) {
+      phase = Phase::waiting;  // the stream ends now; on the next one it goes on
+    } else {
+      end(by_client ? Status(Code::cancelled, "CLIENT", "the session was closed here")
+                    : convert::closed(update.closed()),
+          events);
+    }
+  }
+  changed.notify_all();
+}
+
+void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events) {
+  if (phase != Phase::opening) return;
+  const Rig* found = find_rig(catalog, message.rig_id());
+  if (found == nullptr) {
+    return end(violation("a session was opened on rig " + message.rig_id() + ", which the catalogue does not have"),
+               events);
+  }
+  opened = convert::opened(message);
+  phase = Phase::open;
+  Event event;
+  event.session = id;
+  event.outcome.warnings = opened.warnings;
+  if (was_open_) {
+    if (!same_rows(rig, *found)) {
+      return end(Status(Code::failed_precondition, "RIG_CHANGED", "the server came back with another rig"), events);
+    }
+    timeline->continue_with_new_plans();
+    ++stats.recoveries;
+    event.kind = EventKind::recovered;
+    event.frame = base_;
+  } else {
+    rig = *found;
+    TimelineOptions made;
+    made.frame_rate_hz = rig.frame_rate_hz;
+    made.row_width = rig.row_width;
+    made.start_frame = message.start_frame();
+    made.keep_frames = options.keep_frames;
+    const Model* model = find_model(catalog, opened.model_id);
+    made.reserve_frames = 2 * opened.lookahead_frames + (model != nullptr ? model->horizon_frames : 0);
+    auto timeline_made = Timeline::make(made);
+    if (!timeline_made) return end(timeline_made.status(), events);
+    timeline.emplace(std::move(timeline_made).value());
+    if (book.is_paused()) timeline->pause();
+    book.opened();
+    was_open_ = true;
+    event.kind = EventKind::opened;
+  }
+  events.push(std::move(event));
+}
+
+void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, EventQueue& events) {
+  Outcome outcome = convert::outcome(message);
+  if (outcome.effective_frame) *outcome.effective_frame += base_;
+  if (message.event_seq() == 1) {
+    if (phase != Phase::opening || outcome.status.ok()) return;
+    const Code code = outcome.status.code();
+    if (was_open_ && (code == Code::unavailable || code == Code::resource_exhausted)) {
+      phase = Phase::waiting;
+      retry_at_s = now_s + outcome.retry_after_s.value_or(kRetryS);
+      return;
+    }
+    return end(std::move(outcome), events);
+  }
+  const auto edit = book.answer(message.event_seq(), outcome.status.ok());
+  if (!edit) return;
+  if (timeline) book.forget_before(timeline->first_kept());
+  note_answer(*edit, std::move(outcome), events);
+}
+
+void SessionState::note_answer(EditId edit, Outcome outcome, EventQueue& events) {
+  Event event;
+  event.kind = EventKind::edit;
+  event.session = id;
+  event.edit = edit;
+  event.outcome = outcome;
+  answers_.emplace_back(edit, std::move(outcome));
+  if (answers_.size() > kAnswersKept) answers_.pop_front();
+  events.push(std::move(event));
+}
+
+std::optional<Outcome> SessionState::find_answer(EditId edit) const {
+  for (const auto& each : answers_) {
+    if (each.first == edit) return each.second;
+  }
+  return std::nullopt;
+}
+
+void SessionState::break_off(const Status& status, EventQueue& events, Outbox& outbox) {
+  send_close(outbox);
+  phase = Phase::open;  // it does not end as its user wished: that is told
+  end(status, events);
+}
+
+void SessionState::lose(const Status& status, bool will_reconnect, EventQueue& events) {
+  if (phase == Phase::closed) return;
+  if (phase == Phase::closing || !will_reconnect) return end(status, events);
+  phase = Phase::waiting;
+  retry_at_s = 0;
+  can_report = false;
+  changed.notify_all();
+}
+
+void SessionState::end(Status status, EventQueue& events) {
+  Outcome outcome;
+  outcome.status = std::move(status);
+  end(std::move(outcome), events);
+}
+
+void SessionState::end(Outcome outcome, EventQueue& events) {
+  if (phase == Phase::closed) return;
+  const bool told = phase != Phase::closing;
+  phase = Phase::closed;
+  ended = outcome.status;
+  if (told) {
+    Event event;
+    event.kind = EventKind::closed;
+    event.session = id;
+    event.outcome = std::move(outcome);
+    events.push(std::move(event));
+  }
+  changed.notify_all();
+}
+
+}  // namespace motiongen

@@ -1,0 +1,89 @@
+// One character as the client knows it: its timeline, its book, and where it stands with the server.
+#pragma once
+
+#include <condition_variable>
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <optional>
+
+#include "client/book.hpp"
+#include "client/events.hpp"
+#include "client/outbox.hpp"
+#include "client/wire.hpp"
+#include "motiongen/client/session.hpp"
+#include "motiongen/v1/session.pb.h"
+
+namespace motiongen {
+
+// What a session does about its connection.
+enum class Phase {
+  waiting,  // for a stream: it was never opened, or its stream was lost
+  opening,  // OpenSession is on its way: the first time, or again after a loss
+  open,
+  closing,  // CloseSession is on its way
+  closed,
+};
+
+// `mutex` guards all of it; whoever calls a method holds it. Lock order: this, then those of Outbox and EventQueue.
+class SessionState {
+ public:
+  SessionState(std::uint32_t given_id, SessionOptions given, v1::OpenSession open)
+      : id(given_id), options(std::move(given)), book(std::move(open)) {}
+
+  mutable std::mutex mutex;
+  std::condition_variable changed;
+
+  const std::uint32_t id;
+  const SessionOptions options;
+  SessionBook book;
+  Phase phase = Phase::waiting;
+  Rig rig;  // set when it first opens, and never changed
+  std::optional<Timeline> timeline;
+  Opened opened;
+  Status ended;  // why it is closed
+  SessionStats stats;
+  double next_report_s = 0;
+  double retry_at_s = 0;       // a refused reopening is tried again then
+  bool can_report = false;     // it has reported on the present stream
+  std::uint64_t last_seq = 0;  // the highest applied_seq
+
+  // ---- to the server
+
+  // Put its OpenSession and what was not answered into the outbox.
+  void send_open(Outbox& outbox, const Catalog& catalog);
+  // Take an edit. Returns its number.
+  EditId send_edit(v1::SessionEvent event, Outbox& outbox);
+  void send_close(Outbox& outbox);
+  // A report where it plays; moves the playhead to the present where the clock is the library's.
+  void report(double now_s, double period_s, Outbox& outbox);
+
+  // ---- from the server. Where it broke a rule the session is closed, and the others go on
+
+  void take_plan(const wire::Plan& plan, EventQueue& events, Outbox& outbox);
+  void take_chunk(const wire::Chunk& chunk, EventQueue& events, Outbox& outbox);
+  void take(const v1::SessionUpdate& update, const Catalog& catalog, double now_s, EventQueue& events);
+
+  // The stream is gone. It waits for another one, or ends with `status` where there will be none.
+  void lose(const Status& status, bool will_reconnect, EventQueue& events);
+  void end(Status status, EventQueue& events);
+  void end(Outcome outcome, EventQueue& events);
+
+  // The answer to an edit, if it has come.
+  std::optional<Outcome> find_answer(EditId edit) const;
+
+ private:
+  void take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events);
+  void take_outcome(const v1::EditOutcome& message, double now_s, EventQueue& events);
+  void break_off(const Status& status, EventQueue& events, Outbox& outbox);
+  void note_answer(EditId edit, Outcome outcome, EventQueue& events);
+  std::uint32_t prior_rows(const Catalog& catalog, std::string& rows) const;
+
+  static constexpr std::size_t kAnswersKept = 1024;
+
+  std::uint64_t base_ = 0;  // the timeline's frame that is frame 0 of the present session on the server
+  bool was_open_ = false;
+  std::deque<std::pair<EditId, Outcome>> answers_;
+};
+
+}  // namespace motiongen

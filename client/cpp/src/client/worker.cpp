@@ -1,0 +1,77 @@
+// What a client does by the clock: reports, pings, connecting again.
+#include <chrono>
+
+#include "client/convert.hpp"
+#include "client/core.hpp"
+
+namespace motiongen {
+namespace {
+
+constexpr double kTickS = 0.025;        // reports of a moment go together; a session has at most 40 a second
+constexpr double kSilentPeriods = 2.5;  // of pings, without a message, after which a server is given up
+
+}  // namespace
+
+void ClientCore::wake() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  woken_ = true;
+  changed_.notify_all();
+}
+
+void ClientCore::work() {
+  while (!closing_) {
+    bool due = false;
+    bool has_call = false;
+    {
+      std::unique_lock<std::mutex> lock(mutex_);
+      changed_.wait_for(lock, std::chrono::duration<double>(kTickS), [this] { return closing_ || woken_; });
+      woken_ = false;
+      due = is_lost_ && now_s() >= reconnect_at_s_;
+      has_call = call_ != nullptr;
+    }
+    if (closing_) break;
+    if (due) reconnect();
+    if (connected_) tick(now_s());
+    if (has_call && now_s() - heard_at_s_ > kSilentPeriods * options_.ping_period_s) {
+      heard_at_s_ = now_s();  // the call ends by itself now
+      drop_call(Status(Code::unavailable, "SERVER_SILENT", "nothing came from the server for too long"));
+    }
+    events_.dispatch();
+  }
+  std::shared_ptr<Call> call;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    call = call_;
+  }
+  end_call(call);
+}
+
+void ClientCore::tick(double now) {
+  report(now);
+  bool ping = false;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    ping = now >= next_ping_s_;
+    if (ping) next_ping_s_ = now + options_.ping_period_s;
+  }
+  if (ping) send_ping(now);
+  flush();
+}
+
+void ClientCore::report(double now) {
+  for (const auto& state : sessions()) {
+    const std::lock_guard<std::mutex> lock(state->mutex);
+    if (now >= state->next_report_s) state->report(now, report_period_s(), outbox_);
+    const bool again = state->phase == Phase::waiting && now >= state->retry_at_s;
+    if (again && connected_) state->send_open(outbox_, *catalog());
+  }
+}
+
+void ClientCore::send_ping(double now) {
+  v1::StreamMotionRequest request;
+  request.mutable_ping()->set_client_time_ns(static_cast<std::int64_t>(now * 1e9));
+  if (round_trip_s_ > 0) convert::set_seconds(round_trip_s_, request.mutable_ping()->mutable_round_trip());
+  outbox_.put_alone(request);
+}
+
+}  // namespace motiongen

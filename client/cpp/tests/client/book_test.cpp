@@ -1,0 +1,113 @@
+#include "client/book.hpp"
+
+#include <gtest/gtest.h>
+
+#include "client/convert.hpp"
+
+namespace motiongen {
+namespace {
+
+SessionBook new_book() {
+  v1::OpenSession open;
+  open.mutable_start_pose()->set_x(3);
+  *open.add_prompts() = convert::span(SessionBook::kPresentPrompt, Prompt("walk"), 0, 0);
+  SessionBook book(std::move(open));
+  book.add_opening(convert::constraint(book.take_constraint_id(), Waypoint{100, 1, 2, {}}));
+  static_cast<void>(book.take_seq());
+  book.opened();
+  return book;
+}
+
+v1::SessionEvent prompt_event(std::uint32_t id, const char* text, std::uint64_t start, std::uint64_t end = 0) {
+  v1::SessionEvent event;
+  *event.mutable_edit_prompts()->add_upsert() = convert::span(id, Prompt(text), start, end);
+  return event;
+}
+
+TEST(SessionBook, OpensAnewWithAllThatWasAcceptedCountedFromTheNewFrameZero) {
+  SessionBook book = new_book();
+  v1::SessionEvent later = prompt_event(2, "run", 90);
+  EXPECT_EQ(book.add(later), 1U);
+  EXPECT_EQ(later.event_seq(), 2U);
+  EXPECT_EQ(book.answer(2, true), EditId{1});
+  v1::SessionEvent over = prompt_event(3, "jump", 10, 40);
+  book.add(over);
+  EXPECT_EQ(book.answer(3, true), EditId{2});
+  const v1::OpenSession open = book.reopening(60, 8, "rows");
+  ASSERT_EQ(open.prompts_size(), 2);
+  EXPECT_EQ(open.prompts(0).text(), "walk");
+  EXPECT_EQ(open.prompts(1).text(), "run");
+  EXPECT_EQ(open.prompts(1).start_frame(), 30U);
+  ASSERT_EQ(open.constraints_size(), 1);
+  EXPECT_EQ(open.constraints(0).frame(), 40U);
+  EXPECT_FALSE(open.has_start_pose());
+  EXPECT_EQ(open.prior_frames().frame_count(), 8U);
+  EXPECT_EQ(open.prior_frames().data(), "rows");
+}
+
+TEST(SessionBook, LeavesOutWhatWasRefusedAndSendsAgainWhatWasNotAnswered) {
+  SessionBook book = new_book();
+  v1::SessionEvent refused = prompt_event(2, "fly", 90);
+  v1::SessionEvent open = prompt_event(3, "run", 90);
+  book.add(refused);
+  book.add(open);
+  EXPECT_EQ(book.answer(2, false), EditId{1});
+  EXPECT_EQ(book.reopening(60, 8, "").prompts_size(), 1);
+  book.begin_stream();
+  static_cast<void>(book.take_seq());
+  const auto again = book.unanswered(60);
+  ASSERT_EQ(again.size(), 1U);
+  EXPECT_EQ(again[0].event_seq(), 2U);
+  EXPECT_EQ(again[0].edit_prompts().upsert(0).start_frame(), 30U);
+  EXPECT_EQ(book.answer(3, true), std::nullopt) << "the numbers of the stream before count no more";
+  EXPECT_EQ(book.answer(2, true), EditId{2});
+}
+
+TEST(SessionBook, CutsAPathWhereItHasBeenWalked) {
+  SessionBook book = new_book();
+  v1::SessionEvent event;
+  const RootTrajectory path{50, {0, 0, 1, 1, 2, 2, 3, 3}, {0.0F, 0.1F, 0.2F, 0.3F}};
+  *event.mutable_edit_constraints()->add_upsert() = convert::constraint(9, path);
+  book.add(event);
+  book.answer(2, true);
+  const v1::OpenSession open = book.reopening(52, 8, "");
+  ASSERT_EQ(open.constraints_size(), 2);
+  const auto& rest = open.constraints(1);
+  EXPECT_EQ(rest.frame(), 0U);
+  ASSERT_EQ(rest.root_trajectory().positions_size(), 4);
+  EXPECT_EQ(rest.root_trajectory().positions(0), 2);
+  EXPECT_EQ(rest.root_trajectory().headings(0), 0.2F);
+  EXPECT_EQ(book.reopening(54, 8, "").constraints_size(), 1);
+}
+
+TEST(SessionBook, KnowsWhichScheduledPromptsHaveBegun) {
+  SessionBook book = new_book();
+  for (const std::uint64_t start : {30, 10, 70}) {
+    v1::SessionEvent event = prompt_event(book.take_prompt_id(), "x", start);
+    book.add(event);
+    book.answer(event.event_seq(), true);
+  }
+  EXPECT_EQ(book.begun_prompts(40, false), (std::vector<std::uint32_t>{3, 2}));
+  EXPECT_EQ(book.begun_prompts(40, true), (std::vector<std::uint32_t>{3}));
+}
+
+TEST(SessionBook, RemembersThatItIsPaused) {
+  SessionBook book = new_book();
+  v1::SessionEvent event;
+  event.mutable_set_play_state()->set_state(v1::PLAY_STATE_PAUSED);
+  book.add(event);
+  EXPECT_FALSE(book.is_paused());
+  book.answer(2, true);
+  EXPECT_TRUE(book.is_paused());
+}
+
+TEST(SessionBook, NeverOpenedItOpensAsAtFirst) {
+  v1::OpenSession first;
+  first.set_model_id("m");
+  *first.add_prompts() = convert::span(1, Prompt("walk"), 0, 0);
+  const SessionBook book(first);
+  EXPECT_EQ(book.reopening(0, 0, "").SerializeAsString(), first.SerializeAsString());
+}
+
+}  // namespace
+}  // namespace motiongen

@@ -9,6 +9,7 @@
 frame rate. Right-handed, +Y up, +Z forward, metres, seconds, radians, quaternions w, x, y, z.
 """
 
+from motiongen_client.channel import ChannelSettings
 from motiongen_client.client import MotionClient
 from motiongen_client.edit import Edit
 from motiongen_client.errors import (
@@ -17,6 +18,7 @@ from motiongen_client.errors import (
     InvalidInput,
     MissingExtra,
     MotiongenError,
+    NotAllowed,
     ProtocolViolation,
     ServerUnavailable,
     SessionEnded,
@@ -53,12 +55,12 @@ from motiongen_client.types import (
 )
 
 __all__ = [
-    "MotionClient", "Stream", "Session", "Edit", "SessionStats", "Playback", "LinePolicy", "Reopened",
-    "Frame", "Motion", "Rig",
+    "MotionClient", "Stream", "Session", "Edit", "SessionStats", "Playback",
+    "ChannelSettings", "LinePolicy", "Reopened", "Frame", "Motion", "Rig",
     "SessionOptions", "StartPose", "Priority", "Waypoint", "RootTrajectory", "Keyframe", "JointTargets",
     "Preset", "TextEmbedding",
     "Clip", "Residual", "Deviation", "Catalog", "Model", "Limits", "Opened", "Outcome", "ServiceLevel", "SessionEnd",
     "LocomotionPreset", "ModelWarning",
     "MotiongenError", "InvalidInput", "UnknownName", "ServerUnavailable", "StreamLost", "SessionEnded",
-    "EventRefused", "DeadlineExceeded", "ProtocolViolation", "MissingExtra",
+    "EventRefused", "DeadlineExceeded", "ProtocolViolation", "MissingExtra", "NotAllowed",
 ]  # fmt: skip

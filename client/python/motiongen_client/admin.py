@@ -41,8 +41,8 @@ class AdminClient:
     """A connection to a server's admin service. Use it as `async with AdminClient("localhost:50052") as admin`.
 
     address: of the server's --admin-listen, host:port or unix:PATH. token: of a tenant with the role admin, where the
-    server asks who calls; a refusal then raises NotAllowed. Every call raises EventRefused where the server cannot do it,
-    which leaves what it serves untouched, and ServerUnavailable where none answers.
+    server asks who calls; a refusal raises NotAllowed. Every call raises EventRefused where the server cannot do
+    it, which leaves what it serves untouched, and ServerUnavailable where none answers.
     """
 
     def __init__(self, address: str, *, token: Token | None = None) -> None:

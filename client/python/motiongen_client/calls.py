@@ -15,6 +15,7 @@ from motiongen_client.backoff import FINAL_CODES, Backoff
 from motiongen_client.call import Call
 from motiongen_client.errors import MotiongenError, ServerUnavailable, StreamLost
 from motiongen_client.line_policy import LinePolicy
+from motiongen_client.status import CREDENTIALS_EXPIRED
 
 _log = logging.getLogger(__name__)
 

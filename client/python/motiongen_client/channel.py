@@ -44,7 +44,7 @@ class ChannelSettings:
     """address: host:port or unix:PATH. credentials: of `grpc.ssl_channel_credentials()`; None speaks plain text.
 
     token: sent with every call, or what gives it, asked anew for every call, so that one that expires is followed by
-    the next. metadata: sent with every call too. options: for gRPC, before those that are set here. Raises InvalidInput.
+    the next. metadata: sent with every call too. options: for gRPC, before those set here. Raises InvalidInput.
     """
 
     address: str

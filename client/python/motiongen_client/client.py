@@ -22,6 +22,7 @@ from motiongen_client.status import NOT_ALLOWED, error_of
 from motiongen_client.stream import Stream
 from motiongen_client.types import NO_PROMPTS, Catalog, Clip, Constraint, SessionOptions
 
+
 class MotionClient:
     """A connection to one motiongen server. Use it as `async with MotionClient("localhost:50051") as client`.
 

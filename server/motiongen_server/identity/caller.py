@@ -56,7 +56,7 @@ def credentials_invalid() -> StreamRefused:
 
 def credentials_expired() -> StreamRefused:
     message = "the credentials have expired; get new ones, and resume the sessions with them"
-    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, CREDENTIALS_EXPIRED, message)
+    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_EXPIRED", message)
 
 
 def credentials_revoked() -> StreamRefused:

@@ -73,6 +73,7 @@ class Heard:
     chunks: list[motion_pb2.FrameChunk] = field(default_factory=list)
     outcomes: list[session_pb2.EditOutcome] = field(default_factory=list)
     levels: list[session_pb2.ServiceLevel] = field(default_factory=list)
+    reached: list[session_pb2.ConstraintReached] = field(default_factory=list)
     applied_seq: int = 0
     next_frame: int = 0
     end: int = 0
@@ -106,6 +107,10 @@ class Heard:
             self._take_chunk(update.chunk)
         elif kind == "service_level":
             self.levels.append(update.service_level)
+        elif kind == "constraint_reached":
+            decided = update.constraint_reached.frame < self.committed_to or self.attempt > 0  # or told of again
+            require(decided, "a constraint is told of when its frame is decided")
+            self.reached.append(update.constraint_reached)
         else:
             self.closed = update.closed
 

@@ -9,6 +9,7 @@
 frame rate. Right-handed, +Y up, +Z forward, metres, seconds, radians, quaternions w, x, y, z.
 """
 
+from motiongen_client.axes import GODOT, ROS, UNITY, UNREAL, Axes
 from motiongen_client.channel import ChannelSettings
 from motiongen_client.client import MotionClient
 from motiongen_client.edit import Edit
@@ -34,6 +35,7 @@ from motiongen_client.stream import Stream
 from motiongen_client.types import (
     Catalog,
     Clip,
+    ConstraintReached,
     Deviation,
     JointTargets,
     Keyframe,
@@ -57,10 +59,11 @@ from motiongen_client.types import (
 __all__ = [
     "MotionClient", "Stream", "Session", "Edit", "SessionStats", "Playback",
     "ChannelSettings", "LinePolicy", "Reopened", "Frame", "Motion", "Rig",
+    "Axes", "UNREAL", "UNITY", "GODOT", "ROS",
     "SessionOptions", "StartPose", "Priority", "Waypoint", "RootTrajectory", "Keyframe", "JointTargets",
     "Preset", "TextEmbedding",
     "Clip", "Residual", "Deviation", "Catalog", "Model", "Limits", "Opened", "Outcome", "ServiceLevel", "SessionEnd",
-    "LocomotionPreset", "ModelWarning",
+    "LocomotionPreset", "ModelWarning", "ConstraintReached",
     "MotiongenError", "InvalidInput", "UnknownName", "ServerUnavailable", "StreamLost", "SessionEnded",
     "EventRefused", "DeadlineExceeded", "ProtocolViolation", "MissingExtra", "NotAllowed",
 ]  # fmt: skip

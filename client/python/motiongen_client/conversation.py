@@ -12,10 +12,12 @@ from motiongen_client.direction import PRESENT_PROMPT_ID, Carrier
 from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolation, SessionEnded, UnknownName
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Prompt
+from motiongen_client.reached import ReachedBook
 from motiongen_client.recovery import Line, Recovery
 from motiongen_client.types import (
     Catalog,
     Constraint,
+    ConstraintReached,
     ModelWarning,
     Opened,
     ServiceLevel,
@@ -43,6 +45,8 @@ class Conversation(Recovery):
         self._num_plans = 0
         self._num_frames = 0
         self.on_service_level: Callable[[ServiceLevel], None] | None = None
+        self.on_constraint_reached: Callable[[ConstraintReached], None] | None = None
+        self._reached = ReachedBook()
 
     # ---- for the stream
 
@@ -68,6 +72,13 @@ class Conversation(Recovery):
         self._wishes.take_opening(opening)
         self._send(session_pb2.SessionEvent(open=opening))
         await asyncio.shield(self._opening)
+
+    async def constraint_reached(self, constraint_id: int) -> ConstraintReached:
+        """What became of a constraint, by an id of `Edit.constraint_ids`, once its last frame cannot change any more.
+
+        Raises what ends the session where that comes first; one that is removed is waited for until then.
+        """
+        return await self._reached.of(constraint_id)
 
     @property
     def is_over(self) -> bool:
@@ -119,6 +130,10 @@ class Conversation(Recovery):
                 self._note_frames(len(rows), chunk.first_frame + offset + len(rows))
             case "outcome":
                 self._hear_outcome(update.outcome)
+            case "constraint_reached":
+                reached = convert.constraint_reached(update.constraint_reached, self._offset)
+                if self._reached.note(reached) and self.on_constraint_reached is not None:
+                    self.on_constraint_reached(reached)
             case "service_level":
                 self._set_level(convert.service_level(update.service_level))
             case "closed":
@@ -127,6 +142,7 @@ class Conversation(Recovery):
 
     def fail(self, failure: MotiongenError) -> None:
         super().fail(failure)
+        self._reached.fail(failure)
         if not self._opening.done():
             self._opening.set_exception(failure)
             self._opening.exception()

@@ -18,13 +18,21 @@ class Edit:
     holds the change is made; for a prompt scheduled far ahead that is only when its frames are generated.
 
     event_seq: its number in the session; another one where the session had to be opened anew. constraint_ids: ids given
-    to the constraints it adds.
+    to the constraints it adds; prompt_id: the id of the prompt it sets.
     """
 
-    def __init__(self, what: str, event_seq: int, sent_at_s: float, constraint_ids: tuple[int, ...] = ()) -> None:
+    def __init__(
+        self,
+        what: str,
+        event_seq: int,
+        sent_at_s: float,
+        constraint_ids: tuple[int, ...] = (),
+        prompt_id: int | None = None,
+    ) -> None:
         self.what = what
         self.event_seq = event_seq
         self.constraint_ids = constraint_ids
+        self.prompt_id = prompt_id
         self._sent_at_s = sent_at_s
         self._first_frame_at_s: float | None = None
         self._answer: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()

@@ -62,6 +62,11 @@ class Playback:
         return self._started
 
     @property
+    def is_playing(self) -> bool:
+        """Whether the playhead goes on, or would if frames were there."""
+        return self._playing
+
+    @property
     def buffered_to(self) -> int:
         """The first frame that is not held."""
         return self._first_kept + len(self._rows)
@@ -177,6 +182,11 @@ class Playback:
         """(D,) float32, one frame. Raises InvalidInput when it is not held."""
         self._check_held(frame, frame + 1)
         return self._rows[frame - self._first_kept]
+
+    def held_rows(self, first_frame: int, end_frame: int) -> list[Rows]:
+        """The rows of frames first_frame up to end_frame - 1, as many as are held from first_frame on."""
+        begin = first_frame - self._first_kept
+        return self._rows[begin : end_frame - self._first_kept] if begin >= 0 else []
 
     def rows(self, first_frame: int, end_frame: int) -> Rows:
         """(T, D) float32, frames first_frame up to end_frame - 1. Raises InvalidInput when some are not held."""

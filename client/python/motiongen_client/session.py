@@ -10,6 +10,7 @@ from motiongen.v1 import session_pb2
 from motiongen_client.conversation import Conversation
 from motiongen_client.direction import Carrier
 from motiongen_client.motion import Frame, Motion
+from motiongen_client.posing import Poser
 from motiongen_client.recovery import Line
 from motiongen_client.types import Catalog, SessionEnd
 
@@ -45,10 +46,12 @@ class Session(Conversation):
     has one more and `on_reopened`, if set, is called.
 
     service_level: how well the server serves it at present; `on_service_level`, if set, is called at each change.
+    `on_constraint_reached`, if set, is called for each constraint whose last frame cannot change any more.
     """
 
     def __init__(self, handle: int, carrier: Carrier, catalog: Catalog, clock: Callable[[], float]) -> None:
         super().__init__(handle, carrier, catalog, clock)
+        self._poser: Poser | None = None
         self._untold = range(0)  # frames that the playhead has reached, but `frames` has not given yet
 
     # ---- the end
@@ -119,7 +122,7 @@ class Session(Conversation):
             is_told_some = bool(self._untold)
             while self._untold:
                 index, self._untold = self._untold[0], self._untold[1:]
-                yield Frame(self.rig, index, self.playback.row(index))
+                yield self._frame(index)
                 if num_left is not None:
                     num_left -= 1
                     if num_left == 0:
@@ -137,7 +140,7 @@ class Session(Conversation):
             self._untold = range(0)
         if not self.playback.started:
             return None
-        return Frame(self.rig, self.playback.playhead, self.playback.row(self.playback.playhead))
+        return self._frame(self.playback.playhead)
 
     def motion(self, first_frame: int | None = None, end_frame: int | None = None) -> Motion:
         """The frames shown so far that are still kept, or those from first_frame up to end_frame - 1."""
@@ -145,6 +148,11 @@ class Session(Conversation):
         shown_to = self.playback.playhead + 1 if self.playback.started else self.playback.playhead
         rows = self.playback.rows(first, shown_to if end_frame is None else end_frame)
         return Motion(self.rig, first, rows)
+
+    def _frame(self, index: int) -> Frame:
+        if self._poser is None:
+            self._poser = Poser(self.rig, self.playback)
+        return Frame(self.rig, index, self.playback.row(index), self._poser)
 
     def _advance(self) -> range:
         was_started = self.playback.started

@@ -23,6 +23,7 @@ QUOTAS = {
     "streams": (1, 100_000),
     "events_per_second": (1, 1e9),
     "prompts_per_second": (0.1, 1e6),
+    "calls_per_second": (0.1, 1e6),
     "session_weight": (1, 1_000_000),
     "heroes": (0, 1_000_000),
     "clip_samples": (0, 100_000),

@@ -18,7 +18,7 @@ from motiongen_server.errors import StreamRefused
 from motiongen_server.identity.caller import Caller
 from motiongen_server.identity.callers import Callers
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
-from motiongen_server.rpc.budget import BYTES_A_TOKEN, CALL_COST, CATALOG_COST, EVENT_COST
+from motiongen_server.rpc.budget import BYTES_A_CALL, CALL_COST, EVENT_COST
 from motiongen_server.rpc.clip import ClipService, clip_request
 from motiongen_server.rpc.convert import round_trip_s
 from motiongen_server.rpc.goodbye import say_draining
@@ -121,7 +121,7 @@ class MotionService:
     ) -> service_pb2.GetCatalogResponse:
         """Rigs, models and limits, or the etag alone for a client that holds them."""
         try:
-            self._charge_call(context, CATALOG_COST)
+            self._charge_call(context, CALL_COST)
         except StreamRefused as refusal:
             await context.abort_with_status(refusal.status())
         return self._models.catalog_response(request.catalog_etag)
@@ -129,24 +129,26 @@ class MotionService:
     async def GenerateClip(self, request: bytes, context: ClipContext) -> None:
         """Samples of one clip, from the request to the last frame."""
         try:
-            peer, _ = self._charge_call(context, CALL_COST + len(request) / BYTES_A_TOKEN)
+            peer, _ = self._charge_call(context, CALL_COST + len(request) / BYTES_A_CALL)
             asked = clip_request(request)
         except StreamRefused as refusal:
             await context.abort_with_status(refusal.status())
         await self.clips.generate(asked, context, peer)
 
     def _charge_call(self, context: AnyContext, cost: float) -> tuple[Peer, Caller]:
-        """Charge a call to its address, find out who calls, and charge its tenant.
+        """Find out who calls, and charge the call to its tenant, or its address where it has none or may not call.
 
-        Raises StreamRefused for who may not call, and while one of them owes: there is nothing to be read later.
+        Raises StreamRefused for who may not call, and while that owes: there is nothing to be read later.
         """
         now = time.monotonic()
         address = self._peers.find(context.peer(), now)
-        _charge(address, cost, now)
-        caller = self._callers.identify(context.invocation_metadata() or (), context.auth_context())
+        try:
+            caller = self._callers.identify(context.invocation_metadata() or (), context.auth_context())
+        except StreamRefused:
+            _charge(address, cost, now)
+            raise
         peer = self._peers.of(caller, address, now)
-        if peer is not address:
-            _charge(peer, cost, now)
+        _charge(peer, cost, now)
         return peer, caller
 
     async def StreamMotion(self, request_iterator: AsyncIterator[bytes], context: StreamContext) -> None:
@@ -339,6 +341,6 @@ class MotionService:
 
 
 def _charge(peer: Peer, cost: float, now: float) -> None:
-    if (owed_s := peer.events.owed_s(now)) > 0:
+    if (owed_s := peer.calls.owed_s(now)) > 0:
         raise too_many_calls(owed_s, peer.kind)
-    peer.events.charge(cost, now)
+    peer.calls.charge(cost, now)

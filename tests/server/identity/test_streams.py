@@ -15,6 +15,7 @@ import pytest
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_server.identity.tokens import new_token
+from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
 from motiongen_server.rpc.peers import Peers
 from tests.contract.local import LocalServer
 from tests.contract.talk import Talk
@@ -44,10 +45,10 @@ class Line:
 
 
 @asynccontextmanager
-async def connected(tenants: TenantsFile) -> AsyncIterator[Line]:
+async def connected(tenants: TenantsFile, limits: ServiceLimits | None = None) -> AsyncIterator[Line]:
     async with (
         asyncio.timeout(LIMIT_S),
-        LocalServer(callers=tenants.callers()) as server,
+        LocalServer(callers=tenants.callers(), service_limits=limits) as server,
         grpc.aio.insecure_channel(server.address) as channel,
     ):
         yield Line(channel)
@@ -68,6 +69,18 @@ async def test_calls_without_a_token_that_is_known_are_refused(tenants: TenantsF
         talk = await line.talk(token)
         await talk.open(1)
         await talk.plays_on(1)
+
+
+async def test_guessing_tokens_is_paid_by_the_address_and_by_no_tenant(tenants: TenantsFile) -> None:
+    token = tenants.one()
+    async with connected(tenants, ServiceLimits(peer=PeerLimits(calls_per_second=0.1))) as line:
+        codes = []
+        for _ in range(3):
+            with pytest.raises(grpc.aio.AioRpcError) as refused:
+                await line.catalog(new_token()[0])
+            codes.append(refused.value.code().name)
+        assert codes == ["UNAUTHENTICATED", "RESOURCE_EXHAUSTED", "RESOURCE_EXHAUSTED"]
+        assert (await line.catalog(token)).models
 
 
 async def test_a_tenant_has_its_own_quota_over_all_its_streams(tenants: TenantsFile) -> None:
@@ -142,4 +155,4 @@ def test_a_quota_that_changes_holds_from_the_next_call(tenants: TenantsFile) -> 
     assert address.events.owed_s(0.0) == 0
     tenants.write(tenants.path.read_text().replace("= 10 ", "= 40 "))
     assert peers.of(callers.identify(bearer(token), {}), address, 0.0) is peer
-    assert peer.limits.events_per_second == 40
+    assert (peer.limits.events_per_second, peer.events.owed_s(0.0)) == (40, 0.25)

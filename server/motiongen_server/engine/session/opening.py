@@ -11,6 +11,7 @@ from motiongen_server.engine.session.drift import DriftGuard, DriftState
 from motiongen_server.engine.session.edits import EditQueue
 from motiongen_server.engine.session.playback import PlaybackClock, RoundTrip
 from motiongen_server.engine.session.pose import PoseReader
+from motiongen_server.engine.session.reach import ReachWatch
 from motiongen_server.engine.session.session import SessionState
 from motiongen_server.engine.session.timeline import first_timeline
 from motiongen_server.engine.spread import spread
@@ -45,6 +46,7 @@ def open_session(
         timeline=first_timeline(facts, spec.prior_rows, prior_features),
         edits=EditQueue(config.max_waiting_edits),
         drift_state=DriftState(DriftGuard(PoseReader.of(facts.rig), config)),
+        reach=ReachWatch(spec.session),
         opened_at=received_at,
         last_playhead_at=now,
         moved_at=now,

@@ -12,6 +12,7 @@ return and what they count in the StepReport. The rules:
 - Each class has a most replans a second; edits in between wait and share one. They are answered however long it takes.
 - A window is taken only up to the next change of prompt, so the window after it starts there with the new prompt.
 - No frame is sent at or beyond the playhead + lookahead, of which the playhead runs at real time and little more.
+- A constraint is answered when its last frame is committed: met or missed, and by how much.
 - A session told to hold makes no windows; it repeats its last pose when it would run out.
 - A clip is not played: windows follow one another until its frames are there, and each is sent when it lands; no more
   than its lookahead beyond what its client has taken.
@@ -29,6 +30,7 @@ from motiongen_server.engine.session.delivery import Delivery
 from motiongen_server.engine.session.drift import DriftState
 from motiongen_server.engine.session.edits import EditEvent, EditQueue, PendingEdit, edited
 from motiongen_server.engine.session.playback import PlaybackClock
+from motiongen_server.engine.session.reach import ReachWatch
 from motiongen_server.engine.session.timeline import Timeline
 from motiongen_server.engine.session.windows import RunningWindow, WindowSite, history_crop, history_frames, steps_at
 from motiongen_server.engine.types import (
@@ -78,6 +80,7 @@ class SessionState:
     timeline: Timeline
     edits: EditQueue
     drift_state: DriftState
+    reach: ReachWatch
     opened_at: float
     last_playhead_at: float
     moved_at: float
@@ -398,6 +401,7 @@ class SessionState:
         if not chunks:
             return outputs
         outputs += chunks
+        outputs += self.reach.reached(self.facts.rig, self.conditions, self.timeline, self.delivery.committed_to)
         report.frames_sent += self.delivery.sent_to - sent_before
         if opening:
             report.event_latencies.append(EventLatency(self.spec.priority, "open", now - self.opened_at))

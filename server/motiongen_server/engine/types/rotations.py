@@ -1,4 +1,4 @@
-"""Quaternions off the wire as matrices."""
+"""Quaternions as matrices: those of messages and of frame rows."""
 
 from __future__ import annotations
 

@@ -17,6 +17,8 @@ RESERVED_FILES = 128
 LEAST_CONNECTIONS = 32
 MOST_FILES = 65_536
 """More are not asked for: some systems allow a billion, and libraries close them all one by one."""
+HANDSHAKE_MS = 5_000
+"""Within which whoever has connected must speak HTTP/2."""
 READ_AHEAD_BYTES = 64 << 10
 """Of a stream that is not read: the rest waits at its client."""
 
@@ -29,12 +31,13 @@ def make_grpc_server(config: ServerConfig) -> grpc.aio.Server:
             ("grpc.max_send_message_length", 8 << 20),
             ("grpc.max_concurrent_streams", 256),
             ("grpc.max_allowed_incoming_connections", allowed_connections()),
+            ("grpc.server_handshake_timeout_ms", HANDSHAKE_MS),
             ("grpc.http2.lookahead_bytes", READ_AHEAD_BYTES),
             ("grpc.http2.bdp_probe", 0),
             ("grpc.keepalive_time_ms", round(1000 * config.keepalive_s)),
             ("grpc.keepalive_timeout_ms", round(1000 * config.keepalive_timeout_s)),
             ("grpc.keepalive_permit_without_calls", 1),
-            ("grpc.http2.min_recv_ping_interval_without_data_ms", round(1000 * config.min_ping_interval_s)),
+            ("grpc.http2.min_ping_interval_without_data_ms", round(1000 * config.min_ping_interval_s)),
             ("grpc.http2.max_ping_strikes", 4),
             ("grpc.so_reuseport", 0),
         ],

@@ -18,7 +18,7 @@ from tests.attack.attack import Attack, machine, run, table
 ATTACKS = (
     Attack("nobody attacks", ""),
     Attack("empty events", "empty_events", 2),
-    Attack("one event of 400,000 empty constraints", "empty_constraints", 2),
+    Attack("one event of 400,000 empty constraints", "empty_constraints", 2, grown_mib=300),
     Attack("450,000 empty events a message, nothing read", "huge_messages", 1),
     Attack("pings", "pings", 2),
     Attack("opens that must fail, with new prompts", "failing_opens", 2, built_in=True),

@@ -175,6 +175,14 @@ class Session:
         """Move the playhead to the present and return the frame to show now; None before the first one came."""
         return self._loop.call(self._inner.poll)
 
+    def sample(self) -> Frame | None:
+        """As `poll`, but with the pose of this very moment, between two frames."""
+        return self._loop.call(self._inner.sample)
+
+    def set_time_scale(self, scale: float) -> None:
+        """Play slower or faster than real time: 0.5 is half as fast."""
+        self._loop.call(lambda: self._inner.set_time_scale(scale))
+
     def motion(self, first_frame: int | None = None, end_frame: int | None = None) -> Motion:
         """The frames shown so far that are still kept, or those from first_frame up to end_frame - 1."""
         return self._loop.call(lambda: self._inner.motion(first_frame, end_frame))

@@ -89,12 +89,14 @@ class Frame:
 
     index: absolute frame number since the session opened; row: (D,) float32 as `rig.blocks` lays it out.
     poser: what makes its joint positions together with those of its neighbours; None: they are made alone.
+    share: how far it is on the way to the next frame, 0 to 1; 0 of what the server sent.
     """
 
     rig: Rig
     index: int
     row: Float32
     poser: Poser | None = None
+    share: float = 0.0
 
     def __repr__(self) -> str:
         x, y, z = self.root_translation_m
@@ -103,7 +105,7 @@ class Frame:
     @property
     def time_s(self) -> float:
         """Seconds since frame 0."""
-        return self.index / self.rig.frame_rate_hz
+        return (self.index + self.share) / self.rig.frame_rate_hz
 
     @property
     def root_translation_m(self) -> Float32:

@@ -12,6 +12,7 @@ from motiongen_client.direction import Carrier
 from motiongen_client.motion import Frame, Motion
 from motiongen_client.posing import Poser
 from motiongen_client.recovery import Line
+from motiongen_client.sampling import Sampler
 from motiongen_client.types import Catalog, SessionEnd
 
 
@@ -52,6 +53,7 @@ class Session(Conversation):
     def __init__(self, handle: int, carrier: Carrier, catalog: Catalog, clock: Callable[[], float]) -> None:
         super().__init__(handle, carrier, catalog, clock)
         self._poser: Poser | None = None
+        self._sampler: Sampler | None = None
         self._untold = range(0)  # frames that the playhead has reached, but `frames` has not given yet
 
     # ---- the end
@@ -141,6 +143,23 @@ class Session(Conversation):
         if not self.playback.started:
             return None
         return self._frame(self.playback.playhead)
+
+    def sample(self) -> Frame | None:
+        """As `poll`, but with the pose of this very moment, between two frames: for a loop at 60 or 144 Hz.
+
+        Where a replan or a wait makes what is shown jump, the jump is faded (`sampling`). Use this or `poll`.
+        """
+        if self.poll() is None:
+            return None
+        if self._sampler is None:
+            self._sampler = Sampler(self.rig, self.playback)
+        share, row = self._sampler.row(self._clock())
+        return Frame(self.rig, self.playback.playhead, row, share=share)
+
+    def set_time_scale(self, scale: float) -> None:
+        """Play slower or faster than real time: 0.5 is half as fast. The server may not keep up with much above 1."""
+        self.playback.set_time_scale(scale)
+        self._changed.set()
 
     def motion(self, first_frame: int | None = None, end_frame: int | None = None) -> Motion:
         """The frames shown so far that are still kept, or those from first_frame up to end_frame - 1."""

@@ -355,6 +355,8 @@ class Engine:
             misses = len(self._report.deadline_misses)
             self._send_queue += state.accept(result, now, self._report)
             self._touched[state.key] = state
+            if job is not None and not job.background:
+                self._load_monitor.note_window(job.priority)
             # Only who goes on shows whether the machine keeps up: edits may ask for more than it could ever do.
             if job is not None and job.cause is PlanCause.CONTINUE and job.first_frame and not job.background:
                 due += 1

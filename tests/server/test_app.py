@@ -302,7 +302,7 @@ async def test_when_the_engine_fails_it_ends_with_1(caplog: pytest.LogCaptureFix
         ({"lookahead_frames": 20}, "lookahead_frames is 20; fake needs at least 40"),
         ({"max_lookahead_frames": 36}, "max_lookahead_frames is 36; fake needs at least 40"),
         ({"history_frames": 400}, "history_crop is 400"),
-        ({"host": "256.0.0.1"}, "cannot listen on 256.0.0.1:0"),
+        ({"host": "256.0.0.1", "insecure": True}, "cannot listen on 256.0.0.1:0"),
     ],
 )
 async def test_settings_that_do_not_fit_the_model_are_named(settings: dict[str, object], named: str) -> None:

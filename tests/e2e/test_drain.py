@@ -19,8 +19,8 @@ import psutil
 import pytest
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
+from motiongen_compliance.talk import Talk
 from tests.conftest import ROOT, TINY_MODEL
-from tests.contract.talk import Talk
 
 LIMIT_S = 60.0
 MODEL = ["--model", str(TINY_MODEL), "--text-encoder", "hashed", "--devices", "cpu:1"]

@@ -35,7 +35,7 @@ TEXT = "model2vec tokenizers"
 PICTURES = "matplotlib"
 GRPC = "grpc grpc_health grpc_reflection"
 
-PARTS = ("ardy", "server", "client/python", "client/tools", "proto/python")
+PARTS = ("ardy", "server", "client/python", "client/tools", "compliance", "proto/python")
 ARDY = "ardy/motiongen_ardy"
 SERVER = "server/motiongen_server"
 
@@ -106,6 +106,12 @@ ROOMS = (
         "google grpc motiongen numpy motiongen_client motiongen_tools hdrh matplotlib psutil rich yaml",
     ),
     room("client/tools", "google grpc motiongen numpy motiongen_client motiongen_tools matplotlib rich"),
+    # the compliance suite; its conftest.py brings the servers of this repository
+    room(
+        "compliance/motiongen_compliance",
+        "google.rpc grpc grpc_status motiongen numpy pytest motiongen_compliance",
+    ),
+    room("compliance/conftest.py", "pytest motiongen_server tests"),
     room("client/python/examples", "numpy matplotlib motiongen_client motiongen_tools"),
 )
 
@@ -158,7 +164,7 @@ def test_every_import_follows_an_arrow(repository: Any) -> None:
 
 
 def test_every_source_file_is_in_a_room(repository: Any) -> None:
-    tops = {"proto", "ardy", "server", "client"}
+    tops = {"proto", "ardy", "server", "client", "compliance"}
     homeless = [str(p) for p in repository.files if p.suffix == ".py" and p.parts[0] in tops and room_of(p) is None]
     assert homeless == []
 
@@ -185,6 +191,8 @@ def test_every_source_file_is_in_a_room(repository: Any) -> None:
         ("server/motiongen_server/runner/row.py", "from motiongen.v1 import motion_pb2"),
         ("client/python/motiongen_client/session.py", "import torch"),
         ("client/python/motiongen_client/session.py", "import motiongen_server.config"),
+        ("compliance/motiongen_compliance/suite/test_greed.py", "from motiongen_server.rpc import limits"),
+        ("compliance/motiongen_compliance/talk.py", "import motiongen_client"),
         ("proto/python/motiongen/__init__.py", "import motiongen_ardy"),
     ],
 )

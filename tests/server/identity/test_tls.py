@@ -11,10 +11,10 @@ import grpc.aio
 import pytest
 
 from motiongen.v1 import service_pb2, service_pb2_grpc
+from motiongen_compliance.talk import Talk
 from motiongen_server.identity.tls import TlsFiles, server_credentials
 from motiongen_server.settings import SettingError
 from tests.contract.local import LocalServer
-from tests.contract.talk import Talk
 from tests.server.identity.files import AUTHORITY, CERTIFICATES, client_credentials, copy_pair
 
 LIMIT_S = 60.0

@@ -15,13 +15,13 @@ from google.rpc import error_details_pb2
 from grpc_status import rpc_status
 
 from motiongen.v1 import service_pb2, service_pb2_grpc
+from motiongen_compliance.talk import Talk
 from motiongen_server.engine.types import Chunk, SessionKey
 from motiongen_server.rpc.handlers import SERVICE_NAME
 from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
 from motiongen_server.rpc.stream import Stream
 from motiongen_server.rpc.stream_watch import StreamWatch
 from tests.contract.local import LocalServer
-from tests.contract.talk import Talk
 from tests.server.engine.fakes import ROW_WIDTH
 from tests.server.rpc.test_event_order import Line
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from tests.contract.conftest import Target
-from tests.contract.talk import Talk, edit_constraints, waypoint
+from motiongen_compliance.talk import Talk, edit_constraints, waypoint
+from motiongen_compliance.target import Target
 
 LIMIT_S = 20.0
 
@@ -45,6 +45,20 @@ async def test_a_client_that_resumes_hears_what_it_missed(target: Target) -> Non
     await second.resume(1, heard)
     await second.until(lambda: heard.reached)
     assert heard.reached == told
+
+
+async def test_a_heading_and_rotations_need_no_place(target: Target) -> None:
+    heading = motion_pb2.Constraint(constraint_id=1, frame=20, heading=motion_pb2.HeadingTarget(heading=3.0))
+    turn = motion_pb2.JointRotations(joints=[0], rotations=[0.0, 1.0, 0.0, 0.0])  # upside down
+    turned = motion_pb2.Constraint(constraint_id=2, frame=21, joint_rotations=turn)
+    talk = await target.talk()
+    heard = await talk.open(1, constraints=[heading, turned])
+    await play_past(talk, 1, 21)
+    await talk.until(lambda: len(heard.reached) == 2)
+    for reached in heard.reached:
+        assert not reached.met
+        assert not reached.HasField("position_error_m")
+        assert reached.rotation_error_rad > 1.0
 
 
 async def test_a_clip_says_what_is_met(target: Target) -> None:

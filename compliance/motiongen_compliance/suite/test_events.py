@@ -5,8 +5,7 @@ from __future__ import annotations
 import grpc
 
 from motiongen.v1 import service_pb2, session_pb2
-from tests.contract.conftest import Scene, Target
-from tests.contract.talk import (
+from motiongen_compliance.talk import (
     PAUSE,
     RESUME,
     addressed,
@@ -16,6 +15,7 @@ from tests.contract.talk import (
     span,
     waypoint,
 )
+from motiongen_compliance.target import Scene, Target
 
 OK = grpc.StatusCode.OK.value[0]
 FAILED_PRECONDITION = grpc.StatusCode.FAILED_PRECONDITION.value[0]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 
 from motiongen.v1 import session_pb2
-from tests.contract.conftest import Scene
-from tests.contract.mistakes import INF, NAN, Mistake, Status, check, long_text, opening
-from tests.contract.talk import (
+from motiongen_compliance.mistakes import INF, NAN, Mistake, Status, check, long_text, opening
+from motiongen_compliance.talk import (
     addressed,
     span,
     waypoint,
 )
+from motiongen_compliance.target import Scene
 
 REFUSED_OPENS = [
     Mistake("unknown rig", lambda c: opening(rig_id="smurf"), "UNKNOWN_RIG", "open.rig_id", "", Status.NOT_FOUND),

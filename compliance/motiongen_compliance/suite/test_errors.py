@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 
 from motiongen.v1 import session_pb2
-from tests.contract.conftest import Scene, Target
-from tests.contract.mistakes import Event, Mistake, Status, check, opening
-from tests.contract.talk import (
+from motiongen_compliance.mistakes import Event, Mistake, Status, check, opening
+from motiongen_compliance.talk import (
     PAUSE,
     RESUME,
     addressed,
@@ -16,6 +15,7 @@ from tests.contract.talk import (
     span,
     waypoint,
 )
+from motiongen_compliance.target import Scene, Target
 
 PROMPT, CONSTRAINT = "edit_prompts.upsert[0]", "edit_constraints.upsert[0]"
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from motiongen.v1 import session_pb2
-from tests.contract.conftest import Target
-from tests.contract.talk import PAUSE, RESUME, edit_prompts, span
+from motiongen_compliance.talk import PAUSE, RESUME, edit_prompts, span
+from motiongen_compliance.target import Target
 
 
 async def test_a_silent_client_gets_one_lookahead_and_no_more(target: Target) -> None:
@@ -26,7 +26,8 @@ async def test_the_playhead_is_credit(target: Target) -> None:
     heard = await talk.open(1)
     assert heard.opened is not None
     lookahead = heard.opened.lookahead_frames
-    for playhead in (7, 20, 39, 61, 100):
+    # within the one look-ahead that a playhead may jump, so that each is credited as it comes
+    for playhead in (7, 20, 39):
         await talk.until(lambda playhead=playhead: heard.end >= playhead)
         await talk.report(1, playhead)
         await talk.until(lambda playhead=playhead: heard.end == playhead + lookahead)

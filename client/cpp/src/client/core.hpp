@@ -124,7 +124,7 @@ Result<EditId> ClientCore::edit_with(SessionState& state, Make make) {
   {
     const std::lock_guard<std::mutex> lock(state.mutex);
     if (state.phase == Phase::closed || state.phase == Phase::closing) {
-      return Status(Code::failed_precondition, "SESSION_CLOSED", "the session has ended: " + state.ended.message());
+      return Status(Code::failed_precondition, "SESSION_CLOSED", "the session has ended (" + state.ended.reason() + "): " + state.ended.message());
     }
     v1::SessionEvent event = make();
     const auto most = Outbox::most_event_bytes(catalog()->limits.max_request_bytes);

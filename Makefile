@@ -7,7 +7,7 @@ VENV ?= .venv
 PYTHON := $(VENV)/bin/python
 BUF := $(VENV)/bin/buf
 READY := $(VENV)/.ready
-PARTS := proto ardy server client/python client/tools
+PARTS := proto ardy server client/python client/tools compliance
 LOWEST ?= $(OUT)/venv-lowest
 OUT ?= out
 DATA ?= $(OUT)/data
@@ -33,7 +33,7 @@ $(READY): constraints.txt requirements-dev.txt $(PARTS:%=%/pyproject.toml)
 	$(PYTHON) -m pip install --quiet --constraint constraints.txt setuptools
 	$(PYTHON) -m pip install --progress-bar on --no-build-isolation --constraint constraints.txt \
 		--requirement requirements-dev.txt --editable ./proto --editable './ardy[gltf,hub,text,train]' --editable ./server \
-		--editable ./client/python --editable './client/tools[bench,pictures]'
+		--editable ./client/python --editable './client/tools[bench,pictures]' --editable ./compliance
 	# it asks for the protobuf of its time, but needs none to run protoc
 	$(PYTHON) -m pip install --quiet --no-deps --constraint constraints.txt grpcio-tools
 	@touch $@
@@ -77,12 +77,16 @@ parity: $(READY) ## test that batched, streamed and saved motion equals the plai
 	$(PYTHON) -m pytest tests/parity $(ARGS)
 
 .PHONY: contract
-contract: $(READY) ## test that a server keeps the protocol; any server: MOTIONGEN_ADDRESS=host:port make contract
-	$(PYTHON) -m pytest tests/contract $(ARGS)
+contract: $(READY) ## test that our server keeps the protocol; any other: .venv/bin/motiongen-compliance HOST:PORT
+	$(PYTHON) -m pytest compliance tests/contract $(ARGS)
 
 .PHONY: e2e
 e2e: $(READY) ## test a real server process with the real client
 	$(PYTHON) -m pytest tests/e2e $(ARGS)
+
+.PHONY: attack
+attack: $(READY) ## attack a real server in every known way, and print what its neighbours noticed; a short form is in make test
+	$(PYTHON) -m tests.attack --out $(OUT)/attack $(ARGS)
 
 .PHONY: lint
 lint: $(READY) ## check style and format

@@ -30,6 +30,7 @@ def live_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer
     """One server for all tests that ask; a test that stops or breaks a server starts its own. Its end is checked."""
     log = tmp_path_factory.mktemp("live_server") / "stderr.txt"
     settings = ["--port", "0", "--ops-port", "0", "--print-ports", "--devices", "cpu:1", "--drain-wait-s", "0"]
+    settings += ["--playback-rate", "1000"]  # tests take motion as fast as it comes
     settings += ["--profile-s", "0.3", "--admit-load", "1000", "--degrade", "false"]  # however busy the machine
     model = ["--model", str(TINY_MODEL), "--text-encoder", "hashed"]
     with log.open("w", encoding="utf-8") as errors:

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-import asyncio
+import os
+import signal
 import sys
 
-from motiongen_server.app import run
-from motiongen_server.config import parse_config
-from motiongen_server.ops.logs import configure_logs
-from motiongen_server.ops.memory import keep_freed_memory
-from motiongen_server.settings import SettingError
+SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
+
+def end_at_once(_number: int, _frame: object) -> None:
+    """Nothing has begun yet, so nothing has to be ended."""
+    os._exit(0)
 
 
 def main() -> int:
     """0 after an orderly end, 2 for a wrong setting, 1 when start-up or the engine failed."""
+    for number in SIGNALS:
+        signal.signal(number, end_at_once)
+    # Only now, because they take a second: who is asked to stop meanwhile ends as at any other time.
+    import asyncio
+
+    from motiongen_server.app import run
+    from motiongen_server.config import parse_config
+    from motiongen_server.ops.logs import configure_logs
+    from motiongen_server.ops.memory import keep_freed_memory
+    from motiongen_server.settings import SettingError
+
     try:
         config = parse_config(sys.argv[1:])
     except SettingError as error:

@@ -16,7 +16,6 @@ from typing import Any, TypeVar
 
 import grpc.aio
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
-from grpc_reflection.v1alpha import reflection
 
 from motiongen_server.background import start_in_background
 from motiongen_server.config import ServerConfig
@@ -28,12 +27,14 @@ from motiongen_server.models.admin import AdminService, add_admin
 from motiongen_server.models.factory import Engines, ModelFactory, make_limits
 from motiongen_server.models.manager import ModelManager
 from motiongen_server.ops.http import OpsServer, ops_app
-from motiongen_server.ops.memory import settled_objects
+from motiongen_server.ops.memory import FreedMemory, give_back_freed_memory, settled_objects
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.rpc.handlers import SERVICE_NAME, add_methods
+from motiongen_server.rpc.reflection import add_reflection
 from motiongen_server.rpc.service import MotionService
 from motiongen_server.rpc.starting import StartingService
 from motiongen_server.settings import SettingError
+from motiongen_server.transport import make_grpc_server
 
 _log = logging.getLogger("motiongen_server")
 
@@ -45,8 +46,6 @@ STOP_GRACE_S = 2.0
 """For each of the last words: to streams after the drain's grace, and to the engine's thread."""
 LAST_CALLS_S = 0.5
 """For calls that have been answered to be told so; one that only watches the health does not hold the end up longer."""
-OTHER_CALLS = 1024
-"""Besides streams and clips, which the service counts itself: health, catalogue, reflection."""
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
@@ -73,8 +72,10 @@ class Application:
         self._admin: grpc.aio.Server | None = None
         self._health = health.aio.HealthServicer()
         self._stop = asyncio.Event()
+        self._hurry = asyncio.Event()
         self._door = StartingService()
         self._ready = False
+        self._freed = FreedMemory()
         self.grpc_port = 0
         self.ops_port = 0
         self.admin_port = 0
@@ -163,24 +164,11 @@ class Application:
 
     async def _start_grpc(self) -> None:
         config = self._config
-        self._server = grpc.aio.server(
-            options=[
-                ("grpc.max_receive_message_length", config.max_request_bytes),
-                ("grpc.max_send_message_length", 8 << 20),
-                ("grpc.max_concurrent_streams", 256),
-                ("grpc.keepalive_time_ms", 30_000),
-                ("grpc.keepalive_timeout_ms", 10_000),
-                ("grpc.http2.min_recv_ping_interval_without_data_ms", 10_000),
-                ("grpc.so_reuseport", 0),
-            ],
-            maximum_concurrent_rpcs=config.max_streams + config.max_clip_calls + OTHER_CALLS,
-        )
+        self._server = make_grpc_server(config)
         add_methods(self._door, self._server)
         health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
         if config.reflection:
-            reflection.enable_server_reflection(
-                (SERVICE_NAME, health.SERVICE_NAME, reflection.SERVICE_NAME), self._server
-            )
+            add_reflection((SERVICE_NAME, health.SERVICE_NAME), self._server)
         await self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
         address = join_address(config.host, config.port)
         try:
@@ -224,13 +212,17 @@ class Application:
     # ---- serve, drain, stop -----------------------------------------------------------------------------------------
 
     def ask_to_stop(self) -> None:
-        """Begin to drain; what SIGTERM does."""
+        """Begin to drain, which SIGTERM does; once more: wait for nobody any longer."""
+        if self._stop.is_set():
+            self._hurry.set()
         self._stop.set()
 
     async def serve(self) -> None:
         """Return when asked to stop, or when nothing can be served any more."""
         while not self._stop.is_set() and self._manager.failure is None:
             self._manager.look_after()
+            if self._freed.is_due():
+                await asyncio.to_thread(give_back_freed_memory)
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._stop.wait(), timeout=1.0)
 
@@ -241,14 +233,16 @@ class Application:
         self._ready = False
         await self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
         # Balancers see the changed health only some time later: until then, whoever they send is served.
-        await asyncio.sleep(config.drain_wait_s)
+        hurry = asyncio.create_task(self._hurry.wait())
+        await asyncio.wait({hurry}, timeout=config.drain_wait_s)
         await self._stop_admin()
         self._manager.drain()
         self._service.goodbye(config.drain_grace_s)
         finished = asyncio.create_task(self._service.finished())
-        await asyncio.wait({finished}, timeout=config.drain_grace_s)
+        await asyncio.wait({finished, hurry}, timeout=config.drain_grace_s, return_when=asyncio.FIRST_COMPLETED)
         self._service.close_all()
         await asyncio.wait({finished}, timeout=STOP_GRACE_S)
+        hurry.cancel()
         # A client that does not read keeps its stream from ending; nothing more can be told to it.
         await self._server.stop(LAST_CALLS_S if finished.done() else None)
         finished.cancel()
@@ -272,14 +266,17 @@ def join_address(host: str, port: int) -> str:
 
 
 def stop_on_signals(application: Application) -> None:
-    """Drain on the first signal; the next one ends the process at once, as if nobody caught it."""
-    loop = asyncio.get_running_loop()
+    """Drain on the first signal, without waiting for clients on the second; a third one ends the process at once."""
+    loop, asked_before = asyncio.get_running_loop(), 0
 
     def asked() -> None:
+        nonlocal asked_before
+        asked_before += 1
         application.ask_to_stop()
-        for number in SIGNALS:
-            loop.remove_signal_handler(number)
-            signal.signal(number, signal.SIG_DFL)
+        if asked_before > 1:
+            for number in SIGNALS:
+                loop.remove_signal_handler(number)
+                signal.signal(number, signal.SIG_DFL)
 
     for number in SIGNALS:
         loop.add_signal_handler(number, asked)

@@ -42,7 +42,9 @@ class ServerConfig:
         "cuda:all; none: cuda:all where there is CUDA, else cpu: and the number of cores, at most 8",
         many=True,
     )
-    precision: str = setting("float32", "of the model's products; auto: bfloat16 where fast", choices=PRECISIONS)
+    precision: str = setting(
+        "auto", "of the model's products; auto: bfloat16 where it is 1.5 times faster", choices=PRECISIONS
+    )
     denoise_steps: int = setting(4, "denoising steps of a window when a session does not say", 2, 1000)
     text_guidance: float | None = setting(None, "weight of the prompt when a session does not say", 0, 10, kind=float)
     constraint_guidance: float | None = setting(None, "weight of constraints then", 0, 10, kind=float)
@@ -61,6 +63,9 @@ class ServerConfig:
     max_lookahead_frames: int = setting(80, "most that a session may ask for", 1, 10_000)
     max_prompt_characters: int = setting(1000, "length of a prompt", 1, 100_000)
     max_request_bytes: int = setting(1 << 20, "size of one message from a client", 1024, 1 << 30)
+    keepalive_s: float = setting(30.0, "silence after which a client is asked whether it is there", 1, 1e6)
+    keepalive_timeout_s: float = setting(10.0, "within which it must answer, or its transport is lost", 0.1, 1e6)
+    min_ping_interval_s: float = setting(1.0, "least time between keepalives of a client, else it is cut off", 0, 1e6)
     hello_timeout_s: float = setting(5.0, "within which a stream must say hello", 0.1, 3600)
     empty_timeout_s: float = setting(300.0, "after which a stream without sessions is ended", 1, 1e6)
     stuck_timeout_s: float = setting(30.0, "after which a stream or clip that nobody reads is ended", 1, 3600)
@@ -69,12 +74,14 @@ class ServerConfig:
     peer_streams: int = setting(1024, "streams of one address", 1, 100_000)
     peer_events_per_second: float = setting(20_000.0, "events of one address a second", 1, 1e9)
     peer_prompts_per_second: float = setting(200.0, "new prompts of one address a second", 0.1, 1e6)
+    peer_calls_per_second: float = setting(100.0, "new streams, clips, catalogues of one address a second", 1, 1e6)
     peer_session_weight: int = setting(4096, "sessions of one address; a HERO counts 4, a NEAR 2", 4, 1_000_000)
     peer_heroes: int = setting(128, "sessions of one address in the class HERO", 0, 1_000_000)
     peer_clip_samples: int = setting(32, "samples of clips of one address that are being made", 1, 100_000)
     events_per_second: float = setting(50.0, "events of one session a second", 1, 1e6)
     stream_events_per_second: float = setting(5000.0, "events of one stream a second", 1, 1e7)
     flush_ms: float = setting(20.0, "how long updates are gathered into one message", 1, 1000)
+    playback_rate: float = setting(1.05, "times its frame rate that a session may be played at", 1, 1e6)
     idle_timeout_s: float = setting(300.0, "silence after which a session is closed", 1, 1e6)
     resume_grace_s: float = setting(30.0, "for which sessions wait for a client that lost its line", 0, 3600)
     prompt_cache: int = setting(4096, "prompts whose embeddings are remembered", 1, 10_000_000)

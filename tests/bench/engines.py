@@ -24,7 +24,7 @@ from tests.bench.served import QUICK, Effort, edit_latencies_ms, most_served, wi
 CHARACTERS = 8
 STEPS = 4
 MIB = 1 << 20
-SETTINGS = ("--admit-load", "1000", "--degrade", "false")
+SETTINGS = ("--admit-load", "1000", "--degrade", "false", "--playback-rate", "1000")
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ def serve(folder: Path, precision: str) -> tuple[float, float]:
     from motiongen_tools.server_process import ServerProcess
 
     settings = ["--model", str(folder), "--text-encoder", "hashed", "--precision", precision]
-    settings += ["--denoise-steps", str(NUM_STEPS)]
+    settings += ["--denoise-steps", str(NUM_STEPS), "--playback-rate", "1000"]
     with ServerProcess(settings) as server, MotionClient(server.address) as client:
         session = client.open(prompt="a person walks forward")
         session.add_waypoint(0.5, 1.0, frame=60)

@@ -47,7 +47,7 @@ FACTS = ModelFacts(
 
 
 class NullRunner:
-    """Satisfies `motiongen_server.engine.ports.Runner`; every window is the same zeros. step_s: what a step waits."""
+    """Satisfies `motiongen_server.engine.ports.Runner`; every window rests. step_s: what a step waits."""
 
     facts = FACTS
 
@@ -55,6 +55,7 @@ class NullRunner:
         self._step_s = step_s
         self._steps_done: dict[int, int] = {}
         self._frames = np.zeros((FACTS.horizon, FACTS.row_width), np.float32)
+        self._frames[:, 3 : 3 + 4 * NUM_JOINTS : 4] = 1.0
         self._features = np.zeros((FACTS.horizon, FACTS.feature_dim), np.float32)
         self._tokens = np.zeros((FACTS.horizon // FACTS.patch, FACTS.token_width), np.float32)
 

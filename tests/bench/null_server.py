@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import asyncio
 import json
-import signal
 import sys
 import threading
 
-from motiongen_server.app import Application
+from motiongen_server.app import Application, stop_on_signals
 from motiongen_server.config import ServerConfig, parse_config
 from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import ModelFacts
@@ -36,10 +35,13 @@ def start_null_engines(config: ServerConfig, deliver: Deliver, metrics: Metrics)
 async def serve(config: ServerConfig) -> int:
     """Until SIGTERM. Returns the exit code."""
     application = Application(config, start_null_engines)
-    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, application.ask_to_stop)
+    stop_on_signals(application)
     await application.start()
     threads = {thread.name: thread.native_id for thread in threading.enumerate()}
-    print(json.dumps({"grpc_port": application.grpc_port, "threads": threads}), flush=True)
+    print(
+        json.dumps({"grpc_port": application.grpc_port, "ops_port": application.ops_port, "threads": threads}),
+        flush=True,
+    )
     with settled_objects():
         await application.serve()
         return await application.drain()

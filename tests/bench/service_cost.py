@@ -41,6 +41,7 @@ STAND_INS = "tests.bench.stand_ins"
 SETTINGS = (
     "--port", "0", "--ops-port", "0", "--log-level", "WARNING", "--drain-wait-s", "0", "--drain-grace-s", "0.5",
     "--max-sessions", "4000", "--max-sessions-per-stream", "4000", "--max-rows", "4000", "--denoise-steps", "2",
+    "--peer-events-per-second", "1000000000", "--peer-calls-per-second", "1000000", "--peer-session-weight", "1000000",
     "--devices", "cpu:1", "--events-per-second", "1000000", "--stream-events-per-second", "10000000",
 )  # fmt: skip
 

@@ -60,7 +60,7 @@ async def measure(steps: int, effort: Effort, status: Status) -> Figures:
         status.update(f"{steps} steps: {what}")
 
     say("starting the server")
-    with ServerProcess(["--denoise-steps", str(steps)]) as server:
+    with ServerProcess(["--denoise-steps", str(steps), "--playback-rate", "1000"]) as server:
         say("opening")
         opens = await open_latencies_ms(server.address, steps, effort.opens_s)
         say("edits of one character")

@@ -136,3 +136,59 @@ async def test_an_edit_beyond_everything_planned_is_timed_by_its_effective_frame
     async for _ in session.frames(seconds=1.3, realtime=False):
         pass
     assert edit.latency_s is not None
+
+
+async def test_a_prompt_can_be_for_a_while_moved_and_removed(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("one")
+    wave = session.set_prompt("wave", frame=40, end_frame=60)
+    await wave
+    assert wave.prompt_id == 2
+    again = session.set_prompt("wave", frame=80, end_frame=100, prompt_id=wave.prompt_id)
+    await again
+    await session.remove_prompts([2])
+    assert server.stream.characters[session.handle].prompts == {1: "one"}
+    sent = [event.edit_prompts for event in await received(server, "edit_prompts", 3)]
+    spans = [(span.prompt_id, span.start_frame, span.end_frame) for edit in sent for span in edit.upsert]
+    assert spans == [(2, 40, 60), (2, 80, 100)]
+    assert list(sent[2].remove) == [2]
+
+
+async def test_a_prompt_for_a_while_is_not_removed_by_the_next_since_it_goes_by_itself(
+    client: MotionClient, server: FakeServer
+) -> None:
+    session = await client.open("one")
+    await session.set_prompt("for a while", end_frame=10)
+    async for _ in session.frames(seconds=0.2):
+        pass
+    await session.set_prompt("two")
+    assert [list(event.edit_prompts.remove) for event in await received(server, "edit_prompts", 2)] == [[], []]
+
+
+async def test_prompts_that_cannot_be_are_refused_here(client: MotionClient) -> None:
+    session = await client.open("one")
+    with pytest.raises(InvalidInput, match="above 40"):
+        session.set_prompt("two", frame=40, end_frame=40)
+    with pytest.raises(InvalidInput, match="of an earlier Edit"):
+        session.set_prompt("two", prompt_id=9)
+    with pytest.raises(InvalidInput, match="of an earlier Edit"):
+        session.replace_constraint(3, Waypoint(50, 0, 0))
+
+
+async def test_a_constraint_is_replaced_by_its_id(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("one")
+    (key,) = session.add_waypoint(1, 2, frame=30).constraint_ids
+    edit = session.replace_constraint(key, Waypoint(50, 3, 4))
+    await edit
+    assert edit.constraint_ids == (key,)
+    assert server.stream.characters[session.handle].constraint_ids == {key}
+    sent = await received(server, "edit_constraints", 2)
+    assert sent[1].edit_constraints.upsert[0].frame == 50
+
+
+async def test_a_session_says_whether_it_is_paused(client: MotionClient) -> None:
+    session = await client.open("one")
+    assert not session.is_paused
+    await session.pause()
+    assert session.is_paused
+    await session.resume()
+    assert not session.is_paused

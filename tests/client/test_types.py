@@ -75,3 +75,9 @@ def test_an_unknown_joint_lists_those_there_are(stick_rig: Rig) -> None:
     assert stick_rig.index("Head") == 2
     with pytest.raises(UnknownName, match="LeftHand"):
         stick_rig.index("Tail")
+
+
+def test_what_is_printed_is_a_line(stick_motion: Motion) -> None:
+    assert repr(stick_motion) == "Motion(frames 0 to 39 of stick9, 2.00 s)"
+    assert repr(stick_motion.frame(12)) == "Frame(12 of stick9, 0.60 s, root at 1.00 0.90 0.60 m)"
+    assert repr(stick_motion.rig) == "Rig(stick9, 9 joints, 20 Hz)"

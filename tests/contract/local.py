@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
-from motiongen_server.engine.types import Gait, Guidance
+from motiongen_server.engine.types import Gait, Guidance, ModelFacts
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.rpc.catalog import Catalog
@@ -56,8 +56,10 @@ class LocalServer:
         engine_config: EngineConfig | None = None,
         abilities: Abilities = NOTHING_CLAIMED,
         gaits: tuple[Gait, ...] = (),
+        facts: ModelFacts = FACTS,
         service_limits: ServiceLimits | None = None,
     ) -> None:
+        self._facts = facts
         self._service_limits = service_limits
         self._limits = limits or Limits()
         self._abilities = abilities
@@ -66,11 +68,11 @@ class LocalServer:
 
     async def __aenter__(self) -> LocalServer:
         limits = self._limits
-        self.runner = FakeRunner(RealTime())
+        self.runner = FakeRunner(RealTime(), facts=self._facts)
         self.prompts = PromptEncoder(LengthEncoder(), 1000)
         self.engine = Engine(self.runner, self.runner.clock, self._deliver, self._engine_config)
         catalog = Catalog(
-            FACTS,
+            self._facts,
             limits,
             Guidance(2.0, 2.0),
             "CC0-1.0",

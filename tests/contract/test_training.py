@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from motiongen.v1 import service_pb2, session_pb2
+from motiongen_compliance.talk import edit_constraints, edit_prompts, span, waypoint
+from motiongen_compliance.target import Target, connect
 from motiongen_server.engine.types import Direction, Gait
 from motiongen_server.rpc.abilities import Abilities, FormSupport, PromptDomain
-from tests.contract.conftest import Target, connect
 from tests.contract.local import LocalServer
-from tests.contract.talk import edit_constraints, edit_prompts, span, waypoint
 
 OK = grpc.StatusCode.OK.value[0]
 INVALID_ARGUMENT = grpc.StatusCode.INVALID_ARGUMENT.value[0]

@@ -35,7 +35,7 @@ TEXT = "model2vec tokenizers"
 PICTURES = "matplotlib"
 GRPC = "grpc grpc_health grpc_reflection"
 
-PARTS = ("ardy", "server", "client/python", "client/tools", "proto/python")
+PARTS = ("ardy", "server", "client/python", "client/tools", "compliance", "proto/python")
 ARDY = "ardy/motiongen_ardy"
 SERVER = "server/motiongen_server"
 
@@ -70,6 +70,7 @@ ROOMS = (
     room(f"{SERVER}/rpc/catalog.py", "motiongen ~.rpc.abilities ~.engine.types ~.rpc.limits ~.text.presets"),
     room(f"{SERVER}/rpc/abilities.py", "numpy ~.engine.types"),
     room(f"{SERVER}/rpc/send_queue.py {SERVER}/rpc/token_bucket.py {SERVER}/rpc/limits.py", "~.engine.types"),
+    room(f"{SERVER}/rpc/reflection.py", "grpc grpc_reflection google.protobuf"),
     room(
         f"{SERVER}/rpc",
         "grpc google motiongen numpy ~.rpc ~.text ~.errors ~.config"
@@ -90,6 +91,7 @@ ROOMS = (
     room(f"{SERVER}/ops", "prometheus_client ~.ops ~.engine"),
     room(f"{SERVER}/config.py {SERVER}/devices.py {SERVER}/settings.py", "_typeshed ~.devices ~.settings"),
     room(f"{SERVER}/errors.py", "grpc grpc_status google ~.engine.types"),
+    room(f"{SERVER}/transport.py", "grpc ~.config ~.settings"),
     room(f"{SERVER}/app.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
     room(SERVER, ""),
     # the clients
@@ -99,6 +101,12 @@ ROOMS = (
         "google grpc motiongen numpy motiongen_client motiongen_tools hdrh matplotlib psutil rich yaml",
     ),
     room("client/tools", "google grpc motiongen numpy motiongen_client motiongen_tools matplotlib rich"),
+    # the compliance suite; its conftest.py brings the servers of this repository
+    room(
+        "compliance/motiongen_compliance",
+        "google.rpc grpc grpc_status motiongen numpy pytest motiongen_compliance",
+    ),
+    room("compliance/conftest.py", "pytest motiongen_server tests"),
     room("client/python/examples", "numpy matplotlib motiongen_client motiongen_tools"),
 )
 
@@ -151,7 +159,7 @@ def test_every_import_follows_an_arrow(repository: Any) -> None:
 
 
 def test_every_source_file_is_in_a_room(repository: Any) -> None:
-    tops = {"proto", "ardy", "server", "client"}
+    tops = {"proto", "ardy", "server", "client", "compliance"}
     homeless = [str(p) for p in repository.files if p.suffix == ".py" and p.parts[0] in tops and room_of(p) is None]
     assert homeless == []
 
@@ -178,6 +186,8 @@ def test_every_source_file_is_in_a_room(repository: Any) -> None:
         ("server/motiongen_server/runner/row.py", "from motiongen.v1 import motion_pb2"),
         ("client/python/motiongen_client/session.py", "import torch"),
         ("client/python/motiongen_client/session.py", "import motiongen_server.config"),
+        ("compliance/motiongen_compliance/suite/test_greed.py", "from motiongen_server.rpc import limits"),
+        ("compliance/motiongen_compliance/talk.py", "import motiongen_client"),
         ("proto/python/motiongen/__init__.py", "import motiongen_ardy"),
     ],
 )

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 LINE = re.compile(r"^(?P<indent> *)(?P<name>\S+)(?: {2,}(?P<meaning>\S.*))?$")
-ROOMS = ("ardy", "server", "client", "proto", "tests/bench")
+ROOMS = ("ardy", "server", "client", "compliance", "proto", "tests/bench")
 # protoc's output says nothing of itself
 GENERATED = re.compile(r"_pb2(_grpc)?\.pyi?$")
 README_LINES = 120

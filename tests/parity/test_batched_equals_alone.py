@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
 from motiongen_ardy.model.model import Model
 from motiongen_server.engine.types import WindowJob, WindowResult
@@ -78,3 +79,21 @@ def test_discarded_jobs_are_forgotten(model: Model, runner: TorchRunner) -> None
     runner.discard([1, 99])
     with pytest.raises(KeyError):
         runner.denoise([1])
+
+
+@pytest.mark.parametrize("precision", [torch.float32, torch.bfloat16])
+def test_what_a_row_gets_in_a_step_is_what_it_gets_alone(model: Model, precision: torch.dtype) -> None:
+    random = np.random.default_rng(5)
+    jobs = [make_job(index, model, random) for index in range(1, 129)]
+
+    def tokens(batch: list[WindowJob]) -> dict[int, torch.Tensor]:
+        runner = TorchRunner(model, "tiny", precision=precision)
+        runner.prepare(batch)
+        runner.denoise([job.job_id for job in batch])
+        return {job.job_id: runner.row(job.job_id).tokens for job in batch}
+
+    alone = {job.job_id: tokens([job])[job.job_id] for job in jobs[:8]}
+    for num_rows in (2, 3, 5, 8, 24, 128):
+        together = tokens(jobs[:num_rows])
+        for job_id in alone.keys() & together.keys():
+            assert (together[job_id] - alone[job_id]).abs().max() < 1e-5

@@ -67,6 +67,7 @@ def stream(
             continue_jitter=0,
             stride_jitter=0,
             reuse_tokens=reuse_tokens,
+            playback_rate=1e6,
         ),
     )
     spec = SessionSpec(

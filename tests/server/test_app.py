@@ -16,13 +16,13 @@ from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_ardy.checkpoint.model_card import BUILT_IN_MODEL
+from motiongen_compliance.talk import Talk
 from motiongen_server.app import SERVICE_NAME, Application, StoppedEarly, join_address
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Runner
 from motiongen_server.engine_process.model_loading import build_engine, load_model
 from motiongen_server.settings import SettingError
 from tests.contract.local import LengthEncoder, RealTime
-from tests.contract.talk import Talk
 from tests.server.engine.fakes import FACTS, FakeRunner
 from tests.server.in_process import ENGINE, in_process
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
+from motiongen_compliance.talk import edit_constraints, edit_prompts, span, waypoint
 from motiongen_server.engine.types import (
     Constraint,
     Guidance,
@@ -28,7 +29,6 @@ from motiongen_server.rpc.convert import engine_event, prompt_texts, warnings_of
 from motiongen_server.rpc.convert.forms import forms_of
 from motiongen_server.rpc.limits import Limits
 from motiongen_server.text.presets import Preset
-from tests.contract.talk import edit_constraints, edit_prompts, span, waypoint
 from tests.server.engine.fakes import FACTS
 
 KEY = SessionKey(1, 1)

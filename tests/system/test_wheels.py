@@ -14,7 +14,7 @@ import pytest
 pytestmark = pytest.mark.system
 
 ROOT = Path(__file__).resolve().parents[2]
-PARTS = ("proto", "ardy", "server", "client/python", "client/tools")
+PARTS = ("proto", "ardy", "server", "client/python", "client/tools", "compliance")
 PROGRAM = """
 import motiongen_ardy, motiongen_client, motiongen_server, motiongen_tools
 from pathlib import Path
@@ -63,4 +63,5 @@ def test_a_stream_from_the_wheels(installed: Path, tmp_path: Path) -> None:
 @pytest.mark.timeout(300)
 def test_the_commands_are_installed(installed: Path, tmp_path: Path) -> None:
     assert "usage:" in run(installed.parent / "motiongen", "--help", folder=tmp_path)
+    assert "HOST:PORT" in run(installed.parent / "motiongen-compliance", "--help", folder=tmp_path)
     assert "--text-encoder" in run(installed.parent / "motiongen-server", "--help", folder=tmp_path)

@@ -12,6 +12,7 @@ from motiongen_ardy.checkpoint.hub import fetch_checkpoint
 from motiongen_ardy.checkpoint.released import NICKNAMES, RELEASED, RELEASED_BY
 
 CARD_FILES = ("MODEL_CARD.md", "README.md")
+MAX_NAME_CHARACTERS = 1024
 MAX_CARD_BYTES = 1 << 20
 BUILT_IN_MODEL = "motiongen-mini"
 CHECKPOINTS_DIR = "CHECKPOINTS_DIR"
@@ -45,6 +46,8 @@ def model_folder(name: str) -> Path:
     name; a repository `owner/name` of the Hugging Face hub. The last two may end in `@revision` (commit, tag or
     branch), which asks the hub or its cache for exactly that. Raises UnknownModel, and HubError where the hub fails.
     """
+    if len(name) > MAX_NAME_CHARACTERS:
+        raise UnknownModel(f"a name of {len(name)} characters; give one of at most {MAX_NAME_CHARACTERS}")
     if name in built_in_models():
         return Path(str(resources.files("motiongen_ardy") / "pretrained" / name))
     if name and (Path(name).expanduser() / "config.yaml").is_file():

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from motiongen_ardy.core.constants import constant, index
 from motiongen_ardy.core.motion import Motion
-from motiongen_ardy.core.rotation import matrix_from_6d, matrix_to_6d
+from motiongen_ardy.core.rotation import angle_of, matrix_from_6d, matrix_to_6d
 from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics, global_to_local
 from motiongen_ardy.core.stats import Stats
 
@@ -69,11 +69,11 @@ def motion_from_pose(skeleton: Skeleton, local_rotations: Tensor, root_positions
 
 def wrapped_difference(heading_cos_sin: Tensor) -> Tensor:
     """Turn (B, T-1) in radians between neighbouring headings, wrapped to (-pi, pi]; (B, T, 2) need not be unit."""
-    angle = torch.atan2(heading_cos_sin[..., 1], heading_cos_sin[..., 0])
+    angle = angle_of(heading_cos_sin[..., 1], heading_cos_sin[..., 0])
     cosine, sine = torch.cos(angle), torch.sin(angle)
     after = sine[:, 1:] * cosine[:, :-1] - cosine[:, 1:] * sine[:, :-1]
     along = cosine[:, 1:] * cosine[:, :-1] + sine[:, 1:] * sine[:, :-1]
-    return torch.atan2(after, along)
+    return angle_of(after, along)
 
 
 class Representation(nn.Module):

@@ -10,6 +10,15 @@ import torch
 from torch import Tensor
 
 
+def angle_of(sine: Tensor, cosine: Tensor) -> Tensor:
+    """Angles in -pi..pi, in radians.
+
+    Computed in float64: torch rounds float32 otherwise where a tensor ends than inside it, and what a row gets would
+    depend on who shares its batch.
+    """
+    return torch.atan2(sine.double(), cosine.double()).to(sine.dtype)
+
+
 def matrix_to_6d(matrix: Tensor) -> Tensor:
     """(..., 3, 3) -> (..., 6): first column, then second column."""
     return torch.cat([matrix[..., :, 0], matrix[..., :, 1]], dim=-1)

@@ -24,9 +24,13 @@ class SelfAttention(nn.Module):
         nn.init.xavier_uniform_(self.in_proj_weight)
         nn.init.zeros_(self.out_proj.bias)
 
+    def projected(self, tokens: Tensor) -> Tensor:
+        """Queries, keys and values (B, N, 3 width) of tokens (B, N, width)."""
+        return functional.linear(tokens, self.in_proj_weight, self.in_proj_bias)
+
     def forward(self, tokens: Tensor, visible: Tensor | None) -> Tensor:
         """tokens: (B, N, width); visible: bool, broadcastable to (B, heads, N, N), true where a query sees a key."""
-        packed = functional.linear(tokens, self.in_proj_weight, self.in_proj_bias)
+        packed = self.projected(tokens)
         query, key, value = packed.unflatten(-1, (3, self.num_heads, -1)).permute(2, 0, 3, 1, 4)
         mixed = functional.scaled_dot_product_attention(query, key, value, attn_mask=visible)
         output: Tensor = self.out_proj(mixed.transpose(1, 2).flatten(-2))

@@ -9,6 +9,7 @@
 frame rate. Right-handed, +Y up, +Z forward, metres, seconds, radians, quaternions w, x, y, z.
 """
 
+from motiongen_client.axes import GODOT, ROS, UNITY, UNREAL, Axes
 from motiongen_client.client import MotionClient
 from motiongen_client.edit import Edit
 from motiongen_client.errors import (
@@ -23,6 +24,7 @@ from motiongen_client.errors import (
     StreamLost,
     UnknownName,
 )
+from motiongen_client.line_policy import LinePolicy
 from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Preset, TextEmbedding
@@ -31,6 +33,7 @@ from motiongen_client.stream import Stream
 from motiongen_client.types import (
     Catalog,
     Clip,
+    ConstraintReached,
     Deviation,
     JointTargets,
     Keyframe,
@@ -41,6 +44,7 @@ from motiongen_client.types import (
     Opened,
     Outcome,
     Priority,
+    Reopened,
     Residual,
     RootTrajectory,
     ServiceLevel,
@@ -51,12 +55,13 @@ from motiongen_client.types import (
 )
 
 __all__ = [
-    "MotionClient", "Stream", "Session", "Edit", "SessionStats", "Playback",
+    "MotionClient", "Stream", "Session", "Edit", "SessionStats", "Playback", "LinePolicy", "Reopened",
     "Frame", "Motion", "Rig",
+    "Axes", "UNREAL", "UNITY", "GODOT", "ROS",
     "SessionOptions", "StartPose", "Priority", "Waypoint", "RootTrajectory", "Keyframe", "JointTargets",
     "Preset", "TextEmbedding",
     "Clip", "Residual", "Deviation", "Catalog", "Model", "Limits", "Opened", "Outcome", "ServiceLevel", "SessionEnd",
-    "LocomotionPreset", "ModelWarning",
+    "LocomotionPreset", "ModelWarning", "ConstraintReached",
     "MotiongenError", "InvalidInput", "UnknownName", "ServerUnavailable", "StreamLost", "SessionEnded",
     "EventRefused", "DeadlineExceeded", "ProtocolViolation", "MissingExtra",
 ]  # fmt: skip

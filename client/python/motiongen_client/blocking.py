@@ -10,181 +10,18 @@ One background thread runs the event loop of one client; everything here hands w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import grpc
-from numpy.typing import ArrayLike
 
-from motiongen_client import client, edit, session, stream
+from motiongen_client import client, stream
 from motiongen_client.background_loop import BackgroundLoop
-from motiongen_client.motion import Frame, Motion, Rig
+from motiongen_client.blocking_session import Edit, Session
+from motiongen_client.line_policy import LinePolicy
 from motiongen_client.prompts import Prompt
-from motiongen_client.session import SessionStats
-from motiongen_client.types import (
-    NO_PROMPTS,
-    Catalog,
-    Clip,
-    Constraint,
-    Opened,
-    Outcome,
-    ServiceLevel,
-    SessionEnd,
-    SessionOptions,
-)
+from motiongen_client.types import NO_PROMPTS, Catalog, Clip, Constraint, SessionOptions
 
-
-class Edit:
-    """A change on its way to the server. `wait()` for its Outcome, or leave it and go on."""
-
-    def __init__(self, loop: BackgroundLoop, inner: edit.Edit) -> None:
-        self._loop = loop
-        self._inner = inner
-        self.event_seq = inner.event_seq
-        self.constraint_ids = inner.constraint_ids
-
-    def wait(self) -> Outcome:
-        """The server's answer. Raises EventRefused, SessionEnded or StreamLost."""
-
-        async def work() -> Outcome:
-            return await self._inner
-
-        return self._loop.run(work())
-
-    @property
-    def outcome(self) -> Outcome | None:
-        """The server's answer, if it has accepted the change already."""
-        return self._inner.outcome
-
-    @property
-    def latency_s(self) -> float | None:
-        """Seconds from sending the change to receiving the first frame it changed; None until then."""
-        return self._inner.latency_s
-
-
-class Session:
-    """One character; see `motiongen_client.Session`, whose methods these are."""
-
-    def __init__(self, loop: BackgroundLoop, inner: session.Session) -> None:
-        self._loop = loop
-        self._inner = inner
-
-    @property
-    def opened(self) -> Opened:
-        """What the server chose for the session."""
-        return self._inner.opened
-
-    @property
-    def rig(self) -> Rig:
-        return self._inner.rig
-
-    @property
-    def service_level(self) -> ServiceLevel:
-        """How well the server serves it at present."""
-        return self._inner.service_level
-
-    @property
-    def end(self) -> SessionEnd | None:
-        """How the session ended; None while it lives."""
-        return self._inner.end
-
-    @property
-    def stats(self) -> SessionStats:
-        """Counts and times so far."""
-        return self._loop.call(lambda: self._inner.stats)
-
-    def set_prompt(self, prompt: Prompt, *, frame: int | None = None) -> Edit:
-        """Direct the motion by a text, now or from a frame on."""
-        return self._edit(lambda: self._inner.set_prompt(prompt, frame=frame))
-
-    def add_waypoint(self, x_m: float, z_m: float, *, frame: int, heading_rad: float | None = None) -> Edit:
-        """Be at a ground position (world metres) at a frame."""
-        return self._edit(lambda: self._inner.add_waypoint(x_m, z_m, frame=frame, heading_rad=heading_rad))
-
-    def add_trajectory(
-        self, positions_m: ArrayLike, *, first_frame: int, headings_rad: ArrayLike | None = None
-    ) -> Edit:
-        """Follow a path: positions_m (N, 2) world x, z in metres, one a frame; headings_rad (N,)."""
-        return self._edit(
-            lambda: self._inner.add_trajectory(positions_m, first_frame=first_frame, headings_rad=headings_rad)
-        )
-
-    def add_constraints(self, constraints: Iterable[Constraint]) -> Edit:
-        """Add constraints to those there are."""
-        return self._edit(lambda: self._inner.add_constraints(constraints))
-
-    def set_constraints(self, constraints: Iterable[Constraint]) -> Edit:
-        """Put these constraints in place of all there are."""
-        return self._edit(lambda: self._inner.set_constraints(constraints))
-
-    def remove_constraints(self, constraint_ids: Iterable[int]) -> Edit:
-        """Drop constraints by the ids that `Edit.constraint_ids` gave."""
-        return self._edit(lambda: self._inner.remove_constraints(constraint_ids))
-
-    def clear_constraints(self) -> Edit:
-        """Drop all constraints."""
-        return self._edit(self._inner.clear_constraints)
-
-    def set_velocity(
-        self,
-        x_mps: float,
-        z_mps: float,
-        *,
-        seconds: float = 1.0,
-        heading_rad: float | None = None,
-        keep_prompt: bool = False,
-    ) -> Edit:
-        """Move over the ground at a velocity, metres a second, for so many seconds or until the next call."""
-        return self._edit(
-            lambda: self._inner.set_velocity(
-                x_mps, z_mps, seconds=seconds, heading_rad=heading_rad, keep_prompt=keep_prompt
-            )
-        )
-
-    def pause(self) -> Edit:
-        """Stop the playhead."""
-        return self._edit(self._inner.pause)
-
-    def resume(self) -> Edit:
-        """Let the playhead go on after `pause`."""
-        return self._edit(self._inner.resume)
-
-    def frame_in(self, seconds: float) -> int:
-        """The frame that is shown `seconds` from now."""
-        return self._loop.call(lambda: self._inner.frame_in(seconds))
-
-    def frames(self, seconds: float | None = None, *, realtime: bool = True) -> Iterator[Frame]:
-        """Each frame once, in order, in real time or as fast as they are generated."""
-        frames = self._inner.frames(seconds, realtime=realtime)
-
-        async def following() -> Frame | None:
-            return await anext(frames, None)
-
-        try:
-            while (frame := self._loop.run(following())) is not None:
-                yield frame
-        finally:
-            self._loop.leave(frames)
-
-    def poll(self) -> Frame | None:
-        """Move the playhead to the present and return the frame to show now; None before the first one came."""
-        return self._loop.call(self._inner.poll)
-
-    def motion(self, first_frame: int | None = None, end_frame: int | None = None) -> Motion:
-        """The frames shown so far that are still kept, or those from first_frame up to end_frame - 1."""
-        return self._loop.call(lambda: self._inner.motion(first_frame, end_frame))
-
-    def close(self) -> SessionEnd:
-        """End the session. Returns how it ended; calling it again returns the same."""
-        return self._loop.run(self._inner.close())
-
-    def __enter__(self) -> Session:
-        return self
-
-    def __exit__(self, *exc_info: object) -> None:
-        self._loop.finish(self._inner.__aexit__(*exc_info))
-
-    def _edit(self, make: Callable[[], edit.Edit]) -> Edit:
-        return Edit(self._loop, self._loop.call(make))
+__all__ = ["Edit", "MotionClient", "Session", "Stream"]
 
 
 class Stream:
@@ -225,9 +62,16 @@ class MotionClient:
     """A connection to one server; use it as `with MotionClient("localhost:50051") as client`."""
 
     def __init__(
-        self, address: str, *, credentials: grpc.ChannelCredentials | None = None, connect_timeout_s: float = 10.0
+        self,
+        address: str,
+        *,
+        credentials: grpc.ChannelCredentials | None = None,
+        connect_timeout_s: float = 10.0,
+        policy: LinePolicy | None = None,
     ) -> None:
-        self._inner = client.MotionClient(address, credentials=credentials, connect_timeout_s=connect_timeout_s)
+        self._inner = client.MotionClient(
+            address, credentials=credentials, connect_timeout_s=connect_timeout_s, policy=policy
+        )
         self._loop: BackgroundLoop
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 
@@ -11,7 +12,9 @@ import grpc.aio
 from motiongen.v1 import service_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_client import clip, convert
+from motiongen_client.backoff import Backoff
 from motiongen_client.errors import InvalidInput, MotiongenError, ServerUnavailable
+from motiongen_client.line_policy import LinePolicy
 from motiongen_client.prompts import Prompt
 from motiongen_client.session import Session
 from motiongen_client.stream import Stream
@@ -28,13 +31,19 @@ _CHANNEL_OPTIONS = (
     ("grpc.max_send_message_length", 8 * 1024 * 1024),
     # A stream carries state; a call repeated behind our back would carry none.
     ("grpc.enable_retries", 0),
+    # Each call has a connection of its own: one that stopped would stop the next call too.
+    ("grpc.use_local_subchannel_pool", 1),
+    # A server that starts is seen soon; the default would wait up to two minutes.
+    ("grpc.initial_reconnect_backoff_ms", 100),
+    ("grpc.max_reconnect_backoff_ms", 2_000),
 )
 
 
 class MotionClient:
     """A connection to one motiongen server. Use it as `async with MotionClient("localhost:50051") as client`.
 
-    address: host:port. credentials: of `grpc.ssl_channel_credentials()`; None speaks plain text.
+    address: host:port. credentials: of `grpc.ssl_channel_credentials()`; None speaks plain text. connect_timeout_s: how
+    long to wait for a server that is there and ready. policy: what to do when the line to it is lost.
     """
 
     def __init__(
@@ -43,7 +52,9 @@ class MotionClient:
         *,
         credentials: grpc.ChannelCredentials | None = None,
         connect_timeout_s: float = 10.0,
+        policy: LinePolicy | None = None,
     ) -> None:
+        """Raises InvalidInput."""
         host, _, port = address.rpartition(":")
         if not host or not port.isdigit() or not 0 < int(port) < 65536:
             raise InvalidInput("address", address, "host:port with a port from 1 to 65535, such as localhost:50051")
@@ -51,35 +62,57 @@ class MotionClient:
         self.catalog: Catalog
         self._credentials = credentials
         self._connect_timeout_s = connect_timeout_s
+        self._policy = policy or LinePolicy()
         self._channel: grpc.aio.Channel | None = None
         self._stub: MotionServiceStub
         self._streams: list[Stream] = []
         self._own_stream: Stream | None = None
 
     async def connect(self) -> MotionClient:
-        """Connect and fetch the catalogue. `async with` does it. Raises ServerUnavailable."""
-        if self._credentials is None:
-            self._channel = grpc.aio.insecure_channel(self.address, options=_CHANNEL_OPTIONS)
-        else:
-            self._channel = grpc.aio.secure_channel(self.address, self._credentials, options=_CHANNEL_OPTIONS)
+        """Wait for the server and fetch its catalogue. `async with` does it. Raises ServerUnavailable."""
+        self._channel = self._open_channel()
         self._stub = MotionServiceStub(self._channel)
         try:
-            request = service_pb2.GetCatalogRequest()
-            response = await self._stub.GetCatalog(request, timeout=self._connect_timeout_s)
-            self.catalog = convert.catalog(response)
-        except grpc.aio.AioRpcError as error:
-            await self.close()
-            raise ServerUnavailable(self.address, f"{error.code().name}, {error.details()}") from None
+            self.catalog = convert.catalog(await self._await_catalog())
         except MotiongenError:
             await self.close()
             raise
         return self
 
+    def _open_channel(self) -> grpc.aio.Channel:
+        if self._credentials is None:
+            return grpc.aio.insecure_channel(self.address, options=_CHANNEL_OPTIONS)
+        return grpc.aio.secure_channel(self.address, self._credentials, options=_CHANNEL_OPTIONS)
+
+    async def _await_catalog(self) -> service_pb2.GetCatalogResponse:
+        """Ask until a server answers that is ready, or the time is over."""
+        time, backoff = asyncio.get_running_loop().time, Backoff()
+        ends_s = time() + self._connect_timeout_s
+        while True:
+            left_s = ends_s - time()
+            try:
+                request = service_pb2.GetCatalogRequest()
+                return await self._stub.GetCatalog(request, timeout=max(left_s, 0.001), wait_for_ready=True)
+            except grpc.aio.AioRpcError as error:
+                failure = error
+            wait_s = backoff.next_s()
+            if failure.code() is not grpc.StatusCode.UNAVAILABLE or time() + wait_s > ends_s:
+                waited = f"{failure.code().name}, {failure.details()}, after {self._connect_timeout_s:g} s"
+                raise ServerUnavailable(self.address, waited) from None
+            await asyncio.sleep(wait_s)
+
     def stream(self, *, report_hz: float = 4.0) -> Stream:
         """A new stream, to be entered with `async with`. One stream carries many sessions; one is enough for most."""
-        stream = Stream(self._stub, self.address, self.catalog, agent_name(), report_hz=report_hz)
+        stream = Stream(
+            self._open_channel, self.address, self.catalog, agent_name(), report_hz=report_hz, policy=self._policy
+        )
         self._streams.append(stream)
         return stream
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the stream that `open` uses has a line to the server at present."""
+        return self._own_stream is not None and self._own_stream.is_connected
 
     async def open(
         self,
@@ -91,7 +124,7 @@ class MotionClient:
         keep_s: float | None = 60.0,
     ) -> Session:
         """Make a character on a stream that the client keeps for this; otherwise as `Stream.open`."""
-        if self._own_stream is None:
+        if self._own_stream is None or self._own_stream.is_over:
             self._own_stream = await self.stream().start()
         return await self._own_stream.open(
             prompt, later_prompts=later_prompts, options=options, constraints=constraints, keep_s=keep_s

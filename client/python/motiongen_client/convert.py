@@ -14,6 +14,7 @@ from motiongen_client.prompts import Preset, Prompt, TextEmbedding
 from motiongen_client.types import (
     Catalog,
     Constraint,
+    ConstraintReached,
     Deviation,
     JointTargets,
     Keyframe,
@@ -91,9 +92,11 @@ def generate_clip(
     return service_pb2.GenerateClipRequest(open=opening, frame_count=num_frames, sample_count=num_samples)
 
 
-def prompt_span(prompt_id: int, prompt: Prompt, start_frame: int | None) -> motion_pb2.PromptSpan:
-    """A prompt that holds from a frame on, or as soon as possible."""
-    span = motion_pb2.PromptSpan(prompt_id=prompt_id, start_frame=start_frame or 0)
+def prompt_span(
+    prompt_id: int, prompt: Prompt, start_frame: int | None, end_frame: int | None = None
+) -> motion_pb2.PromptSpan:
+    """A prompt that holds from a frame on, or as soon as possible, and up to another frame or to the end."""
+    span = motion_pb2.PromptSpan(prompt_id=prompt_id, start_frame=start_frame or 0, end_frame=end_frame or 0)
     match prompt:
         case Preset():
             span.preset_id = prompt.preset_id
@@ -108,25 +111,25 @@ def prompt_span(prompt_id: int, prompt: Prompt, start_frame: int | None) -> moti
 
 def constraint(constraint_id: int, target: Constraint) -> motion_pb2.Constraint:
     """A constraint with the id that replaces or removes it later."""
+    message = motion_pb2.Constraint(
+        constraint_id=constraint_id, tolerance_m=target.tolerance_m, tolerance_rad=target.tolerance_rad
+    )
+    message.frame = target.first_frame if isinstance(target, RootTrajectory) else target.frame
     match target:
         case Waypoint():
-            root = motion_pb2.Waypoint(x=target.x_m, z=target.z_m, heading=target.heading_rad)
-            return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.frame, waypoint=root)
+            message.waypoint.CopyFrom(motion_pb2.Waypoint(x=target.x_m, z=target.z_m, heading=target.heading_rad))
         case RootTrajectory():
-            headings = target.headings_rad.tolist() if target.headings_rad is not None else ()
-            path = motion_pb2.RootTrajectory(positions=target.positions_m.ravel().tolist(), headings=headings)
-            return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.first_frame, root_trajectory=path)
+            message.root_trajectory.positions.extend(target.positions_m.ravel().tolist())
+            if target.headings_rad is not None:
+                message.root_trajectory.headings.extend(target.headings_rad.tolist())
         case Keyframe():
-            pose = motion_pb2.Keyframe(positions=target.positions_m.ravel().tolist())
-            return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.frame, keyframe=pose)
+            message.keyframe.positions.extend(target.positions_m.ravel().tolist())
         case JointTargets():
-            rotations = target.rotations_quat_wxyz
-            joints = motion_pb2.JointTargets(
-                joints=target.joints,
-                positions=target.positions_m.ravel().tolist(),
-                rotations=rotations.ravel().tolist() if rotations is not None else (),
-            )
-            return motion_pb2.Constraint(constraint_id=constraint_id, frame=target.frame, joint_targets=joints)
+            message.joint_targets.joints.extend(target.joints)
+            message.joint_targets.positions.extend(target.positions_m.ravel().tolist())
+            if target.rotations_quat_wxyz is not None:
+                message.joint_targets.rotations.extend(target.rotations_quat_wxyz.ravel().tolist())
+    return message
 
 
 # ---- from the server
@@ -162,6 +165,8 @@ def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
                     for each in entry.locomotion_presets
                 ),
                 known_motions=tuple(entry.known_motions),
+                default_tolerance_m=entry.default_tolerance_m,
+                default_tolerance_rad=entry.default_tolerance_rad,
             )
             for entry in message.models
         ),
@@ -251,12 +256,12 @@ def warnings(messages: Iterable[session_pb2.EventWarning]) -> tuple[ModelWarning
     return tuple(ModelWarning(each.reason, each.message, each.field) for each in messages)
 
 
-def outcome(message: session_pb2.EditOutcome, event: str) -> Outcome | EventRefused:
-    """What became of an event; `event` says in words what it was."""
+def outcome(message: session_pb2.EditOutcome, event: str, offset: int = 0) -> Outcome | EventRefused:
+    """What became of an event; `event` says in words what it was, `offset` which of our frames is the server's 0."""
     if message.code == 0:
-        effective_frame = message.effective_frame if message.HasField("effective_frame") else None
+        effective_frame = message.effective_frame + offset if message.HasField("effective_frame") else None
         return Outcome(message.event_seq, effective_frame, warnings(message.warnings))
-    retry_after_s = _seconds(message.retry_after) if message.HasField("retry_after") else None
+    retry_after_s = seconds(message.retry_after) if message.HasField("retry_after") else None
     code = code_name(message.code)
     return EventRefused(event, code, message.reason, message.message, message.field, message.allowed, retry_after_s)
 
@@ -264,6 +269,17 @@ def outcome(message: session_pb2.EditOutcome, event: str) -> Outcome | EventRefu
 def service_level(message: session_pb2.ServiceLevel) -> ServiceLevel:
     tier = session_pb2.ServiceTier.Name(message.tier) if message.tier in _SERVICE_TIERS else "UNSPECIFIED"
     return ServiceLevel(tier.removeprefix("SERVICE_TIER_").lower(), message.denoise_steps)
+
+
+def constraint_reached(message: session_pb2.ConstraintReached, offset: int = 0) -> ConstraintReached:
+    """What became of a constraint. offset: of the client's frame numbers over the server's."""
+    return ConstraintReached(
+        constraint_id=message.constraint_id,
+        met=message.met,
+        frame=message.frame + offset,
+        position_error_m=message.position_error_m if message.HasField("position_error_m") else None,
+        rotation_error_rad=message.rotation_error_rad if message.HasField("rotation_error_rad") else None,
+    )
 
 
 def residual(message: service_pb2.ConstraintResidual) -> Residual:
@@ -278,6 +294,7 @@ def residual(message: service_pb2.ConstraintResidual) -> Residual:
         position_m=deviation("position_m"),
         heading_rad=deviation("heading_rad"),
         rotation_rad=deviation("rotation_rad"),
+        met=message.met,
     )
 
 
@@ -299,7 +316,7 @@ def ping(now_ns: int, round_trip_s: float | None) -> service_pb2.Ping:
     return message
 
 
-def _seconds(duration: Duration) -> float:
+def seconds(duration: Duration) -> float:
     return duration.seconds + duration.nanos / 1e9
 
 

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 from motiongen.v1 import session_pb2
 from motiongen_client import convert
 from motiongen_client.edit import Edit, EditBook
-from motiongen_client.errors import MotiongenError
+from motiongen_client.errors import InvalidInput, MotiongenError
+from motiongen_client.frame_shift import shifted
 from motiongen_client.motion import Rig
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Prompt, prompt_name
@@ -22,6 +23,21 @@ PRESENT_PROMPT_ID = 1  # the prompt set without a frame; scheduled prompts take 
 
 class Carrier(Protocol):
     """What a session needs of the stream that carries it."""
+
+    @property
+    def call_number(self) -> int:
+        """Rises with each call that takes the place of a lost one."""
+
+    @property
+    def draining(self) -> bool:
+        """Whether the server has said goodbye."""
+
+    @property
+    def recovers(self) -> bool:
+        """Whether a lost call is followed by another."""
+
+    def check(self, event: session_pb2.SessionEvent) -> None:
+        """Raise InvalidInput for an event that is too big to be sent."""
 
     def send(self, event: session_pb2.SessionEvent) -> None:
         """Queue an event; it goes out with the next message."""
@@ -46,31 +62,58 @@ class Direction:
         self._next_prompt_id = PRESENT_PROMPT_ID + 1
         self._scheduled_prompts: dict[int, int] = {}  # prompt id -> start frame, those the server has accepted
         self._edits = EditBook()
+        self._unanswered: dict[int, session_pb2.SessionEvent] = {}  # by number, all but playheads
+        self._offset = 0  # which of our frames is the server's frame 0
         self._changed = asyncio.Event()  # something came, or is due now
 
-    def set_prompt(self, prompt: Prompt, *, frame: int | None = None) -> Edit:
+    def set_prompt(
+        self, prompt: Prompt, *, frame: int | None = None, end_frame: int | None = None, prompt_id: int | None = None
+    ) -> Edit:
         """Direct the motion by a text, such as "a person walks forward", by a Preset, or by a TextEmbedding.
 
         Without `frame` it replaces the present prompt as soon as possible. With `frame` it is scheduled: it takes over
-        at that frame and holds until another takes over.
+        at that frame and holds until another takes over. With `end_frame` it is for a while: before that frame it ends,
+        and what held before holds again. `Edit.prompt_id` names it; the same prompt_id again puts this one in its
+        place, at other frames if need be, and `remove_prompts` drops it.
         """
-        edit = session_pb2.EditPrompts()
-        begun = [key for key, start in self._scheduled_prompts.items() if start <= self.playback.playhead]
-        if frame is None:
+        for name, value in (("frame", frame), ("end_frame", end_frame)):
+            if value is not None:
+                check_frame(name, value)
+        if end_frame is not None and end_frame <= (frame or 0):
+            raise InvalidInput("end_frame", end_frame, f"a frame above {frame or 0}, the first that it holds for")
+        if prompt_id is not None and not 0 < prompt_id < self._next_prompt_id:
+            raise InvalidInput("prompt_id", prompt_id, "the prompt_id of an earlier Edit")
+        is_present = frame is None and end_frame is None
+        if prompt_id is None and is_present:
             prompt_id = PRESENT_PROMPT_ID
-        else:
-            check_frame("frame", frame)
+        elif prompt_id is None:
             prompt_id = self._next_prompt_id
             self._next_prompt_id += 1
-            begun = sorted(begun, key=self._scheduled_prompts.__getitem__)[:-1]  # the last one holds until `frame`
-        for key in begun:
+        edit = session_pb2.EditPrompts(remove=self._begun_prompts(prompt_id, is_present))
+        edit.upsert.append(convert.prompt_span(prompt_id, prompt, frame, end_frame))
+        sent = self._send_edit(prompt_name(prompt), session_pb2.SessionEvent(edit_prompts=edit), prompt_id=prompt_id)
+        self._scheduled_prompts.pop(prompt_id, None)
+        if frame is not None and end_frame is None:  # one with an end goes by itself
+            key, scheduled = prompt_id, frame
+            sent.when_accepted(lambda: self._scheduled_prompts.__setitem__(key, scheduled))
+        return sent
+
+    def _begun_prompts(self, prompt_id: int, is_replaced: bool) -> list[int]:
+        """The scheduled prompts that hold no more once another is set; the last of them does, if none replaces it."""
+        begun = [key for key, start in self._scheduled_prompts.items() if start <= self.playback.playhead]
+        begun.sort(key=self._scheduled_prompts.__getitem__)
+        gone = [key for key in (begun if is_replaced else begun[:-1]) if key != prompt_id]
+        for key in gone:
             del self._scheduled_prompts[key]
-        edit.remove.extend(begun)
-        edit.upsert.append(convert.prompt_span(prompt_id, prompt, frame))
-        sent = self._send_edit(prompt_name(prompt), session_pb2.SessionEvent(edit_prompts=edit))
-        if frame is not None:
-            scheduled = frame
-            sent.when_accepted(lambda: self._scheduled_prompts.__setitem__(prompt_id, scheduled))
+        return gone
+
+    def remove_prompts(self, prompt_ids: Iterable[int]) -> Edit:
+        """Drop prompts by the ids that `Edit.prompt_id` gave; where none holds any more, the motion has no text."""
+        ids = tuple(prompt_ids)
+        edit = session_pb2.EditPrompts(remove=ids)
+        sent = self._send_edit("the removal of prompts", session_pb2.SessionEvent(edit_prompts=edit))
+        for key in ids:
+            self._scheduled_prompts.pop(key, None)
         return sent
 
     def add_waypoint(self, x_m: float, z_m: float, *, frame: int, heading_rad: float | None = None) -> Edit:
@@ -89,6 +132,13 @@ class Direction:
     def add_constraints(self, constraints: Iterable[Constraint]) -> Edit:
         """Add constraints to those there are. `Edit.constraint_ids` are their ids, in the order given."""
         return self._edit_constraints("constraints", constraints)
+
+    def replace_constraint(self, constraint_id: int, constraint: Constraint) -> Edit:
+        """Put a constraint in the place of one that `Edit.constraint_ids` named; it keeps the id."""
+        if not 0 < constraint_id < self._next_constraint_id:
+            raise InvalidInput("constraint_id", constraint_id, "one of the constraint_ids of an earlier Edit")
+        edit = session_pb2.EditConstraints(upsert=[convert.constraint(constraint_id, constraint)])
+        return self._send_edit("a constraint", session_pb2.SessionEvent(edit_constraints=edit), (constraint_id,))
 
     def set_constraints(self, constraints: Iterable[Constraint]) -> Edit:
         """Put these constraints in place of all there are."""
@@ -130,6 +180,11 @@ class Direction:
         )
         return self._send_edit("the velocity", session_pb2.SessionEvent(set_velocity=velocity))
 
+    @property
+    def is_paused(self) -> bool:
+        """Whether `pause` was called last."""
+        return not self.playback.is_playing
+
     def pause(self) -> Edit:
         """Stop the playhead: the last frame stays, and the server computes no more than the look-ahead."""
         self.playback.pause()
@@ -159,16 +214,43 @@ class Direction:
         event = session_pb2.SessionEvent(set_play_state=session_pb2.SetPlayState(state=state))
         return self._send_edit(what, event)
 
-    def _send_edit(self, what: str, event: session_pb2.SessionEvent, constraint_ids: tuple[int, ...] = ()) -> Edit:
-        edit = Edit(what, self._next_seq, self._clock(), constraint_ids)
+    def _send_edit(
+        self,
+        what: str,
+        event: session_pb2.SessionEvent,
+        constraint_ids: tuple[int, ...] = (),
+        prompt_id: int | None = None,
+    ) -> Edit:
+        edit = Edit(what, self._next_seq, self._clock(), constraint_ids, prompt_id)
         self._send(event)
         self._edits.add(edit)
         return edit
 
+    @property
+    def _is_attached(self) -> bool:
+        """Whether the server hears what is sent; else it waits among the unanswered."""
+        raise NotImplementedError
+
+    @property
+    def _answered_seq(self) -> int:
+        """Every event up to this number has been answered."""
+        return min(self._unanswered, default=self._next_seq) - 1
+
     def _send(self, event: session_pb2.SessionEvent) -> None:
+        """Give an event its number, and send it as soon as the server hears it. Raises why it never will."""
         if self._failure is not None:
             raise self._failure
         event.session = self.handle
         event.event_seq = self._next_seq
-        self._carrier.send(event)
+        self._carrier.check(event)
+        if shifted(event, self._offset) is None:
+            raise InvalidInput(event.WhichOneof("event") or "event", "frames that are past", "frames still to come")
+        self._unanswered[self._next_seq] = event
         self._next_seq += 1
+        if self._is_attached:
+            self._transmit(event)
+
+    def _transmit(self, event: session_pb2.SessionEvent) -> None:
+        moved = shifted(event, self._offset)
+        if moved is not None:
+            self._carrier.send(moved)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Mapping
 from typing import Any
 
 from motiongen_client.errors import EventRefused, MotiongenError
@@ -17,13 +17,22 @@ class Edit:
     longer be answered. A refusal that nobody awaits is logged as a warning. The server answers when the plan that
     holds the change is made; for a prompt scheduled far ahead that is only when its frames are generated.
 
-    event_seq: its number in the session. constraint_ids: ids given to the constraints it adds.
+    event_seq: its number in the session; another one where the session had to be opened anew. constraint_ids: ids given
+    to the constraints it adds; prompt_id: the id of the prompt it sets.
     """
 
-    def __init__(self, what: str, event_seq: int, sent_at_s: float, constraint_ids: tuple[int, ...] = ()) -> None:
+    def __init__(
+        self,
+        what: str,
+        event_seq: int,
+        sent_at_s: float,
+        constraint_ids: tuple[int, ...] = (),
+        prompt_id: int | None = None,
+    ) -> None:
         self.what = what
         self.event_seq = event_seq
         self.constraint_ids = constraint_ids
+        self.prompt_id = prompt_id
         self._sent_at_s = sent_at_s
         self._first_frame_at_s: float | None = None
         self._answer: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
@@ -105,6 +114,17 @@ class EditBook:
             if frame < end_frame:
                 edit.note_first_frame(now_s)
         self._unseen = [(frame, edit) for frame, edit in self._unseen if frame >= end_frame]
+
+    def renumber(self, numbers: Mapping[int, int]) -> None:
+        """The events have other numbers from now on; those that have none will not be sent again."""
+        unanswered, self._unanswered = self._unanswered, {}
+        for number, edit in unanswered.items():
+            if number in numbers:
+                edit.event_seq = numbers[number]
+                self._unanswered[edit.event_seq] = edit
+            else:
+                message = "the line was lost, and its frames have passed since"
+                edit.settle(EventRefused(edit.what, "FAILED_PRECONDITION", "FRAME_COMMITTED", message))
 
     def fail(self, failure: MotiongenError) -> None:
         """Nothing more will be answered."""

@@ -45,7 +45,10 @@ class ServerUnavailable(MotiongenError, ConnectionError):
 
 
 class StreamLost(MotiongenError, ConnectionError):
-    """The stream ended without being closed; its sessions are gone. Open a new stream and new sessions.
+    """The stream ended and will not be had again; its sessions are gone. Open a new stream and new sessions.
+
+    A stream recovers from losses by itself (`LinePolicy`): this is for those that would be the same again, or for which
+    the time to recover is over.
 
     code: name of the gRPC status, for example "UNAVAILABLE"; detail: the status text.
     """

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ ROTATION_BLOCK = "joint_rotation_quat_wxyz"
 CONTACT_BLOCK = "foot_contact"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Rig:
     """A skeleton and the layout of its frame rows, as the server's catalogue gives them.
 
@@ -41,6 +42,9 @@ class Rig:
     blocks: Mapping[str, int]
     hip_joints: tuple[int, int] | None = None
     limbs: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"Rig({self.rig_id}, {self.num_joints} joints, {self.frame_rate_hz} Hz)"
 
     @property
     def num_joints(self) -> int:
@@ -72,21 +76,36 @@ class Rig:
         return round(seconds * self.frame_rate_hz)
 
 
-@dataclass(frozen=True, eq=False)
+class Poser(Protocol):
+    """Makes joint positions of frames."""
+
+    def positions_m(self, index: int, row: Float32) -> Float32:
+        """(J, 3) world positions of all joints at a frame whose row this is."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Frame:
     """One pose of one character.
 
     index: absolute frame number since the session opened; row: (D,) float32 as `rig.blocks` lays it out.
+    poser: what makes its joint positions together with those of its neighbours; None: they are made alone.
+    share: how far it is on the way to the next frame, 0 to 1; 0 of what the server sent.
     """
 
     rig: Rig
     index: int
     row: Float32
+    poser: Poser | None = None
+    share: float = 0.0
+
+    def __repr__(self) -> str:
+        x, y, z = self.root_translation_m
+        return f"Frame({self.index} of {self.rig.rig_id}, {self.time_s:.2f} s, root at {x:.2f} {y:.2f} {z:.2f} m)"
 
     @property
     def time_s(self) -> float:
         """Seconds since frame 0."""
-        return self.index / self.rig.frame_rate_hz
+        return (self.index + self.share) / self.rig.frame_rate_hz
 
     @property
     def root_translation_m(self) -> Float32:
@@ -105,11 +124,13 @@ class Frame:
 
     def joint_positions_m(self) -> Float32:
         """(J, 3) world positions of all joints."""
+        if self.poser is not None:
+            return self.poser.positions_m(self.index, self.row)
         positions: Float32 = Motion(self.rig, self.index, self.row[None]).joint_positions_m()[0]
         return positions
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Motion:
     """Consecutive frames of one character. first_frame: index of row 0; rows: (T, D) float32."""
 
@@ -123,6 +144,10 @@ class Motion:
 
     def __len__(self) -> int:
         return len(self.rows)
+
+    def __repr__(self) -> str:
+        last = self.first_frame + len(self) - 1
+        return f"Motion(frames {self.first_frame} to {last} of {self.rig.rig_id}, {self.duration_s:.2f} s)"
 
     @property
     def duration_s(self) -> float:

@@ -46,6 +46,8 @@ class Playback:
         self.plan = 0
         self.underruns = 0
         self.late_plans = 0
+        self._pace_hz = float(frame_rate_hz)
+        self._share = 0.0
         self._keep_frames = keep_frames
         self._rows: list[Rows] = []
         self._first_kept = start_frame
@@ -60,6 +62,11 @@ class Playback:
     def started(self) -> bool:
         """Whether a frame has been shown; until then the playhead stands before the first one."""
         return self._started
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether the playhead goes on, or would if frames were there."""
+        return self._playing
 
     @property
     def buffered_to(self) -> int:
@@ -93,6 +100,16 @@ class Playback:
         del self._rows[len(self._rows) - dropped :]
         return dropped
 
+    @property
+    def received_to(self) -> int:
+        """Where the next chunk must begin."""
+        return self._received_to
+
+    def restart(self, frame: int) -> None:
+        """Another session goes on at `frame`, which is `buffered_to`: its plans are numbered anew."""
+        self.plan = 0
+        self._received_to = self.committed_to = frame
+
     def add_chunk(self, plan: int, first_frame: int, rows: Rows, committed_to: int) -> None:
         """Take consecutive frames. rows: (T, D) float32, row 0 being frame `first_frame`.
 
@@ -121,22 +138,22 @@ class Playback:
         if not self._playing or (not self._started and not self._rows):
             return range(0)
         if not self._started:
-            self._due_s = now_s + 1 / self.frame_rate_hz
+            self._due_s = now_s + 1 / self._pace_hz
             return self._start(self.playhead)
         if self._due_s is None:
-            self._due_s = now_s + 1 / self.frame_rate_hz
+            self._due_s = now_s + 1 / self._pace_hz
         num_left = self.buffered_to - 1 - self.playhead
         if self._held_since_s is not None and num_left > 0:
-            self._count_held(math.ceil((now_s - self._held_since_s) * self.frame_rate_hz - _EARLY_FRAMES))
+            self._count_held(math.ceil((now_s - self._held_since_s) * self._pace_hz - _EARLY_FRAMES))
             self._held_since_s = None
             self._due_s = now_s
-        num_due = max(math.floor((now_s - self._due_s) * self.frame_rate_hz + _EARLY_FRAMES) + 1, 0)
+        num_due = max(math.floor((now_s - self._due_s) * self._pace_hz + _EARLY_FRAMES) + 1, 0)
         reached = self._move(min(num_due, num_left))
         if num_due > num_left:
             if self._held_since_s is None:
                 self._held_since_s = self._due_s
                 self._held_frames = 0
-            self._count_held(math.floor((now_s - self._held_since_s) * self.frame_rate_hz + _EARLY_FRAMES) + 1)
+            self._count_held(math.floor((now_s - self._held_since_s) * self._pace_hz + _EARLY_FRAMES) + 1)
         return reached
 
     def advance_to(self, frame: int) -> range:
@@ -159,6 +176,21 @@ class Playback:
         self._playing = True
         self._due_s = self._held_since_s = None
 
+    def set_time_scale(self, scale: float) -> None:
+        """Play at another pace from the next `advance` on: 0.5 is half as fast. Raises InvalidInput."""
+        if not 0 < scale < math.inf:
+            raise InvalidInput("scale", scale, "a number above 0; pause to stand still")
+        self._pace_hz = self.frame_rate_hz * scale
+        self._due_s = self._held_since_s = None
+
+    def share(self, now_s: float) -> float:
+        """How much of the way from the playhead to the next frame has passed, 0 to 1; while paused, as it was."""
+        if self._playing:
+            is_running = self._due_s is not None and self._held_since_s is None
+            left = (self._due_s - now_s) * self._pace_hz if is_running and self._due_s is not None else 1.0
+            self._share = min(max(1.0 - left, 0.0), 1.0)
+        return self._share
+
     def next_due_s(self) -> float | None:
         """When the frame after the playhead is due, on the clock of `advance`; None while no clock runs."""
         return self._due_s if self._playing else None
@@ -167,6 +199,11 @@ class Playback:
         """(D,) float32, one frame. Raises InvalidInput when it is not held."""
         self._check_held(frame, frame + 1)
         return self._rows[frame - self._first_kept]
+
+    def held_rows(self, first_frame: int, end_frame: int) -> list[Rows]:
+        """The rows of frames first_frame up to end_frame - 1, as many as are held from first_frame on."""
+        begin = first_frame - self._first_kept
+        return self._rows[begin : end_frame - self._first_kept] if begin >= 0 else []
 
     def rows(self, first_frame: int, end_frame: int) -> Rows:
         """(T, D) float32, frames first_frame up to end_frame - 1. Raises InvalidInput when some are not held."""
@@ -188,7 +225,7 @@ class Playback:
         first = self.playhead + 1
         self.playhead += num_frames
         if self._due_s is not None:
-            self._due_s += num_frames / self.frame_rate_hz
+            self._due_s += num_frames / self._pace_hz
         self._forget()
         return range(first, self.playhead + 1)
 

@@ -1,31 +1,19 @@
-"""One character: its opening, its frames, its end. Lives on a `Stream`; all of it runs on one event loop."""
+"""One character: its frames and its end. Lives on a `Stream`; all of it runs on one event loop."""
 
 from __future__ import annotations
 
 import asyncio
-import logging
-from collections.abc import AsyncGenerator, Callable, Iterable, Mapping, Sequence
+from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass
 
 from motiongen.v1 import session_pb2
-from motiongen_client import convert
-from motiongen_client.direction import PRESENT_PROMPT_ID, Carrier, Direction
-from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolation, SessionEnded, UnknownName
+from motiongen_client.conversation import Conversation
+from motiongen_client.direction import Carrier
 from motiongen_client.motion import Frame, Motion
-from motiongen_client.playback import Playback
-from motiongen_client.prompts import Prompt
-from motiongen_client.types import (
-    Catalog,
-    Constraint,
-    ModelWarning,
-    Opened,
-    ServiceLevel,
-    SessionEnd,
-    SessionOptions,
-    check_frame,
-)
-
-_log = logging.getLogger(__name__)
+from motiongen_client.posing import Poser
+from motiongen_client.recovery import Line
+from motiongen_client.sampling import Sampler
+from motiongen_client.types import Catalog, SessionEnd
 
 
 @dataclass(frozen=True)
@@ -35,6 +23,7 @@ class SessionStats:
     opened_s, first_frame_s: from the call of `open` to the server's answer and to the first frame, seconds.
     plans: windows received, replans among them; frames: frames received, replaced ones too.
     underruns: frame times for which the last pose had to be held; late_plans: plans that reached behind the playhead.
+    resumes, reopenings: how often the session went on after a loss, as it was and as a new one.
     """
 
     opened_s: float
@@ -43,37 +32,39 @@ class SessionStats:
     frames: int
     underruns: int
     late_plans: int
+    resumes: int = 0
+    reopenings: int = 0
 
 
-class Session(Direction):
+class Session(Conversation):
     """One character. Made by `Stream.open`; not made by hand.
 
     Changes (`set_prompt`, `add_waypoint`, …) are sent at once, in order, and return an `Edit`. Frames come by
     `frames()`, or by `poll()` for a loop that draws at its own pace; use one of the two.
 
+    When the line to the server is lost, the session goes on as soon as there is another: nothing has to be done, and
+    while the frames that are held last nothing is seen of it. Where the server could not go on with it, `reopenings`
+    has one more and `on_reopened`, if set, is called.
+
     service_level: how well the server serves it at present; `on_service_level`, if set, is called at each change.
+    `on_constraint_reached`, if set, is called for each constraint whose last frame cannot change any more.
     """
 
     def __init__(self, handle: int, carrier: Carrier, catalog: Catalog, clock: Callable[[], float]) -> None:
-        super().__init__(handle, carrier, clock)
-        self._catalog = catalog
-        self._opened_at_s = clock()
-        self._opening: asyncio.Future[Opened] = asyncio.get_running_loop().create_future()
-        self._keep_s: float | None = None
-        self._end: SessionEnd | None = None
-        self._opened_s = 0.0
-        self._first_frame_s: float | None = None
-        self._num_plans = 0
-        self._num_frames = 0
+        super().__init__(handle, carrier, catalog, clock)
+        self._poser: Poser | None = None
+        self._sampler: Sampler | None = None
         self._untold = range(0)  # frames that the playhead has reached, but `frames` has not given yet
-        self.opened: Opened
-        self.service_level: ServiceLevel
-        self.on_service_level: Callable[[ServiceLevel], None] | None = None
 
     # ---- the end
 
     async def close(self) -> SessionEnd:
-        """End the session. Returns how it ended; calling it again returns the same."""
+        """End the session. Returns how it ended; calling it again returns the same.
+
+        While the line is lost it ends here at once, and on the server when its grace is over.
+        """
+        if self._end is None and self._failure is None and self._line is Line.LOST:
+            self._finish(SessionEnd("client", "it was closed while the line was lost", self._num_frames, 0))
         if self._end is None and self._failure is None:
             self._send(session_pb2.SessionEvent(close=session_pb2.CloseSession()))
         while self._end is None:
@@ -98,11 +89,6 @@ class Session(Direction):
         return self._end
 
     @property
-    def is_playing(self) -> bool:
-        """Whether a frame has been shown; before that there is no playhead to report."""
-        return self._opening.done() and self._failure is None and self.playback.started
-
-    @property
     def stats(self) -> SessionStats:
         """Counts and times so far."""
         return SessionStats(
@@ -112,6 +98,8 @@ class Session(Direction):
             frames=self._num_frames,
             underruns=self.playback.underruns,
             late_plans=self.playback.late_plans,
+            resumes=self._num_resumes,
+            reopenings=len(self.reopenings),
         )
 
     def frame_in(self, seconds: float) -> int:
@@ -136,7 +124,7 @@ class Session(Direction):
             is_told_some = bool(self._untold)
             while self._untold:
                 index, self._untold = self._untold[0], self._untold[1:]
-                yield Frame(self.rig, index, self.playback.row(index))
+                yield self._frame(index)
                 if num_left is not None:
                     num_left -= 1
                     if num_left == 0:
@@ -154,7 +142,24 @@ class Session(Direction):
             self._untold = range(0)
         if not self.playback.started:
             return None
-        return Frame(self.rig, self.playback.playhead, self.playback.row(self.playback.playhead))
+        return self._frame(self.playback.playhead)
+
+    def sample(self) -> Frame | None:
+        """As `poll`, but with the pose of this very moment, between two frames: for a loop at 60 or 144 Hz.
+
+        Where a replan or a wait makes what is shown jump, the jump is faded (`sampling`). Use this or `poll`.
+        """
+        if self.poll() is None:
+            return None
+        if self._sampler is None:
+            self._sampler = Sampler(self.rig, self.playback)
+        share, row = self._sampler.row(self._clock())
+        return Frame(self.rig, self.playback.playhead, row, share=share)
+
+    def set_time_scale(self, scale: float) -> None:
+        """Play slower or faster than real time: 0.5 is half as fast. The server may not keep up with much above 1."""
+        self.playback.set_time_scale(scale)
+        self._changed.set()
 
     def motion(self, first_frame: int | None = None, end_frame: int | None = None) -> Motion:
         """The frames shown so far that are still kept, or those from first_frame up to end_frame - 1."""
@@ -162,6 +167,11 @@ class Session(Direction):
         shown_to = self.playback.playhead + 1 if self.playback.started else self.playback.playhead
         rows = self.playback.rows(first, shown_to if end_frame is None else end_frame)
         return Motion(self.rig, first, rows)
+
+    def _frame(self, index: int) -> Frame:
+        if self._poser is None:
+            self._poser = Poser(self.rig, self.playback)
+        return Frame(self.rig, index, self.playback.row(index), self._poser)
 
     def _advance(self) -> range:
         was_started = self.playback.started
@@ -206,118 +216,3 @@ class Session(Direction):
                 await self._changed.wait()
         except TimeoutError:
             pass  # one more frame time without a frame; `advance` counts it
-
-    # ---- for the stream
-
-    async def _open(
-        self,
-        options: SessionOptions,
-        prompt: Prompt | None,
-        later_prompts: Mapping[int, Prompt],
-        constraints: Sequence[Constraint],
-        keep_s: float | None,
-    ) -> None:
-        self._keep_s = keep_s
-        prompts = [] if prompt is None else [convert.prompt_span(PRESENT_PROMPT_ID, prompt, None)]
-        for frame, text in later_prompts.items():
-            check_frame("later_prompts", frame)
-            prompts.append(convert.prompt_span(self._next_prompt_id, text, frame))
-            self._scheduled_prompts[self._next_prompt_id] = frame
-            self._next_prompt_id += 1
-        ids = self._take_constraint_ids(len(constraints))
-        targets = [convert.constraint(key, target) for key, target in zip(ids, constraints, strict=True)]
-        self._send(session_pb2.SessionEvent(open=convert.open_session(options, prompts, targets)))
-        await asyncio.shield(self._opening)
-
-    def _handle(self, update: session_pb2.SessionUpdate) -> None:
-        """Take one update of the server. Raises ProtocolViolation when it breaks a rule."""
-        kind = update.WhichOneof("update")
-        if kind in ("plan", "chunk") and not self._opening.done():
-            raise ProtocolViolation(f"a {kind} came before the session was opened")
-        match kind:
-            case "opened":
-                self._handle_opened(convert.opened(update.opened))
-            case "plan":
-                self.playback.announce_plan(update.plan.plan, update.plan.valid_from)
-                self._num_plans += 1
-                self._edits.plan(update.plan.event_seqs, update.plan.valid_from)
-            case "chunk":
-                chunk = update.chunk
-                rows = convert.chunk_rows(chunk, self.rig.row_width)
-                self.playback.add_chunk(chunk.plan, chunk.first_frame, rows, chunk.committed_to)
-                self._note_frames(len(rows), chunk.first_frame + len(rows))
-            case "outcome":
-                self._handle_outcome(update.outcome)
-            case "service_level":
-                self._handle_level(convert.service_level(update.service_level))
-            case "closed":
-                self._end = convert.session_end(update.closed)
-                self._fail(SessionEnded(self._end.reason, self._end.message))
-        self._changed.set()
-
-    def _handle_opened(self, opened: Opened) -> None:
-        self.opened = opened
-        self._log_warnings(opened.warnings)
-        self.service_level = ServiceLevel("full", opened.denoise_steps)
-        try:
-            self.rig = self._catalog.rig(opened.rig_id)
-        except UnknownName as unknown:
-            raise ProtocolViolation(f"a session was opened on a rig the catalogue does not have: {unknown}") from None
-        self.playback = Playback(
-            self.rig.frame_rate_hz,
-            self.rig.row_width,
-            start_frame=opened.start_frame,
-            keep_frames=None if self._keep_s is None else self.rig.frames_in(self._keep_s),
-        )
-        self._opened_s = self._clock() - self._opened_at_s
-        if not self._opening.done():
-            self._opening.set_result(opened)
-
-    def _handle_level(self, level: ServiceLevel) -> None:
-        self.service_level = level
-        if self.on_service_level is not None:
-            self.on_service_level(level)
-
-    def _handle_outcome(self, message: session_pb2.EditOutcome) -> None:
-        if message.event_seq == 1 and not self._opening.done():
-            refusal = convert.outcome(message, "opening a session")
-            if isinstance(refusal, EventRefused):
-                self._fail(refusal)
-            return
-        edit = self._edits.find(message.event_seq)
-        if edit is None:
-            return
-        answer = convert.outcome(message, edit.what)
-        if isinstance(answer, EventRefused):
-            _log.warning("session %d: %s", self.handle, answer)
-        else:
-            self._log_warnings(answer.warnings)
-        self._edits.answer(edit, answer)
-
-    def _log_warnings(self, warnings: Iterable[ModelWarning]) -> None:
-        for each in warnings:
-            _log.warning("session %d: %s", self.handle, each.message)
-
-    def _note_frames(self, num_frames: int, end_frame: int) -> None:
-        now_s = self._clock()
-        self._num_frames += num_frames
-        if self._first_frame_s is None:
-            self._first_frame_s = now_s - self._opened_at_s
-        self._edits.receive(end_frame, now_s)
-
-    def _fail(self, failure: MotiongenError) -> None:
-        """The session is over: nothing more will be answered."""
-        if self._failure is None:
-            self._failure = failure
-        self._edits.fail(failure)
-        if not self._opening.done():
-            self._opening.set_exception(failure)
-            self._opening.exception()
-        self._changed.set()
-
-    def _playhead(self) -> session_pb2.SessionEvent:
-        playback = self.playback
-        report = session_pb2.Playhead(
-            frame=playback.playhead, buffered_to=playback.buffered_to, underruns=playback.underruns
-        )
-        return session_pb2.SessionEvent(session=self.handle, playhead=report)

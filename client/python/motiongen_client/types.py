@@ -27,14 +27,21 @@ class Priority(enum.Enum):
 
 @dataclass(frozen=True)
 class Waypoint:
-    """The root on the ground at one frame. x_m, z_m: world metres; heading_rad: 0 faces +Z, None leaves it free."""
+    """The root on the ground at one frame. x_m, z_m: world metres; heading_rad: 0 faces +Z, None leaves it free.
+
+    tolerance_m, tolerance_rad: how far it may be missed and still count as met, here and in the other constraints;
+    None for the model's own (`Model.default_tolerance_m`, `default_tolerance_rad`).
+    """
 
     frame: int
     x_m: float
     z_m: float
     heading_rad: float | None = None
+    tolerance_m: float | None = None
+    tolerance_rad: float | None = None
 
     def __post_init__(self) -> None:
+        check_tolerance(self.tolerance_m, self.tolerance_rad)
         check_frame("frame", self.frame)
         check_finite("x_m", self.x_m)
         check_finite("z_m", self.z_m)
@@ -52,8 +59,11 @@ class RootTrajectory:
     first_frame: int
     positions_m: NDArray[np.float32]
     headings_rad: NDArray[np.float32] | None = None
+    tolerance_m: float | None = None
+    tolerance_rad: float | None = None
 
     def __post_init__(self) -> None:
+        check_tolerance(self.tolerance_m, self.tolerance_rad)
         check_frame("first_frame", self.first_frame)
         positions = as_array("positions_m", self.positions_m, (None, 2))
         if len(positions) == 0:
@@ -69,8 +79,11 @@ class Keyframe:
 
     frame: int
     positions_m: NDArray[np.float32]
+    tolerance_m: float | None = None
+    tolerance_rad: float | None = None
 
     def __post_init__(self) -> None:
+        check_tolerance(self.tolerance_m, self.tolerance_rad)
         check_frame("frame", self.frame)
         object.__setattr__(self, "positions_m", as_array("positions_m", self.positions_m, (None, 3)))
 
@@ -86,8 +99,11 @@ class JointTargets:
     joints: Sequence[int]
     positions_m: NDArray[np.float32]
     rotations_quat_wxyz: NDArray[np.float32] | None = None
+    tolerance_m: float | None = None
+    tolerance_rad: float | None = None
 
     def __post_init__(self) -> None:
+        check_tolerance(self.tolerance_m, self.tolerance_rad)
         check_frame("frame", self.frame)
         object.__setattr__(self, "joints", tuple(self.joints))
         if 0 not in self.joints:
@@ -195,11 +211,38 @@ class Outcome:
 
 
 @dataclass(frozen=True)
+class Reopened:
+    """A session that could not be resumed was opened anew, with the last frames as its history.
+
+    frame: the first that the new session made, counted on from those before. The motion goes on from the same pose,
+    with the same prompts and constraints, but is not what the lost session would have made. reason: why, in words.
+    """
+
+    frame: int
+    reason: str
+
+
+@dataclass(frozen=True)
 class ServiceLevel:
     """How well a session is served. tier: full, fewer_steps, no_guidance or hold; denoise_steps: of each window."""
 
     tier: str
     denoise_steps: int
+
+
+@dataclass(frozen=True)
+class ConstraintReached:
+    """What became of a constraint, told when its last frame cannot change any more.
+
+    met: whether every error is within its tolerance. position_error_m: the worst distance, metres; rotation_error_rad:
+    the worst angle between headings or rotations, 0 to pi. None: it asks for nothing of that kind.
+    """
+
+    constraint_id: int
+    met: bool
+    frame: int
+    position_error_m: float | None
+    rotation_error_rad: float | None
 
 
 @dataclass(frozen=True)
@@ -214,13 +257,15 @@ class Deviation:
 class Residual:
     """How far a clip is from what one constraint asks for. None: it asks for nothing of that kind.
 
-    num_frames: of the constraint, in the clip. heading_rad and rotation_rad are angles from 0 to pi.
+    num_frames: of the constraint, in the clip. heading_rad and rotation_rad are angles from 0 to pi. met: whether the
+    worst of each kind is within its tolerance.
     """
 
     num_frames: int
     position_m: Deviation | None
     heading_rad: Deviation | None
     rotation_rad: Deviation | None
+    met: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +310,7 @@ class Model:
     text_width: numbers in a TextEmbedding for it. presets: the texts of prompts that a `Preset` can name, by their ids;
     preset_descriptions: the motion to expect of them, where it is told. constraint_forms: by name "trained",
     "untrained" (taken with a warning) or "refused"; empty where nothing is claimed. known_motions: what its training
-    captions are about, in words.
+    captions are about, in words. default_tolerance_m, default_tolerance_rad: of constraints that do not say.
     """
 
     model_id: str
@@ -287,6 +332,8 @@ class Model:
     constraint_forms: Mapping[str, str] = field(default_factory=dict)
     locomotion_presets: tuple[LocomotionPreset, ...] = ()
     known_motions: tuple[str, ...] = ()
+    default_tolerance_m: float = 0.0
+    default_tolerance_rad: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -333,6 +380,14 @@ class Catalog:
             if model.model_id == model_id:
                 return model
         raise UnknownName("model", model_id, [model.model_id for model in self.models])
+
+
+def check_tolerance(tolerance_m: float | None, tolerance_rad: float | None) -> None:
+    """Raise InvalidInput unless both are numbers that may be, or None."""
+    if tolerance_m is not None and not (np.isfinite(tolerance_m) and tolerance_m >= 0):
+        raise InvalidInput("tolerance_m", tolerance_m, "finite metres, 0 or more, or None")
+    if tolerance_rad is not None and not 0 <= tolerance_rad <= np.pi:
+        raise InvalidInput("tolerance_rad", tolerance_rad, "radians, 0 to pi, or None")
 
 
 def check_finite(name: str, value: float) -> None:

@@ -32,6 +32,8 @@ class EngineConfig:
     time. guard_drift: whether characters that go astray are righted. max_lean_rad: how far one may lean on average over
     a window; root heights in metres, and max_coordinate_m from the origin, beyond which it is lost.
     initial_step_s: the cost of a denoising step before one has been measured.
+    playback_rate: how many times the frame rate a playhead earns frames at. still_timeout_s: after which a session that
+    is paused is closed.
     admit_load: the share of the machine up to which sessions of each class are let in; retry_after_s: the least time
     after which one that was refused should ask again. degrade: whether sessions get less than they asked for where the
     machine cannot keep up.
@@ -72,6 +74,8 @@ class EngineConfig:
     admit_load: tuple[float, float, float, float] = (0.95, 0.9, 0.85, 0.7)
     retry_after_s: float = 2.0
     degrade: bool = True
+    playback_rate: float = 1.05
+    still_timeout_s: float = 3600.0
 
     def __post_init__(self) -> None:
         for name in ("max_sessions", "max_clips", "max_rows", "max_pending_events", "max_prompts", "max_constraints"):
@@ -95,6 +99,8 @@ class EngineConfig:
             "idle_timeout_s",
             "initial_step_s",
             "retry_after_s",
+            "playback_rate",
+            "still_timeout_s",
         ):
             self._check(name, 0.001)
         for name in ("max_lean_rad", "max_coordinate_m"):

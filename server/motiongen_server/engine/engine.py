@@ -303,11 +303,11 @@ class Engine:
             self._touched[key] = self._sessions[key]
         for key in self._silences.due(now):
             state, limit = self._sessions[key], self._config.idle_timeout_s
-            if now - state.last_playhead_at >= limit:
-                message = f"no Playhead for {limit:g} s; report the playhead at least that often"
+            if now >= state.idle_at:
+                message = f"no Playhead for {limit:g} s, or none that moved; report the frame shown at least that often"
                 self._close(state, CloseReason.IDLE, Code.OK, message)
             else:
-                self._silences.ask(key, state.last_playhead_at + limit)
+                self._silences.ask(key, state.idle_at)
 
     def _attend_touched(self) -> None:
         """Send what the touched sessions may send, start the windows that are due, and deliver."""
@@ -355,6 +355,8 @@ class Engine:
             misses = len(self._report.deadline_misses)
             self._send_queue += state.accept(result, now, self._report)
             self._touched[state.key] = state
+            if job is not None and not job.background:
+                self._load_monitor.note_window(job.priority)
             # Only who goes on shows whether the machine keeps up: edits may ask for more than it could ever do.
             if job is not None and job.cause is PlanCause.CONTINUE and job.first_frame and not job.background:
                 due += 1
@@ -373,7 +375,9 @@ class Engine:
 
     def _measure(self, now: float) -> None:
         """Take stock of the load; where the machine cannot keep up, or can again, sessions get less, or more."""
-        moved = self._load_monitor.measure(now, self._executor.work_s, self._executor.prices(), self._present)
+        moved = self._load_monitor.measure(
+            now, self._executor.work_s, self._executor.busy_s, self._executor.prices(), self._present
+        )
         for priority in moved:
             level = self._load_monitor.level(priority)
             _log.warning(

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+from collections import OrderedDict
 from collections.abc import Callable, Iterator
+from typing import ClassVar
 
 import uvicorn
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
@@ -11,6 +14,12 @@ from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+LIFE_S = 30.0
+MOST_CONNECTIONS = 64
+END_S = 2
+"""Seconds that requests under way may take once the server ends."""
 
 
 def ops_app(registry: CollectorRegistry, is_alive: Callable[[], bool], is_ready: Callable[[], bool]) -> Starlette:
@@ -39,13 +48,44 @@ def _answer(well: bool) -> Response:
     return PlainTextResponse("ok\n" if well else "not ok\n", status_code=200 if well else 503)
 
 
+class BoundedConnection(H11Protocol):
+    """A connection that lives for a while, whatever is said on it; the oldest go where there are too many.
+
+    Whoever only connects, says its request a byte at a time, or does not read the answer, would else hold a place for
+    ever, and the server's end up.
+    """
+
+    open_ones: ClassVar[OrderedDict[H11Protocol, None]] = OrderedDict()
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self._end = self.loop.call_later(LIFE_S, transport.abort)
+        self.open_ones[self] = None
+        if len(self.open_ones) > MOST_CONNECTIONS:
+            oldest, _ = self.open_ones.popitem(last=False)
+            oldest.transport.abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._end.cancel()
+        self.open_ones.pop(self, None)
+        super().connection_lost(exc)
+
+
 class OpsServer(uvicorn.Server):
     """uvicorn inside the application's event loop, which keeps its own signal handlers."""
 
     def __init__(self, app: Starlette, host: str, port: int) -> None:
         super().__init__(
             uvicorn.Config(
-                app, host=host, port=port, log_config=None, log_level="warning", lifespan="off", access_log=False
+                app,
+                host=host,
+                port=port,
+                http=BoundedConnection,
+                log_config=None,
+                log_level="warning",
+                lifespan="off",
+                access_log=False,
+                timeout_graceful_shutdown=END_S,
             )
         )
 

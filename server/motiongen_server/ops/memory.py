@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import os
 import resource
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -48,6 +49,24 @@ def resident_bytes(pid: int) -> int:
         return resource.getpagesize() * int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
     except (OSError, IndexError, ValueError):  # it has just ended, or this system has no /proc
         return 0
+
+
+class FreedMemory:
+    """Tells when memory is worth giving back: after a peak that is over. What is in use every day stays."""
+
+    def __init__(self, resident_bytes_of_process: Callable[[], int] | None = None) -> None:
+        self._resident_bytes = resident_bytes_of_process or (lambda: resident_bytes(os.getpid()))
+        self._kept: int | None = None
+
+    def is_due(self) -> bool:
+        """Whether much more is resident than after the last time."""
+        now = self._resident_bytes()
+        if self._kept is None or now < self._kept:
+            self._kept = now
+        if now - self._kept <= KEPT_BYTES:
+            return False
+        self._kept = now - KEPT_BYTES // 2  # so that what cannot be given back is not tried for at every look
+        return True
 
 
 @contextmanager

@@ -1,22 +1,23 @@
 """StreamBudget: everything that a stream sends is charged, to the stream and to its peer, before it is looked at.
 
 Nothing is refused for being too much: a stream that owes is not read on until it has paid, and gRPC's flow control
-passes the wait to the client. Tokens are events: at the default rates a stream has 5,000 a second.
+passes the wait to the client. Tokens are events: at the default rates a stream has 5,000 a second. Where all that an
+address may send is used up, its streams have equal parts of it, so that one of them cannot starve the others.
 """
 
 from __future__ import annotations
 
 from motiongen_server.rpc.peers import Peer
-from motiongen_server.rpc.token_bucket import TokenBucket
+from motiongen_server.rpc.token_bucket import Share, TokenBucket
 
 MESSAGE_COST = 1.0
 EVENT_COST = 1.0
 REFUSAL_COST = 9.0
 """More, for an event that is refused: its answer costs the server several times what taking it does."""
 BYTES_A_TOKEN = 256.0
-CALL_COST = 20.0
-"""Of a call for a clip, besides its bytes."""
-CATALOG_COST = 10.0
+CALL_COST = 1.0
+"""Of a call, of those that a peer may make in a second; a clip's costs more by its bytes."""
+BYTES_A_CALL = 16_384.0
 
 
 class StreamBudget:
@@ -25,11 +26,12 @@ class StreamBudget:
     def __init__(self, rate: float, peer: Peer, now: float) -> None:
         self.peer = peer
         self._bucket = TokenBucket(rate, now)
+        self._share = Share(peer.events, lambda: peer.num_streams, now)
 
     def charge(self, tokens: float, now: float) -> None:
         """Use tokens, of the stream and of its peer."""
         self._bucket.charge(tokens, now)
-        self.peer.events.charge(tokens, now)
+        self._share.charge(tokens, now)
 
     def charge_message(self, num_bytes: int, now: float) -> None:
         """A message has come; its events are charged as they are counted."""
@@ -37,4 +39,4 @@ class StreamBudget:
 
     def owed_s(self, now: float) -> float:
         """Seconds until the stream may be read on."""
-        return max(self._bucket.owed_s(now), self.peer.events.owed_s(now))
+        return max(self._bucket.owed_s(now), self._share.owed_s(now))

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Sequence
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from motiongen_server.engine.types import Gait, Guidance, ModelFacts
+from motiongen_server.engine.types import DEFAULT_TOLERANCE, Gait, Guidance, ModelFacts
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.rpc.limits import MAX_COORDINATE_M, MAX_GUIDANCE, MAX_SPEED_MPS, Limits
 from motiongen_server.text.presets import Preset
@@ -91,6 +91,8 @@ class Catalog:
                 for gait in gaits
             ],
             known_motions=self.abilities.known_motions,
+            default_tolerance_m=DEFAULT_TOLERANCE.position_m,
+            default_tolerance_rad=DEFAULT_TOLERANCE.angle_rad,
         )
         self._response = service_pb2.GetCatalogResponse(
             rigs=[rig_message(facts)], limits=self.limits_message, models=[model]

@@ -6,19 +6,20 @@ import asyncio
 import time
 
 from motiongen_server.engine.types import Float32Array
-from motiongen_server.rpc.peers import Peer
+from motiongen_server.rpc.token_bucket import Share
 from motiongen_server.text.prompts import PromptEncoder
 
 
-async def encoded(prompts: PromptEncoder, text: str, number: int, peer: Peer) -> Float32Array:
-    """A text's embedding (E,). One that is not known waits until its peer has paid for it.
+async def encoded(prompts: PromptEncoder, text: str, number: int, budget: Share) -> Float32Array:
+    """A text's embedding (E,). One that is not known waits until that is paid for.
 
-    number: of the stream or call that asks, each of which has a queue of its own. Raises EventRefused.
+    number: of the stream or call that asks, each of which has a queue of its own. budget: what it is charged to. Raises
+    EventRefused.
     """
     embedding = prompts.cached(text)
     if embedding is not None:
         return embedding
     now = time.monotonic()
-    peer.prompts.charge(1.0, now)
-    await asyncio.sleep(peer.prompts.owed_s(now))  # whoever comes later owes more, and waits longer
+    budget.charge(1.0, now)
+    await asyncio.sleep(budget.owed_s(now))  # whoever comes later owes more, and waits longer
     return await prompts.encode(text, number)

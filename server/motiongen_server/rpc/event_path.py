@@ -91,7 +91,7 @@ async def _encode_waiting(entry: SessionEntry) -> None:
             failure: Exception | None = None
             try:
                 for text in () if entry.closing else texts:
-                    embeddings[text] = await encoded(entry.model.prompts, text, entry.key.stream, entry.place.peer)
+                    embeddings[text] = await encoded(entry.model.prompts, text, entry.key.stream, entry.place.prompts)
             except Exception as error:
                 failure = error
             if not entry.waiting or entry.waiting[0][0] is not event:

@@ -47,12 +47,14 @@ class PeerLimits:
     """Of all that one address has open together.
 
     events_per_second: tokens, of which an event takes one; see `rpc.budget`. prompts_per_second: texts that were not
-    known. session_weight: of `peers.SESSION_WEIGHTS`; heroes: sessions of the class HERO. clip_samples: under way.
+    known. calls_per_second: new streams, clips, catalogues. session_weight: of `peers.SESSION_WEIGHTS`; heroes:
+    sessions of the class HERO. clip_samples: under way.
     """
 
     streams: int = 1024
     events_per_second: float = 20_000.0
     prompts_per_second: float = 200.0
+    calls_per_second: float = 100.0
     session_weight: int = 4096
     heroes: int = 128
     clip_samples: int = 32

@@ -7,7 +7,7 @@ from collections import Counter
 from motiongen_server.engine.types import Priority
 from motiongen_server.rpc.event_errors import peer_clips, peer_heroes, peer_sessions
 from motiongen_server.rpc.limits import PeerLimits
-from motiongen_server.rpc.token_bucket import TokenBucket
+from motiongen_server.rpc.token_bucket import Share, TokenBucket
 
 SESSION_WEIGHTS = {Priority.HERO: 4, Priority.NEAR: 2, Priority.CROWD: 1, Priority.BATCH: 1}
 """What a session of each class counts for: a hero is planned anew far more often."""
@@ -22,6 +22,7 @@ class Peer:
         self.limits = limits
         self.events = TokenBucket(limits.events_per_second, now)
         self.prompts = TokenBucket(limits.prompts_per_second, now)
+        self.calls = TokenBucket(limits.calls_per_second, now)
         self.num_streams = 0
         self._sessions: Counter[Priority] = Counter()
         self._clip_samples = 0
@@ -34,9 +35,18 @@ class Peer:
     def is_idle(self, now: float) -> bool:
         """Whether nothing would be lost if it were forgotten."""
         is_open = self.num_streams or self._clip_samples or self._sessions.total()
-        return not is_open and self.events.is_full(now) and self.prompts.is_full(now)
+        return not is_open and all(each.is_full(now) for each in (self.events, self.prompts, self.calls))
 
-    def place(self, priority: Priority) -> Place:
+    @property
+    def num_sessions(self) -> int:
+        """That it has open, of all classes."""
+        return self._sessions.total()
+
+    def prompts_share(self, now: float) -> Share:
+        """A session's, or a clip's, part of the prompts."""
+        return Share(self.prompts, lambda: self.num_sessions, now)
+
+    def place(self, priority: Priority, now: float) -> Place:
         """A place for a session, held until it is released. Raises EventRefused where there is none."""
         limits = self.limits
         if priority is Priority.HERO and self._sessions[priority] >= limits.heroes:
@@ -44,7 +54,7 @@ class Peer:
         if self.session_weight + SESSION_WEIGHTS[priority] > limits.session_weight:
             raise peer_sessions(limits.session_weight)
         self._sessions[priority] += 1
-        return Place(self, priority)
+        return Place(self, priority, now)
 
     def leave(self, priority: Priority) -> None:
         """A session of that class is over."""
@@ -64,9 +74,10 @@ class Peer:
 class Place:
     """A session's place among those of its peer."""
 
-    __slots__ = ("_is_held", "_priority", "peer")
+    __slots__ = ("_is_held", "_priority", "peer", "prompts")
 
-    def __init__(self, peer: Peer, priority: Priority) -> None:
+    def __init__(self, peer: Peer, priority: Priority, now: float) -> None:
+        self.prompts = peer.prompts_share(now)
         self.peer = peer
         self._priority = priority
         self._is_held = True

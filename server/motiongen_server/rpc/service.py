@@ -16,7 +16,7 @@ from motiongen.v1 import service_pb2
 from motiongen_server.engine.types import CloseReason, Output
 from motiongen_server.errors import StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
-from motiongen_server.rpc.budget import BYTES_A_TOKEN, CALL_COST, CATALOG_COST, EVENT_COST
+from motiongen_server.rpc.budget import BYTES_A_CALL, CALL_COST, EVENT_COST
 from motiongen_server.rpc.clip import ClipService, clip_request
 from motiongen_server.rpc.convert import round_trip_s
 from motiongen_server.rpc.handlers import CatalogContext, ClipContext, StreamContext
@@ -115,7 +115,7 @@ class MotionService:
     ) -> service_pb2.GetCatalogResponse:
         """Rigs, models and limits, or the etag alone for a client that holds them."""
         try:
-            self._charge_call(context.peer(), CATALOG_COST)
+            self._charge_call(context.peer(), CALL_COST)
         except StreamRefused as refusal:
             await context.abort_with_status(refusal.status())
         return self._models.catalog_response(request.catalog_etag)
@@ -123,7 +123,7 @@ class MotionService:
     async def GenerateClip(self, request: bytes, context: ClipContext) -> None:
         """Samples of one clip, from the request to the last frame."""
         try:
-            peer = self._charge_call(context.peer(), CALL_COST + len(request) / BYTES_A_TOKEN)
+            peer = self._charge_call(context.peer(), CALL_COST + len(request) / BYTES_A_CALL)
             asked = clip_request(request)
         except StreamRefused as refusal:
             await context.abort_with_status(refusal.status())
@@ -133,9 +133,9 @@ class MotionService:
         """Charge a call to its peer. Raises StreamRefused while that owes: there is nothing to be read later."""
         now = time.monotonic()
         peer = self._peers.find(name, now)
-        if (owed_s := peer.events.owed_s(now)) > 0:
+        if (owed_s := peer.calls.owed_s(now)) > 0:
             raise too_many_calls(owed_s)
-        peer.events.charge(cost, now)
+        peer.calls.charge(cost, now)
         return peer
 
     async def StreamMotion(self, request_iterator: AsyncIterator[bytes], context: StreamContext) -> None:

@@ -10,7 +10,17 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Closed, Code, Opened, Outcome, Output, ServiceLevel, SessionKey, Warned
+from motiongen_server.engine.types import (
+    Closed,
+    Code,
+    ConstraintReached,
+    Opened,
+    Outcome,
+    Output,
+    ServiceLevel,
+    SessionKey,
+    Warned,
+)
 from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.event_errors import invalid_event_seq, sequence_gap
 from motiongen_server.rpc.peers import Place
@@ -49,7 +59,7 @@ class SessionEntry:
     event number, of events that have not been answered. token: by which it can be resumed, "" while it cannot. attempt:
     the last one to resume it; is_resuming: until the engine has taken that up, and nothing is told. opened, level,
     closed: the last of each kind that the engine has said. answers: outcomes that the client may not have heard, by
-    number.
+    number. reached: what became of constraints that the client may not have heard of, oldest first.
     """
 
     key: SessionKey
@@ -75,6 +85,7 @@ class SessionEntry:
     level: ServiceLevel | None = None
     closed: Closed | None = None
     answers: dict[int, Outcome] = field(default_factory=dict)
+    reached: deque[ConstraintReached] = field(default_factory=lambda: deque(maxlen=MAX_KEPT_ANSWERS))
 
     def takes(self, event_seq: int) -> bool:
         """Whether an event is new and next; false for a repetition. Raises EventRefused for a gap or no number."""
@@ -104,6 +115,8 @@ class SessionEntry:
                 self.answers[said.event_seq] = said
                 if len(self.answers) > MAX_KEPT_ANSWERS:
                     del self.answers[next(iter(self.answers))]
+        elif isinstance(said, ConstraintReached) and self.token:
+            self.reached.append(said)
         elif isinstance(said, ServiceLevel):
             self.level = said
         elif isinstance(said, Closed):
@@ -127,6 +140,12 @@ class SessionEntry:
             for number in [number for number in self.answers if number <= answered_seq]:
                 del self.answers[number]
 
+    def note_shown(self, frame: int) -> None:
+        """The client shows a frame, so it holds what came after the news of constraints of a look-ahead before it."""
+        lookahead = 0 if self.opened is None else self.opened.lookahead
+        while self.reached and self.reached[0].frame + lookahead < frame:
+            self.reached.popleft()
+
     def welcome_back(self, start_frame: int) -> list[Output]:
         """What a client that resumes is told first: the session, what it may not have heard, and the end if that came.
 
@@ -134,4 +153,5 @@ class SessionEntry:
         """
         said: list[Output] = [] if self.opened is None else [replace(self.opened, start_frame=start_frame)]
         said += self.answers.values()
+        said += self.reached
         return [*said, *(each for each in (self.level, self.closed) if each is not None)]

@@ -146,6 +146,7 @@ class Stream:
             raise invalid_event_seq(event.event_seq)
         self._take_token(entry, now)
         entry.confirm(event.playhead.answered_seq)
+        entry.note_shown(event.playhead.frame)
         if entry.known_to_engine and not entry.closing:
             entry.model.engine.submit(playhead_of(event.playhead, entry.key, now, self.rtt_s))
 
@@ -176,7 +177,7 @@ class Stream:
         model = self._models.find(event.open.model_id)
         bucket = TokenBucket(limits.events_per_second, now)
         asked = int(event.open.priority)
-        place = self.peer.place(Priority(asked) if asked in tuple(Priority) else Priority.NEAR)
+        place = self.peer.place(Priority(asked) if asked in tuple(Priority) else Priority.NEAR, now)
         entry = SessionEntry(key, model, event.open.request_id, bucket, self, handle, place)
         entry.token = secrets.token_urlsafe(TOKEN_BYTES) if self._kept.grace_s else ""
         self._entries[handle] = self._by_key[key] = entry

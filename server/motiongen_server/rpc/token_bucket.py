@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 
 class TokenBucket:
     """Allows `rate` events a second over time, and as many at once as one second's worth."""
@@ -43,6 +45,45 @@ class TokenBucket:
             self._refilled_at = now
 
     @property
+    def rate(self) -> float:
+        """Tokens that come back in a second."""
+        return self._rate
+
+    @property
     def wait_s(self) -> float:
         """Seconds from the last `take` until one would be allowed."""
         return max(0.0, 1 - self._tokens) / self._rate
+
+
+class Share:
+    """One user's part of a bucket that several use: who keeps to an equal part never waits for the others."""
+
+    __slots__ = ("_bucket", "_num_users", "_refilled_at", "_tokens")
+
+    def __init__(self, bucket: TokenBucket, num_users: Callable[[], int], now: float) -> None:
+        """num_users: how many use the bucket now."""
+        self._bucket = bucket
+        self._num_users = num_users
+        self._tokens = self._rate
+        self._refilled_at = now
+
+    @property
+    def _rate(self) -> float:
+        return self._bucket.rate / max(1, self._num_users())
+
+    def charge(self, amount: float, now: float) -> None:
+        """Use so many tokens of the bucket, whether they are there or not."""
+        self._refill(now)
+        self._tokens -= amount
+        self._bucket.charge(amount, now)
+
+    def owed_s(self, now: float) -> float:
+        """Seconds until this user may go on: 0 while the bucket owes nothing, or this one has had only its part."""
+        self._refill(now)
+        return min(self._bucket.owed_s(now), max(0.0, -self._tokens) / self._rate)
+
+    def _refill(self, now: float) -> None:
+        if now != self._refilled_at:
+            rate = self._rate
+            self._tokens = min(rate, self._tokens + (now - self._refilled_at) * rate)
+            self._refilled_at = now

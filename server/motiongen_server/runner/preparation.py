@@ -19,6 +19,8 @@ from motiongen_ardy.model.packed import PackedDenoiser, RowRequest
 from motiongen_ardy.model.rollout import visible_frames
 from motiongen_ardy.model.sampling.plan import plan_targets, plan_text
 from motiongen_ardy.model.sampling.projection import RootProjection, make_projection
+from motiongen_ardy.model.tokenizer.explicit import ExplicitBody
+from motiongen_ardy.model.tokenizer.model import Tokenizer
 from motiongen_server.engine.types import WindowJob
 from motiongen_server.runner.row import Row
 from motiongen_server.runner.targets import job_targets
@@ -45,8 +47,10 @@ class _Member(NamedTuple):
 class Preparation:
     """Prepares jobs of one model. Jobs that share the shape of their window are prepared together."""
 
-    def __init__(self, model: Model, denoiser: PackedDenoiser) -> None:
+    def __init__(self, model: Model, codec: Tokenizer | ExplicitBody, denoiser: PackedDenoiser) -> None:
+        """codec: the model's own, as it is served."""
         self._model = model
+        self._codec = codec
         self._denoiser = denoiser
         self._device = model.representation.stats.mean.device
 
@@ -122,7 +126,7 @@ class Preparation:
         if shape.has_tokens:
             tokens = self._stack(job.history_tokens for job in jobs if job.history_tokens is not None)
         else:
-            tokens = self._model.codec.to_hybrid(self._stack(job.history for job in jobs))
+            tokens = self._codec.to_hybrid(self._stack(job.history for job in jobs))
         heading = layout.heading_of_root(tokens[:, 0, :ROOT_WIDTH])
         return *recentre_tokens(self._model, tokens), heading
 

@@ -12,6 +12,7 @@ from motiongen_ardy.model.diffusion import cosine_schedule
 from motiongen_ardy.model.generation import world_tokens_of
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.packed import PackedBatch, PackedDenoiser
+from motiongen_ardy.model.packed.codec import packed_codec
 from motiongen_server.engine.types import Float32Array, ModelFacts, RowStatus, WindowJob, WindowResult
 from motiongen_server.runner.correction import corrected
 from motiongen_server.runner.device_errors import device_errors
@@ -42,7 +43,8 @@ class TorchRunner:
         self._denoiser = PackedDenoiser(model.denoiser, config.num_base_steps, config.horizon, precision)
         if owns_model:
             self._denoiser.release_originals()
-        self._preparation = Preparation(model, self._denoiser)
+        self._codec = packed_codec(model.codec)
+        self._preparation = Preparation(model, self._codec, self._denoiser)
         self._schedule = cosine_schedule(config.num_base_steps).to(self._device)
         self._rows: dict[int, Row] = {}
         self._laid_out: tuple[tuple[int, ...], PackedBatch] | None = None
@@ -51,6 +53,10 @@ class TorchRunner:
     @property
     def facts(self) -> ModelFacts:
         return self._facts
+
+    def row(self, job_id: int) -> Row:
+        """A job that is prepared, as it stands. Raises KeyError."""
+        return self._rows[job_id]
 
     def num_passes(self, job: WindowJob) -> int:
         """Evaluations of the denoiser that one step of this job costs."""
@@ -128,7 +134,7 @@ class TorchRunner:
         tokens = world_tokens_of(self._model, tokens, torch.stack([row.translation for row in rows]))
         patch = self._facts.patch
         lengths = torch.full((len(rows),), tokens.shape[1] * patch, device=self._device)
-        features = self._model.codec.from_hybrid(tokens, lengths)[:, history_tokens * patch :]
+        features = self._codec.from_hybrid(tokens, lengths)[:, history_tokens * patch :]
         features = corrected(self._model, rows, features)
         frames = wire_rows(self._model.representation, features).cpu().numpy()
         kept = None if self._model.sampling.corrects else tokens[:, history_tokens:].cpu().numpy()

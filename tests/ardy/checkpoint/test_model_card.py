@@ -140,3 +140,9 @@ def test_a_card_as_hubs_write_it_gives_the_licence(tmp_path: Path) -> None:
     folder = checkpoint(tmp_path / "walker")
     (folder / "README.md").write_text("---\nlicense: other\nlicense_name: nvidia-open-model-license\n---\n# Walker\n")
     assert read_model_card(folder).licence == "nvidia-open-model-license"
+
+
+def test_a_name_too_long_for_any_file_system_is_unknown_in_a_short_message() -> None:
+    with pytest.raises(UnknownModel, match="a name of 5000 characters") as unknown:
+        model_folder("x" * 5000)
+    assert len(str(unknown.value)) < 200

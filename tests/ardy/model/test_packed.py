@@ -15,7 +15,7 @@ from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, Pass, batch_passes, guided_prediction, needed_passes
 from motiongen_ardy.model.model import Model, build_model
 from motiongen_ardy.model.packed import PackedDenoiser, RowConditions, RowRequest
-from motiongen_ardy.model.packed.linear import PackedLinear
+from motiongen_ardy.model.packed.linear import Activation, PackedLinear
 from motiongen_ardy.model.window import Window
 from tests.ardy.variants import VARIANTS, varied
 
@@ -164,3 +164,28 @@ def test_a_packed_linear_layer(dtype: torch.dtype, activation: None) -> None:
 def test_an_unknown_activation_is_refused() -> None:
     with pytest.raises(ValueError, match="gelu, relu or None"):
         PackedLinear.of(nn.Linear(2, 2), torch.float32, torch.tanh)
+
+
+class _Moody(PackedLinear):
+    """Its kernel for fewer than 16 vectors rounds otherwise."""
+
+    def _product(self, values: torch.Tensor, activation: Activation | None) -> torch.Tensor:
+        few = values.shape[:-1].numel() < max(16, self.least_vectors)
+        return super()._product(values, activation) * (1.0 + 1e-4 * few)
+
+
+def test_few_vectors_are_filled_up_where_their_kernel_rounds_otherwise() -> None:
+    layer = nn.Linear(8, 4)
+    packed = _Moody.of(layer, torch.float32)
+    assert packed.least_vectors == 16 or not packed.onednn
+
+
+@pytest.mark.parametrize("shape", [(3, 8), (2, 5, 8), (1, 0, 8)])
+def test_a_layer_that_is_filled_up_gives_what_it_gives_otherwise(shape: tuple[int, ...]) -> None:
+    torch.manual_seed(0)
+    packed, values = PackedLinear.of(nn.Linear(8, 4), torch.float32), torch.randn(shape)
+    plain, added = packed(values), packed.plus(values, torch.ones(*shape[:-1], 4))
+    packed.least_vectors = 64
+    assert packed(values).shape == plain.shape
+    assert torch.allclose(packed(values), plain, atol=1e-6)
+    assert torch.allclose(packed.plus(values, torch.ones(*shape[:-1], 4)), added, atol=1e-6)

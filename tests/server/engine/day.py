@@ -19,7 +19,7 @@ ALLOWED = {Code.OK, Code.CANCELLED, Code.FAILED_PRECONDITION, Code.NOT_FOUND, Co
 
 
 class Crowd:
-    """Clients that come, edit, pause, fall silent and go, at random."""
+    """Clients that come, edit, pause, lie about their playhead, fall silent and go, at random."""
 
     def __init__(self, stage: Stage, chance: random.Random) -> None:
         self.stage = stage
@@ -48,7 +48,7 @@ class Crowd:
         self.stage.step()
 
     def _bother(self, viewer: Viewer) -> None:
-        match self.random.randrange(13):
+        match self.random.randrange(14):
             case 0 | 1 | 2 | 3:
                 self.stage.set_prompts(viewer, prompt(self.random.randrange(9)))
             case 4 | 5:
@@ -65,6 +65,9 @@ class Crowd:
             case 11:
                 self.stage.set_velocity(viewer, self.random.uniform(-2, 2), 1.0, None, self.random.randrange(1, 90))
             case 12:
+                frame = self.random.choice((viewer.buffered_to, max(0, viewer.buffered_to - 1), 2**53, 0))
+                self.stage.engine.submit(viewer.lie(frame, self.stage.clock.now()))
+            case 13:
                 if self.random.random() < 0.3:
                     self.stage.close(viewer)
                     self.stage.step()

@@ -10,6 +10,7 @@ import numpy as np
 from motiongen_server.engine.types import (
     Chunk,
     Closed,
+    ConstraintReached,
     Opened,
     Outcome,
     Output,
@@ -50,6 +51,7 @@ class Viewer:
         # those that may repeat the frame before
         self.held_plans: set[int] = set()
         self.levels: list[ServiceLevel] = []
+        self.reached: list[ConstraintReached] = []
         self.outcomes: dict[int, Outcome] = {}
         self.asked: set[int] = set()
         self.close_seqs: set[int] = set()
@@ -117,6 +119,9 @@ class Viewer:
                 self._take_chunk(output)
             case Outcome():
                 self._take_outcome(output)
+            case ConstraintReached():
+                require(output.frame < self.committed_to, f"{output} before its frame is promised")
+                self.reached.append(output)
             case ServiceLevel():
                 self.levels.append(output)
             case Closed():

@@ -17,8 +17,8 @@ import psutil
 import pytest
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
+from motiongen_compliance.talk import Talk
 from tests.conftest import ROOT, TINY_MODEL
-from tests.contract.talk import Talk
 from tests.server.engine_process.audience import is_gone
 from tests.waiting import try_again, until_true
 

@@ -18,12 +18,12 @@ from google.rpc import error_details_pb2
 from grpc_status import rpc_status
 
 from motiongen.v1 import admin_pb2, admin_pb2_grpc, service_pb2, service_pb2_grpc, session_pb2
+from motiongen_compliance.talk import Talk
 from motiongen_server.app import Application
 from motiongen_server.config import ServerConfig
 from motiongen_server.ops.memory import settled_objects
 from motiongen_server.settings import SettingError
 from tests.contract.local import LengthEncoder, RealTime
-from tests.contract.talk import Talk
 from tests.server.engine.fakes import FACTS, FakeRunner
 from tests.server.in_process import ENGINE, in_process
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
+import socket
+
 import httpx
 import pytest
 from prometheus_client import CollectorRegistry, Counter
 
+from motiongen_server.ops import http
 from motiongen_server.ops.http import ops_app
 
 
@@ -28,3 +32,33 @@ async def test_metrics_are_prometheus_text_of_the_registry() -> None:
         assert (await client.get("/nothing")).status_code == 404
     assert response.headers["content-type"].startswith("text/plain")
     assert "motiongen_things_total 3.0" in response.text
+
+
+async def test_a_connection_lives_for_a_while_and_the_oldest_goes_where_there_are_too_many(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(http, "MOST_CONNECTIONS", 2)
+    server = http.OpsServer(http.ops_app(CollectorRegistry(), lambda: True, lambda: True), "127.0.0.1", 0)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        serving = asyncio.create_task(server.serve([listener]))
+        try:
+            async with asyncio.timeout(20):
+                port = listener.getsockname()[1]
+                first, *others = [await asyncio.open_connection("127.0.0.1", port) for _ in range(3)]
+                assert await end_of(first[0]), "the oldest"
+                monkeypatch.setattr(http, "LIFE_S", 0.05)
+                late = await asyncio.open_connection("127.0.0.1", port)
+                assert await end_of(late[0])
+                for _, writer in (first, *others, late):
+                    writer.transport.abort()
+        finally:
+            server.should_exit = True
+            await serving
+
+
+async def end_of(reader: asyncio.StreamReader) -> bool:
+    """Whether the other side has ended it; waits for that."""
+    try:
+        return await reader.read() == b""
+    except ConnectionResetError:
+        return True

@@ -8,7 +8,13 @@ import resource
 import subprocess
 import sys
 
-from motiongen_server.ops.memory import COLLECT_EVERY, resident_bytes, settled_objects
+from motiongen_server.ops.memory import (
+    COLLECT_EVERY,
+    KEPT_BYTES,
+    FreedMemory,
+    resident_bytes,
+    settled_objects,
+)
 
 LARGE = 4 << 20
 SCRIPT = f"""
@@ -69,3 +75,18 @@ def test_the_memory_of_a_process_is_told_and_of_one_that_has_ended_none() -> Non
     ended.wait()
     assert resident_bytes(os.getpid()) > 1 << 20
     assert resident_bytes(ended.pid) == 0
+
+
+def test_memory_is_given_back_after_a_peak_and_not_again_and_again() -> None:
+    resident = 100 << 20
+    freed = FreedMemory(lambda: resident)
+    assert not freed.is_due()
+    resident += KEPT_BYTES // 2
+    assert not freed.is_due(), "what is in use every day stays"
+    resident += KEPT_BYTES
+    assert freed.is_due()
+    assert not freed.is_due(), "it did not help: only a higher peak is worth another try"
+    resident = 90 << 20
+    assert not freed.is_due()
+    resident += KEPT_BYTES + 1
+    assert freed.is_due()

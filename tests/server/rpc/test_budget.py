@@ -33,35 +33,49 @@ def test_bytes_are_charged_too() -> None:
 
 def test_streams_of_one_peer_pay_together_and_others_do_not() -> None:
     peer = peer_of(events_per_second=100.0)
+    peer.num_streams = 2
     first, second = StreamBudget(1000.0, peer, 0.0), StreamBudget(1000.0, peer, 0.0)
     elsewhere = StreamBudget(1000.0, peer_of(events_per_second=100.0), 0.0)
     first.charge(200.0, 0.0)
-    assert second.owed_s(0.0) == pytest.approx(1.0)
+    assert first.owed_s(0.0) == pytest.approx(1.0)
+    second.charge(60.0, 0.0)
+    assert second.owed_s(0.0) == pytest.approx(0.2), "more than half of what both may have"
     assert elsewhere.owed_s(0.0) == 0
+
+
+def test_who_keeps_to_an_equal_part_never_waits_for_another_stream_of_its_peer() -> None:
+    peer = peer_of(events_per_second=100.0)
+    peer.num_streams = 2
+    greedy, modest = StreamBudget(1e6, peer, 0.0), StreamBudget(1e6, peer, 0.0)
+    greedy.charge(10_000.0, 0.0)
+    for tenth in range(100):
+        modest.charge(4.0, tenth / 10)
+        assert modest.owed_s(tenth / 10) == 0
+    assert greedy.owed_s(10.0) > 10
 
 
 def test_heroes_of_one_peer_are_few_and_a_place_can_be_taken_again() -> None:
     peer = peer_of(heroes=2)
-    places = [peer.place(Priority.HERO) for _ in range(2)]
+    places = [peer.place(Priority.HERO, 0.0) for _ in range(2)]
     with pytest.raises(EventRefused) as refused:
-        peer.place(Priority.HERO)
+        peer.place(Priority.HERO, 0.0)
     assert (refused.value.reason, refused.value.field) == ("PEER_SESSION_LIMIT", "open.priority")
-    peer.place(Priority.NEAR)
+    peer.place(Priority.NEAR, 0.0)
     places[0].release()
     places[0].release()
-    peer.place(Priority.HERO)
+    peer.place(Priority.HERO, 0.0)
     with pytest.raises(EventRefused):
-        peer.place(Priority.HERO)
+        peer.place(Priority.HERO, 0.0)
 
 
 def test_sessions_count_by_their_class() -> None:
     peer = peer_of(session_weight=7)
-    held = [peer.place(priority) for priority in (Priority.HERO, Priority.NEAR, Priority.CROWD)]
+    held = [peer.place(priority, 0.0) for priority in (Priority.HERO, Priority.NEAR, Priority.CROWD)]
     with pytest.raises(EventRefused, match="as many sessions"):
-        peer.place(Priority.BATCH)
+        peer.place(Priority.BATCH, 0.0)
     held[1].release()
-    peer.place(Priority.CROWD)
-    peer.place(Priority.BATCH)
+    peer.place(Priority.CROWD, 0.0)
+    peer.place(Priority.BATCH, 0.0)
     assert peer.session_weight == 7
 
 
@@ -86,7 +100,7 @@ def test_peers_that_owe_nothing_are_forgotten_and_others_are_not() -> None:
     debtor = peers.find("ipv4:1.1.1.1:1", 0.0)
     debtor.events.charge(1000.0, 0.0)
     holder = peers.find("ipv4:2.2.2.2:1", 0.0)
-    holder.place(Priority.NEAR)
+    holder.place(Priority.NEAR, 0.0)
     quiet = peers.find("ipv4:3.3.3.3:1", 0.0)
     for number in range(MOST_IDLE):
         peers.find(f"ipv4:9.{number >> 8}.{number & 255}.1:1", 0.0)

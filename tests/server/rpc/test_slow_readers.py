@@ -10,10 +10,10 @@ import grpc.aio
 import pytest
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
+from motiongen_compliance.talk import Talk
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.rpc.limits import Limits
 from tests.contract.local import NO_BUDGET, UNMETERED, LocalServer
-from tests.contract.talk import Talk
 
 LIMIT_S = 30.0
 KIB = 1 << 10

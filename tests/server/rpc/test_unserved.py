@@ -14,7 +14,7 @@ from motiongen_server.rpc.convert.unserved import UNSERVED_FIELDS, check_served
 
 PROTOS = Path(__file__).resolve().parents[3] / "proto" / "motiongen" / "v1"
 # sent by servers alone, so there is nothing to refuse
-TOLD = {"durable_seq", "constraint_reached", "spare_sessions", "SCALAR_TYPE_F16_LE"}
+TOLD = {"durable_seq", "spare_sessions", "SCALAR_TYPE_F16_LE"}
 TOLD_IN = {("SessionUpdate", "snapshot")}
 
 EXAMPLES = [
@@ -22,8 +22,6 @@ EXAMPLES = [
     (motion_pb2.Constraint(frames_from_effect=True), "upsert[0]", "upsert[0].frames_from_effect"),
     (motion_pb2.Constraint(at_any_frame=True), "upsert[0]", "upsert[0].at_any_frame"),
     (motion_pb2.Constraint(weight=1), "upsert[0]", "upsert[0].weight"),
-    (motion_pb2.Constraint(tolerance_m=0.1), "upsert[0]", "upsert[0].tolerance_m"),
-    (motion_pb2.Constraint(tolerance_rad=0.1), "upsert[0]", "upsert[0].tolerance_rad"),
     (motion_pb2.Constraint(heading=motion_pb2.HeadingTarget()), "upsert[0]", "upsert[0].heading"),
     (motion_pb2.Constraint(joint_rotations=motion_pb2.JointRotations()), "upsert[0]", "upsert[0].joint_rotations"),
     (session_pb2.OpenSession(snapshot=b"x"), "open", "open.snapshot"),

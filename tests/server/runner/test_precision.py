@@ -14,12 +14,20 @@ def test_names() -> None:
     assert choose_precision("bfloat16", "cpu") is torch.bfloat16
 
 
-@pytest.mark.parametrize(("in_hardware", "expected"), [(True, torch.bfloat16), (False, torch.float32)])
-def test_auto_takes_bfloat16_where_it_is_in_hardware(
-    monkeypatch: pytest.MonkeyPatch, in_hardware: bool, expected: torch.dtype
+@pytest.mark.parametrize(
+    ("in_hardware", "gain", "expected"),
+    [(True, 1.6, torch.bfloat16), (True, 1.4, torch.float32), (False, 9.0, torch.float32)],
+)
+def test_auto_takes_bfloat16_where_it_is_in_hardware_and_fast(
+    monkeypatch: pytest.MonkeyPatch, in_hardware: bool, gain: float, expected: torch.dtype
 ) -> None:
     monkeypatch.setattr(precision, "multiplies_bfloat16", lambda device: in_hardware)
+    monkeypatch.setattr(precision, "product_s", lambda dtype: 1e-4 * (gain if dtype is torch.float32 else 1.0))
     assert choose_precision("auto", "cpu") is expected
+
+
+def test_products_are_timed() -> None:
+    assert 0 < precision.product_s(torch.float32) < 1
 
 
 def test_another_name_is_refused() -> None:

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
 from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH, ROOT_WIDTH
 from motiongen_ardy.model.denoiser.base import Denoiser
@@ -30,15 +29,18 @@ class Projection:
         """order: which columns of `told` belong to the columns of a token; the others are the constraints'."""
         noisy = plain if told is None else told
         columns = torch.arange(plain.weight.shape[1], device=order.device) if told is None else order
-        self.plain = plain
+        self.plain = PackedLinear.of(plain, torch.float32)
         self.noisy = PackedLinear(noisy.weight[:, columns], noisy.bias, torch.float32)
-        self.goals = None if told is None else told.weight.detach()[:, plain.weight.shape[1] :]
+        self._goals: PackedLinear | None = None
+        if told is not None:
+            weight = told.weight[:, plain.weight.shape[1] :]
+            self._goals = PackedLinear(weight, torch.zeros_like(told.bias), torch.float32)
 
     def added_by(self, body: Tensor, mask: Tensor) -> Tensor:
         """What observed body (..., P(D-5)) and mask (..., PD) add to the vectors of noisy tokens."""
-        if self.goals is None:
+        if self._goals is None:
             raise ValueError("this model was built without goal inputs")
-        return functional.linear(torch.cat([body, mask], dim=-1), self.goals)
+        return self._goals(torch.cat([body, mask], dim=-1))
 
 
 class PackedDenoiser:
@@ -63,6 +65,8 @@ class PackedDenoiser:
             order = torch.arange(LOCAL_ROOT_WIDTH * self._patch + latent_dim, device=device)
             told = denoiser.local_root_hybrid_constraints_proj
             self._projections.append(Projection(denoiser.local_root_hybrid_proj, told, order))
+        future = denoiser.future_constraints_proj
+        self._future = None if future is None else PackedLinear.of(future, torch.float32)
         self._step_vectors = torch.stack([stage.step_vectors for stage in self.stages])
         self._horizon_positions: dict[int, Tensor] = {}
 
@@ -113,7 +117,7 @@ class PackedDenoiser:
         return list(prefixes.split(counts, dim=1))
 
     def _goals(self, request: RowRequest, history_tokens: int) -> list[RowGoals | None]:
-        future = self._denoiser.future_constraints_proj
+        future = self._future
         if request.observed is None or request.mask is None or future is None:
             return [None] * len(request.passes)
         patch, mask = self._patch, by_token(request.mask, self._patch)

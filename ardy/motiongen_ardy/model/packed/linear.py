@@ -8,6 +8,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+# A kernel for few vectors may add in another order than the one for many; from so many on there is but one.
+_MANY = 256
+
 Activation = Callable[[Tensor], Tensor]
 
 # On a CPU these oneDNN operators take a weight in the layout of the kernel, where `functional.linear` brings it there
@@ -25,7 +28,10 @@ def _onednn_takes(weight: Tensor) -> bool:
 
 
 class PackedLinear:
-    """x W^T + b in the precision of a copied weight, with an optional activation or an optional addend."""
+    """x W^T + b in the precision of a copied weight, with an optional activation or an optional addend.
+
+    least_vectors: fewer vectors than these are filled up to them, so that what one gets is the same in any company.
+    """
 
     def __init__(self, weight: Tensor, bias: Tensor, dtype: torch.dtype, activation: Activation | None = None) -> None:
         """weight: (out, in). Raises ValueError for an activation other than gelu and relu."""
@@ -34,9 +40,12 @@ class PackedLinear:
         self._activation = activation
         self._weight = weight.detach().to(dtype).contiguous().clone()
         self._bias = bias.detach().to(dtype).clone()
-        self._onednn = _onednn_takes(self._weight)
-        if self._onednn:
+        self.onednn = _onednn_takes(self._weight)
+        self.least_vectors = 1
+        if self.onednn:
             self._weight = torch.ops.mkldnn._reorder_linear_weight(self._weight)
+            numbers = torch.arange(_MANY * weight.shape[1], dtype=torch.float32)
+            self.least_vectors = self._least_vectors(numbers.sin().view(_MANY, -1).to(dtype))
 
     @classmethod
     def of(cls, layer: nn.Linear, dtype: torch.dtype, activation: Activation | None = None) -> PackedLinear:
@@ -52,17 +61,30 @@ class PackedLinear:
 
         A float32 addend to a product in another precision is added in float32.
         """
-        if addend.dtype != self._weight.dtype or not self._onednn:
+        few = values.shape[:-1].numel() < self.least_vectors
+        if addend.dtype != self._weight.dtype or not self.onednn or few:
             return addend + self._product(values, None)
         operators = torch.ops.mkldnn._linear_pointwise
         result: Tensor = operators.binary(values, addend, self._weight, self._bias, "add")
         return result
 
     def _product(self, values: Tensor, activation: Activation | None) -> Tensor:
-        if self._onednn:
+        missing = self.least_vectors - values.shape[:-1].numel()
+        if missing > 0:
+            filled = functional.pad(values.reshape(-1, values.shape[-1]), (0, 0, 0, missing))
+            return self._product(filled, activation)[: len(filled) - missing].view(*values.shape[:-1], len(self._bias))
+        if self.onednn:
             result: Tensor = torch.ops.mkldnn._linear_pointwise(
                 values, self._weight, self._bias, _POINTWISE[activation], [], "none"
             )
             return result
         result = functional.linear(values, self._weight, self._bias)
         return result if activation is None else activation(result)
+
+    @torch.inference_mode()
+    def _least_vectors(self, probe: Tensor) -> int:
+        """From how many vectors on one gets what it gets among the many of a probe (_MANY, in)."""
+        among_many, count = self._product(probe, None), len(probe)
+        while count > 1 and torch.equal(self._product(probe[: count // 2], None), among_many[: count // 2]):
+            count //= 2
+        return count

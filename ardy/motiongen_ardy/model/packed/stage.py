@@ -22,6 +22,9 @@ class PackedStage:
         self.num_prefix = stage.text_tokens + 1 + int(stage.linear_first_heading_angle is not None)
         self.step_position = stage.text_tokens
         self.output = PackedLinear.of(stage.output_linear, torch.float32)
+        self._text = PackedLinear.of(stage.embed_text, torch.float32)
+        heading = stage.linear_first_heading_angle
+        self._heading = None if heading is None else PackedLinear.of(heading, torch.float32)
         device = stage.output_linear.weight.device
         steps = torch.arange(num_base_steps, device=device)
         self.step_vectors = self._marked_prefix(stage.embed_timestep(steps), self.step_position)[:, 0]
@@ -35,12 +38,11 @@ class PackedStage:
 
     def prefix(self, text: Tensor, heading: Tensor) -> Tensor:
         """(B, prefix tokens, width) of texts (B, n, W) and headings (B) radians; the step's vector is left at zero."""
-        stage = self._stage
-        texts = self._marked_prefix(stage.embed_text(text), 0)
+        texts = self._marked_prefix(self._text(text), 0)
         parts = [texts, torch.zeros_like(texts[:, :1])]
-        if stage.linear_first_heading_angle is not None:
+        if self._heading is not None:
             angle = torch.stack([heading.cos(), heading.sin()], dim=-1)
-            vector = stage.linear_first_heading_angle(angle).unsqueeze(1)
+            vector = self._heading(angle).unsqueeze(1)
             parts.append(self._marked_prefix(vector, self.step_position + 1))
         return torch.cat(parts, dim=1)
 

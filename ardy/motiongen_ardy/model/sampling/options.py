@@ -122,12 +122,14 @@ class JoinOptions(CheckedOptions):
     """How tokens and windows are joined.
 
     seam_frames: over so many frames a jump at the start of a window fades. free_rad: a joint that turns farther than
-    this at the start of a window turns the rest over settle_frames, or up to twice as many where it is far.
+    this at the start of a window turns the rest over settle_frames, or up to twice as many where it is far; so does one
+    above the legs that sets off faster than the history by more than free_start_rad a frame.
     """
 
     seam_frames: int = option(8, 1, 100)
     free_rad: float = option(0.2, 0.01, 6.3)
-    settle_frames: int = option(10, 1, 100)
+    free_start_rad: float = option(0.05, 0.0, 6.3)
+    settle_frames: int = option(14, 1, 100)
 
 
 @dataclass(frozen=True)

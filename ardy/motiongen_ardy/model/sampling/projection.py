@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
+from motiongen_ardy.core.rotation import angle_of
 from motiongen_ardy.model.sampling.options import SamplingOptions
 
 _NEVER_M = 1e9
@@ -61,8 +62,8 @@ class RootProjection:
         length = missing.norm(dim=-1, keepdim=True)
         kept = torch.minimum((length - self.slack[..., :1]).clamp(min=0), self.most[..., None])
         ground = self.ground @ (missing * (kept / length.clamp(min=1e-9)))
-        height = self.height @ ((self.asked[..., 2:3] - natural[..., 1:2]) * where[..., 1:2])
-        turn = (self.heading @ self._missing_heading(natural[..., 3:], where[..., 2])[..., None])[..., 0]
+        height = _product(self.height, (self.asked[..., 2] - natural[..., 1]) * where[..., 1])[..., None]
+        turn = _product(self.heading, self._missing_heading(natural[..., 3:], where[..., 2]))
         cosine, sine = natural[..., 3], natural[..., 4]
         turned = torch.stack(
             [cosine * (turn.cos() - 1) - sine * turn.sin(), cosine * turn.sin() + sine * (turn.cos() - 1)], dim=-1
@@ -72,7 +73,7 @@ class RootProjection:
 
     def _missing_heading(self, cosine_sine: Tensor, where: Tensor) -> Tensor:
         """The turn (B, T) in radians that is missing at the goals, less what may be missing."""
-        angle = torch.atan2(cosine_sine[..., 1], cosine_sine[..., 0])
+        angle = angle_of(cosine_sine[..., 1], cosine_sine[..., 0])
         steps = wrap(angle[:, 1:] - angle[:, :-1])
         angle = torch.cat([angle[:, :1], angle[:, :1] + steps.cumsum(dim=1)], dim=1)
         off = self.asked[..., 3] - angle
@@ -82,9 +83,14 @@ class RootProjection:
         return off.sign() * (off.abs() - self.slack[..., 1]).clamp(min=0)
 
 
+def _product(matrices: Tensor, vectors: Tensor) -> Tensor:
+    """(B, T, T) with (B, T) -> (B, T), a sum for each row: a matrix product adds otherwise where B is 1."""
+    return (matrices * vectors[:, None]).sum(dim=-1)
+
+
 def wrap(angle: Tensor) -> Tensor:
     """Angles in -pi..pi."""
-    return torch.atan2(angle.sin(), angle.cos())
+    return angle_of(angle.sin(), angle.cos())
 
 
 def make_projection(

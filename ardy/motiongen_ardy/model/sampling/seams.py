@@ -2,7 +2,8 @@
 
 After a new prompt the model may begin with arms raised that hung down one frame before. Such turns are too wide for the
 joins of tokens, which are linear; here the first frame's turn away from the history is taken back and given out over
-the following frames (inertialisation, Bollo 2018), wider turns over more of them.
+the following frames (inertialisation, Bollo 2018), wider turns over more of them. So is the speed at which arms and
+trunk set off, where the history stood still. Legs set off as the window says: feet in a walk gain their speed at once.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from torch import Tensor
 
 from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.core.rotation import axis_angle_to_matrix, matrix_to_6d, rotation_vector
-from motiongen_ardy.core.skeleton import forward_kinematics, global_to_local
+from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics, global_to_local
 from motiongen_ardy.model.sampling.options import JoinOptions
 from motiongen_ardy.model.sampling.spread import smooth_step
 
@@ -21,7 +22,8 @@ def settle_seam(layout: Representation, history: Tensor, new: Tensor, options: J
     """New frames (B, G, D), in natural units, with rotations that go on from the history's; the rest stays as it was.
 
     history: (B, H, D), of which the last two frames count; with none, nothing is known to go on from. Joints whose
-    first local rotation is within `options.free_rad` of where the history leads are left alone, bit for bit.
+    first local rotation is within `options.free_rad` of where the history leads, and whose first turn is within
+    `options.free_start_rad` of the history's last, are left alone, bit for bit.
     """
     if not history.shape[1]:
         return new
@@ -33,18 +35,44 @@ def settle_seam(layout: Representation, history: Tensor, new: Tensor, options: J
     expected = axis_angle_to_matrix(going_on) @ last
     apart = rotation_vector(expected @ after[:, 0].transpose(-1, -2))  # (B, J, 3)
     apart = torch.cat([torch.zeros_like(apart[:, :1]), apart[:, 1:]], dim=1)  # the root's is the plan's
-    angle = apart.norm(dim=-1, keepdim=True)
-    kept = apart * ((angle - options.free_rad).clamp(min=0) / angle.clamp(min=1e-6))
-    touched = kept.abs().sum(-1) > 0  # (B, J)
+    jump = _beyond(apart, options.free_rad)
+    # How much faster than the history a joint sets off, of a frame; one frame on either side tells nothing of that.
+    known = before.shape[1] > 1 and after.shape[1] > 1
+    setting_off = rotation_vector(after[:, 1] @ after[:, 0].transpose(-1, -2)) if known else going_on
+    start = _beyond(going_on - setting_off, options.free_start_rad)
+    start = start.index_fill(1, _legs_and_root(skeleton, start.device), 0.0)
+    touched = (jump != 0).any(-1) | (start != 0).any(-1)  # (B, J)
     if not bool(touched.any()):
         return new
     frames = torch.arange(new.shape[1], device=new.device)[None, :, None]
-    span = options.settle_frames * (1 + (angle[..., 0] / torch.pi).clamp(max=1))[:, None]  # (B, 1, J)
-    share = 1 - smooth_step(frames / span)  # (B, G, J): whole at the first frame
-    turned = axis_angle_to_matrix(kept[:, None] * share[..., None]) @ after
+    span = options.settle_frames * (1 + (jump.norm(dim=-1) / torch.pi).clamp(max=1))[:, None]  # (B, 1, J)
+    share, slope = _settling(frames / span)
+    curve = jump[:, None] * share[..., None] + start[:, None] * (span * slope)[..., None]
+    turned = axis_angle_to_matrix(curve) @ after
     rows = touched.any(-1)
     local = torch.where(touched[:, None, :, None, None], turned, after)
     rotations, _ = forward_kinematics(skeleton, local, new[..., layout.root_position_block])
     settled = new.clone()
     settled[..., layout.rotation_block] = matrix_to_6d(rotations).flatten(-2)
     return torch.where(rows[:, None, None], settled, new)
+
+
+def _legs_and_root(skeleton: Skeleton, device: torch.device) -> Tensor:
+    """The joints that set off as the window says: feet swing fast from one frame to the next."""
+    joints = [0]
+    for chain in (skeleton.left_foot, skeleton.right_foot):
+        knee = skeleton.parents[chain[0]]
+        joints += [skeleton.parents[knee], knee, *chain]
+    return torch.tensor(joints, device=device)
+
+
+def _beyond(turns: Tensor, free: float) -> Tensor:
+    """The part of rotation vectors (..., 3) that is longer than `free` radians."""
+    length = turns.norm(dim=-1, keepdim=True)
+    return turns * ((length - free).clamp(min=0) / length.clamp(min=1e-6))
+
+
+def _settling(share: Tensor) -> tuple[Tensor, Tensor]:
+    """Curves over shares of a span that end at rest: from 1 with no slope, and from 0 with slope 1."""
+    x = share.clamp(0, 1)
+    return 1 - smooth_step(x), x * (1 - x) ** 3 * (1 + 3 * x)

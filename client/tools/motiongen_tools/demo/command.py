@@ -33,7 +33,7 @@ async def demo(options: argparse.Namespace) -> int:
         if address is None:
             with console.status("starting the server with the built-in model"):
                 # played this fast, the cast would look like a crowd that has to make do with fewer steps
-                server = stack.enter_context(ServerProcess(["--degrade", "false"]))
+                server = stack.enter_context(ServerProcess(["--degrade", "false", "--playback-rate", "1000"]))
             console.print(f"server ready on {server.address} after {server.ready_s:.1f} s (process {server.pid})")
             address = server.address
         try:

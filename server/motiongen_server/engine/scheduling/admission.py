@@ -1,7 +1,8 @@
 """Admission: who may come in, by what sessions ask of the machine and what it has been measured to do.
 
-A session asks for windows at the rate at which its client plays them; what edits ask for besides shows in the measured
-load. Whichever of the two is greater counts. Clips take what sessions leave, and are only counted.
+A session asks for windows at the rate that was seen of its class, edits included, and at the rate at which its client
+plays them at the least. That, or the measured load where it is greater, counts. Clips take what sessions leave, and are
+only counted.
 
 Threads: `reserve` and `release` from any, the rest from the engine's.
 """
@@ -13,6 +14,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.scheduling.window_rates import WindowRates
 from motiongen_server.engine.spread import spread
 from motiongen_server.engine.types import Code, EventRefused, ModelFacts, Outcome, Priority, SessionKey, SessionSpec
 from motiongen_server.engine.types.refusals import draining, session_limit
@@ -31,13 +33,14 @@ class Admission:
 
     def __init__(self, facts: ModelFacts, config: EngineConfig) -> None:
         self._config = config
-        self._windows_a_second = facts.fps / facts.horizon
+        self._rates = WindowRates(facts.fps / facts.horizon)
         self._least_steps = facts.min_steps
         self._prices = Prices()
         self._measured = self._elsewhere = 0.0
         self._lock = threading.Lock()
         self._places: dict[SessionKey, SessionSpec] = {}
-        self._steps = 0
+        self._steps: Counter[Priority] = Counter()
+        self._sessions: Counter[Priority] = Counter()
         self._clips = 0
         self._refusals = 0
         self._refused: Counter[Code] = Counter()
@@ -47,14 +50,20 @@ class Admission:
         """Let nobody in any more."""
         self._closed_for_good = True
 
-    def set_prices(self, prices: Prices, measured: float, elsewhere: float = 0.0) -> None:
-        """What the machine costs by now, and the share of it that was in use of late: here, and by other engines."""
+    def set_prices(
+        self, prices: Prices, measured: float, elsewhere: float = 0.0, rates: WindowRates | None = None
+    ) -> None:
+        """What the machine costs by now, and the share of it that was in use of late: here, and by other engines.
+
+        rates: what sessions of each class ask for by now.
+        """
         self._prices, self._measured, self._elsewhere = prices, measured, elsewhere
+        self._rates = rates or self._rates
 
     @property
     def asked(self) -> float:
-        """The share of the machine that the sessions ask for, edits left out."""
-        return self._share(self._steps, self._num_sessions)
+        """The share of the machine that the sessions ask for, with as many edits as their classes have had of late."""
+        return sum(self._share(each, self._steps[each], self._sessions[each]) for each in Priority)
 
     @property
     def _num_sessions(self) -> int:
@@ -65,9 +74,9 @@ class Admission:
         """The share of the machine that is spoken for, by other engines too."""
         return self._elsewhere + max(self.asked, self._measured)
 
-    def _share(self, steps: int, sessions: int) -> float:
+    def _share(self, priority: Priority, steps: int, sessions: int) -> float:
         prices = self._prices
-        return self._windows_a_second * (steps * prices.step_s + sessions * prices.window_s)
+        return self._rates[priority] * (steps * prices.step_s + sessions * prices.window_s)
 
     def reserve(self, spec: SessionSpec, event_seq: int) -> Outcome | None:
         """Hold a place for a session, if it has none yet. A refusal where there is no place for it."""
@@ -91,9 +100,10 @@ class Admission:
     @property
     def full(self) -> list[Priority]:
         """The classes of which not even a session of the fewest steps would be let in."""
-        load = self.load + self._share(self._least_steps, 1)
-        alone = not self._num_sessions
-        return [priority for priority in Priority if not alone and load > self._config.admit_load[priority - 1]]
+        if not self._num_sessions:
+            return []
+        load, steps, most = self.load, self._least_steps, self._config.admit_load
+        return [each for each in Priority if load + self._share(each, steps, 1) > most[each - 1]]
 
     def release(self, session: SessionKey, spec: SessionSpec | None = None) -> None:
         """Give up a session's place. spec: only if the place is this one's, not that of a later one of the same key."""
@@ -107,7 +117,8 @@ class Admission:
         if spec.is_clip:
             self._clips += change
         else:
-            self._steps += change * spec.denoise_steps
+            self._steps[spec.priority] += change * spec.denoise_steps
+            self._sessions[spec.priority] += change
 
     def take_refused(self) -> Counter[Code]:
         """How many were refused since this was last asked, by answer."""
@@ -129,7 +140,7 @@ class Admission:
         if self._num_sessions >= config.max_sessions:
             return session_limit(config.max_sessions, self._retry_after_s())
         most = config.admit_load[spec.priority - 1]
-        load = self.load + self._share(spec.denoise_steps, 1)
+        load = self.load + self._share(spec.priority, spec.denoise_steps, 1)
         if load <= most or (not self._num_sessions and self._elsewhere <= most):
             return None
         return self._full(

@@ -62,6 +62,7 @@ class DegradationLimits:
     for pressed_s, since many sessions that open at once ask for more than they do later; not again within settle_s,
     since what a level saves shows only then. Up after well_s without either and with the load below
     low_load, and after half as long if the level before held; where it did not, twice as long, up to patience times.
+    least_busy: a machine that computes for less of the time is not what windows are late for, and nobody gets less.
     min_windows: fewer than so many windows say nothing about the share that is late.
     """
 
@@ -69,6 +70,7 @@ class DegradationLimits:
     miss_window_s: float = 2.0
     high_load: float = 0.95
     low_load: float = 0.8
+    least_busy: float = 0.5
     pressed_s: float = 1.0
     settle_s: float = 2.0
     well_s: float = 10.0
@@ -122,17 +124,19 @@ class Degradation:
         """Late windows among those of the last miss_window_s; 0 while there are too few to tell."""
         return self._misses / self._windows if self._windows >= self._limits.min_windows else 0.0
 
-    def update(self, now: float, load: float, present: Mapping[Priority, int]) -> Iterable[Priority]:
+    def update(self, now: float, load: float, present: Mapping[Priority, int], busy: float = 1.0) -> Iterable[Priority]:
         """Go down or up a level if it is time; returns the class that moved, if one did.
 
         load: share of the machine that is in use. present: sessions of each class; those without any are passed over.
+        busy: share of the time in which anything was computed, however well its steps were filled.
         """
         limits = self._limits
         while self._late and self._late[0][0] < now - limits.miss_window_s:
             _, windows, misses = self._late.popleft()
             self._windows -= windows
             self._misses -= misses
-        pressed = self.missed_share > limits.miss_share or load > limits.high_load
+        late = self.missed_share > limits.miss_share and busy >= limits.least_busy
+        pressed = late or load > limits.high_load
         settled = now - self._settled_at >= limits.settle_s
         if settled and not pressed:
             self._unpressed_at = now

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from motiongen_server.engine.scheduling.admission import Admission, Prices
 from motiongen_server.engine.scheduling.degradation import FULL, Degradation, Level, levels_of
 from motiongen_server.engine.scheduling.device import DeviceLease
+from motiongen_server.engine.scheduling.window_rates import WindowRates
 from motiongen_server.engine.types import ModelFacts, Priority
 
 EVERY_S = 0.25
@@ -23,8 +24,10 @@ class LoadMonitor:
         self._admission = admission
         self._lease = lease
         self._degradation = Degradation(levels_of(facts), now) if degrade else None
+        self._rates = WindowRates(facts.fps / facts.horizon)
         self._measured = 0.0
-        self._work_s = 0.0
+        self._work_s = self._busy_s = 0.0
+        self._busy = 0.0
         self._at = now
 
     @property
@@ -46,21 +49,32 @@ class LoadMonitor:
         """Where a class is."""
         return self._degradation.level(priority) if self._degradation is not None else FULL
 
+    def note_window(self, priority: Priority) -> None:
+        """A session's window was finished, whatever it was made for."""
+        self._rates.note(priority)
+
     def note_windows(self, now: float, windows: int, misses: int) -> None:
         """So many windows were due, so many of them late."""
         if self._degradation is not None:
             self._degradation.note_windows(now, windows, misses)
 
-    def measure(self, now: float, work_s: float, prices: Prices, present: Mapping[Priority, int]) -> Iterable[Priority]:
+    def measure(
+        self, now: float, work_s: float, busy_s: float, prices: Prices, present: Mapping[Priority, int]
+    ) -> Iterable[Priority]:
         """Take stock; returns the classes that are on another level now.
 
-        work_s: what the machine has done since the start, in seconds of it had all steps been full.
+        work_s: what the machine has done since the start, in seconds of it had all steps been full; busy_s: in seconds
+        as they were.
         """
         elapsed_s = now - self._at
         if elapsed_s > 0:
+            self._rates.update(elapsed_s, present)
             weight = min(1.0, elapsed_s / _MEASURED_OVER_S)
             self._measured += weight * ((work_s - self._work_s) / elapsed_s - self._measured)
-        self._work_s, self._at = work_s, now
+            self._busy += weight * ((busy_s - self._busy_s) / elapsed_s - self._busy)
+        self._work_s, self._busy_s, self._at = work_s, busy_s, now
         self._lease.load = self._measured
-        self._admission.set_prices(prices, self._measured, self._lease.elsewhere)
-        return self._degradation.update(now, self.load, present) if self._degradation is not None else ()
+        self._admission.set_prices(prices, self._measured, self._lease.elsewhere, self._rates)
+        if self._degradation is None:
+            return ()
+        return self._degradation.update(now, self.load, present, self._busy + self._lease.elsewhere)

@@ -62,6 +62,8 @@ class StepExecutor:
         self._background: set[int] = set()
         self._passes = float(runner.facts.guidance_passes)
         self.work_s = 0.0
+        self.busy_s = 0.0
+        """Seconds in calls of the runner, the background's share left out."""
 
     def __len__(self) -> int:
         """Jobs under way."""
@@ -155,6 +157,7 @@ class StepExecutor:
         costs = self._policy.costs
         costs.prepare.observe(len(jobs), seconds)
         counted = sum(not held.job.background for held in jobs)
+        self.busy_s += seconds * counted / len(jobs)
         self.work_s += counted * min(costs.prepare.each_s(self._turnover), seconds / len(jobs))
 
     def _stepped(self, jobs: Sequence[ScheduledJob], seconds: float) -> None:
@@ -163,12 +166,14 @@ class StepExecutor:
         costs.step.observe(evaluations, seconds)
         self._passes += min(1.0, _PASSES_RATE * len(jobs)) * (evaluations / len(jobs) - self._passes)
         counted = sum(held.passes for held in jobs if not held.job.background)
+        self.busy_s += seconds * counted / evaluations
         self.work_s += counted * min(costs.step.each_s(self._full), seconds / evaluations)
 
     def _decoded(self, job_ids: Sequence[int], seconds: float) -> None:
         costs = self._policy.costs
         costs.decode.observe(len(job_ids), seconds)
         counted = sum(job_id not in self._background for job_id in job_ids)
+        self.busy_s += seconds * counted / len(job_ids)
         self.work_s += counted * min(costs.decode.each_s(self._turnover), seconds / len(job_ids))
 
     # ---- failures ---------------------------------------------------------------------------------------------------

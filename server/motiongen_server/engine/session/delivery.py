@@ -54,6 +54,10 @@ class Delivery:
         """Frames from the playhead to the end of the plan."""
         return planned_to - self.clock.estimate(now, self.sent_to)
 
+    def unplayed_at_pace(self, now: float, planned_to: int) -> float:
+        """The same for a playhead that has not jumped ahead."""
+        return planned_to - self.clock.paced(now, self.sent_to)
+
     def unshown_from(self, now: float, lead_s: float) -> int:
         """The first frame that the client cannot be showing lead_s from now."""
         # A client that reports frame f may be anywhere from f up to, not including, f + 1.
@@ -73,7 +77,7 @@ class Delivery:
 
     def grant(self, frame: int) -> None:
         """The client of a clip has taken the frames below `frame`."""
-        self.clock.reported = max(self.clock.reported, min(frame, self.sent_to))
+        self.clock.credited = max(self.clock.credited, min(frame, self.sent_to))
 
     def superseded(self, frame: int) -> int:
         """A plan replaces the frames from `frame` on. Returns how many of those were sent and are now void."""
@@ -87,7 +91,9 @@ class Delivery:
         plan: the newest. first_held: the first frame that can still be sent. A client that cannot be where it says is
         told that its frames are not held.
         """
-        valid_from, event_seqs = self.plan_log.missed(event.plan, event.next_frame)
+        replaced_from, event_seqs = self.plan_log.missed(event.plan, event.next_frame)
+        # What it has shown it has shown, also where a plan that it never heard of had replaced it.
+        valid_from = max(replaced_from, self.clock.reported)
         start = min(event.next_frame, valid_from)
         if event.plan > plan or not first_held <= start <= self.sent_to:
             return [Resumed(self.session, event.attempt, None)]
@@ -106,7 +112,7 @@ class Delivery:
 
         Promises what no replan could change any more, because it would come too late; nothing from promise_to on.
         """
-        limit = min(timeline.end, self.clock.reported + self.lookahead)
+        limit = min(timeline.end, self.clock.credited + self.lookahead)
         begin = self.sent_to
         if limit <= begin:
             return []

@@ -15,6 +15,9 @@ from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.session.pose import PoseReader
 from motiongen_server.engine.types import Float32Array, StartPose
 
+WORLD_MARGIN = 2.0
+"""Who was sent to the edge of where coordinates go may walk on beyond it; only who is twice as far has flown off."""
+
 
 class Correction(IntEnum):
     """SHORT_HISTORY: the next window sees one patch of history. FRESH_START: none, and is made at once."""
@@ -39,7 +42,7 @@ class DriftGuard:
             low, high = float(positions[:, 1].min()), float(positions[:, 1].max())
             far = float(np.abs(positions).max())
             sound = config.min_root_height_m <= low and high <= config.max_root_height_m
-            if not (sound and far <= config.max_coordinate_m):
+            if not (sound and far <= WORLD_MARGIN * config.max_coordinate_m):
                 return Correction.FRESH_START
         if self.reader.lean(rows) > config.max_lean_rad:
             return Correction.SHORT_HISTORY
@@ -47,7 +50,7 @@ class DriftGuard:
 
     def fresh_start(self, row: Float32Array) -> StartPose:
         """Where a character that shows this row starts anew: there, or as near as coordinates go."""
-        limit = self.config.max_coordinate_m
+        limit = WORLD_MARGIN * self.config.max_coordinate_m
         x, _, z = np.clip(self.reader.positions(row[None])[0], -limit, limit)
         return StartPose(float(x), float(z), self.reader.heading(row))
 

@@ -11,6 +11,7 @@ from motiongen_server.engine.session.drift import DriftGuard, DriftState
 from motiongen_server.engine.session.edits import EditQueue
 from motiongen_server.engine.session.playback import PlaybackClock, RoundTrip
 from motiongen_server.engine.session.pose import PoseReader
+from motiongen_server.engine.session.reach import ReachWatch
 from motiongen_server.engine.session.session import SessionState
 from motiongen_server.engine.session.timeline import first_timeline
 from motiongen_server.engine.spread import spread
@@ -30,6 +31,7 @@ def open_session(
 
     prior_features: (H, D), those of spec.prior_rows, None where there are none.
     """
+    clock = PlaybackClock(facts.fps, rate=config.playback_rate, slack=spec.lookahead)
     stride = spread(ordinal) * (config.stride_jitter // facts.patch + 1)
     jitter = math.floor(stride % 1.0 * (config.continue_jitter + 1))
     return SessionState(
@@ -40,10 +42,12 @@ def open_session(
         continue_threshold=max(config.continue_threshold, spec.lookahead - facts.horizon) + jitter,
         cut_frames=math.floor(stride) * facts.patch,
         conditions=Conditions(spec.prompts, spec.constraints),
-        delivery=Delivery(spec.session, spec.lookahead, config, PlaybackClock(facts.fps), RoundTrip(config.rtt_s)),
+        delivery=Delivery(spec.session, spec.lookahead, config, clock, RoundTrip(config.rtt_s)),
         timeline=first_timeline(facts, spec.prior_rows, prior_features),
         edits=EditQueue(config.max_waiting_edits),
         drift_state=DriftState(DriftGuard(PoseReader.of(facts.rig), config)),
+        reach=ReachWatch(spec.session),
         opened_at=received_at,
         last_playhead_at=now,
+        moved_at=now,
     )

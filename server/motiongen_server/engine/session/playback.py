@@ -10,6 +10,10 @@ from motiongen_server.engine.types import PlayState
 # A round trip counts for as long as this before half of it is forgotten; none is believed to be longer than a second.
 _HALF_LIFE_S = 10.0
 _LONGEST_S = 1.0
+PACE = 1.05
+"""Playback a little faster than the frame rate is no jump: reports come unevenly, and clocks differ."""
+START_FRAMES = 10
+"""A first report may be so many frames late: it is half a second's worth."""
 
 
 @dataclass(slots=True)
@@ -37,16 +41,27 @@ class PlaybackClock:
     """The client's playhead between its reports.
 
     Until the first report the client stands at frame 0, not yet playing. From then on the playhead moves at fps from
-    the newest report, up to what was sent and no further, unless paused. `reported` is the newest report: the credit is
-    counted from it, not from the estimate, so that a silent client gets a lookahead of frames and no more.
+    the newest report, up to what was sent and no further, unless paused.
+
+    What a client says need not be true, so three things are told apart. `reported` is its newest report; no frame
+    before it is replaced. `credited` is how far it may have come who plays at `rate` times the frame rate, and may once
+    be `slack` frames ahead of that: frames are sent from there on, not from the estimate, so that a silent client gets
+    a lookahead of frames and no more, and so does one that jumps ahead. `paced` is where it is who has not jumped:
+    deadlines are counted from there, because what a jump makes late the machine is not late with.
     """
 
     fps: int
     state: PlayState = PlayState.PLAYING
+    rate: float = 1.05
+    slack: float = math.inf
     started: bool = False
     reported: int = 0
+    credited: int = 0
     anchor_frame: float = 0.0
     anchor_at: float = 0.0
+    _allowance: float = math.inf  # frames by which `credited` may rise at once, as of anchor_at
+    _paced_frame: float = 0.0
+    _paced_at: float = 0.0
 
     @property
     def running(self) -> bool:
@@ -74,10 +89,27 @@ class PlaybackClock:
         """
         if frame < self.reported:
             return
-        self.reported = min(frame, sent_to)
-        self.anchor_frame = float(self.reported)
+        frame = min(frame, sent_to)
+        if self.started:
+            self._paced_frame = min(self._paced_to(at), float(frame))
+            self._allowance = min(self.slack, self._allowance + max(0.0, at - self._paced_at) * self.fps * self.rate)
+        else:
+            self._paced_frame, self._allowance = float(min(frame, START_FRAMES)), self.slack
+        self._paced_at = max(at, self._paced_at)
+        step = min(max(0, frame - self.credited), math.floor(min(self._allowance, frame)))
+        self._allowance -= step
+        self.credited += step
+        self.reported = frame
+        self.anchor_frame = float(frame)
         self.anchor_at = at
         self.started = True
+
+    def paced(self, now: float, sent_to: int) -> float:
+        """The frame shown now by a client that has not jumped ahead, fractional."""
+        return min(self.estimate(now, sent_to), self._paced_to(now))
+
+    def _paced_to(self, now: float) -> float:
+        return self._paced_frame + max(0.0, now - self._paced_at) * self.fps * PACE
 
     def set_state(self, state: PlayState, at: float, sent_to: int) -> None:
         self.anchor_frame = self.estimate(at, sent_to)

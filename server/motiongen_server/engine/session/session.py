@@ -11,7 +11,8 @@ return and what they count in the StepReport. The rules:
   half of its steps are done), or follows it.
 - Each class has a most replans a second; edits in between wait and share one. They are answered however long it takes.
 - A window is taken only up to the next change of prompt, so the window after it starts there with the new prompt.
-- No frame is sent at or beyond the reported playhead + lookahead.
+- No frame is sent at or beyond the playhead + lookahead, of which the playhead runs at real time and little more.
+- A constraint is answered when its last frame is committed: met or missed, and by how much.
 - A session told to hold makes no windows; it repeats its last pose when it would run out.
 - A clip is not played: windows follow one another until its frames are there, and each is sent when it lands; no more
   than its lookahead beyond what its client has taken.
@@ -29,6 +30,7 @@ from motiongen_server.engine.session.delivery import Delivery
 from motiongen_server.engine.session.drift import DriftState
 from motiongen_server.engine.session.edits import EditEvent, EditQueue, PendingEdit, edited
 from motiongen_server.engine.session.playback import PlaybackClock
+from motiongen_server.engine.session.reach import ReachWatch
 from motiongen_server.engine.session.timeline import Timeline
 from motiongen_server.engine.session.windows import RunningWindow, WindowSite, history_crop, history_frames, steps_at
 from motiongen_server.engine.types import (
@@ -43,6 +45,7 @@ from motiongen_server.engine.types import (
     PlanCause,
     PlanNotice,
     Playhead,
+    PlayState,
     Resume,
     ServiceLevel,
     SessionKey,
@@ -77,8 +80,10 @@ class SessionState:
     timeline: Timeline
     edits: EditQueue
     drift_state: DriftState
+    reach: ReachWatch
     opened_at: float
     last_playhead_at: float
+    moved_at: float
     level: Level = FULL
     plan: int = 0
     running: RunningWindow | None = None
@@ -148,9 +153,10 @@ class SessionState:
             self._report_playhead(event, now, report)
             return []
         if isinstance(event, Resume):
-            self.last_playhead_at = now
+            self.last_playhead_at = self.moved_at = now
             return self.delivery.resume(event, self.plan, self.timeline.first)
         if isinstance(event, SetPlayState):
+            self.moved_at = now
             self.clock.set_state(event.state, event.received_at, self.delivery.sent_to)
             return [Outcome(self.key, event.event_seq, Code.OK)]
         try:
@@ -162,12 +168,25 @@ class SessionState:
         if self.spec.clip_frames is not None:
             self.delivery.grant(min(event.frame, self.spec.clip_frames - self.spec.lookahead))
             return
-        self.last_playhead_at = now
-        self.delivery.report(event)
+        clock, reported = self.clock, self.clock.reported
+        # One in every frame at most, whatever the client counts.
+        most = math.ceil((now - self.last_playhead_at) * self.facts.fps) + 1
         if event.underruns > self.underruns:
-            report.client_underruns.append((self.spec.priority, event.underruns - self.underruns))
+            report.client_underruns.append((self.spec.priority, min(event.underruns - self.underruns, most)))
             self.underruns = event.underruns
-        report.slacks.append((self.spec.priority, (event.buffered_to - event.frame) / self.facts.fps))
+        self.delivery.report(event)
+        self.last_playhead_at = now
+        if clock.reported > reported:
+            self.moved_at = now
+        held = min(event.buffered_to, self.delivery.sent_to) - event.frame
+        report.slacks.append((self.spec.priority, max(0, held) / self.facts.fps))
+
+    @property
+    def idle_at(self) -> float:
+        """When the session is to be closed if its playhead neither is reported nor moves until then."""
+        config = self.config
+        still_s = config.idle_timeout_s if self.clock.state is PlayState.PLAYING else config.still_timeout_s
+        return min(self.last_playhead_at + config.idle_timeout_s, self.moved_at + still_s)
 
     def _edit(self, event: EditEvent, now: float, report: StepReport) -> list[Output]:
         self.edits.require_room()
@@ -256,7 +275,7 @@ class SessionState:
             return False
         planned_to = self.timeline.end
         if self.spec.clip_frames is not None:
-            return planned_to < min(self.spec.clip_frames, self.clock.reported + self.spec.lookahead)
+            return planned_to < min(self.spec.clip_frames, self.clock.credited + self.spec.lookahead)
         if planned_to == 0:
             return True
         if self.level.hold:
@@ -312,7 +331,8 @@ class SessionState:
         if self.edits.waiting:
             asked_at = max(min(edit.received_at for edit in self.edits.waiting), self.edits.not_before)
             return asked_at + self.config.target_s(self.spec.priority)
-        return now + self.delivery.unplayed(now, self.planned_to) / self.facts.fps - self.delivery.delivery_s
+        unplayed = self.delivery.unplayed_at_pace(now, self.planned_to)
+        return now + unplayed / self.facts.fps - self.delivery.delivery_s
 
     def advance(self, steps_done: int) -> None:
         """Note how far the running window has come."""
@@ -381,6 +401,7 @@ class SessionState:
         if not chunks:
             return outputs
         outputs += chunks
+        outputs += self.reach.reached(self.facts.rig, self.conditions, self.timeline, self.delivery.committed_to)
         report.frames_sent += self.delivery.sent_to - sent_before
         if opening:
             report.event_latencies.append(EventLatency(self.spec.priority, "open", now - self.opened_at))

@@ -9,12 +9,14 @@ from motiongen_server.engine.types.arrays import (
     Float32Array,
 )
 from motiongen_server.engine.types.conditions import (
+    DEFAULT_TOLERANCE,
     VELOCITY_ID,
     Constraint,
     JointTargets,
     Keyframe,
     Prompt,
     RootTrajectory,
+    Tolerance,
     Waypoint,
 )
 from motiongen_server.engine.types.events import (
@@ -55,6 +57,8 @@ from motiongen_server.engine.types.names import (
 from motiongen_server.engine.types.outputs import (
     Chunk,
     Closed,
+    ConstraintReached,
+    Deviation,
     Opened,
     Outcome,
     Output,
@@ -73,6 +77,7 @@ from motiongen_server.engine.types.spec import (
 )
 
 __all__ = [
+    "DEFAULT_TOLERANCE",
     "VELOCITY_ID",
     "ChannelBlock",
     "Chunk",
@@ -81,6 +86,8 @@ __all__ = [
     "Closed",
     "Code",
     "Constraint",
+    "ConstraintReached",
+    "Deviation",
     "Direction",
     "Event",
     "EventRefused",
@@ -114,6 +121,7 @@ __all__ = [
     "SetPrompts",
     "SetVelocity",
     "StartPose",
+    "Tolerance",
     "Warned",
     "WindowJob",
     "WindowResult",

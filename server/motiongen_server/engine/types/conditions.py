@@ -28,6 +28,17 @@ class Prompt:
     embedding: Float32Array
 
 
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """How far a constraint may be missed and still count as met: metres, and radians of heading and rotations."""
+
+    position_m: float = 0.1
+    angle_rad: float = 0.25
+
+
+DEFAULT_TOLERANCE = Tolerance()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class AtFrame:
     """A constraint of a single frame."""
@@ -51,6 +62,7 @@ class Waypoint(AtFrame):
     x: float
     z: float
     heading: float | None = None
+    tolerance: Tolerance = DEFAULT_TOLERANCE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +73,7 @@ class RootTrajectory:
     first_frame: int
     xz: Float32Array
     heading: Float32Array | None = None
+    tolerance: Tolerance = DEFAULT_TOLERANCE
 
     @property
     def last_frame(self) -> int:
@@ -78,6 +91,7 @@ class JointTargets(AtFrame):
     positions: Float32Array
     rotations: Float32Array | None = None
     rotated: tuple[bool, ...] | None = None
+    tolerance: Tolerance = DEFAULT_TOLERANCE
 
     @property
     def turns(self) -> list[int]:
@@ -91,6 +105,7 @@ class Keyframe(AtFrame):
     """A keyframe: the world positions of all joints at one frame. positions: (J, 3)."""
 
     positions: Float32Array
+    tolerance: Tolerance = DEFAULT_TOLERANCE
 
 
 Constraint: TypeAlias = Waypoint | RootTrajectory | JointTargets | Keyframe

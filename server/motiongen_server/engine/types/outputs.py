@@ -89,6 +89,32 @@ class Outcome:
 
 
 @dataclass(frozen=True, slots=True)
+class Deviation:
+    """The mean and the greatest of some errors."""
+
+    mean: float
+    worst: float
+
+
+@dataclass(frozen=True, slots=True)
+class ConstraintReached:
+    """What became of a constraint, told once, after the chunk that promises its last frame.
+
+    met: every error is within its tolerance. frame: the last that it asks for. num_frames: those that were measured.
+    position_m: metres; heading_rad, rotation_rad: radians, 0 to pi. None: it asks for nothing of that kind.
+    """
+
+    session: SessionKey
+    constraint_id: int
+    met: bool
+    frame: int
+    num_frames: int
+    position_m: Deviation | None
+    heading_rad: Deviation | None
+    rotation_rad: Deviation | None
+
+
+@dataclass(frozen=True, slots=True)
 class ServiceLevel:
     """The session's windows are made at this tier from now on, with so many denoising steps each."""
 
@@ -118,4 +144,4 @@ class Closed:
     late_frames: int
 
 
-Output: TypeAlias = Opened | PlanNotice | Chunk | Outcome | ServiceLevel | Resumed | Closed
+Output: TypeAlias = Opened | PlanNotice | Chunk | Outcome | ConstraintReached | ServiceLevel | Resumed | Closed

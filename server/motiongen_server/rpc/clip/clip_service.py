@@ -20,7 +20,7 @@ from motiongen_server.engine.types import (
     Closed,
     CloseReason,
     Code,
-    Float32Array,
+    ConstraintReached,
     Open,
     Opened,
     Outcome,
@@ -34,8 +34,7 @@ from motiongen_server.engine.types.refusals import draining
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.clip.request import check_extent, clip_specs, opening_event
-from motiongen_server.rpc.clip.residuals import constrained_frames, residuals
-from motiongen_server.rpc.convert import UNENCODED, prompt_texts, warnings_of, write_update
+from motiongen_server.rpc.convert import UNENCODED, prompt_texts, residual_of, warnings_of, write_update
 from motiongen_server.rpc.encoding import encoded
 from motiongen_server.rpc.event_errors import too_many_clips
 from motiongen_server.rpc.handlers import ClipContext
@@ -57,21 +56,20 @@ class Call:
         self.warnings = warnings
         self.said: asyncio.Queue[Output] = asyncio.Queue()
         self.under_way: set[SessionKey] = set()
-        self.frames = constrained_frames(specs[0].constraints)
-        self._kept: list[dict[int, Float32Array]] = [{} for _ in specs]
+        self._reached: list[list[ConstraintReached]] = [[] for _ in specs]
 
-    def keep(self, chunk: Chunk) -> None:
-        """Keep the rows of a chunk that constraints are measured at."""
-        kept = self._kept[chunk.session.handle]
-        for row, frame in enumerate(range(chunk.first_frame, chunk.first_frame + len(chunk.rows))):
-            if frame in self.frames:
-                kept[frame] = chunk.rows[row]
+    def note(self, reached: ConstraintReached) -> None:
+        """Keep what became of a constraint."""
+        self._reached[reached.session.handle].append(reached)
 
     def measured(self, sample: int) -> list[service_pb2.ConstraintResidual]:
-        """The residuals of a sample that is complete."""
-        kept = self._kept[sample]
-        rig, constraints = self.model.catalog.facts.rig, self.specs[sample].constraints
-        return residuals(rig, constraints, list(kept), np.array(list(kept.values()), np.float32)) if kept else []
+        """The residuals of a sample that is complete, in the order of its constraints."""
+        constraints = self.specs[sample].constraints
+        told = sorted(range(len(constraints)), key=lambda index: constraints[index].last_frame)  # as the engine tells
+        residuals = [service_pb2.ConstraintResidual()] * len(constraints)
+        for index, reached in zip(told, self._reached[sample], strict=True):
+            residuals[index] = residual_of(reached)
+        return residuals
 
 
 class ClipService:
@@ -170,7 +168,8 @@ class ClipService:
             refusal = model.engine.refusal_of(Open(specs[0], 1, received_at))
             if refusal is not None:
                 raise _refused(refusal)
-            embeddings = {text: await encoded(model.prompts, text, number, peer) for text in texts}
+            budget = peer.prompts_share(received_at)
+            embeddings = {text: await encoded(model.prompts, text, number, budget) for text in texts}
             specs = clip_specs(request, number, embeddings, received_at, model.catalog)
         opening = Open(specs[0], 1, received_at)
         return Call(specs, model, warnings_of(opening_event(request), opening, model.catalog))
@@ -182,7 +181,7 @@ class ClipService:
             self._start(call, time.monotonic())
             while call.under_way:
                 output = await call.said.get()
-                for response in await self._responses(call, output):
+                for response in self._responses(call, output):
                     await self._write(response, context)
                 if isinstance(output, Chunk) and output.session in call.under_way:
                     self._grant(call, output)
@@ -221,17 +220,19 @@ class ClipService:
         for key in call.under_way:
             call.model.engine.submit(Close(key, 2, time.monotonic(), reason))
 
-    async def _responses(self, call: Call, output: Output) -> list[service_pb2.GenerateClipResponse]:
+    def _responses(self, call: Call, output: Output) -> list[service_pb2.GenerateClipResponse]:
         """What the client is told of an output. Raises EventRefused where it ends the call."""
         sample = output.session.handle
         if isinstance(output, Chunk):
-            call.keep(output)
             return [service_pb2.GenerateClipResponse(sample=sample, chunk=_frames(output))]
         if isinstance(output, Opened):
             update = session_pb2.SessionUpdate()
             write_update(update, replace(output, warnings=call.warnings, session_id=session_name(output.session)))
             update.opened.lookahead_frames = update.opened.committed_horizon_frames = 0
             return [service_pb2.GenerateClipResponse(sample=sample, opened=update.opened)]
+        if isinstance(output, ConstraintReached):
+            call.note(output)
+            return []
         if isinstance(output, Outcome):  # only an Open that is refused has one
             call.under_way.discard(output.session)
             raise _refused(output)
@@ -239,8 +240,7 @@ class ClipService:
             call.under_way.discard(output.session)
             if output.reason is not CloseReason.CLIENT:
                 raise _lost(output)
-            measured = await asyncio.to_thread(call.measured, sample)
-            summary = service_pb2.ClipSummary(residuals=measured)
+            summary = service_pb2.ClipSummary(residuals=call.measured(sample))
             return [service_pb2.GenerateClipResponse(sample=sample, summary=summary)]
         return []
 

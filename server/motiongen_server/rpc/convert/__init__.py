@@ -1,7 +1,7 @@
 """Protocol messages <-> engine values: pure, and the only room that checks what a client sent."""
 
 from motiongen_server.rpc.convert.events import engine_event, playhead_of, round_trip_s
-from motiongen_server.rpc.convert.outputs import write_update
+from motiongen_server.rpc.convert.outputs import residual_of, write_update
 from motiongen_server.rpc.convert.prompts import UNENCODED, prompt_texts
 from motiongen_server.rpc.convert.resuming import check_resume
 from motiongen_server.rpc.convert.warned import warnings_of
@@ -17,6 +17,7 @@ __all__ = [
     "engine_event",
     "playhead_of",
     "prompt_texts",
+    "residual_of",
     "round_trip_s",
     "warnings_of",
     "write_update",

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from motiongen.v1 import motion_pb2
-from motiongen_server.engine.types import Constraint, JointTargets, Keyframe, RootTrajectory, Waypoint
+from motiongen_server.engine.types import (
+    DEFAULT_TOLERANCE,
+    Constraint,
+    JointTargets,
+    Keyframe,
+    RootTrajectory,
+    Tolerance,
+    Waypoint,
+)
+from motiongen_server.engine.types.rotations import rotation_matrices
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert.checks import (
     check_coordinates,
@@ -21,23 +32,25 @@ from motiongen_server.rpc.convert.checks import (
     refuse,
 )
 from motiongen_server.rpc.convert.forms import check_forms
-from motiongen_server.rpc.convert.rotations import rotation_matrices
 from motiongen_server.rpc.convert.unserved import check_served
 
 UNIT_TOLERANCE = 1e-3
+MAX_TOLERANCE_RAD = 3.15
+"""No two headings or rotations are farther apart than pi; a float32 of pi is a little more."""
 
 
 def constraints_of(messages: Sequence[motion_pb2.Constraint], field: str, catalog: Catalog) -> tuple[Constraint, ...]:
     check_count(messages, catalog.limits.max_constraints, "TOO_MANY_CONSTRAINTS", field)
     constraints = []
     for index, message in enumerate(messages):
-        constraints.append(_constraint(message, f"{field}[{index}]", catalog))
+        check_served(message, f"{field}[{index}]")
+        constraint = _constraint(message, f"{field}[{index}]", catalog)
+        constraints.append(replace(constraint, tolerance=_tolerance(message, f"{field}[{index}]")))
         check_forms(constraints[-1], f"{field}[{index}]", catalog)
     return tuple(constraints)
 
 
 def _constraint(message: motion_pb2.Constraint, field: str, catalog: Catalog) -> Constraint:
-    check_served(message, field)
     identifier = identifier_of(message.constraint_id, f"{field}.constraint_id")
     frame = frame_number(message.frame, f"{field}.frame")
     target = message.WhichOneof("target")
@@ -57,6 +70,24 @@ def _constraint(message: motion_pb2.Constraint, field: str, catalog: Catalog) ->
     raise refuse(
         "NO_TARGET", f"{field}.target", "no target is set", "waypoint, joint_targets, keyframe or root_trajectory"
     )
+
+
+def _tolerance(message: motion_pb2.Constraint, field: str) -> Tolerance:
+    """What the message says of it, and the default of what it leaves out."""
+    position_m, angle_rad = DEFAULT_TOLERANCE.position_m, DEFAULT_TOLERANCE.angle_rad
+    if message.HasField("tolerance_m"):
+        position_m = _within(message.tolerance_m, math.inf, f"{field}.tolerance_m", "finite metres, 0 or more")
+    if message.HasField("tolerance_rad"):
+        angle_rad = _within(message.tolerance_rad, MAX_TOLERANCE_RAD, f"{field}.tolerance_rad", "radians, 0 to pi")
+    return Tolerance(position_m, angle_rad)
+
+
+def _within(value: float, most: float, field: str, allowed: str) -> float:
+    if not math.isfinite(value):
+        raise refuse("NOT_FINITE", field, f"the tolerance is {value}", allowed)
+    if not 0 <= value <= most:
+        raise refuse("TOLERANCE_OUT_OF_RANGE", field, f"the tolerance is {value:g}", allowed)
+    return value
 
 
 def _trajectory(

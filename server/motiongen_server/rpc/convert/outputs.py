@@ -4,14 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from motiongen.v1 import motion_pb2, session_pb2
-from motiongen_server.engine.types import Closed, Opened, Outcome, Output, ServiceLevel, Warned
+from motiongen.v1 import motion_pb2, service_pb2, session_pb2
+from motiongen_server.engine.types import (
+    Closed,
+    ConstraintReached,
+    Deviation,
+    Opened,
+    Outcome,
+    Output,
+    ServiceLevel,
+    Warned,
+)
 
 
 def write_update(update: session_pb2.SessionUpdate, output: Output) -> None:
     """Fill an update with any output but frames and plans; `session` and `applied_seq` are the stream's to fill in."""
     if isinstance(output, Outcome):
         _write_outcome(update.outcome, output)
+    elif isinstance(output, ConstraintReached):
+        _write_reached(update.constraint_reached, output)
     elif isinstance(output, Opened):
         _write_opened(update.opened, output)
     elif isinstance(output, ServiceLevel):
@@ -24,6 +35,29 @@ def write_update(update: session_pb2.SessionUpdate, output: Output) -> None:
         closed.message = output.message
         closed.frames = output.num_frames
         closed.late_frames = output.late_frames
+
+
+def _write_reached(message: session_pb2.ConstraintReached, output: ConstraintReached) -> None:
+    message.constraint_id = output.constraint_id
+    message.met = output.met
+    message.frame = output.frame
+    if output.position_m is not None:
+        message.position_error_m = output.position_m.worst
+    angles = [each.worst for each in (output.heading_rad, output.rotation_rad) if each is not None]
+    if angles:
+        message.rotation_error_rad = max(angles)
+
+
+def residual_of(reached: ConstraintReached) -> service_pb2.ConstraintResidual:
+    """The same for the summary of a clip."""
+    residual = service_pb2.ConstraintResidual(
+        constraint_id=reached.constraint_id, frame_count=reached.num_frames, met=reached.met
+    )
+    for name in ("position_m", "heading_rad", "rotation_rad"):
+        deviation: Deviation | None = getattr(reached, name)
+        if deviation is not None:
+            getattr(residual, name).mean, getattr(residual, name).worst = deviation.mean, deviation.worst
+    return residual
 
 
 def _write_opened(opened: session_pb2.SessionOpened, output: Opened) -> None:

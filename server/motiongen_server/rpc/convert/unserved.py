@@ -10,8 +10,7 @@ from motiongen_server.errors import EventRefused
 
 UNSERVED_FIELDS: dict[str, tuple[str, ...]] = {
     "Constraint": (
-        "last_frame", "frames_from_effect", "at_any_frame", "weight", "tolerance_m", "tolerance_rad", "heading",
-        "joint_rotations",
+        "last_frame", "frames_from_effect", "at_any_frame", "weight", "heading", "joint_rotations",
     ),
     "OpenSession": ("snapshot", "outputs"),
     "SessionEvent": ("seek", "set_options", "take_snapshot"),

@@ -33,7 +33,29 @@ def test_an_arm_that_is_elsewhere_goes_there_on_a_smooth_way(layout: Representat
     angles = torch.cat([torch.zeros(1), arm_angles(layout, settle_seam(layout, history, new, OPTIONS))[0]])
     assert abs(float(angles[1])) < OPTIONS.free_rad + 0.01
     assert float(angles.diff().abs().max()) < 0.4  # 2 rad in one frame before
-    torch.testing.assert_close(angles[2 * OPTIONS.settle_frames + 1 :], torch.full((20,), 2.0))
+    torch.testing.assert_close(angles[2 * OPTIONS.settle_frames + 1 :], torch.full((12,), 2.0))
+
+
+def test_an_arm_that_stood_still_sets_off_gently(layout: Representation) -> None:
+    raised = (0.25 * torch.arange(40.0)).clamp(max=2.0)[None]
+    history, new = posed(layout, torch.zeros(1, 2)), posed(layout, raised)
+    angles = torch.cat([torch.zeros(2), arm_angles(layout, settle_seam(layout, history, new, OPTIONS))[0]])
+    speeds = angles.diff()
+    assert float(speeds.diff()[:7].abs().max()) < 0.12  # from still to a quarter of a radian a frame before
+    assert float(speeds.min()) > -OPTIONS.free_start_rad
+    torch.testing.assert_close(angles[OPTIONS.settle_frames + 3 :], raised[0, OPTIONS.settle_frames + 1 :])
+
+
+def test_legs_set_off_at_once_and_one_frame_tells_no_speed(layout: Representation) -> None:
+    skeleton = layout.skeleton
+    local = torch.eye(3).expand(1, 42, skeleton.num_joints, 3, 3).clone()
+    swing = (0.15 * torch.arange(40.0)).clamp(max=1.0)
+    turn = axis_angle_to_matrix(swing[:, None] * torch.tensor([1.0, 0.0, 0.0]))
+    local[0, 2:, skeleton.index("LeftUpLeg")] = turn
+    frames = layout.features(local, torch.tensor([0.0, 0.97, 0.0]).expand(1, 42, 3))
+    assert torch.equal(settle_seam(layout, frames[:, :2], frames[:, 2:], OPTIONS), frames[:, 2:])
+    arm = posed(layout, swing[None])
+    assert torch.equal(settle_seam(layout, posed(layout, torch.zeros(1, 1)), arm, OPTIONS), arm)
 
 
 def test_what_goes_on_from_the_history_is_left_alone(layout: Representation) -> None:

@@ -4,6 +4,7 @@ from hypothesis import strategies as st
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.admission import Admission, Prices
+from motiongen_server.engine.scheduling.window_rates import WindowRates
 from motiongen_server.engine.types import Code, Priority, SessionKey
 from tests.server.engine.fakes import FACTS
 from tests.server.engine.stage import spec
@@ -35,6 +36,22 @@ def test_as_many_are_let_in_as_the_machine_was_measured_to_do() -> None:
 def test_who_asks_for_more_takes_more_room() -> None:
     few, many = _fill(_admission(), num_steps=2), _fill(_admission(), num_steps=10)
     assert few > 2 * many
+
+
+def test_a_class_that_is_steered_takes_the_room_that_its_edits_take() -> None:
+    rates = WindowRates(FACTS.fps / FACTS.horizon)
+    for _ in range(100):
+        for _ in range(10):
+            rates.note(Priority.HERO)
+        rates.update(0.25, {Priority.HERO: 8})  # five windows a second each
+    admission = _admission()
+    admission.set_prices(PRICES, 0.0, rates=rates)
+    heroes = _fill(admission, Priority.HERO)
+    assert heroes == int(0.95 / (10 * EACH))
+    assert _fill(admission, Priority.CROWD, first=1000) == 0
+    for number in range(heroes):
+        admission.release(SessionKey(1, number))
+    assert _fill(admission, Priority.CROWD) == int(0.85 / EACH)
 
 
 def test_a_refusal_says_when_to_come_back_and_what_is_allowed() -> None:

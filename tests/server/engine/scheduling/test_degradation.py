@@ -59,6 +59,15 @@ def test_a_burst_that_is_over_soon_costs_nobody_anything() -> None:
         assert day.pass_time(0.75, load=1.5) == []
 
 
+def test_nobody_gets_less_while_the_machine_stands_idle_half_the_time() -> None:
+    day = Day()
+    for _ in range(100):
+        day.now += EVERY_S
+        day.degradation.note_windows(day.now, 100, 90)
+        assert list(day.degradation.update(day.now, 0.4, day.present, busy=0.49)) == []
+    assert day.pass_time(2.0, late=0.5) == [BATCH]
+
+
 def test_heroes_give_up_last_and_are_never_held() -> None:
     day = Day()
     moved = day.pass_time(200.0, late=0.5)

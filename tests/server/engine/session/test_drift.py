@@ -47,7 +47,8 @@ def test_lean_and_heading_are_read_from_the_roots_rotation(heading: float, lean:
         (np.concatenate((_rows(lean=1.5, num=20), _rows(num=20))), None),
         (_rows(y=-0.6), Correction.FRESH_START),
         (np.concatenate((_rows(num=39), _rows(y=4.1, num=1))), Correction.FRESH_START),
-        (_rows(x=-10_001.0), Correction.FRESH_START),
+        (_rows(x=-20_001.0), Correction.FRESH_START),
+        (_rows(x=-10_050.0), None),
         (_rows(y=math.nan), Correction.FRESH_START),
         (_rows(x=math.inf), Correction.FRESH_START),
     ],
@@ -59,7 +60,7 @@ def test_what_is_noticed(rows: np.ndarray, correction: Correction | None) -> Non
 def test_a_fresh_start_is_where_the_character_was_but_within_bounds() -> None:
     pose = GUARD.fresh_start(_rows(x=12.0, heading=1.5, y=-7.0)[0])
     assert (pose.x, pose.z, pose.heading) == pytest.approx((12.0, 0.0, 1.5))
-    assert GUARD.fresh_start(_rows(x=20_000.0)[0]).x == 10_000.0
+    assert GUARD.fresh_start(_rows(x=30_000.0)[0]).x == 20_000.0
 
 
 def test_a_guard_that_is_off_notices_nothing() -> None:

@@ -1,4 +1,5 @@
 import math
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given
@@ -83,3 +84,47 @@ def test_no_measurement_makes_a_round_trip_absurd(measured: list[tuple[float | N
     for seconds, at in measured:
         trip.report(seconds, at)
         assert 0.0 <= trip.seconds <= 1.0
+
+
+# ---- playheads that are not true -------------------------------------------------------------------------------------
+
+SLACK = 40
+
+
+def credit_of(seconds: int, frame_of: Callable[[int, int], int], rate: float = 1.05) -> PlaybackClock:
+    """A clock that is told of a frame four times a second by a client that is sent all it has credit for.
+
+    frame_of: what it says, given the quarter of a second and the end of what it was sent.
+    """
+    clock, sent_to = PlaybackClock(20, rate=rate, slack=SLACK), SLACK
+    for quarter in range(4 * seconds):
+        clock.report(frame_of(quarter, sent_to), quarter / 4, sent_to)
+        sent_to = clock.credited + SLACK
+    return clock
+
+
+@pytest.mark.parametrize(
+    "frame_of",
+    [
+        lambda quarter, sent_to: sent_to,
+        lambda quarter, sent_to: sent_to - 1,
+        lambda quarter, sent_to: 2**53,
+        lambda quarter, sent_to: sent_to if quarter % 2 else 0,
+        lambda quarter, sent_to: 20 * quarter,
+    ],
+    ids=["the end", "the last frame", "no frame there is", "back and forth", "four times as fast"],
+)
+def test_credit_runs_at_real_time_and_one_lookahead(frame_of: Callable[[int, int], int]) -> None:
+    clock = credit_of(60, frame_of)
+    assert 60 * 20 - 10 <= clock.credited <= 60 * 20 * 1.05 + SLACK
+    assert clock.paced(60.0, 10**6) <= 60 * 20 * 1.06 + 10, "deadlines are counted from where nobody has jumped"
+
+
+def test_an_honest_client_has_all_its_credit_and_its_pace() -> None:
+    clock = credit_of(60, lambda quarter, sent_to: 5 * quarter)
+    assert clock.credited == clock.reported == 5 * (4 * 60 - 1)
+    assert clock.paced(59.75, 10**6) == pytest.approx(clock.estimate(59.75, 10**6))
+
+
+def test_a_client_that_may_play_faster_does() -> None:
+    assert credit_of(10, lambda quarter, sent_to: 10 * quarter, rate=2.0).credited == 390

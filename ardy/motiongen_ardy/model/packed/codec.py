@@ -1,0 +1,61 @@
+"""A tokenizer as it is served: what a row gets does not depend on how many rows are encoded or decoded with it."""
+
+from __future__ import annotations
+
+import copy
+
+import torch
+from torch import Tensor, nn
+
+from motiongen_ardy.model.packed.linear import PackedLinear
+from motiongen_ardy.model.tokenizer.explicit import ExplicitBody
+from motiongen_ardy.model.tokenizer.model import Tokenizer
+from motiongen_ardy.model.transformer import SelfAttention
+
+
+class _PackedLayer(nn.Module):
+    """Stands where an `nn.Linear` does."""
+
+    def __init__(self, packed: PackedLinear) -> None:
+        super().__init__()
+        self._packed = packed
+
+    def forward(self, values: Tensor) -> Tensor:
+        """values: (..., in) float32."""
+        return self._packed(values)
+
+
+class _PackedAttention(SelfAttention):
+    """Self-attention whose projections are packed."""
+
+    def __init__(self, plain: SelfAttention) -> None:
+        nn.Module.__init__(self)
+        self.num_heads = plain.num_heads
+        self.out_proj = plain.out_proj
+        self._mix_in = PackedLinear(plain.in_proj_weight, plain.in_proj_bias, torch.float32)
+
+    def projected(self, tokens: Tensor) -> Tensor:
+        """Queries, keys and values side by side."""
+        return self._mix_in(tokens)
+
+
+def packed_codec(codec: Tokenizer | ExplicitBody) -> Tokenizer | ExplicitBody:
+    """The same codec with float32 layers laid out for the kernel, which is faster and the same in any company.
+
+    The one that is given stays as it is; layers in another precision are left alone.
+    """
+    if isinstance(codec, ExplicitBody) or codec.encoder.precision is not torch.float32:
+        return codec
+    packed = copy.copy(codec)
+    packed._modules = dict(codec._modules)
+    packed.encoder, packed.decoder = copy.deepcopy(codec.encoder), copy.deepcopy(codec.decoder)
+    for network in (packed.encoder, packed.decoder):
+        for module in list(network.modules()):
+            for name, part in list(module.named_children()):
+                if isinstance(part, SelfAttention):
+                    setattr(module, name, _PackedAttention(part))
+        for module in list(network.modules()):
+            for name, part in list(module.named_children()):
+                if isinstance(part, nn.Linear):
+                    setattr(module, name, _PackedLayer(PackedLinear.of(part, torch.float32)))
+    return packed

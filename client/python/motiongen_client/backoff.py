@@ -1,0 +1,32 @@
+"""When to try again: delays that grow, with jitter, and which ends of a stream are worth it. Pure."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+
+FIRST_DELAY_S, GROWTH, LONGEST_DELAY_S = 0.05, 1.6, 2.0
+
+FINAL_CODES = frozenset({"INVALID_ARGUMENT", "UNAUTHENTICATED", "PERMISSION_DENIED", "UNIMPLEMENTED"})
+"""Ends of a stream that would be the same again; any other is the loss of the transport, whatever a proxy calls it."""
+
+
+class Backoff:
+    """The delays before one attempt and the next, each of them somewhere in the upper half of what it may be.
+
+    random_share: a number from 0 to 1 at each call; so that those who lost the same server do not come back as one.
+    """
+
+    def __init__(self, random_share: Callable[[], float] = random.random) -> None:
+        self._random_share = random_share
+        self._delay_s = FIRST_DELAY_S
+
+    def next_s(self, at_least_s: float = 0.0) -> float:
+        """Seconds to wait before the next attempt. at_least_s: what the server asked for."""
+        delay_s = self._delay_s * (0.5 + 0.5 * self._random_share())
+        self._delay_s = min(self._delay_s * GROWTH, LONGEST_DELAY_S)
+        return max(delay_s, at_least_s)
+
+    def reset(self) -> None:
+        """An attempt has come to something: begin with short delays again."""
+        self._delay_s = FIRST_DELAY_S

@@ -1,0 +1,201 @@
+"""A session and its edits without asyncio: every call hands its work to the client's background thread and waits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+
+from numpy.typing import ArrayLike
+
+from motiongen_client import edit, session
+from motiongen_client.background_loop import BackgroundLoop
+from motiongen_client.motion import Frame, Motion, Rig
+from motiongen_client.prompts import Prompt
+from motiongen_client.session import SessionStats
+from motiongen_client.types import Constraint, ConstraintReached, Opened, Outcome, Reopened, ServiceLevel, SessionEnd
+
+
+class Edit:
+    """A change on its way to the server. `wait()` for its Outcome, or leave it and go on."""
+
+    def __init__(self, loop: BackgroundLoop, inner: edit.Edit) -> None:
+        self._loop = loop
+        self._inner = inner
+        self.event_seq = inner.event_seq
+        self.constraint_ids = inner.constraint_ids
+        self.prompt_id = inner.prompt_id
+
+    def wait(self) -> Outcome:
+        """The server's answer. Raises EventRefused, SessionEnded or StreamLost."""
+
+        async def work() -> Outcome:
+            return await self._inner
+
+        return self._loop.run(work())
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """The server's answer, if it has accepted the change already."""
+        return self._inner.outcome
+
+    @property
+    def latency_s(self) -> float | None:
+        """Seconds from sending the change to receiving the first frame it changed; None until then."""
+        return self._inner.latency_s
+
+
+class Session:
+    """One character; see `motiongen_client.Session`, whose methods these are."""
+
+    def __init__(self, loop: BackgroundLoop, inner: session.Session) -> None:
+        self._loop = loop
+        self._inner = inner
+
+    @property
+    def opened(self) -> Opened:
+        """What the server chose for the session."""
+        return self._inner.opened
+
+    @property
+    def rig(self) -> Rig:
+        return self._inner.rig
+
+    @property
+    def service_level(self) -> ServiceLevel:
+        """How well the server serves it at present."""
+        return self._inner.service_level
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether `pause` was called last."""
+        return self._inner.is_paused
+
+    @property
+    def reopenings(self) -> tuple[Reopened, ...]:
+        """Each time that the session could not be resumed and was opened anew."""
+        return self._inner.reopenings
+
+    @property
+    def end(self) -> SessionEnd | None:
+        """How the session ended; None while it lives."""
+        return self._inner.end
+
+    @property
+    def stats(self) -> SessionStats:
+        """Counts and times so far."""
+        return self._loop.call(lambda: self._inner.stats)
+
+    def set_prompt(
+        self, prompt: Prompt, *, frame: int | None = None, end_frame: int | None = None, prompt_id: int | None = None
+    ) -> Edit:
+        """Direct the motion by a text, now or from a frame on, to the end or up to another frame."""
+        return self._edit(lambda: self._inner.set_prompt(prompt, frame=frame, end_frame=end_frame, prompt_id=prompt_id))
+
+    def remove_prompts(self, prompt_ids: Iterable[int]) -> Edit:
+        """Drop prompts by the ids that `Edit.prompt_id` gave."""
+        return self._edit(lambda: self._inner.remove_prompts(prompt_ids))
+
+    def add_waypoint(self, x_m: float, z_m: float, *, frame: int, heading_rad: float | None = None) -> Edit:
+        """Be at a ground position (world metres) at a frame."""
+        return self._edit(lambda: self._inner.add_waypoint(x_m, z_m, frame=frame, heading_rad=heading_rad))
+
+    def add_trajectory(
+        self, positions_m: ArrayLike, *, first_frame: int, headings_rad: ArrayLike | None = None
+    ) -> Edit:
+        """Follow a path: positions_m (N, 2) world x, z in metres, one a frame; headings_rad (N,)."""
+        return self._edit(
+            lambda: self._inner.add_trajectory(positions_m, first_frame=first_frame, headings_rad=headings_rad)
+        )
+
+    def add_constraints(self, constraints: Iterable[Constraint]) -> Edit:
+        """Add constraints to those there are."""
+        return self._edit(lambda: self._inner.add_constraints(constraints))
+
+    def replace_constraint(self, constraint_id: int, constraint: Constraint) -> Edit:
+        """Put a constraint in the place of one."""
+        return self._edit(lambda: self._inner.replace_constraint(constraint_id, constraint))
+
+    def set_constraints(self, constraints: Iterable[Constraint]) -> Edit:
+        """Put these constraints in place of all there are."""
+        return self._edit(lambda: self._inner.set_constraints(constraints))
+
+    def remove_constraints(self, constraint_ids: Iterable[int]) -> Edit:
+        """Drop constraints by the ids that `Edit.constraint_ids` gave."""
+        return self._edit(lambda: self._inner.remove_constraints(constraint_ids))
+
+    def clear_constraints(self) -> Edit:
+        """Drop all constraints."""
+        return self._edit(self._inner.clear_constraints)
+
+    def set_velocity(
+        self,
+        x_mps: float,
+        z_mps: float,
+        *,
+        seconds: float = 1.0,
+        heading_rad: float | None = None,
+        keep_prompt: bool = False,
+    ) -> Edit:
+        """Move over the ground at a velocity, metres a second, for so many seconds or until the next call."""
+        return self._edit(
+            lambda: self._inner.set_velocity(
+                x_mps, z_mps, seconds=seconds, heading_rad=heading_rad, keep_prompt=keep_prompt
+            )
+        )
+
+    def pause(self) -> Edit:
+        """Stop the playhead."""
+        return self._edit(self._inner.pause)
+
+    def resume(self) -> Edit:
+        """Let the playhead go on after `pause`."""
+        return self._edit(self._inner.resume)
+
+    def constraint_reached(self, constraint_id: int) -> ConstraintReached:
+        """What became of a constraint, by an id of `Edit.constraint_ids`; waits until its last frame is decided."""
+        return self._loop.run(self._inner.constraint_reached(constraint_id))
+
+    def frame_in(self, seconds: float) -> int:
+        """The frame that is shown `seconds` from now."""
+        return self._loop.call(lambda: self._inner.frame_in(seconds))
+
+    def frames(self, seconds: float | None = None, *, realtime: bool = True) -> Iterator[Frame]:
+        """Each frame once, in order, in real time or as fast as they are generated."""
+        frames = self._inner.frames(seconds, realtime=realtime)
+
+        async def following() -> Frame | None:
+            return await anext(frames, None)
+
+        try:
+            while (frame := self._loop.run(following())) is not None:
+                yield frame
+        finally:
+            self._loop.leave(frames)
+
+    def poll(self) -> Frame | None:
+        """Move the playhead to the present and return the frame to show now; None before the first one came."""
+        return self._loop.call(self._inner.poll)
+
+    def sample(self) -> Frame | None:
+        """As `poll`, but with the pose of this very moment, between two frames."""
+        return self._loop.call(self._inner.sample)
+
+    def set_time_scale(self, scale: float) -> None:
+        """Play slower or faster than real time: 0.5 is half as fast."""
+        self._loop.call(lambda: self._inner.set_time_scale(scale))
+
+    def motion(self, first_frame: int | None = None, end_frame: int | None = None) -> Motion:
+        """The frames shown so far that are still kept, or those from first_frame up to end_frame - 1."""
+        return self._loop.call(lambda: self._inner.motion(first_frame, end_frame))
+
+    def close(self) -> SessionEnd:
+        """End the session. Returns how it ended; calling it again returns the same."""
+        return self._loop.run(self._inner.close())
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self._loop.finish(self._inner.__aexit__(*exc_info))
+
+    def _edit(self, make: Callable[[], edit.Edit]) -> Edit:
+        return Edit(self._loop, self._loop.call(make))

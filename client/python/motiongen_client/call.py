@@ -1,0 +1,157 @@
+"""The transport: one call to the server. It writes what it is given, hands on what comes, and says when it is over.
+
+What grpc.aio asks for, kept here in one place: a read or write in flight is never cancelled or put under a timeout
+(its native batch would leak), so the two loops end because the call ends; and a call is always cancelled at last (an
+abandoned one is never collected).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from typing import TypeAlias
+
+import grpc
+import grpc.aio
+
+from motiongen.v1 import service_pb2, session_pb2
+from motiongen.v1.service_pb2_grpc import MotionServiceStub
+from motiongen_client.errors import MotiongenError, ProtocolViolation, ServerUnavailable, StreamLost
+
+_log = logging.getLogger(__name__)
+
+_Call: TypeAlias = "grpc.aio.StreamStreamCall[service_pb2.StreamMotionRequest, service_pb2.StreamMotionResponse]"
+
+CLOSE_GRACE_S = 5.0
+
+Take: TypeAlias = Callable[[service_pb2.StreamMotionResponse], None]
+
+
+class Call:
+    """One StreamMotion call. `greet` it, then `send`; `on_end` is called once, when it is over for whatever reason.
+
+    take: called with every response; may raise ProtocolViolation, which ends the call.
+    """
+
+    def __init__(
+        self,
+        channel: grpc.aio.Channel,
+        take: Take,
+        on_end: Callable[[Call, MotiongenError], None],
+        max_request_bytes: int,
+    ) -> None:
+        self._channel = channel
+        self._take = take
+        self._on_end = on_end
+        self._max_batch_bytes = max_request_bytes * 9 // 10  # the rest is for the message around the events
+        self._events: list[session_pb2.SessionEvent] = []
+        self._ping: service_pb2.Ping | None = None
+        self._something_to_send = asyncio.Event()
+        self._hello = asyncio.Event()
+        self._is_closing = False
+        self._failure: MotiongenError | None = None
+        self._call: _Call | None = None
+        self._tasks: list[asyncio.Task[None]] = []
+
+    async def greet(self, agent: str, address: str, timeout_s: float) -> None:
+        """Make the call and exchange hellos. Raises ServerUnavailable or StreamLost; `close` it then."""
+        call: _Call = MotionServiceStub(self._channel).StreamMotion()
+        self._call = call
+        reading = asyncio.create_task(self._read(call), name="motiongen-read")
+        hello = service_pb2.ClientHello(client_agent=agent)
+        self._tasks = [reading, asyncio.create_task(self._write(call, hello), name="motiongen-write")]
+        greeted = asyncio.create_task(self._hello.wait(), name="motiongen-hello")
+        await asyncio.wait({reading, greeted}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
+        greeted.cancel()
+        if not self._hello.is_set():
+            raise self._failure or ServerUnavailable(address, f"no hello came within {timeout_s} s")
+
+    @property
+    def failure(self) -> MotiongenError | None:
+        """Why it is over; None while it is not."""
+        return self._failure
+
+    def send(self, event: session_pb2.SessionEvent) -> None:
+        """Queue an event; it goes out with the next message."""
+        self._events.append(event)
+        self._something_to_send.set()
+
+    def ping(self, ping: service_pb2.Ping) -> None:
+        """Send a ping with the next message."""
+        self._ping = ping
+        self._something_to_send.set()
+
+    def give_up(self, failure: MotiongenError) -> None:
+        """The other side does not answer: end the call as lost."""
+        self._end(failure)
+
+    async def close(self) -> None:
+        """Finish writing, let the server end what is open, and end the call. May be called again."""
+        self._is_closing = True
+        self._something_to_send.set()
+        if self._hello.is_set() and self._failure is None:
+            await asyncio.wait(self._tasks, timeout=CLOSE_GRACE_S)
+        if self._call is not None:
+            self._call.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def _end(self, failure: MotiongenError) -> None:
+        if self._failure is not None:
+            return
+        self._failure = failure
+        self._something_to_send.set()  # lets the write loop see that it is over
+        if self._call is not None:
+            self._call.cancel()
+        self._on_end(self, failure)
+
+    async def _read(self, call: _Call) -> None:
+        failure: MotiongenError
+        try:
+            while isinstance(response := await call.read(), service_pb2.StreamMotionResponse):  # else the end of it
+                if self._failure is not None:
+                    return  # given up: what comes now is of a call that has been replaced
+                if response.HasField("hello"):
+                    self._hello.set()
+                self._take(response)
+            failure = StreamLost("OK", "the server ended the stream")
+        except grpc.aio.AioRpcError as error:
+            failure = StreamLost(error.code().name, error.details() or "")
+        except ProtocolViolation as violation:
+            failure = violation
+            _log.error("%s; giving the stream up", violation)
+        except asyncio.CancelledError:
+            if not self._is_closing and self._failure is None:
+                raise
+            failure = StreamLost("CANCELLED", "the stream was closed here")
+        self._end(failure)
+
+    async def _write(self, call: _Call, hello: service_pb2.ClientHello) -> None:
+        try:
+            await call.write(service_pb2.StreamMotionRequest(hello=hello))
+            while self._failure is None:
+                await self._something_to_send.wait()
+                self._something_to_send.clear()
+                while self._failure is None and (self._events or self._ping is not None):
+                    await call.write(self._next_request())
+                if self._is_closing:
+                    await call.done_writing()
+                    return
+        except (grpc.aio.AioRpcError, asyncio.InvalidStateError):
+            pass  # the call is over; the read loop learns why
+        except asyncio.CancelledError:
+            if self._failure is None and not self._is_closing:
+                raise
+
+    def _next_request(self) -> service_pb2.StreamMotionRequest:
+        """As many queued events as one message may carry."""
+        num_bytes, num_events = 0, 0
+        for event in self._events:
+            num_bytes += event.ByteSize() + 8
+            if num_events and num_bytes > self._max_batch_bytes:
+                break
+            num_events += 1
+        request = service_pb2.StreamMotionRequest(events=self._events[:num_events], ping=self._ping)
+        del self._events[:num_events]
+        self._ping = None
+        return request

@@ -1,0 +1,234 @@
+"""The calls of one stream, one after another: each is watched, and when it is lost the next is made."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+
+import grpc.aio
+
+from motiongen.v1 import service_pb2, session_pb2
+from motiongen_client import convert
+from motiongen_client.backoff import FINAL_CODES, Backoff
+from motiongen_client.call import Call
+from motiongen_client.errors import MotiongenError, ServerUnavailable, StreamLost
+from motiongen_client.line_policy import LinePolicy
+
+_log = logging.getLogger(__name__)
+
+LAG_S = 1.0
+
+
+@dataclass(frozen=True)
+class CallEvents:
+    """What a stream does when something becomes of its calls.
+
+    take: with each response. greeted: once hellos were exchanged on a new channel, before the call counts as there.
+    begun: a call is there. lost: it is gone; returns whether another is needed at once, else one is made when somebody
+    waits for it. over: there will be none.
+    """
+
+    take: Callable[[service_pb2.StreamMotionResponse], None]
+    greeted: Callable[[grpc.aio.Channel], Awaitable[None]]
+    begun: Callable[[], None]
+    lost: Callable[[], bool]
+    over: Callable[[MotiongenError], None]
+
+
+class Calls:
+    """At most one call at a time, over a channel of its own, since what stopped one may be wrong with its connection.
+
+    number: how many there were. reconnect_after_s: how long the server wants the next one to wait.
+    """
+
+    def __init__(
+        self,
+        connect: Callable[[], grpc.aio.Channel],
+        address: str,
+        agent: str,
+        policy: LinePolicy,
+        max_request_bytes: int,
+        events: CallEvents,
+    ) -> None:
+        self._connect = connect
+        self._address = address
+        self._agent = agent
+        self._policy = policy
+        self._max_request_bytes = max_request_bytes
+        self._events = events
+        self._channel: grpc.aio.Channel | None = None
+        self._call: Call | None = None
+        self._closing = False
+        self._news = asyncio.Event()  # the call is there, or gone, or never will be again
+        self._ponged = asyncio.Event()
+        self._wanted = asyncio.Event()
+        self._watching: asyncio.Task[None] | None = None
+        self._recovering: asyncio.Task[None] | None = None
+        self._backoff = Backoff()
+        self.failure: MotiongenError | None = None
+        self.number = 0
+        self.reconnect_after_s = 0.0
+        self.round_trip_s: float | None = None
+
+    @property
+    def is_connected(self) -> bool:
+        return self._call is not None
+
+    @property
+    def channel(self) -> grpc.aio.Channel | None:
+        """That of the present call."""
+        return self._channel
+
+    @property
+    def recovers(self) -> bool:
+        """Whether a lost call is followed by another."""
+        return self._policy.recover_s != 0 and not self._closing
+
+    def send(self, event: session_pb2.SessionEvent) -> None:
+        """Queue an event. While there is no call it goes nowhere."""
+        if self._call is not None:
+            self._call.send(event)
+
+    async def start(self) -> None:
+        """Make the first call. Raises ServerUnavailable or StreamLost."""
+        await self._make_call()
+        self._watching = asyncio.create_task(self._watch(), name="motiongen-ping")
+
+    async def close(self) -> None:
+        """Finish the call, and make no other. May be called again."""
+        self._closing = True
+        tasks = [task for task in (self._watching, self._recovering) if task is not None]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        if self._call is not None:
+            await self._call.close()
+        self._end(StreamLost("CANCELLED", "the stream was closed here"))
+        await self._drop_channel()
+
+    async def until_connected(self) -> None:
+        """Wait for a call. Raises why there will be none."""
+        while self._call is None or self.failure is not None:
+            if self.failure is not None:
+                raise self.failure
+            self._wanted.set()
+            await self._news.wait()
+
+    async def until_after(self, number: int) -> None:
+        """Wait for a call after the one of that number. Raises why there will be none."""
+        while self.number <= number:
+            if self.failure is not None:
+                raise self.failure
+            self._wanted.set()
+            await self._news.wait()
+
+    # ---- one call after another
+
+    async def _make_call(self) -> None:
+        await self._drop_channel()
+        channel = self._channel = self._connect()
+        call = Call(channel, self._take, self._lose, self._max_request_bytes)
+        try:
+            await call.greet(self._agent, self._address, self._policy.hello_timeout_s)
+            await self._events.greeted(channel)
+        except BaseException:
+            await call.close()
+            raise
+        if call.failure is not None:  # between the hello and now
+            raise call.failure
+        self._call = call
+        self.number += 1
+        self.reconnect_after_s = 0.0
+        self._events.begun()
+        self._tell()
+
+    async def _drop_channel(self) -> None:
+        channel, self._channel = self._channel, None
+        if channel is not None:
+            await channel.close(None)
+
+    def _lose(self, call: Call, failure: MotiongenError) -> None:
+        """A call is over."""
+        if call is not self._call:
+            return  # it never came to be: whoever tries it knows
+        self._call = None
+        self._tell()
+        if not isinstance(failure, StreamLost) or failure.code in FINAL_CODES or not self.recovers:
+            self._end(failure)
+            return
+        _log.warning("the line to %s is lost (%s); trying for another", self._address, failure.code)
+        self._wanted.clear()
+        if self._events.lost():
+            self._wanted.set()
+        self._recovering = asyncio.create_task(self._recover(failure), name="motiongen-recover")
+
+    async def _recover(self, failure: MotiongenError) -> None:
+        """Try for another call until there is one, or the time for it is over."""
+        time, most_s = asyncio.get_running_loop().time, self._policy.recover_s
+        await self._wanted.wait()  # a stream that carries nothing is ended by the server, for nothing
+        began_s, asked_s = time(), self.reconnect_after_s
+        while most_s is None or time() - began_s < most_s:
+            await asyncio.sleep(self._backoff.next_s(asked_s))
+            asked_s = 0.0
+            try:
+                await self._make_call()
+                return
+            except StreamLost as lost:
+                failure = lost
+                if lost.code in FINAL_CODES:
+                    break
+            except ServerUnavailable as unavailable:
+                failure = StreamLost("UNAVAILABLE", unavailable.detail)
+            except MotiongenError as violation:
+                failure = violation
+                break
+        self._end(failure)
+
+    def _end(self, failure: MotiongenError) -> None:
+        if self.failure is None:
+            self.failure = failure
+            self._events.over(failure)
+        self._tell()
+
+    def _tell(self) -> None:
+        news, self._news = self._news, asyncio.Event()
+        news.set()
+
+    # ---- signs of life
+
+    def _take(self, response: service_pb2.StreamMotionResponse) -> None:
+        if response.HasField("pong"):
+            is_first = self.round_trip_s is None
+            self.round_trip_s = asyncio.get_running_loop().time() - response.pong.client_time_ns / 1e9
+            self._ponged.set()
+            if is_first:
+                self._send_ping()  # which tells it to the server
+        self._events.take(response)
+
+    async def _watch(self) -> None:
+        """Ask for a sign of life again and again; a server that gives none is as good as gone."""
+        policy, proved = self._policy, None
+        while True:
+            call = self._call
+            if call is None:
+                await self._news.wait()
+                continue
+            self._ponged.clear()
+            self._send_ping()
+            await asyncio.sleep(policy.pong_timeout_s)
+            if not self._ponged.is_set():
+                await asyncio.sleep(LAG_S)  # if it was we who stood still, what came meanwhile is read now
+            if self._ponged.is_set():
+                if call is proved:  # not by its first pong: something that we say may end every call at once
+                    self._backoff.reset()
+                proved = call
+            elif call is self._call:
+                call.give_up(StreamLost("UNAVAILABLE", f"no pong came within {policy.pong_timeout_s:g} s"))
+            await asyncio.sleep(max(policy.ping_s - policy.pong_timeout_s, 0.0))
+
+    def _send_ping(self) -> None:
+        if self._call is not None:
+            now_ns = int(asyncio.get_running_loop().time() * 1e9)
+            self._call.ping(convert.ping(now_ns, self.round_trip_s))

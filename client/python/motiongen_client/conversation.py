@@ -1,0 +1,222 @@
+"""What a session hears of the server: its opening, its frames, answers, and its end."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+from motiongen.v1 import session_pb2
+from motiongen_client import convert
+from motiongen_client.direction import PRESENT_PROMPT_ID, Carrier
+from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolation, SessionEnded, UnknownName
+from motiongen_client.playback import Playback
+from motiongen_client.prompts import Prompt
+from motiongen_client.reached import ReachedBook
+from motiongen_client.recovery import Line, Recovery
+from motiongen_client.types import (
+    Catalog,
+    Constraint,
+    ConstraintReached,
+    ModelWarning,
+    Opened,
+    ServiceLevel,
+    SessionEnd,
+    SessionOptions,
+    check_frame,
+)
+
+_log = logging.getLogger(__name__)
+
+
+class Conversation(Recovery):
+    """The half of a `Session` that hears the server."""
+
+    service_level: ServiceLevel
+
+    def __init__(self, handle: int, carrier: Carrier, catalog: Catalog, clock: Callable[[], float]) -> None:
+        super().__init__(handle, carrier, catalog, clock)
+        self._opened_at_s = clock()
+        self._opening: asyncio.Future[Opened] = asyncio.get_running_loop().create_future()
+        self._keep_s: float | None = None
+        self._end: SessionEnd | None = None
+        self._opened_s = 0.0
+        self._first_frame_s: float | None = None
+        self._num_plans = 0
+        self._num_frames = 0
+        self.on_service_level: Callable[[ServiceLevel], None] | None = None
+        self.on_constraint_reached: Callable[[ConstraintReached], None] | None = None
+        self._reached = ReachedBook()
+
+    # ---- for the stream
+
+    async def begin(
+        self,
+        options: SessionOptions,
+        prompt: Prompt | None,
+        later_prompts: Mapping[int, Prompt],
+        constraints: Sequence[Constraint],
+        keep_s: float | None,
+    ) -> None:
+        """Open the session and wait until it is. Raises what it was refused with, or why it will never be."""
+        self._options, self._keep_s = options, keep_s
+        prompts = [] if prompt is None else [convert.prompt_span(PRESENT_PROMPT_ID, prompt, None)]
+        for frame, text in later_prompts.items():
+            check_frame("later_prompts", frame)
+            prompts.append(convert.prompt_span(self._next_prompt_id, text, frame))
+            self._scheduled_prompts[self._next_prompt_id] = frame
+            self._next_prompt_id += 1
+        ids = self._take_constraint_ids(len(constraints))
+        targets = [convert.constraint(key, target) for key, target in zip(ids, constraints, strict=True)]
+        opening = convert.open_session(options, prompts, targets)
+        self._wishes.take_opening(opening)
+        self._send(session_pb2.SessionEvent(open=opening))
+        await asyncio.shield(self._opening)
+
+    async def constraint_reached(self, constraint_id: int) -> ConstraintReached:
+        """What became of a constraint, by an id of `Edit.constraint_ids`, once its last frame cannot change any more.
+
+        Raises what ends the session where that comes first; one that is removed is waited for until then.
+        """
+        return await self._reached.of(constraint_id)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing more will be said or heard."""
+        return self._failure is not None
+
+    @property
+    def is_reporting(self) -> bool:
+        """Whether the server is to hear the playhead: not before it reaches what a new session made."""
+        if self._line is not Line.OPEN or self._failure is not None:
+            return False
+        return not self.playback.started or self.playback.playhead >= self._offset
+
+    def report(self) -> session_pb2.SessionEvent:
+        """Where the playhead is, and which answers have come."""
+        playback, offset = self.playback, self._offset
+        report = session_pb2.Playhead(
+            frame=max(playback.playhead - offset, 0),
+            buffered_to=max(playback.buffered_to - offset, 0),
+            underruns=playback.underruns,
+            answered_seq=self._answered_seq,
+        )
+        return session_pb2.SessionEvent(session=self.handle, playhead=report)
+
+    def interrupt(self) -> None:
+        """The line is lost. One that was closing is over."""
+        if any(event.HasField("close") for event in self._unanswered.values()):
+            self._finish(SessionEnd("client", "the line was lost while it was closed", self._num_frames, 0))
+            return
+        super().interrupt()
+
+    def hear(self, update: session_pb2.SessionUpdate) -> None:
+        """Take one update of the server. Raises ProtocolViolation when it breaks a rule."""
+        kind = update.WhichOneof("update")
+        if kind in ("plan", "chunk") and self._line is not Line.OPEN:
+            raise ProtocolViolation(f"a {kind} came before the session was opened")
+        match kind:
+            case "opened":
+                self._hear_opened(convert.opened(update.opened), update.opened.session_token)
+            case "plan":
+                valid_from = update.plan.valid_from + self._offset
+                self.playback.announce_plan(update.plan.plan, valid_from)
+                self._num_plans += 1
+                self._edits.plan(update.plan.event_seqs, valid_from)
+            case "chunk":
+                chunk, offset = update.chunk, self._offset
+                rows = convert.chunk_rows(chunk, self.rig.row_width)
+                self.playback.add_chunk(chunk.plan, chunk.first_frame + offset, rows, chunk.committed_to + offset)
+                self._note_frames(len(rows), chunk.first_frame + offset + len(rows))
+            case "outcome":
+                self._hear_outcome(update.outcome)
+            case "constraint_reached":
+                reached = convert.constraint_reached(update.constraint_reached, self._offset)
+                if self._reached.note(reached) and self.on_constraint_reached is not None:
+                    self.on_constraint_reached(reached)
+            case "service_level":
+                self._set_level(convert.service_level(update.service_level))
+            case "closed":
+                self._hear_closed(update.closed)
+        self._changed.set()
+
+    def fail(self, failure: MotiongenError) -> None:
+        super().fail(failure)
+        self._reached.fail(failure)
+        if not self._opening.done():
+            self._opening.set_exception(failure)
+            self._opening.exception()
+
+    # ---- what is heard of an open session
+
+    def _hear_opened(self, opened: Opened, token: str) -> None:
+        if self._line is not Line.OPENING:
+            self._hear_reopened(opened, token)
+            self._set_level(ServiceLevel("full", self.opened.denoise_steps))  # another follows where that is not so
+            return
+        self._line, self.opened, self._token = Line.OPEN, opened, token
+        del self._unanswered[1]
+        self._log_warnings(opened.warnings)
+        self.service_level = ServiceLevel("full", opened.denoise_steps)
+        try:
+            self.rig = self._catalog.rig(opened.rig_id)
+        except UnknownName as unknown:
+            raise ProtocolViolation(f"a session was opened on a rig the catalogue does not have: {unknown}") from None
+        self.playback = Playback(
+            self.rig.frame_rate_hz,
+            self.rig.row_width,
+            start_frame=opened.start_frame,
+            keep_frames=None if self._keep_s is None else self.rig.frames_in(self._keep_s),
+        )
+        self._opened_s = self._clock() - self._opened_at_s
+        if not self._opening.done():
+            self._opening.set_result(opened)
+
+    def _set_level(self, level: ServiceLevel) -> None:
+        if level != self.service_level:
+            self.service_level = level
+            if self.on_service_level is not None:
+                self.on_service_level(level)
+
+    def _hear_outcome(self, message: session_pb2.EditOutcome) -> None:
+        if message.event_seq == 1 and self._line is not Line.OPEN:
+            refusal = convert.outcome(message, "opening a session")
+            if isinstance(refusal, EventRefused):
+                self._hear_refused_opening(refusal)
+            return
+        event = self._unanswered.pop(message.event_seq, None)
+        edit = self._edits.find(message.event_seq)
+        answer = convert.outcome(message, edit.what if edit is not None else "an event", self._offset)
+        if isinstance(answer, EventRefused):
+            _log.warning("session %d: %s", self.handle, answer)
+        else:
+            self._log_warnings(answer.warnings)
+            if event is not None:
+                playhead = self.playback.playhead
+                effective = playhead if answer.effective_frame is None else answer.effective_frame
+                self._wishes.take(event, effective, playhead)
+        if edit is not None:
+            self._edits.answer(edit, answer)
+
+    def _hear_closed(self, message: session_pb2.SessionClosed) -> None:
+        end = convert.session_end(message)
+        is_lost = end.reason == "drained" or convert.code_name(message.code) == "UNAVAILABLE"
+        if is_lost and self._carrier.recovers and self._line is not Line.OPENING:
+            self._lose(f"the server ended it ({end.reason})")
+        else:
+            self._finish(end)
+
+    def _finish(self, end: SessionEnd) -> None:
+        self._end = end
+        self.fail(SessionEnded(end.reason, end.message))
+
+    def _log_warnings(self, warnings: Iterable[ModelWarning]) -> None:
+        for each in warnings:
+            _log.warning("session %d: %s", self.handle, each.message)
+
+    def _note_frames(self, num_frames: int, end_frame: int) -> None:
+        now_s = self._clock()
+        self._num_frames += num_frames
+        if self._first_frame_s is None:
+            self._first_frame_s = now_s - self._opened_at_s
+        self._edits.receive(end_frame, now_s)

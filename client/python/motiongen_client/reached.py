@@ -1,0 +1,53 @@
+"""What became of a session's constraints: kept for a while, and waited for."""
+
+from __future__ import annotations
+
+import asyncio
+
+from motiongen_client.errors import MotiongenError
+from motiongen_client.types import ConstraintReached
+
+MOST_KEPT = 256
+"""Constraints whose end is remembered; of a session that runs for hours there are many."""
+
+
+class ReachedBook:
+    """The constraints of one session that have been answered, and those that somebody waits for."""
+
+    def __init__(self) -> None:
+        self._told: dict[int, ConstraintReached] = {}
+        self._awaited: dict[int, asyncio.Future[ConstraintReached]] = {}
+        self._failure: MotiongenError | None = None
+
+    def note(self, reached: ConstraintReached) -> bool:
+        """Take what was told. False where it is known already: a server repeats itself to a session that resumes."""
+        key = reached.constraint_id
+        if self._told.get(key) == reached:
+            return False
+        self._told.pop(key, None)
+        self._told[key] = reached
+        if len(self._told) > MOST_KEPT:
+            del self._told[next(iter(self._told))]
+        waiting = self._awaited.pop(key, None)
+        if waiting is not None:
+            waiting.set_result(reached)
+        return True
+
+    async def of(self, constraint_id: int) -> ConstraintReached:
+        """What became of a constraint, once it is told. Raises what ended the session where it never will be."""
+        if constraint_id in self._told:
+            return self._told[constraint_id]
+        if self._failure is not None:
+            raise self._failure
+        waiting = self._awaited.get(constraint_id)
+        if waiting is None:
+            waiting = self._awaited[constraint_id] = asyncio.get_running_loop().create_future()
+        return await asyncio.shield(waiting)  # one that gives up must not cancel it for the others
+
+    def fail(self, failure: MotiongenError) -> None:
+        """Nothing more will be told."""
+        self._failure = failure
+        for waiting in self._awaited.values():
+            waiting.set_exception(failure)
+            waiting.exception()
+        self._awaited.clear()

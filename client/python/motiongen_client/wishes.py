@@ -1,0 +1,78 @@
+"""Wishes: what a session was told and the server has taken, so that another one can be told the same. Pure."""
+
+from __future__ import annotations
+
+from motiongen.v1 import motion_pb2, session_pb2
+from motiongen_client.frame_shift import shifted_constraint, shifted_span
+
+PLAYING = session_pb2.PLAY_STATE_PLAYING
+
+
+class Wishes:
+    """Prompts, constraints, the velocity and the play state that hold, by the frames that the application counts."""
+
+    def __init__(self) -> None:
+        self._prompts: dict[int, motion_pb2.PromptSpan] = {}  # in the order they were set
+        self._constraints: dict[int, motion_pb2.Constraint] = {}
+        self._velocity: tuple[session_pb2.SetVelocity, int] | None = None  # with the frame at which it ends
+        self._play_state: session_pb2.PlayState = PLAYING
+
+    def take_opening(self, opening: session_pb2.OpenSession) -> None:
+        """The session was opened with these."""
+        self._prompts = {span.prompt_id: span for span in opening.prompts}
+        self._constraints = {target.constraint_id: target for target in opening.constraints}
+
+    def take(self, event: session_pb2.SessionEvent, effective_frame: int, playhead: int) -> None:
+        """The server has taken an event. effective_frame: the first that shows it; what is past at playhead goes."""
+        match event.WhichOneof("event"):
+            case "edit_prompts":
+                for prompt_id in event.edit_prompts.remove:
+                    self._prompts.pop(prompt_id, None)
+                for span in event.edit_prompts.upsert:
+                    self._prompts.pop(span.prompt_id, None)
+                    held = self._prompts[span.prompt_id] = motion_pb2.PromptSpan()
+                    held.CopyFrom(span)
+                    held.start_frame = max(span.start_frame, effective_frame)
+            case "edit_constraints":
+                if event.edit_constraints.clear:
+                    self._constraints.clear()
+                for constraint_id in event.edit_constraints.remove:
+                    self._constraints.pop(constraint_id, None)
+                self._constraints = {
+                    key: target
+                    for key, target in self._constraints.items()
+                    if shifted_constraint(target, playhead) is not None
+                }
+                for target in event.edit_constraints.upsert:
+                    self._constraints.pop(target.constraint_id, None)
+                    self._constraints[target.constraint_id] = target
+            case "set_velocity":
+                velocity = event.set_velocity
+                self._velocity = (velocity, effective_frame + velocity.hold_frames)
+            case "set_play_state":
+                self._play_state = event.set_play_state.state
+
+    def prompts_from(self, frame: int) -> list[motion_pb2.PromptSpan]:
+        """The spans of a session that begins at a frame: of those that have begun, the one that holds comes last."""
+        begun = [span for span in self._prompts.values() if span.start_frame <= frame]
+        begun.sort(key=lambda span: span.start_frame)
+        later = [span for span in self._prompts.values() if span.start_frame > frame]
+        return [span for each in (*begun, *later) if (span := shifted_span(each, frame)) is not None]
+
+    def constraints_from(self, frame: int) -> list[motion_pb2.Constraint]:
+        """Those that a session which begins at a frame can still meet."""
+        shifted = (shifted_constraint(target, frame) for target in self._constraints.values())
+        return [target for target in shifted if target is not None]
+
+    def events_from(self, frame: int) -> list[session_pb2.SessionEvent]:
+        """What a session that begins at a frame is to be told besides, without numbers."""
+        events = []
+        if self._velocity is not None and self._velocity[1] > frame:
+            velocity = session_pb2.SetVelocity()
+            velocity.CopyFrom(self._velocity[0])
+            velocity.hold_frames = min(velocity.hold_frames, self._velocity[1] - frame)
+            events.append(session_pb2.SessionEvent(set_velocity=velocity))
+        if self._play_state != PLAYING:
+            state = session_pb2.SetPlayState(state=self._play_state)
+            events.append(session_pb2.SessionEvent(set_play_state=state))
+        return events

@@ -1,0 +1,39 @@
+"""Clients that ask for much and read nothing, and greetings that are well formed but absurd."""
+
+from __future__ import annotations
+
+import grpc
+import pytest
+
+from motiongen.v1 import service_pb2
+from motiongen_compliance.talk import PAUSE, addressed, close
+from motiongen_compliance.target import Scene, Target
+
+
+@pytest.mark.parametrize("seconds", [10**18, -(10**18), 0, 3600])
+async def test_any_flush_interval_is_moved_into_the_range(target: Target, seconds: int) -> None:
+    talk = target.stream()
+    hello = service_pb2.ClientHello()
+    hello.flush_interval.seconds = seconds
+    await talk.say(service_pb2.StreamMotionRequest(hello=hello))
+    await talk.until(lambda: bool(talk.responses))
+    await talk.open(1)
+    await talk.plays_on(1)
+
+
+async def test_a_client_s_name_that_is_too_long_ends_its_stream_alone(scene: Scene, target: Target) -> None:
+    talk = target.stream()
+    await talk.say(service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello(client_agent="x" * 129)))
+    assert await talk.to_the_end() is grpc.StatusCode.INVALID_ARGUMENT
+    assert "128" in (await talk.call.details() or "")
+    await scene.others_play_on()
+
+
+async def test_a_close_is_taken_however_fast_the_events_before_it_came(scene: Scene) -> None:
+    talk = scene.talk
+    heard = talk.sessions[1]
+    last = 2 * round(talk.catalog.limits.max_events_per_second) + 20
+    await talk.send(*(addressed(PAUSE, 1, number) for number in range(2, last)), addressed(close(), 1, last))
+    await talk.until(lambda: heard.closed is not None)
+    assert any(outcome.reason == "TOO_MANY_EVENTS" for outcome in heard.outcomes)
+    await talk.plays_on(2)

@@ -1,0 +1,193 @@
+"""A session outlives its stream: what is told again, what goes on, who may take it over, and when it is over."""
+
+from __future__ import annotations
+
+import copy
+
+import grpc
+import pytest
+
+from motiongen.v1 import session_pb2
+from motiongen_compliance.talk import PAUSE, Heard, Talk, addressed, edit_prompts, span
+from motiongen_compliance.target import Target
+
+
+async def lost(talk: Talk) -> None:
+    """End a stream as a lost transport does."""
+    talk.call.cancel()
+
+
+async def test_a_session_goes_on_where_its_client_is(target: Target) -> None:
+    first = await target.talk()
+    heard = await first.open(1)
+    await first.plays_on(1)
+    await lost(first)
+    before = heard.next_frame
+    second = await target.talk()
+    await second.resume(1, heard)
+    assert heard.goes_on_at == before, "nothing is sent twice"
+    await second.plays_on(1)
+    assert (await second.edit(1, PAUSE)).code == 0
+    assert (await second.close(1)).reason == session_pb2.CLOSE_REASON_CLIENT
+
+
+async def test_frames_that_were_lost_on_the_way_are_sent_again(target: Target) -> None:
+    first = await target.talk()
+    heard = await first.ask_open(1)
+    await first.until(lambda: heard.chunks)
+    first.sessions[1] = copy.deepcopy(heard)  # what comes now does not reach the client
+    await first.plays_on(1)
+    heard.playhead = first.sessions[1].playhead
+    assert first.sessions[1].end > heard.end
+    await lost(first)
+    second = await target.talk()
+    await second.resume(1, heard)
+    await second.until(lambda: heard.end >= first.sessions[1].end)
+    assert all(heard.frames[frame] == row for frame, row in first.sessions[1].frames.items())
+    await second.plays_on(1)
+
+
+async def test_plans_that_were_lost_on_the_way_are_made_up_for_by_one_notice(target: Target) -> None:
+    first = await target.talk()
+    heard = await first.open(1)
+    await first.until(lambda: heard.end >= 40)
+    held, plan = heard.next_frame, heard.plans[-1].plan
+    first.sessions[1] = copy.deepcopy(heard)  # what comes now does not reach the client
+    await first.send(*(addressed(edit_prompts(span(text)), 1, seq) for seq, text in ((2, "run"), (3, "dance"))))
+    heard.sent_seq = 3
+    await first.until(lambda: first.sessions[1].applied_seq >= 3)
+    await lost(first)
+    second = await target.talk()
+    await second.resume(1, heard)
+    await second.until(lambda: heard.plans[-1].plan > plan)
+    notice = heard.plans[-1]
+    assert notice.cause == session_pb2.PLAN_CAUSE_RESUME
+    assert notice.valid_from < held
+    assert {2, 3} >= set(notice.event_seqs)
+    assert [heard.outcome(seq).code for seq in (2, 3)] == [0, 0]  # type: ignore[union-attr]
+    await second.plays_on(1)
+
+
+async def test_answers_that_may_not_have_been_heard_are_told_again_and_a_repetition_does_nothing(
+    target: Target,
+) -> None:
+    first = await target.talk()
+    heard = await first.open(1)
+    assert (await first.edit(1, edit_prompts(span("run")))).code == 0
+    refused = await first.edit(1, edit_prompts(remove=[7]))
+    heard.applied_seq = 1  # as if neither had been heard
+    heard.outcomes.clear()
+    await lost(first)
+    second = await target.talk()
+    await second.resume(1, heard)
+    assert (await second.answer(1, 3)) == refused
+    assert (await second.answer(1, 2)).code == 0
+    plans = len(heard.plans)
+    await second.send(addressed(edit_prompts(span("run")), 1, 2), addressed(edit_prompts(remove=[7]), 1, 3))
+    assert (await second.edit(1, PAUSE)).code == 0
+    assert len(heard.plans) == plans, "events with numbers that were taken are dropped"
+
+
+async def test_answers_that_were_heard_are_not_told_again(target: Target) -> None:
+    first = await target.talk()
+    heard = await first.open(1)
+    for text in ("run", "dance"):
+        await first.edit(1, edit_prompts(span(text)))
+    await lost(first)
+    second = await target.talk()
+    await second.resume(1, heard)
+    await second.edit(1, PAUSE)
+    assert [outcome.event_seq for outcome in heard.outcomes] == [2, 3, 4]
+
+
+async def test_a_stream_that_is_still_there_is_fenced(target: Target) -> None:
+    first, second = await target.talk(), await target.talk()
+    heard = await first.open(1)
+    other = await first.open(2)
+    await second.resume(5, heard)
+    first.sessions[1] = Heard(heard.row_bytes, opened=heard.opened)
+    await first.until(lambda: first.sessions[1].closed is not None)
+    closed = first.sessions[1].closed
+    assert closed is not None
+    assert closed.reason == session_pb2.CLOSE_REASON_TAKEN_OVER
+    first.sessions[1] = Heard(heard.row_bytes)
+    await first.send(addressed(PAUSE, 1, 2))
+    assert (await first.answer(1, 2)).reason == "SESSION_NOT_OPEN"
+    await first.send(session_pb2.SessionEvent(session=1, event_seq=1, open=session_pb2.OpenSession()))
+    assert (await first.answer(1, 1)).reason == "HANDLE_IN_USE"
+    await second.plays_on(5)
+    await first.plays_on(2)
+    assert other.closed is None
+    await first.call.done_writing()
+    assert await first.to_the_end() is grpc.StatusCode.OK
+    await second.plays_on(5)
+
+
+async def test_a_resume_that_was_under_way_for_long_takes_nothing_over(target: Target) -> None:
+    first, second = await target.talk(), await target.talk()
+    heard = await first.open(1)
+    first.sessions[1] = copy.deepcopy(heard)
+    heard.attempt = 1
+    await second.resume(1, heard)
+    point = session_pb2.ResumePoint(next_frame=0, attempt=1)
+    assert heard.opened is not None
+    late = session_pb2.OpenSession(resume_token=heard.opened.session_token, resume_point=point)
+    first.sessions[3] = Heard(heard.row_bytes)
+    await first.send(session_pb2.SessionEvent(session=3, event_seq=1, open=late))
+    refused = await first.answer(3, 1)
+    assert (refused.reason, refused.allowed) == ("RESUME_SUPERSEDED", "a number above 2")
+    await second.plays_on(1)
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason", "field"),
+    [
+        ({"resume_token": "guessed"}, "SESSION_NOT_KEPT", "open.resume_token"),
+        ({"seed": 3}, "NOT_FOR_RESUMING", "open.seed"),
+        ({"resume_token": ""}, "RESUME_TOKEN_MISSING", "open.resume_point"),
+        ({"resume_point": session_pb2.ResumePoint(attempt=9, next_frame=10_000, plan=1)}, "RESUME_OUT_OF_RANGE",
+         "open.resume_point"),
+        ({"resume_point": session_pb2.ResumePoint(attempt=9, plan=99)}, "RESUME_OUT_OF_RANGE", "open.resume_point"),
+    ],
+)  # fmt: skip
+async def test_a_resume_that_cannot_be_is_refused(
+    target: Target, fields: dict[str, object], reason: str, field: str
+) -> None:
+    first, second = await target.talk(), await target.talk()
+    heard = await first.open(1)
+    await lost(first)
+    await second.ask_resume(1, heard, **fields)
+    refused = await second.answer(1, 1)
+    assert (refused.reason, refused.field) == (reason, field)
+    assert refused.allowed
+    heard.outcomes.clear()
+    heard.attempt = 20
+    await second.resume(1, heard)
+    await second.plays_on(1)
+
+
+async def test_a_client_that_finishes_writing_leaves_nothing_to_resume(target: Target) -> None:
+    first = await target.talk()
+    heard = await first.open(1)
+    await first.call.done_writing()
+    assert await first.to_the_end() is grpc.StatusCode.OK
+    second = await target.talk()
+    heard.closed = None
+    heard.applied_seq = 0
+    await second.ask_resume(1, heard)
+    assert (await second.answer(1, 1)).reason == "SESSION_NOT_KEPT"
+
+
+async def test_an_edit_that_waits_for_its_prompt_outlives_the_transport(target: Target) -> None:
+    first = await target.talk()
+    heard = await first.open(1)
+    await first.send(addressed(edit_prompts(span("a prompt that has to be encoded first")), 1, 2))
+    await first.ping(1)
+    await lost(first)
+    heard.sent_seq = 2
+    heard.applied_seq = 1
+    heard.outcomes.clear()
+    second = await target.talk()
+    await second.resume(1, heard)
+    assert (await second.answer(1, 2)).code == 0
+    await second.plays_on(1)

@@ -1,0 +1,112 @@
+"""How far frames are from what a constraint asks of them: metres, and radians of heading and of rotation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motiongen_server.engine.session.kinematics import Float64, Posed, heading_across
+from motiongen_server.engine.types import (
+    Constraint,
+    Deviation,
+    Float32Array,
+    JointTargets,
+    Keyframe,
+    RigLayout,
+    RootTrajectory,
+    Waypoint,
+)
+
+_GROUND = (0, 2)  # x and z
+
+
+@dataclass(slots=True)
+class Residual:
+    """The errors of one constraint, gathered over the frames that have been measured so far.
+
+    Each list holds one array for each call of `add`: position in metres, of the root, over the ground where no height
+    is asked for, and of joints; heading and rotation in radians, 0 to pi. Empty: nothing of that kind is asked for.
+    """
+
+    num_frames: int = 0
+    positions: list[Float64] = field(default_factory=list)
+    headings: list[Float64] = field(default_factory=list)
+    rotations: list[Float64] = field(default_factory=list)
+
+    def add(self, rig: RigLayout, constraint: Constraint, first_frame: int, rows: Float32Array) -> None:
+        """Measure rows (T, row_width) of the frames from first_frame on, all of which the constraint asks for."""
+        self.num_frames += len(rows)
+        match constraint:
+            case Waypoint():
+                posed = Posed(rig, rows, () if constraint.heading is None else rig.hip_joints or ())
+                goal = np.array([[constraint.x, constraint.z]])
+                self._off_ground(posed, goal)
+                if constraint.heading is not None:
+                    self.headings.append(_turned(posed.heading(), np.array([constraint.heading])))
+            case RootTrajectory():
+                posed = Posed(rig, rows, () if constraint.heading is None else rig.hip_joints or ())
+                there = slice(first_frame - constraint.first_frame, first_frame - constraint.first_frame + len(rows))
+                self._off_ground(posed, constraint.xz[there])
+                if constraint.heading is not None:
+                    self.headings.append(_turned(posed.heading(), constraint.heading[there]))
+            case JointTargets():
+                posed = Posed(rig, rows, constraint.joints)
+                self._off_points(posed, constraint.joints, constraint.positions)
+                if constraint.rotations is not None and (turns := constraint.turns):
+                    found = np.stack([posed.rotations[constraint.joints[turn]] for turn in turns], axis=1)
+                    self.rotations.append(_angles(found, constraint.rotations[turns]))
+            case Keyframe():
+                joints = tuple(range(len(rig.joint_names)))
+                posed = Posed(rig, rows, joints)
+                self._off_points(posed, joints, constraint.positions)
+                if rig.hip_joints is not None:  # else a pose of positions alone does not say where it faces
+                    right, left = constraint.positions[list(rig.hip_joints)].astype(np.float64)
+                    self.headings.append(_turned(posed.heading(), heading_across(right, left)))
+
+    def _off_ground(self, posed: Posed, goal: NDArray[np.floating]) -> None:
+        self.positions.append(np.linalg.norm(posed.positions[0][:, _GROUND] - goal, axis=-1))
+
+    def _off_points(self, posed: Posed, joints: tuple[int, ...], goals: Float32Array) -> None:
+        found = np.stack([posed.positions[joint] for joint in joints], axis=1)
+        self.positions.append(np.linalg.norm(found - goals, axis=-1))
+
+    @property
+    def position_m(self) -> Deviation | None:
+        return _deviation(self.positions)
+
+    @property
+    def heading_rad(self) -> Deviation | None:
+        return _deviation(self.headings)
+
+    @property
+    def rotation_rad(self) -> Deviation | None:
+        return _deviation(self.rotations)
+
+
+def _turned(found: Float64, asked: NDArray[np.floating]) -> Float64:
+    difference = found - asked
+    return np.abs(np.arctan2(np.sin(difference), np.cos(difference)))
+
+
+def _angles(found: Float64, asked: NDArray[np.floating]) -> Float64:
+    """Angles between rotations (..., 3, 3), exact also where they are almost equal."""
+    between = np.swapaxes(asked.astype(np.float64), -1, -2) @ found
+    axis = np.stack(
+        [
+            between[..., 2, 1] - between[..., 1, 2],
+            between[..., 0, 2] - between[..., 2, 0],
+            between[..., 1, 0] - between[..., 0, 1],
+        ],
+        axis=-1,
+    )
+    angles: Float64 = np.arctan2(np.linalg.norm(axis, axis=-1), np.trace(between, axis1=-2, axis2=-1) - 1)
+    return angles
+
+
+def _deviation(errors: list[Float64]) -> Deviation | None:
+    if not errors:
+        return None
+    every = np.concatenate([each.ravel() for each in errors])
+    return Deviation(float(every.mean()), float(every.max()))

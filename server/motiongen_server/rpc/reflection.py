@@ -1,0 +1,90 @@
+"""Server reflection, in both versions that tools ask for, and with methods that can be found by their names.
+
+The reflection library serves v1alpha alone, whose messages are those of v1, byte for byte, in another package. And the
+runtime's descriptor pool finds no method by its name, which is what `grpcurl describe` and `ghz` ask for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TypeVar, cast
+
+import grpc
+import grpc.aio
+from google.protobuf import descriptor_pb2, descriptor_pool
+from google.protobuf.descriptor import Descriptor, FieldDescriptor, FileDescriptor
+from google.protobuf.descriptor_pool import DescriptorPool
+from grpc_reflection.v1alpha import reflection, reflection_pb2
+
+V1ALPHA = reflection.SERVICE_NAME
+V1 = V1ALPHA.replace("v1alpha", "v1")
+
+T = TypeVar("T")
+
+
+def add_reflection(services: Iterable[str], server: grpc.aio.Server) -> None:
+    """Serve reflection of these services, and of itself. services: full names."""
+    names = (*services, V1ALPHA, V1)
+    # The library asks no more of a pool than these methods; the runtime's own class cannot be derived from.
+    servicer = reflection.aio.ReflectionServicer(names, pool=cast(DescriptorPool, _Descriptors()))
+    handler = grpc.stream_stream_rpc_method_handler(
+        servicer.ServerReflectionInfo,
+        request_deserializer=reflection_pb2.ServerReflectionRequest.FromString,
+        response_serializer=reflection_pb2.ServerReflectionResponse.SerializeToString,
+    )
+    server.add_generic_rpc_handlers(
+        tuple(grpc.method_handlers_generic_handler(name, {"ServerReflectionInfo": handler}) for name in (V1ALPHA, V1))
+    )
+
+
+class _Descriptors:
+    """What the program knows, and reflection v1, by the look-ups of a DescriptorPool. All raise KeyError."""
+
+    def __init__(self) -> None:
+        v1 = DescriptorPool()
+        v1.Add(_reflection_v1())
+        self._pools = (descriptor_pool.Default(), v1)
+
+    def FindFileByName(self, name: str) -> FileDescriptor:
+        return self._first(lambda pool: pool.FindFileByName(name), name)
+
+    def FindFileContainingSymbol(self, symbol: str) -> FileDescriptor:
+        try:
+            return self._first(lambda pool: pool.FindFileContainingSymbol(symbol), symbol)
+        except KeyError:
+            service, _, method = symbol.rpartition(".")
+            found = self._first(lambda pool: pool.FindServiceByName(service), symbol)
+            return found.methods_by_name[method].containing_service.file
+
+    def FindMessageTypeByName(self, name: str) -> Descriptor:
+        return self._first(lambda pool: pool.FindMessageTypeByName(name), name)
+
+    def FindExtensionByNumber(self, message: Descriptor, number: int) -> FieldDescriptor:
+        return self._first(lambda pool: pool.FindExtensionByNumber(message, number), f"{message.full_name}:{number}")
+
+    def FindAllExtensions(self, message: Descriptor) -> list[FieldDescriptor]:
+        return [found for pool in self._pools for found in pool.FindAllExtensions(message)]
+
+    def _first(self, find: Callable[[DescriptorPool], T], name: str) -> T:
+        for pool in self._pools:
+            try:
+                return find(pool)
+            except KeyError:
+                continue
+        raise KeyError(name)
+
+
+def _reflection_v1() -> descriptor_pb2.FileDescriptorProto:
+    """The file of v1, which differs from that of v1alpha in its package alone."""
+    v1 = descriptor_pb2.FileDescriptorProto()
+    reflection_pb2.DESCRIPTOR.CopyToProto(v1)
+    v1.name, v1.package = "grpc/reflection/v1/reflection.proto", "grpc.reflection.v1"
+    for message in v1.message_type:
+        for field in message.field:
+            if field.type_name:  # of a field that holds a message
+                field.type_name = field.type_name.replace("v1alpha", "v1")
+    for service in v1.service:
+        for method in service.method:
+            method.input_type = method.input_type.replace("v1alpha", "v1")
+            method.output_type = method.output_type.replace("v1alpha", "v1")
+    return v1

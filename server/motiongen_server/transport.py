@@ -1,0 +1,74 @@
+"""The gRPC server as this service wants it: how far it reads ahead, how often it pings, how many it lets in."""
+
+from __future__ import annotations
+
+import resource
+from pathlib import Path
+
+import grpc.aio
+
+from motiongen_server.config import ServerConfig
+from motiongen_server.settings import SettingError
+
+OTHER_CALLS = 1024
+"""Besides streams and clips, which the service counts itself: health, catalogue, reflection."""
+RESERVED_FILES = 128
+"""Descriptors for everything but clients: engine processes, operations, logs, what libraries open."""
+LEAST_CONNECTIONS = 32
+MOST_FILES = 65_536
+"""More are not asked for: some systems allow a billion, and libraries close them all one by one."""
+HANDSHAKE_MS = 5_000
+"""Within which whoever has connected must speak HTTP/2."""
+READ_AHEAD_BYTES = 64 << 10
+"""Of a stream that is not read: the rest waits at its client."""
+
+
+def make_grpc_server(config: ServerConfig) -> grpc.aio.Server:
+    """A server without methods and ports. Raises SettingError where there are too few descriptors."""
+    return grpc.aio.server(
+        options=[
+            ("grpc.max_receive_message_length", config.max_request_bytes),
+            ("grpc.max_send_message_length", 8 << 20),
+            ("grpc.max_concurrent_streams", 256),
+            ("grpc.max_allowed_incoming_connections", allowed_connections()),
+            ("grpc.server_handshake_timeout_ms", HANDSHAKE_MS),
+            ("grpc.http2.lookahead_bytes", READ_AHEAD_BYTES),
+            ("grpc.http2.bdp_probe", 0),
+            ("grpc.keepalive_time_ms", round(1000 * config.keepalive_s)),
+            ("grpc.keepalive_timeout_ms", round(1000 * config.keepalive_timeout_s)),
+            ("grpc.keepalive_permit_without_calls", 1),
+            ("grpc.http2.min_ping_interval_without_data_ms", round(1000 * config.min_ping_interval_s)),
+            ("grpc.http2.max_ping_strikes", 4),
+            ("grpc.so_reuseport", 0),
+        ],
+        maximum_concurrent_rpcs=config.max_streams + config.max_clip_calls + OTHER_CALLS,
+    )
+
+
+def allowed_connections() -> int:
+    """How many clients may be connected at once and leave descriptors for all else. Asks for more of them first.
+
+    A server that has none left can neither take a connection nor refuse it, and tries again and again. Raises
+    SettingError where there are too few from the start.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, MOST_FILES)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+        soft = most
+    total = MOST_FILES if soft == resource.RLIM_INFINITY else min(soft, MOST_FILES)
+    allowed = total - open_files() - RESERVED_FILES
+    if allowed < LEAST_CONNECTIONS:
+        raise SettingError(
+            f"this process may open {total} files; it needs {total - allowed + LEAST_CONNECTIONS} or more for "
+            f"{LEAST_CONNECTIONS} clients: raise the limit (ulimit -n, LimitNOFILE)"
+        )
+    return allowed
+
+
+def open_files() -> int:
+    """How many descriptors this process has, 0 where the system does not tell."""
+    try:
+        return len(list(Path("/proc/self/fd").iterdir()))
+    except OSError:  # no /proc
+        return 0

@@ -1,0 +1,163 @@
+"""One attack: its server, its hostile clients, what neighbours noticed of it, and what it may cost them."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import grpc
+import grpc.aio
+import httpx
+import psutil
+from grpc_health.v1 import health_pb2, health_pb2_grpc
+
+from tests.attack.neighbours import TIER_FULL, Noticed, neighbours
+from tests.attack.server import BUILT_IN, NULL, Attacked, attacked
+from tests.conftest import ROOT
+
+WARM_S = 1.0
+HEALTH_S = 5.0
+MIB = 1 << 20
+
+
+@dataclass(frozen=True)
+class Attack:
+    """What hostile clients do, and what neighbours must not notice more of than this.
+
+    kind: of `tests.attack.hostile`, "" for none. missed: share of frames; edit_ms: the 95th percentile; grown_mib:
+    memory, of all processes of the server. log_mib: of its log.
+    """
+
+    name: str
+    kind: str
+    clients: int = 1
+    built_in: bool = False
+    settings: tuple[str, ...] = ()
+    most_files: int | None = None
+    missed: float = 0.01
+    edit_ms: float = 1_000.0
+    grown_mib: float = 200.0
+    log_mib: float = 1.0
+
+
+@dataclass(frozen=True)
+class Result:
+    """Of one attack. grown_mib: while it went on; left_mib: after it; health_ms: of a health check meanwhile."""
+
+    attack: Attack
+    noticed: Noticed
+    grown_mib: float
+    left_mib: float
+    health_ms: float
+    gateway_cpu: float
+    log_mib: float
+    exit_code: int | None
+
+    @property
+    def faults(self) -> list[str]:
+        """What neighbours noticed that they must not."""
+        attack, noticed = self.attack, self.noticed
+        found = {
+            f"{noticed.missed:.1%} of the frames were missed": noticed.missed > attack.missed,
+            f"edits took {noticed.edit_p95_ms:.0f} ms": noticed.edit_p95_ms > attack.edit_ms,
+            f"sessions were served at tier {noticed.lowest_tier}": noticed.lowest_tier != TIER_FULL,
+            f"sessions ended: {noticed.closed}": bool(noticed.closed),
+            f"memory grew by {self.grown_mib:.0f} MiB": self.grown_mib > attack.grown_mib,
+            f"the log grew by {self.log_mib:.1f} MiB": self.log_mib > attack.log_mib,
+            "health was not answered": self.health_ms > 1000 * HEALTH_S,
+            f"the server ended with {self.exit_code}": self.exit_code != 0,
+        }
+        return [fault for fault, holds in found.items() if holds]
+
+
+@contextmanager
+def hostile(attack: Attack, server: Attacked) -> Iterator[None]:
+    """The clients, until the end of the block."""
+    command = [sys.executable, "-m", "tests.attack.hostile", attack.kind, server.address]
+    processes = [
+        subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        for _ in range(attack.clients if attack.kind else 0)
+    ]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+async def health_ms(server: Attacked, by_http: bool) -> float:
+    """How long a health check takes, over a connection of its own; beyond HEALTH_S where it is not answered.
+
+    by_http: as orchestrators ask, on the port of operations, where no more connections fit on the other.
+    """
+    begun_s, address = time.perf_counter(), server.address
+    if by_http:
+        async with httpx.AsyncClient(timeout=HEALTH_S) as client:
+            answer = await client.get(f"http://127.0.0.1:{server.ops_port}/readyz")
+        return 1000 * (time.perf_counter() - begun_s) if answer.status_code == 200 else 2000 * HEALTH_S
+    async with grpc.aio.insecure_channel(address, options=(("grpc.use_local_subchannel_pool", 1),)) as channel:
+        try:
+            await health_pb2_grpc.HealthStub(channel).Check(health_pb2.HealthCheckRequest(), timeout=HEALTH_S)
+        except grpc.aio.AioRpcError:
+            return 2000 * HEALTH_S
+    return 1000 * (time.perf_counter() - begun_s)
+
+
+async def suffer(attack: Attack, server: Attacked, seconds: float) -> tuple[Noticed, float, float, float, float]:
+    """Let the attack go on for so long. Returns what was noticed, memory grown and left, health, CPU."""
+    async with neighbours(server.address) as good:
+        await asyncio.sleep(WARM_S)
+        before_mib = server.memory_mib()
+        with hostile(attack, server):
+            # They import their libraries first, which is not what this measures.
+            await asyncio.sleep(2 * WARM_S)
+            good.forget()
+            cpu_s, begun_s, most_mib = server.cpu_s(), time.perf_counter(), 0.0
+            while time.perf_counter() < begun_s + seconds:
+                await asyncio.sleep(0.25)
+                most_mib = max(most_mib, server.memory_mib())
+            share = (server.cpu_s() - cpu_s) / (time.perf_counter() - begun_s)
+            noticed = good.noticed()
+            health = await health_ms(server, attack.most_files is not None)
+        await asyncio.sleep(WARM_S)
+        return noticed, most_mib - before_mib, server.memory_mib() - before_mib, health, share
+
+
+async def run(attack: Attack, seconds: float, log: Path) -> Result:
+    """A fresh server, attacked."""
+    module = BUILT_IN if attack.built_in else NULL
+    with attacked(log, attack.settings, attack.most_files, module) as server:
+        noticed, grown, left, health, share = await suffer(attack, server, seconds)
+    return Result(attack, noticed, grown, left, health, share, server.log_mib(), server.exit_code)
+
+
+def table(results: list[Result]) -> str:
+    """A row an attack, in Markdown."""
+    lines = [
+        "| attack | clients | frames missed | edits p95 | pings p95 | tier | memory grown / left | health | gateway "
+        "| verdict |",
+        "|---|---:|---:|---:|---:|---|---:|---:|---:|---|",
+    ]
+    for each in results:
+        noticed = each.noticed
+        tier = "FULL" if noticed.lowest_tier == TIER_FULL else str(noticed.lowest_tier)
+        verdict = "; ".join(each.faults) or "held"
+        health = "none" if each.health_ms > 1000 * HEALTH_S else f"{each.health_ms:.0f} ms"
+        lines.append(
+            f"| {each.attack.name} | {each.attack.clients if each.attack.kind else 0} | {noticed.missed:.1%} "
+            f"| {noticed.edit_p95_ms:.0f} ms | {noticed.ping_p95_ms:.0f} ms | {tier} "
+            f"| {each.grown_mib:.0f} / {each.left_mib:.0f} MiB | {health} | {each.gateway_cpu:.0%} | {verdict} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def machine() -> str:
+    """What it was measured on."""
+    return f"{psutil.cpu_count()} cores, load {psutil.getloadavg()[0]:.1f}"

@@ -1,0 +1,232 @@
+"""Hostile clients, each a process of its own at the usual niceness: `python -m tests.attack.hostile KIND ADDRESS`.
+
+They go on until they are killed. Messages are serialized beforehand, so that an attack costs them little.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import socket
+import sys
+import time
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import grpc.aio
+
+from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
+from motiongen_server.rpc.handlers import SERVICE_NAME
+
+Request = service_pb2.StreamMotionRequest
+Event = session_pb2.SessionEvent
+HELLO = Request(hello=service_pb2.ClientHello(client_agent="hostile")).SerializeToString()
+OPTIONS = (("grpc.use_local_subchannel_pool", 1), ("grpc.max_receive_message_length", 8 << 20))
+STREAMS = 8
+
+
+def channel_to(address: str) -> grpc.aio.Channel:
+    return grpc.aio.insecure_channel(address, options=OPTIONS)
+
+
+def bare_stream(channel: grpc.aio.Channel) -> Any:
+    """A stream of messages as they are."""
+    return channel.stream_stream(f"/{SERVICE_NAME}/StreamMotion")()
+
+
+async def for_ever(act: Callable[[], Awaitable[None]]) -> None:
+    """Again and again, whatever the server says to it."""
+    while True:
+        try:
+            await act()
+        except (grpc.aio.AioRpcError, asyncio.InvalidStateError, OSError):
+            await asyncio.sleep(0.05)
+
+
+async def many(count: int, act: Callable[[], Awaitable[None]]) -> None:
+    await asyncio.gather(*(for_ever(act) for _ in range(count)))
+
+
+async def drain(call: Any) -> None:
+    """Read and forget."""
+    while await call.read() is not grpc.aio.EOF:
+        pass
+
+
+async def flood(address: str, messages: list[bytes], reads: bool = True, streams: int = STREAMS) -> None:
+    """The same messages on each of some streams, over a connection each."""
+
+    async def once() -> None:
+        async with channel_to(address) as channel:
+            call = bare_stream(channel)
+            await call.write(HELLO)
+            reading = asyncio.create_task(drain(call)) if reads else None
+            try:
+                for message in itertools.cycle(messages):
+                    await call.write(message)
+            finally:
+                if reading is not None:
+                    reading.cancel()
+                    await asyncio.gather(reading, return_exceptions=True)
+
+    await many(streams, once)
+
+
+async def empty_events(address: str) -> None:
+    await flood(address, [Request(events=[Event()] * 200).SerializeToString()])
+
+
+async def empty_constraints(address: str) -> None:
+    edit = session_pb2.EditConstraints(upsert=[motion_pb2.Constraint()] * 400_000)
+    await flood(address, [Request(events=[Event(session=1, event_seq=2, edit_constraints=edit)]).SerializeToString()])
+
+
+async def huge_messages(address: str) -> None:
+    await flood(address, [Request(events=[Event()] * 450_000).SerializeToString()], reads=False, streams=40)
+
+
+async def pings(address: str) -> None:
+    await flood(address, [Request(ping=service_pb2.Ping(client_time_ns=1)).SerializeToString()])
+
+
+async def failing_opens(address: str) -> None:
+    """Opens of a rig that there is not, each with prompts that nobody has asked for before."""
+    numbers = itertools.count()
+    name = f"{time.time_ns()}"
+
+    def message() -> bytes:
+        events = []
+        for handle in range(20):
+            spans = [motion_pb2.PromptSpan(prompt_id=1, text=f"a person does {name} {next(numbers)}")]
+            opening = session_pb2.OpenSession(rig_id="none", prompts=spans)
+            events.append(Event(session=handle, event_seq=1, open=opening))
+        return Request(events=events).SerializeToString()
+
+    await flood(address, [message() for _ in range(3_000)])
+
+
+async def new_prompts(address: str) -> None:
+    """One session a stream, whose prompt changes as often as it may, to what nobody has asked for before."""
+    numbers = itertools.count()
+    name = f"{time.time_ns()}"
+
+    async def once() -> None:
+        async with channel_to(address) as channel:
+            call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion()
+            opening = Event(session=1, event_seq=1, open=session_pb2.OpenSession())
+            await call.write(Request(hello=service_pb2.ClientHello(), events=[opening]))
+            reading = asyncio.create_task(drain(call))
+            try:
+                for event_seq in itertools.count(2):
+                    spans = [
+                        motion_pb2.PromptSpan(prompt_id=index, text=f"does {name} {next(numbers)}")
+                        for index in range(1, 17)
+                    ]
+                    edit = session_pb2.EditPrompts(upsert=spans)
+                    await call.write(Request(events=[Event(session=1, event_seq=event_seq, edit_prompts=edit)]))
+                    await asyncio.sleep(0.02)
+            finally:
+                reading.cancel()
+                await asyncio.gather(reading, return_exceptions=True)
+
+    await many(STREAMS, once)
+
+
+async def liars(address: str) -> None:
+    """Sessions that say they have played all that they were sent: the last frame, or one that nobody has made."""
+
+    async def once(frame_of: Callable[[int], int]) -> None:
+        async with channel_to(address) as channel:
+            call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion()
+            opens = [Event(session=n, event_seq=1, open=session_pb2.OpenSession()) for n in range(2)]
+            await call.write(Request(hello=service_pb2.ClientHello(), events=opens))
+            while isinstance(response := await call.read(), service_pb2.StreamMotionResponse):
+                reports = []
+                for update in response.updates:
+                    if update.HasField("chunk"):
+                        end = update.chunk.first_frame + update.chunk.frame_count
+                        playhead = session_pb2.Playhead(frame=frame_of(end), buffered_to=end, underruns=2**32 - 1)
+                        reports.append(Event(session=update.session, playhead=playhead))
+                if reports:
+                    await call.write(Request(events=reports))
+
+    kinds: list[Callable[[int], int]] = [lambda end: end - 1, lambda end: end, lambda end: 2**53]
+    await asyncio.gather(*(for_ever(lambda kind=kind: once(kind)) for kind in kinds * 2))
+
+
+async def silent_streams(address: str) -> None:
+    """Streams that never say hello, as many as fit."""
+
+    async def connection() -> None:
+        async with channel_to(address) as channel:
+            calls = [bare_stream(channel) for _ in range(250)]
+            await asyncio.gather(*(call.wait_for_connection() for call in calls), return_exceptions=True)
+            await asyncio.sleep(3600)
+
+    await many(12, connection)
+
+
+async def unread_clips(address: str) -> None:
+    """Clips as long as there may be, of which nothing is read."""
+
+    async def once() -> None:
+        async with channel_to(address) as channel:
+            asked = service_pb2.GenerateClipRequest(frame_count=2_400, sample_count=16)
+            call = service_pb2_grpc.MotionServiceStub(channel).GenerateClip(asked)
+            await call.read()
+            await asyncio.sleep(3600)
+
+    await many(24, once)
+
+
+async def unread_streams(address: str) -> None:
+    """Events that are refused, whose answers nobody reads."""
+    await flood(address, [Request(events=[Event(session=5)] * 200).SerializeToString()], reads=False, streams=40)
+
+
+async def catalogs(address: str) -> None:
+    async def once() -> None:
+        async with channel_to(address) as channel:
+            stub = service_pb2_grpc.MotionServiceStub(channel)
+            while True:
+                await stub.GetCatalog(service_pb2.GetCatalogRequest())
+
+    await many(STREAMS, once)
+
+
+async def connections(address: str) -> None:
+    """Connections on which nothing is said, more than the server may have descriptors."""
+    host, _, port = address.rpartition(":")
+    held = []
+    while True:
+        try:
+            held.append(socket.create_connection((host, int(port)), timeout=1))
+        except OSError:
+            await asyncio.sleep(0.02)
+        if len(held) > 600:
+            held.pop(0).close()
+        await asyncio.sleep(0.001)
+
+
+async def garbage(address: str) -> None:
+    host, _, port = address.rpartition(":")
+    while True:
+        try:
+            with socket.create_connection((host, int(port)), timeout=1) as connection:
+                connection.sendall(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes(range(256)) * 64)
+        except OSError:
+            pass
+        await asyncio.sleep(0.002)
+
+
+KINDS = {
+    kind.__name__: kind
+    for kind in (
+        empty_events, empty_constraints, huge_messages, pings, failing_opens, new_prompts, liars, silent_streams,
+        unread_clips, unread_streams, catalogs, connections, garbage,
+    )
+}  # fmt: skip
+
+
+if __name__ == "__main__":
+    asyncio.run(KINDS[sys.argv[1]](sys.argv[2]))

@@ -1,0 +1,225 @@
+"""Good neighbours: sessions that play in real time and edit now and then, and what they notice of an attack."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+
+import grpc.aio
+import numpy as np
+
+from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
+
+FPS = 20
+LOOKAHEAD = 40
+REPORT_EVERY_S = 0.25
+EDIT_EVERY_S = 2.0
+READY_S = 30.0
+TIER_FULL = session_pb2.SERVICE_TIER_FULL
+
+
+@dataclass
+class Playing:
+    """One session, whose playhead moves in real time from its first frame on."""
+
+    handle: int
+    sent_to: int = 0
+    begun_s: float | None = None
+    due: int = 0
+    missed: int = 0
+    seq: int = 1
+    lowest_tier: int = TIER_FULL
+    closed: str = ""
+    edits: dict[int, float] = field(default_factory=dict)
+
+    def play(self, now: float) -> None:
+        """Show the frames that are due by now; those that are not there are missed."""
+        if self.begun_s is None:
+            return
+        due = int((now - self.begun_s) * FPS)
+        if due > self.due:
+            self.missed += max(0, due - max(self.sent_to, self.due))
+            self.due = due
+
+
+@dataclass(frozen=True)
+class Noticed:
+    """What all neighbours noticed. missed: the share of their frames; edits_ms: from an edit to its answer."""
+
+    frames: int
+    missed: float
+    edits_ms: tuple[float, ...]
+    pings_ms: tuple[float, ...]
+    lowest_tier: int
+    closed: tuple[str, ...]
+
+    @property
+    def edit_p95_ms(self) -> float:
+        return float(np.percentile(self.edits_ms, 95)) if self.edits_ms else float("inf")
+
+    @property
+    def ping_p95_ms(self) -> float:
+        return float(np.percentile(self.pings_ms, 95)) if self.pings_ms else float("inf")
+
+
+class Neighbour:
+    """A stream with sessions that play."""
+
+    def __init__(self, stub: service_pb2_grpc.MotionServiceStub, num_sessions: int) -> None:
+        self._call = stub.StreamMotion()
+        self.sessions = [Playing(handle) for handle in range(num_sessions)]
+        self.edits_ms: list[float] = []
+        self.pings_ms: list[float] = []
+        self.lost = ""
+        self._tasks: list[asyncio.Task[None]] = []
+        self._writing = asyncio.Lock()  # a call takes one message at a time
+
+    async def _write(self, request: service_pb2.StreamMotionRequest) -> None:
+        async with self._writing:
+            await self._call.write(request)
+
+    async def begin(self) -> None:
+        """Open all sessions and wait until they play."""
+        hello = service_pb2.ClientHello(client_agent="neighbour")
+        opens = [
+            session_pb2.SessionEvent(
+                session=each.handle, event_seq=1,
+                open=session_pb2.OpenSession(lookahead_frames=LOOKAHEAD, priority=session_pb2.PRIORITY_CLASS_NEAR),
+            )
+            for each in self.sessions
+        ]  # fmt: skip
+        await self._write(service_pb2.StreamMotionRequest(hello=hello, events=opens))
+        self._tasks = [asyncio.create_task(self._read())]
+        async with asyncio.timeout(READY_S):
+            while not all(each.begun_s for each in self.sessions):
+                if self.lost:
+                    raise RuntimeError(self.lost)
+                await asyncio.sleep(0.02)
+        self._tasks += [asyncio.create_task(self._report()), asyncio.create_task(self._edit())]
+
+    async def _read(self) -> None:
+        try:
+            while isinstance(response := await self._call.read(), service_pb2.StreamMotionResponse):
+                now = time.perf_counter()
+                if response.HasField("pong"):
+                    self.pings_ms.append(1000 * (now - response.pong.client_time_ns / 1e9))
+                for update in response.updates:
+                    self._take(update, now)
+            self.lost = "the stream ended"
+        except grpc.aio.AioRpcError as error:
+            self.lost = f"{error.code().name}: {error.details()}"
+
+    def _take(self, update: session_pb2.SessionUpdate, now: float) -> None:
+        session = self.sessions[update.session]
+        session.play(now)
+        kind = update.WhichOneof("update")
+        if kind == "chunk":
+            session.sent_to = update.chunk.first_frame + update.chunk.frame_count
+            session.begun_s = session.begun_s or now
+        elif kind == "plan":
+            session.sent_to = min(session.sent_to, update.plan.valid_from)
+        elif kind == "outcome":
+            asked_s = session.edits.pop(update.outcome.event_seq, None)
+            if asked_s is not None and not update.outcome.code:
+                self.edits_ms.append(1000 * (now - asked_s))
+            elif update.outcome.code:
+                session.closed = f"refused: {update.outcome.reason}"
+        elif kind == "service_level":
+            session.lowest_tier = max(session.lowest_tier, update.service_level.tier)
+        elif kind == "closed":
+            session.closed = session_pb2.CloseReason.Name(update.closed.reason)
+
+    async def _report(self) -> None:
+        while not self.lost:
+            now = time.perf_counter()
+            events = []
+            for each in self.sessions:
+                each.play(now)
+                playhead = session_pb2.Playhead(frame=min(each.due, max(0, each.sent_to - 1)), buffered_to=each.sent_to)
+                events.append(session_pb2.SessionEvent(session=each.handle, playhead=playhead))
+            ping = service_pb2.Ping(client_time_ns=int(now * 1e9))
+            await self._write(service_pb2.StreamMotionRequest(events=events, ping=ping))
+            await asyncio.sleep(REPORT_EVERY_S)
+
+    async def _edit(self) -> None:
+        number = 0
+        while not self.lost:
+            await asyncio.sleep(EDIT_EVERY_S / len(self.sessions))
+            session = self.sessions[number % len(self.sessions)]
+            number += 1
+            if session.closed:
+                continue
+            session.seq += 1
+            span = motion_pb2.PromptSpan(prompt_id=1, text="a person walks forward" if number % 2 else "a person waves")
+            edit = session_pb2.EditPrompts(upsert=[span])
+            session.edits[session.seq] = time.perf_counter()
+            event = session_pb2.SessionEvent(session=session.handle, event_seq=session.seq, edit_prompts=edit)
+            await self._write(service_pb2.StreamMotionRequest(events=[event]))
+
+    def forget(self) -> None:
+        """What was noticed so far does not count."""
+        now = time.perf_counter()
+        self.edits_ms.clear()
+        self.pings_ms.clear()
+        for session in self.sessions:
+            session.play(now)
+            session.missed, session.begun_s, session.due = 0, now - session.due / FPS, session.due
+
+    async def end(self) -> None:
+        self.lost = self.lost or " "
+        self._call.cancel()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+
+class Neighbours:
+    """All of them."""
+
+    def __init__(self, streams: Sequence[Neighbour]) -> None:
+        self._streams = streams
+        self._frames_before = 0
+
+    def forget(self) -> None:
+        """The attack begins: what was before does not count."""
+        for each in self._streams:
+            each.forget()
+        self._frames_before = self._frames()
+
+    def _frames(self) -> int:
+        return sum(session.due for each in self._streams for session in each.sessions)
+
+    def noticed(self) -> Noticed:
+        now = time.perf_counter()
+        sessions = [session for each in self._streams for session in each.sessions]
+        for session in sessions:
+            session.play(now)
+        frames = max(1, self._frames() - self._frames_before)
+        unanswered = [1000 * (now - asked_s) for session in sessions for asked_s in session.edits.values()]
+        lost = [each.lost for each in self._streams if each.lost]
+        return Noticed(
+            frames,
+            sum(session.missed for session in sessions) / frames,
+            tuple([ms for each in self._streams for ms in each.edits_ms] + [ms for ms in unanswered if ms > 1000]),
+            tuple(ms for each in self._streams for ms in each.pings_ms),
+            max(session.lowest_tier for session in sessions),
+            tuple(lost + [session.closed for session in sessions if session.closed]),
+        )
+
+
+@asynccontextmanager
+async def neighbours(address: str, streams: int = 3, sessions: int = 4) -> AsyncIterator[Neighbours]:
+    """Streams that play, over a connection each."""
+    channels = [
+        grpc.aio.insecure_channel(address, options=(("grpc.use_local_subchannel_pool", 1),)) for _ in range(streams)
+    ]
+    playing = [Neighbour(service_pb2_grpc.MotionServiceStub(channel), sessions) for channel in channels]
+    try:
+        await asyncio.gather(*(each.begin() for each in playing))
+        yield Neighbours(playing)
+    finally:
+        await asyncio.gather(*(each.end() for each in playing))
+        await asyncio.gather(*(channel.close() for channel in channels))

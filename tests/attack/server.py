@@ -1,0 +1,87 @@
+"""The server under attack: a real process of the real server, with engines that compute nothing or a model."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import psutil
+
+from tests.conftest import ROOT
+
+NULL = ("tests.bench.null_server",)
+BUILT_IN = ("motiongen_server", "--print-ports")
+ORDINARY = (
+    "--port", "0", "--ops-port", "0", "--log-level", "WARNING", "--drain-wait-s", "0", "--drain-grace-s", "0.5",
+    "--devices", "cpu:1",
+)  # fmt: skip
+END_S = 30.0
+MIB = 1 << 20
+
+
+@dataclass
+class Attacked:
+    """The server's process. rss_mib: of the gateway and its engine processes, when it was ready."""
+
+    process: psutil.Process
+    address: str
+    ops_port: int
+    log: Path
+    exit_code: int | None = None
+    rss_mib: dict[int, float] = field(default_factory=dict)
+
+    def memory_mib(self) -> float:
+        """Resident memory now, of the gateway and of its engine processes."""
+        return sum(each.memory_info().rss for each in (self.process, *self.process.children())) / MIB
+
+    def log_mib(self) -> float:
+        """Size of what it has logged."""
+        return self.log.stat().st_size / MIB
+
+    def cpu_s(self) -> float:
+        """Processor time so far, of the gateway."""
+        times = self.process.cpu_times()
+        return float(times.user + times.system)
+
+
+@contextmanager
+def attacked(
+    log: Path, settings: tuple[str, ...] = (), most_files: int | None = None, module: tuple[str, ...] = NULL
+) -> Iterator[Attacked]:
+    """Start a server; SIGTERM ends it, and what it exits with is noted. most_files: its limit of open descriptors."""
+
+    def limit() -> None:
+        if most_files is not None:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (most_files, most_files))
+
+    before: Callable[[], None] | None = limit if most_files is not None else None
+    python_path = os.environ.get("ATTACKED_PYTHONPATH", os.environ.get("PYTHONPATH", ""))
+    with log.open("w", encoding="utf-8") as errors:
+        process = subprocess.Popen(
+            [sys.executable, "-m", *module, *ORDINARY, *settings],
+            cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True, preexec_fn=before,
+            env={**os.environ, "PYTHONPATH": python_path},
+        )  # fmt: skip
+    assert process.stdout is not None
+    try:
+        line = process.stdout.readline()
+        if not line:
+            raise RuntimeError(f"the server did not start, exit code {process.wait()}:\n{log.read_text()}")
+        told = json.loads(line)
+        server = Attacked(psutil.Process(process.pid), f"127.0.0.1:{told['grpc_port']}", told["ops_port"], log)
+        yield server
+        process.send_signal(signal.SIGTERM)
+        server.exit_code = process.wait(END_S)
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+        process.stdout.close()

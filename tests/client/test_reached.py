@@ -1,0 +1,64 @@
+"""What became of constraints, as the client tells it."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+
+import pytest
+
+from motiongen.v1 import session_pb2
+from motiongen_client import ConstraintReached, InvalidInput, MotionClient, SessionEnded, Waypoint
+from tests.client.fake_server import FakeServer
+
+
+def told(frame: int = 30, met: bool = True, **errors: float) -> session_pb2.ConstraintReached:
+    return session_pb2.ConstraintReached(constraint_id=1, met=met, frame=frame, **errors)
+
+
+async def test_it_is_waited_for_called_back_and_kept(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    called: list[ConstraintReached] = []
+    session.on_constraint_reached = called.append
+    edit = session.add_constraints([Waypoint(30, 1.0, 2.0, tolerance_m=0.5, tolerance_rad=0.25)])
+    await edit
+    waiting = asyncio.ensure_future(session.constraint_reached(edit.constraint_ids[0]))
+    for _ in range(2):  # a server tells it again to a session that resumes
+        server.stream.push(session.handle, constraint_reached=told(position_error_m=0.25))
+    reached = await waiting
+    assert reached == ConstraintReached(1, True, 30, 0.25, None)
+    assert await session.constraint_reached(1) == reached
+    await session.set_prompt("a person runs")  # answered after both
+    assert called == [reached]
+    (sent,) = [event for event in server.stream.received if event.HasField("edit_constraints")]
+    constraint = sent.edit_constraints.upsert[0]
+    assert (constraint.tolerance_m, constraint.tolerance_rad) == (0.5, 0.25)
+
+
+async def test_an_id_that_is_used_again_has_news_again(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    called: list[ConstraintReached] = []
+    session.on_constraint_reached = called.append
+    server.stream.push(session.handle, constraint_reached=told(30))
+    server.stream.push(session.handle, constraint_reached=told(60, met=False, rotation_error_rad=1.5))
+    await session.set_prompt("a person runs")
+    assert [(reached.frame, reached.met, reached.rotation_error_rad) for reached in called] == [
+        (30, True, None),
+        (60, False, 1.5),
+    ]
+
+
+async def test_a_session_that_ends_tells_who_waits(client: MotionClient) -> None:
+    session = await client.open("a person walks")
+    waiting = asyncio.ensure_future(session.constraint_reached(1))
+    await session.close()
+    with pytest.raises(SessionEnded):
+        await waiting
+    with pytest.raises(SessionEnded):
+        await session.constraint_reached(2)
+
+
+@pytest.mark.parametrize("tolerance", [{"tolerance_m": -1.0}, {"tolerance_m": math.inf}, {"tolerance_rad": 4.0}])
+def test_a_tolerance_that_cannot_be_is_refused_here(tolerance: dict[str, float]) -> None:
+    with pytest.raises(InvalidInput, match="tolerance"):
+        Waypoint(30, 1.0, 2.0, **tolerance)

@@ -1,0 +1,61 @@
+"""`motiongen-compliance`: what it says of a server that keeps the protocol, of one that does not, and of arguments."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from motiongen_compliance.__main__ import main
+from tests.client.fake_server import FakeServer
+from tests.conftest import ROOT
+from tests.contract.local import LocalServer
+
+ROOMS = (ROOT / "compliance", ROOT / "proto" / "python")
+
+
+def command(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run it elsewhere, where of this repository only what it needs can be imported."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, ROOMS))}
+    return subprocess.run(
+        [sys.executable, "-m", "motiongen_compliance", *arguments],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+async def test_a_server_that_keeps_the_protocol_passes_at_real_time(tmp_path: Path) -> None:
+    async with LocalServer() as server:
+        words = "credit or windows_follow or goes_on_where"
+        done = await asyncio.to_thread(command, tmp_path, server.address, "-k", words)
+    assert done.returncode == 0, done.stdout
+    assert "3 passed" in done.stdout
+
+
+def test_a_server_that_does_not_is_told_which_rule_it_breaks(tmp_path: Path) -> None:
+    with FakeServer() as server:
+        done = command(tmp_path, server.address, "-k", "unknown_names")
+    assert done.returncode == 1, done.stdout
+    assert "test_unknown_names_are_answered_with_those_there_are" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["localhost"], "give HOST:PORT"),
+        ([":50051"], "give HOST:PORT"),
+        (["localhost:50051", "--ca", "no/such.pem"], "no file no/such.pem"),
+    ],
+)
+def test_a_wrong_argument_is_named(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err

@@ -1,0 +1,104 @@
+"""What became of constraints: told once each, when the last frame is committed, with how far the motion is off."""
+
+import math
+
+import numpy as np
+import pytest
+
+from motiongen_server.engine.types import Keyframe, RootTrajectory, Tolerance, Waypoint, WindowJob
+from tests.server.engine.fakes import SPEED
+from tests.server.engine.session.playing import playing
+from tests.server.engine.stage import Stage
+
+METRES_A_FRAME = SPEED / 20
+
+
+def test_a_constraint_is_met_or_missed_by_how_far_the_frame_is_off() -> None:
+    there = Waypoint(1, 60, 60 * METRES_A_FRAME, 0.05)
+    elsewhere = Waypoint(2, 60, 60 * METRES_A_FRAME, 0.5, heading=1.0)
+    stage = Stage()
+    viewer = stage.open(constraints=(there, elsewhere))
+    stage.run(5.0)
+    met, missed = viewer.reached
+    assert (met.constraint_id, met.met, met.frame, met.num_frames) == (1, True, 60, 1)
+    assert met.position_m is not None
+    assert met.position_m.worst == pytest.approx(0.05, abs=1e-5)
+    assert met.heading_rad is met.rotation_rad is None
+    assert (missed.constraint_id, missed.met) == (2, False)
+    assert missed.position_m is not None
+    assert missed.position_m.worst == pytest.approx(0.5, abs=1e-5)
+    assert missed.heading_rad is not None  # the character faces +Z
+    assert missed.heading_rad.worst == pytest.approx(1.0, abs=1e-5)
+
+
+@pytest.mark.parametrize(("off_m", "within_m", "met"), [(0.3, 0.31, True), (0.3, 0.29, False), (0.09, None, True)])
+def test_it_is_the_tolerance_that_says_what_is_met(off_m: float, within_m: float | None, met: bool) -> None:
+    tolerance = Tolerance() if within_m is None else Tolerance(within_m, 0.1)
+    stage = Stage()
+    viewer = stage.open(constraints=(Waypoint(1, 50, 50 * METRES_A_FRAME, off_m, None, tolerance),))
+    stage.run(5.0)
+    assert [reached.met for reached in viewer.reached] == [met]
+
+
+def test_nothing_is_told_before_the_frame_is_committed_and_nothing_twice() -> None:
+    stage, viewer = playing()
+    frame = viewer.committed_to + 20
+    stage.set_constraints(viewer, Waypoint(7, frame, 0.0, 0.0))
+    while not viewer.reached:
+        assert viewer.committed_to <= frame
+        stage.run(0.05)
+    assert viewer.committed_to > frame
+    stage.run(5.0)
+    assert [reached.constraint_id for reached in viewer.reached] == [7]
+
+
+def test_a_path_longer_than_what_is_held_is_measured_as_a_whole() -> None:
+    count = 400
+    path = np.zeros((count, 2), np.float32)
+    path[:, 0] = np.arange(30, 30 + count) * METRES_A_FRAME
+    path[3, 1] = 0.4  # one place that the motion misses
+    stage = Stage()
+    viewer = stage.open(constraints=(RootTrajectory(3, 30, path),))
+    stage.run(30.0)
+    (reached,) = viewer.reached
+    assert (reached.frame, reached.num_frames, reached.met) == (429, count, False)
+    assert reached.position_m is not None
+    assert reached.position_m.worst == pytest.approx(0.4, abs=1e-4)
+    assert reached.position_m.mean == pytest.approx(0.4 / count, abs=1e-4)
+
+
+def test_one_that_was_removed_is_not_told_of_and_one_that_was_replaced_once() -> None:
+    stage, viewer = playing()
+    ahead = viewer.buffered_to + 40
+    stage.set_constraints(viewer, Waypoint(1, ahead, 0.0, 0.0), Waypoint(2, ahead, 0.0, 0.0))
+    stage.run(0.2)
+    stage.set_constraints(viewer, Waypoint(2, ahead + 10, (ahead + 10) * METRES_A_FRAME, 0.0), remove=(1,))
+    stage.run(8.0)
+    assert [(reached.constraint_id, reached.frame, reached.met) for reached in viewer.reached] == [
+        (2, ahead + 10, True)
+    ]
+
+
+def test_it_is_the_frames_that_are_sent_which_are_measured() -> None:
+    stage = Stage()
+    stage.runner.moves = walks_off
+    viewer = stage.open(constraints=(Keyframe(4, 20, np.array([[0.0, 1.0, 0.0]], np.float32)),))
+    stage.run(3.0)
+    (reached,) = viewer.reached
+    assert reached.position_m is not None
+    assert reached.position_m.worst == pytest.approx(math.hypot(20 * METRES_A_FRAME, 2.0), abs=1e-4)
+
+
+def walks_off(job: WindowJob, frames: np.ndarray) -> None:
+    """Two metres beside where it would be."""
+    del job
+    frames[:, 2] += 2.0
+
+
+def test_a_clip_tells_of_every_constraint_before_it_ends() -> None:
+    stage = Stage()
+    constraints = tuple(Waypoint(number, 99 - number, 0.0, 0.0) for number in range(1, 5))
+    viewer = stage.open_clip(1, 99, constraints=constraints)
+    stage.run(5.0)
+    assert viewer.closed is not None
+    assert [reached.constraint_id for reached in viewer.reached] == [4, 3, 2, 1]  # in the order of their frames

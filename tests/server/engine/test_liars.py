@@ -1,0 +1,82 @@
+"""Clients whose playheads lie, teleport or race: they harm nobody but themselves."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+
+import pytest
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.types import CloseReason, Priority, ServiceLevel
+from tests.server.engine.stage import Stage
+from tests.server.engine.viewer import Viewer
+
+Lie = Callable[[Viewer, float, random.Random], int]
+
+LIES: dict[str, Lie] = {
+    "the end of what it holds": lambda viewer, now, chance: viewer.buffered_to,
+    "the last frame that it holds": lambda viewer, now, chance: max(0, viewer.buffered_to - 1),
+    "a frame that nobody has made": lambda viewer, now, chance: 2**53,
+    "anywhere": lambda viewer, now, chance: chance.randrange(viewer.buffered_to + 100),
+    "three times as fast": lambda viewer, now, chance: int(60 * (now - 100.0)),
+}
+
+
+def crowd(lie: Lie | None, seconds: float = 20.0) -> tuple[Stage, list[Viewer], list[Viewer]]:
+    """Six that play, beside six that lie ten times a second."""
+    stage, chance = Stage(EngineConfig(max_rows=8)), random.Random(1)
+    stage.runner.step_s = lambda rows: 0.004 + 0.001 * rows
+    honest = [stage.open(handle, seed=handle) for handle in range(1, 7)]
+    liars = [stage.open(handle, seed=handle) for handle in range(7, 13)]
+    stage.silent.update(liar.key for liar in liars if lie is not None)
+    for _ in range(round(10 * seconds)):
+        stage.run(0.1)
+        for liar in liars if lie is not None else ():
+            now = stage.clock.now()
+            stage.engine.submit(liar.lie(lie(liar, now, chance), now))
+    return stage, honest, liars
+
+
+@pytest.mark.parametrize("lie", LIES.values(), ids=LIES.keys())
+def test_a_playhead_that_lies_costs_others_nothing(lie: Lie) -> None:
+    stage, honest, liars = crowd(lie)
+    _, calm, _ = crowd(None)
+    assert not any(isinstance(output, ServiceLevel) for output in stage.outputs), "nobody is given less"
+    assert all(viewer.closed is None for viewer in honest)
+    assert sum(viewer.underruns for viewer in honest) == 0
+    assert stage.total("deadline_misses") == 0
+    for viewer, same in zip(honest, calm, strict=True):
+        assert abs(viewer.buffered_to - same.buffered_to) <= 20
+    for liar in liars:
+        assert liar.buffered_to <= 20 * 20 * 1.05 + 2 * liar.lookahead + 60, "real time, and a look-ahead"
+
+
+def test_a_playhead_that_stands_while_it_plays_holds_no_place_for_ever() -> None:
+    stage = Stage(EngineConfig(idle_timeout_s=10.0))
+    standing, playing, paused = (stage.open(handle, priority=Priority.NEAR) for handle in (1, 2, 3))
+    stage.run(1.0)
+    stage.pause(paused, True)
+    stage.silent.update((standing.key, paused.key))
+    for _ in range(30):
+        stage.run(1.0)
+        for viewer in (standing, paused):
+            if viewer.closed is None:
+                stage.engine.submit(viewer.lie(0, stage.clock.now()))
+    assert standing.closed is not None
+    assert standing.closed.reason is CloseReason.IDLE
+    assert playing.closed is None
+    assert paused.closed is None, "who pauses says so, and has an hour"
+    stage.check_finished()
+
+
+def test_one_report_cannot_count_billions_of_underruns() -> None:
+    stage = Stage()
+    viewer = stage.open(1)
+    stage.run(2.0)
+    stage.engine.submit(viewer.report(stage.clock.now())._replace(underruns=2**32 - 1))
+    stage.run(0.1)
+    counted = [count for report in stage.reports for _, count in report.client_underruns]
+    assert sum(counted) <= 20
+    slacks = [slack for report in stage.reports for _, slack in report.slacks]
+    assert max(slacks) < 10

@@ -1,0 +1,44 @@
+"""How many connections are let in, by the descriptors that the process may have."""
+
+from __future__ import annotations
+
+import resource
+
+import pytest
+
+from motiongen_server import transport
+from motiongen_server.settings import SettingError
+
+
+@pytest.fixture
+def limits(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The soft and the hard limit of descriptors, as the process has them."""
+    held = [1024, 4096]
+
+    def set_limit(_what: int, given: tuple[int, int]) -> None:
+        held[:] = given
+
+    monkeypatch.setattr(resource, "getrlimit", lambda what: tuple(held))
+    monkeypatch.setattr(resource, "setrlimit", set_limit)
+    monkeypatch.setattr(transport, "open_files", lambda: 20)
+    return held
+
+
+def test_all_descriptors_that_may_be_had_are_asked_for_and_some_are_left(limits: list[int]) -> None:
+    assert transport.allowed_connections() == 4096 - 20 - transport.RESERVED_FILES
+    assert limits == [4096, 4096]
+
+
+def test_no_more_are_asked_for_than_anybody_needs(limits: list[int]) -> None:
+    limits[:] = [resource.RLIM_INFINITY, resource.RLIM_INFINITY]
+    assert transport.allowed_connections() < transport.MOST_FILES
+
+
+def test_too_few_are_a_setting_that_is_named(limits: list[int]) -> None:
+    limits[:] = [100, 150]
+    with pytest.raises(SettingError, match="may open 150 files; it needs 180 or more for 32 clients"):
+        transport.allowed_connections()
+
+
+def test_descriptors_are_counted() -> None:
+    assert transport.open_files() > 3

@@ -9,7 +9,7 @@ import pytest
 
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_server.engine.types import Code, Outcome, SessionKey
-from motiongen_server.rpc.stream import MAX_WAITING_REPLIES
+from motiongen_server.rpc.stream_output import MAX_WAITING_REPLIES
 from tests.server.rpc.test_event_order import Line, make_catalog
 
 PONG = service_pb2.StreamMotionResponse(pong=service_pb2.Pong(client_time_ns=1))

@@ -1,0 +1,135 @@
+"""StreamSessions: the sessions that a stream carries, and what the engine says of them on its way to the client."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import replace
+
+from motiongen_server.engine.types import (
+    Chunk,
+    Closed,
+    Code,
+    Opened,
+    Outcome,
+    Output,
+    PlanNotice,
+    Resumed,
+    SessionKey,
+)
+from motiongen_server.rpc.event_errors import resume_out_of_range
+from motiongen_server.rpc.event_path import refuse_waiting
+from motiongen_server.rpc.kept_sessions import KeptSessions
+from motiongen_server.rpc.limits import Limits
+from motiongen_server.rpc.session_entry import SessionEntry
+from motiongen_server.rpc.stream_metrics import StreamMetrics
+from motiongen_server.rpc.stream_output import StreamOutput
+
+
+class StreamSessions(StreamOutput):
+    """The half of a `Stream` that hears the engine. empty_since: monotonic seconds, while there is no session."""
+
+    def __init__(self, number: int, limits: Limits, stream_metrics: StreamMetrics, kept: KeptSessions) -> None:
+        super().__init__(limits, stream_metrics)
+        self.number = number
+        self.empty_since = time.monotonic()
+        self._kept = kept
+        self._entries: dict[int, SessionEntry] = {}  # by the handle that they have here
+        self._by_key: dict[SessionKey, SessionEntry] = {}
+
+    @property
+    def num_sessions(self) -> int:
+        return len(self._entries)
+
+    def take(self, *outputs: Output) -> None:
+        """Take outputs for this stream's client, in order."""
+        self.take_all(outputs)
+
+    def take_now(self, *outputs: Output) -> None:
+        """Take outputs for this stream's client, which do not wait for the flush interval."""
+        self.take_all(outputs)
+        self.urgent.set()
+
+    def take_all(self, outputs: Iterable[Output]) -> None:
+        """Take outputs for this stream's client, in order, and keep the books of their sessions."""
+        for said in outputs:
+            entry = self._by_key.get(said.session)
+            if isinstance(said, Chunk | PlanNotice):
+                if entry is None or entry.muted or entry.is_resuming:
+                    continue
+                self._put(said, entry)
+            elif entry is None:
+                self.send_queue.put(said, 0)
+            elif isinstance(said, Resumed):
+                self._go_on(said, entry)
+            else:
+                self._book(said, entry)
+        self._check_backlog()
+        self.ready.set()
+
+    def _put(self, said: Output, entry: SessionEntry) -> None:
+        """Queue what is said of a session, by the handle that it has here."""
+        if entry.key.handle != entry.handle:
+            said = replace(said, session=SessionKey(self.number, entry.handle))
+        if isinstance(said, Chunk):
+            self.send_queue.put_chunk(said, entry.applied_seq)
+        else:
+            self.send_queue.put(said, entry.applied_seq)
+
+    def _book(self, said: Output, entry: SessionEntry) -> None:
+        """Note what is said of a session, and tell it, unless that has to wait until the session is resumed."""
+        if isinstance(said, Closed):
+            refuse_waiting(entry)  # before the end is told and the handle can be used again
+        noted = entry.note(said)
+        if entry.is_resuming:
+            if isinstance(said, Closed):  # it crossed the resume, which nobody will answer
+                self._welcome_back(entry, 0)
+            return
+        if isinstance(noted, Opened):
+            self._kept.add(entry)
+        elif isinstance(noted, Closed):
+            self._end(entry)
+        elif isinstance(noted, Outcome) and noted.event_seq == 1:  # a refused OpenSession: the handle is unused
+            if noted.code is Code.RESOURCE_EXHAUSTED:
+                self._stream_metrics.reject(noted.reason)
+            refuse_waiting(entry)
+            self._end(entry)
+        self._put(noted, entry)
+
+    def _end(self, entry: SessionEntry) -> None:
+        self._kept.forget(entry)
+        self._remove(entry)
+
+    def _go_on(self, resumed: Resumed, entry: SessionEntry) -> None:
+        """The engine has taken up a resume: what follows are the frames that the client lacks."""
+        if resumed.attempt != entry.attempt:
+            return  # a later one is on its way
+        if resumed.start_frame is not None:
+            self._welcome_back(entry, resumed.start_frame)
+            return
+        self._stream_metrics.count_resume("refused")
+        self._remove(entry)
+        self._kept.park(entry)  # it ends with its grace, unless the client finds out where it is
+        self._say(resume_out_of_range().outcome(SessionKey(self.number, entry.handle), 1), None)
+
+    def _welcome_back(self, entry: SessionEntry, start_frame: int) -> None:
+        """Tell a client that has resumed a session all that it may not have heard."""
+        entry.is_resuming = False
+        self._stream_metrics.count_resume("resumed")
+        if entry.closed is not None:
+            self._end(entry)
+        for said in entry.welcome_back(start_frame):
+            self._put(said, entry)
+        self.ready.set()
+
+    def _say(self, outcome: Outcome, entry: SessionEntry | None) -> None:
+        """Answer an event that is none of its session's."""
+        self.send_queue.put(outcome, entry.applied_seq if entry is not None else 0)
+        self._check_backlog()
+        self.ready.set()
+
+    def _remove(self, entry: SessionEntry) -> None:
+        del self._entries[entry.handle]
+        del self._by_key[entry.key]
+        if not self._entries:
+            self.empty_since = time.monotonic()

@@ -8,7 +8,15 @@ import math
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_client import ConstraintReached, InvalidInput, MotionClient, SessionEnded, Waypoint
+from motiongen_client import (
+    ConstraintReached,
+    HeadingTarget,
+    InvalidInput,
+    JointRotations,
+    MotionClient,
+    SessionEnded,
+    Waypoint,
+)
 from tests.client.fake_server import FakeServer
 
 
@@ -56,6 +64,35 @@ async def test_a_session_that_ends_tells_who_waits(client: MotionClient) -> None
         await waiting
     with pytest.raises(SessionEnded):
         await session.constraint_reached(2)
+
+
+async def test_a_heading_and_rotations_are_sent_without_a_place(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    await session.add_heading(0.0, frame=30)
+    await session.add_constraints([JointRotations(31, [2, 3], [[1, 0, 0, 0], [0, 1, 0, 0]])])
+    sent = [event.edit_constraints.upsert[0] for event in server.stream.received if event.HasField("edit_constraints")]
+    assert [(each.frame, each.WhichOneof("target")) for each in sent] == [(30, "heading"), (31, "joint_rotations")]
+    assert list(sent[1].joint_rotations.joints) == [2, 3]
+    assert list(sent[1].joint_rotations.rotations) == [1, 0, 0, 0, 0, 1, 0, 0]
+
+
+async def test_a_constraint_that_takes_the_place_of_another_has_news_of_its_own(
+    client: MotionClient, server: FakeServer
+) -> None:
+    session = await client.open("a person walks")
+    await session.add_waypoint(1, 2, frame=30)
+    server.stream.push(session.handle, constraint_reached=told(30))
+    assert (await session.constraint_reached(1)).frame == 30
+    await session.replace_constraint(1, HeadingTarget(60, 1.0))
+    waiting = asyncio.ensure_future(session.constraint_reached(1))
+    server.stream.push(session.handle, constraint_reached=told(60))
+    assert (await waiting).frame == 60
+
+
+@pytest.mark.parametrize("joints", [[], [1, 2]])
+def test_rotations_that_do_not_fit_their_joints_are_refused_here(joints: list[int]) -> None:
+    with pytest.raises(InvalidInput):
+        JointRotations(30, joints, [[1, 0, 0, 0]])
 
 
 @pytest.mark.parametrize("tolerance", [{"tolerance_m": -1.0}, {"tolerance_m": math.inf}, {"tolerance_rad": 4.0}])

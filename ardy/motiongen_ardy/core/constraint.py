@@ -155,10 +155,7 @@ class Targets:
         require_numbers("joint positions", positions, (len(joints), 3))
         if rotations is not None:
             require_numbers("joint rotations", rotations, (len(joints), 3, 3))
-        if not all(0 <= joint < self.skeleton.num_joints for joint in joints):
-            raise ConstraintError(
-                f"joints {list(joints)} are not all in 0..{self.skeleton.num_joints - 1} of {self.skeleton.name}"
-            )
+        self._require_joints(joints)
         for row, joint in enumerate(joints):
             self.positions[frame, joint] = positions[row]
             if rotations is not None:
@@ -167,6 +164,18 @@ class Targets:
                 self.ground[frame] = positions[row, [0, 2]]
                 self.planned.discard(frame)
                 self.height[frame] = positions[row, 1]
+
+    def add_rotations(self, frame: int, joints: Sequence[int], rotations: Tensor) -> None:
+        """How joints are turned at one frame, wherever they are. rotations: (K, 3, 3) global."""
+        require_numbers("joint rotations", rotations, (len(joints), 3, 3))
+        self._require_joints(joints)
+        self.rotations.update(((frame, joint), rotations[row]) for row, joint in enumerate(joints))
+
+    def _require_joints(self, joints: Sequence[int]) -> None:
+        if not all(0 <= joint < self.skeleton.num_joints for joint in joints):
+            raise ConstraintError(
+                f"joints {list(joints)} are not all in 0..{self.skeleton.num_joints - 1} of {self.skeleton.name}"
+            )
 
     def fill(self, layout: Representation, first_frame: int, num_frames: int) -> tuple[Tensor, Tensor]:
         """Observed features in natural units and mask, each (num_frames, D), of frames from first_frame on.

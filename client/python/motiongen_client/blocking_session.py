@@ -114,6 +114,10 @@ class Session:
         """Put a constraint in the place of one."""
         return self._edit(lambda: self._inner.replace_constraint(constraint_id, constraint))
 
+    def add_heading(self, heading_rad: float, *, frame: int) -> Edit:
+        """Face somewhere at a frame, wherever the character is; see `motiongen_client.Session`."""
+        return self._edit(lambda: self._inner.add_heading(heading_rad, frame=frame))
+
     def set_constraints(self, constraints: Iterable[Constraint]) -> Edit:
         """Put these constraints in place of all there are."""
         return self._edit(lambda: self._inner.set_constraints(constraints))

@@ -12,7 +12,6 @@ from motiongen_client.direction import PRESENT_PROMPT_ID, Carrier
 from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolation, SessionEnded, UnknownName
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Prompt
-from motiongen_client.reached import ReachedBook
 from motiongen_client.recovery import Line, Recovery
 from motiongen_client.types import (
     Catalog,
@@ -46,7 +45,6 @@ class Conversation(Recovery):
         self._num_frames = 0
         self.on_service_level: Callable[[ServiceLevel], None] | None = None
         self.on_constraint_reached: Callable[[ConstraintReached], None] | None = None
-        self._reached = ReachedBook()
 
     # ---- for the stream
 

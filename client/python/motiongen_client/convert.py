@@ -16,6 +16,8 @@ from motiongen_client.types import (
     Constraint,
     ConstraintReached,
     Deviation,
+    HeadingTarget,
+    JointRotations,
     JointTargets,
     Keyframe,
     Limits,
@@ -124,6 +126,11 @@ def constraint(constraint_id: int, target: Constraint) -> motion_pb2.Constraint:
                 message.root_trajectory.headings.extend(target.headings_rad.tolist())
         case Keyframe():
             message.keyframe.positions.extend(target.positions_m.ravel().tolist())
+        case HeadingTarget():
+            message.heading.CopyFrom(motion_pb2.HeadingTarget(heading=target.heading_rad))  # a heading of 0 too
+        case JointRotations():
+            message.joint_rotations.joints.extend(target.joints)
+            message.joint_rotations.rotations.extend(target.rotations_quat_wxyz.ravel().tolist())
         case JointTargets():
             message.joint_targets.joints.extend(target.joints)
             message.joint_targets.positions.extend(target.positions_m.ravel().tolist())

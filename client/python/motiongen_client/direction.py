@@ -16,7 +16,16 @@ from motiongen_client.frame_shift import shifted
 from motiongen_client.motion import Rig
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Prompt, prompt_name
-from motiongen_client.types import Constraint, RootTrajectory, Waypoint, as_array, check_finite, check_frame
+from motiongen_client.reached import ReachedBook
+from motiongen_client.types import (
+    Constraint,
+    HeadingTarget,
+    RootTrajectory,
+    Waypoint,
+    as_array,
+    check_finite,
+    check_frame,
+)
 
 PRESENT_PROMPT_ID = 1  # the prompt set without a frame; scheduled prompts take the ids above it
 
@@ -62,6 +71,7 @@ class Direction:
         self._next_prompt_id = PRESENT_PROMPT_ID + 1
         self._scheduled_prompts: dict[int, int] = {}  # prompt id -> start frame, those the server has accepted
         self._edits = EditBook()
+        self._reached = ReachedBook()
         self._unanswered: dict[int, session_pb2.SessionEvent] = {}  # by number, all but playheads
         self._offset = 0  # which of our frames is the server's frame 0
         self._changed = asyncio.Event()  # something came, or is due now
@@ -138,7 +148,12 @@ class Direction:
         if not 0 < constraint_id < self._next_constraint_id:
             raise InvalidInput("constraint_id", constraint_id, "one of the constraint_ids of an earlier Edit")
         edit = session_pb2.EditConstraints(upsert=[convert.constraint(constraint_id, constraint)])
+        self._reached.forget(constraint_id)
         return self._send_edit("a constraint", session_pb2.SessionEvent(edit_constraints=edit), (constraint_id,))
+
+    def add_heading(self, heading_rad: float, *, frame: int) -> Edit:
+        """Face somewhere at a frame, radians about +Y from +Z, wherever the character is."""
+        return self.add_constraints([HeadingTarget(frame, heading_rad)])
 
     def set_constraints(self, constraints: Iterable[Constraint]) -> Edit:
         """Put these constraints in place of all there are."""

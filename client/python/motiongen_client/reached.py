@@ -33,6 +33,10 @@ class ReachedBook:
             waiting.set_result(reached)
         return True
 
+    def forget(self, constraint_id: int) -> None:
+        """Another constraint takes the id: what became of the one before is not told for it."""
+        self._told.pop(constraint_id, None)
+
     async def of(self, constraint_id: int) -> ConstraintReached:
         """What became of a constraint, once it is told. Raises what ended the session where it never will be."""
         if constraint_id in self._told:

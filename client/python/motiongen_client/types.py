@@ -115,7 +115,45 @@ class JointTargets:
             object.__setattr__(self, "rotations_quat_wxyz", rotations)
 
 
-Constraint = Waypoint | RootTrajectory | Keyframe | JointTargets
+@dataclass(frozen=True)
+class HeadingTarget:
+    """Where the root faces at one frame, wherever it is: radians, 0 faces +Z."""
+
+    frame: int
+    heading_rad: float
+    tolerance_m: float | None = None
+    tolerance_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        check_tolerance(self.tolerance_m, self.tolerance_rad)
+        check_frame("frame", self.frame)
+        check_finite("heading_rad", self.heading_rad)
+
+
+@dataclass(frozen=True, eq=False)
+class JointRotations:
+    """How some joints are turned at one frame, wherever they are.
+
+    joints: K indices into the rig; rotations_quat_wxyz: (K, 4) unit quaternions of the world.
+    """
+
+    frame: int
+    joints: Sequence[int]
+    rotations_quat_wxyz: NDArray[np.float32]
+    tolerance_m: float | None = None
+    tolerance_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        check_tolerance(self.tolerance_m, self.tolerance_rad)
+        check_frame("frame", self.frame)
+        object.__setattr__(self, "joints", tuple(self.joints))
+        if not self.joints:
+            raise InvalidInput("joints", self.joints, "one index of the rig's joints or more")
+        rotations = as_array("rotations_quat_wxyz", self.rotations_quat_wxyz, (len(self.joints), 4))
+        object.__setattr__(self, "rotations_quat_wxyz", rotations)
+
+
+Constraint = Waypoint | RootTrajectory | Keyframe | JointTargets | HeadingTarget | JointRotations
 
 
 @dataclass(frozen=True)

@@ -47,6 +47,20 @@ async def test_a_client_that_resumes_hears_what_it_missed(target: Target) -> Non
     assert heard.reached == told
 
 
+async def test_a_heading_and_rotations_need_no_place(target: Target) -> None:
+    heading = motion_pb2.Constraint(constraint_id=1, frame=20, heading=motion_pb2.HeadingTarget(heading=3.0))
+    turn = motion_pb2.JointRotations(joints=[0], rotations=[0.0, 1.0, 0.0, 0.0])  # upside down
+    turned = motion_pb2.Constraint(constraint_id=2, frame=21, joint_rotations=turn)
+    talk = await target.talk()
+    heard = await talk.open(1, constraints=[heading, turned])
+    await play_past(talk, 1, 21)
+    await talk.until(lambda: len(heard.reached) == 2)
+    for reached in heard.reached:
+        assert not reached.met
+        assert not reached.HasField("position_error_m")
+        assert reached.rotation_error_rad > 1.0
+
+
 async def test_a_clip_says_what_is_met(target: Target) -> None:
     near, far = waypoint(10, 1, x=90.0), waypoint(5, 2, x=90.0)
     near.tolerance_m = 1000.0

@@ -24,6 +24,10 @@ def joints(indices: list[int], positions: list[float], rotations: list[float]) -
     return target_of(joint_targets=motion_pb2.JointTargets(joints=indices, positions=positions, rotations=rotations))
 
 
+def turned(indices: list[int], rotations: list[float]) -> Event:
+    return target_of(joint_rotations=motion_pb2.JointRotations(joints=indices, rotations=rotations))
+
+
 def path(positions: list[float], headings: list[float]) -> Event:
     return target_of(root_trajectory=motion_pb2.RootTrajectory(positions=positions, headings=headings))
 
@@ -36,6 +40,7 @@ def pose(catalog: Catalog, number: float, missing: int = 0) -> Event:
 PROMPT, CONSTRAINT = "edit_prompts.upsert[0]", "edit_constraints.upsert[0]"
 PATH = f"{CONSTRAINT}.root_trajectory"
 JOINTS = f"{CONSTRAINT}.joint_targets"
+TURNED = f"{CONSTRAINT}.joint_rotations"
 UNIT = [1.0, 0.0, 0.0, 0.0]
 
 REFUSED_EDITS = [
@@ -84,6 +89,18 @@ REFUSED_EDITS = [
         "at most",
         Status.RESOURCE_EXHAUSTED,
     ),
+    Mistake(
+        "heading that is no number",
+        lambda c: target_of(heading=motion_pb2.HeadingTarget(heading=NAN)),
+        "NOT_FINITE",
+        f"{CONSTRAINT}.heading.heading",
+        "finite radians",
+    ),
+    Mistake("no joint turned", lambda c: turned([], []), "INVALID_JOINTS", f"{TURNED}.joints", "one joint or more"),
+    Mistake("joint turned twice", lambda c: turned([0, 0], UNIT * 2), "INVALID_JOINTS", f"{TURNED}.joints", "once"),
+    Mistake("too few turns", lambda c: turned([0], [1.0]), "WRONG_LENGTH", f"{TURNED}.rotations", "4 numbers"),
+    Mistake("free turn", lambda c: turned([0], [0.0] * 4), "NOT_A_ROTATION", f"{TURNED}.rotations", "1 within"),
+    Mistake("infinite turn", lambda c: turned([0], [INF] * 4), "NOT_FINITE", f"{TURNED}.rotations", "finite numbers"),
     Mistake("no target", lambda c: target_of(), "NO_TARGET", f"{CONSTRAINT}.target", "waypoint, joint_targets"),
     Mistake(
         "NaN x",

@@ -6,7 +6,16 @@ import torch
 
 from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.core.skeleton import Skeleton
-from motiongen_server.engine.types import VELOCITY_ID, JointTargets, Keyframe, RootTrajectory, Waypoint, WindowJob
+from motiongen_server.engine.types import (
+    VELOCITY_ID,
+    HeadingTarget,
+    JointRotations,
+    JointTargets,
+    Keyframe,
+    RootTrajectory,
+    Waypoint,
+    WindowJob,
+)
 
 
 def job_targets(skeleton: Skeleton, job: WindowJob, stride_frames: int = 1) -> Targets | None:
@@ -32,6 +41,10 @@ def job_targets(skeleton: Skeleton, job: WindowJob, stride_frames: int = 1) -> T
                 turned = [constraint.joints[index] for index in turns]
                 rotations = torch.from_numpy(constraint.rotations)[turns]
                 targets.add_joints(constraint.frame, turned, positions[turns], rotations)
+        elif isinstance(constraint, HeadingTarget):
+            targets.add_heading([constraint.frame], torch.tensor([constraint.heading]))
+        elif isinstance(constraint, JointRotations):
+            targets.add_rotations(constraint.frame, constraint.joints, torch.from_numpy(constraint.rotations))
         elif isinstance(constraint, Keyframe):
             targets.add_keyframes([constraint.frame], torch.from_numpy(constraint.positions)[None])
     return targets

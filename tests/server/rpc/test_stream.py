@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
+import gc
 import time
 
 import numpy as np
@@ -129,3 +132,26 @@ async def test_a_full_mailbox_is_told(line: Line) -> None:
     line.engine.submit = lambda event: Outcome(key, 2, Code.RESOURCE_EXHAUSTED, reason="TOO_MANY_PENDING_EVENTS")  # type: ignore[method-assign]
     line.send(2, set_play_state=PAUSE)
     assert line.refusals() == [(2, "TOO_MANY_PENDING_EVENTS")]
+
+
+async def test_an_encoding_that_ends_in_the_moment_of_its_session_finds_nothing_left_to_do(line: Line) -> None:
+    failures: list[dict[str, object]] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: failures.append(context))
+
+    async def stubborn(text: str, owner: int) -> np.ndarray:
+        """As `asyncio.wait_for` of Python 3.11, which gives a result that is there although it was cancelled."""
+        with contextlib.suppress(asyncio.CancelledError):
+            await line.prompts.go.wait()
+        return np.ones(3, np.float32)
+
+    line.prompts.encode = stubborn  # type: ignore[assignment, method-assign]
+    line.open()
+    line.send(2, edit_prompts=WALK)
+    for _ in range(5):
+        await asyncio.sleep(0)
+    line.stream.take(fault(line))
+    for _ in range(5):
+        await asyncio.sleep(0)
+    gc.collect()  # asyncio tells of a task that failed when it is collected
+    assert failures == []
+    assert line.refusals() == [(2, "SESSION_CLOSED")]

@@ -12,6 +12,8 @@ from motiongen_server.engine.types import (
     Constraint,
     Deviation,
     Float32Array,
+    HeadingTarget,
+    JointRotations,
     JointTargets,
     Keyframe,
     RigLayout,
@@ -55,8 +57,13 @@ class Residual:
                 posed = Posed(rig, rows, constraint.joints)
                 self._off_points(posed, constraint.joints, constraint.positions)
                 if constraint.rotations is not None and (turns := constraint.turns):
-                    found = np.stack([posed.rotations[constraint.joints[turn]] for turn in turns], axis=1)
-                    self.rotations.append(_angles(found, constraint.rotations[turns]))
+                    turned = tuple(constraint.joints[turn] for turn in turns)
+                    self._off_rotations(posed, turned, constraint.rotations[turns])
+            case JointRotations():
+                self._off_rotations(Posed(rig, rows, constraint.joints), constraint.joints, constraint.rotations)
+            case HeadingTarget():
+                facing = Posed(rig, rows, rig.hip_joints or ()).heading()
+                self.headings.append(_turned(facing, np.array([constraint.heading])))
             case Keyframe():
                 joints = tuple(range(len(rig.joint_names)))
                 posed = Posed(rig, rows, joints)
@@ -71,6 +78,10 @@ class Residual:
     def _off_points(self, posed: Posed, joints: tuple[int, ...], goals: Float32Array) -> None:
         found = np.stack([posed.positions[joint] for joint in joints], axis=1)
         self.positions.append(np.linalg.norm(found - goals, axis=-1))
+
+    def _off_rotations(self, posed: Posed, joints: tuple[int, ...], goals: Float32Array) -> None:
+        found = np.stack([posed.rotations[joint] for joint in joints], axis=1)
+        self.rotations.append(_angles(found, goals))
 
     @property
     def position_m(self) -> Deviation | None:

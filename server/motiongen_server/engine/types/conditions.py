@@ -1,4 +1,4 @@
-"""What steers a session: prompts, and the four kinds of constraint. K: joints of one constraint."""
+"""What steers a session: prompts, and the kinds of constraint. K: joints of one constraint."""
 
 from __future__ import annotations
 
@@ -108,4 +108,21 @@ class Keyframe(AtFrame):
     tolerance: Tolerance = DEFAULT_TOLERANCE
 
 
-Constraint: TypeAlias = Waypoint | RootTrajectory | JointTargets | Keyframe
+@dataclass(frozen=True, slots=True, eq=False)
+class HeadingTarget(AtFrame):
+    """Where the root faces at one frame, wherever it is: radians, 0 toward +Z."""
+
+    heading: float
+    tolerance: Tolerance = DEFAULT_TOLERANCE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointRotations(AtFrame):
+    """How some joints are turned at one frame, wherever they are. rotations: (K, 3, 3) global matrices."""
+
+    joints: tuple[int, ...]
+    rotations: Float32Array
+    tolerance: Tolerance = DEFAULT_TOLERANCE
+
+
+Constraint: TypeAlias = Waypoint | RootTrajectory | JointTargets | Keyframe | HeadingTarget | JointRotations

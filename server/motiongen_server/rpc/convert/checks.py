@@ -29,9 +29,14 @@ def heading_of(
 ) -> float | None:
     if not message.HasField("heading"):
         return None
-    if not math.isfinite(message.heading):
-        raise refuse("NOT_FINITE", f"{field}.heading", f"the heading is {message.heading}", "finite radians")
-    return message.heading
+    return finite_heading(message.heading, field)
+
+
+def finite_heading(heading: float, field: str) -> float:
+    """field: the path of the message that has it."""
+    if not math.isfinite(heading):
+        raise refuse("NOT_FINITE", f"{field}.heading", f"the heading is {heading}", "finite radians")
+    return heading
 
 
 def number_array(values: Sequence[float], count: int, field: str, allowed: str) -> Float32Array:

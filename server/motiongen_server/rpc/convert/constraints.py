@@ -7,11 +7,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from motiongen.v1 import motion_pb2
 from motiongen_server.engine.types import (
     DEFAULT_TOLERANCE,
     Constraint,
+    HeadingTarget,
+    JointRotations,
     JointTargets,
     Keyframe,
     RootTrajectory,
@@ -24,6 +27,7 @@ from motiongen_server.rpc.convert.checks import (
     check_coordinates,
     check_count,
     check_finite,
+    finite_heading,
     frame_number,
     heading_of,
     identifier_of,
@@ -67,9 +71,12 @@ def _constraint(message: motion_pb2.Constraint, field: str, catalog: Catalog) ->
         joints = len(catalog.facts.rig.joint_names)
         positions = points(message.keyframe.positions, joints, 3, f"{field}.keyframe.positions")
         return Keyframe(identifier, frame, positions)
-    raise refuse(
-        "NO_TARGET", f"{field}.target", "no target is set", "waypoint, joint_targets, keyframe or root_trajectory"
-    )
+    if target == "heading":
+        return HeadingTarget(identifier, frame, finite_heading(message.heading.heading, f"{field}.heading"))
+    if target == "joint_rotations":
+        return _joint_rotations(message.joint_rotations, identifier, frame, f"{field}.joint_rotations", catalog)
+    allowed = "waypoint, joint_targets, keyframe, root_trajectory, heading or joint_rotations"
+    raise refuse("NO_TARGET", f"{field}.target", "no target is set", allowed)
 
 
 def _tolerance(message: motion_pb2.Constraint, field: str) -> Tolerance:
@@ -112,22 +119,13 @@ def _trajectory(
 def _joint_targets(
     message: motion_pb2.JointTargets, identifier: int, frame: int, field: str, catalog: Catalog
 ) -> JointTargets:
-    joints = tuple(message.joints)
-    last = len(catalog.facts.rig.joint_names) - 1
-    if any(joint > last for joint in joints) or len(set(joints)) != len(joints):
-        raise refuse("INVALID_JOINTS", f"{field}.joints", f"joints {joints[:40]}", f"0 to {last}, each at most once")
+    joints = _joints(message.joints, f"{field}.joints", catalog)
     if 0 not in joints:
         raise refuse("ROOT_JOINT_MISSING", f"{field}.joints", f"joints {joints[:40]} lack the root", "0 and others")
     positions = points(message.positions, len(joints), 3, f"{field}.positions")
     if not message.rotations:
         return JointTargets(identifier, frame, joints, positions)
-    count = 4 * len(joints)
-    numbers = number_array(
-        message.rotations, count, f"{field}.rotations", f"{count} numbers (w, x, y, z a joint), or none"
-    )
-    check_finite(numbers, f"{field}.rotations", "finite numbers")
-    quaternions = numbers.reshape(-1, 4).astype(np.float64)  # squares of great float32 numbers fit
-    norms = np.linalg.norm(quaternions, axis=1)
+    quaternions, norms = _quaternions(message.rotations, len(joints), f"{field}.rotations", ", or none")
     rotated = norms > 0
     if not np.all(np.abs(norms[rotated] - 1) <= UNIT_TOLERANCE):
         allowed = "1 within 0.001, or 0 for a rotation that is free"
@@ -137,3 +135,35 @@ def _joint_targets(
     return JointTargets(
         identifier, frame, joints, positions, matrices, None if rotated.all() else tuple(rotated.tolist())
     )
+
+
+def _joint_rotations(
+    message: motion_pb2.JointRotations, identifier: int, frame: int, field: str, catalog: Catalog
+) -> JointRotations:
+    joints = _joints(message.joints, f"{field}.joints", catalog)
+    if not joints:
+        raise refuse("INVALID_JOINTS", f"{field}.joints", "there are none", "one joint or more")
+    quaternions, norms = _quaternions(message.rotations, len(joints), f"{field}.rotations", "")
+    if not np.all(np.abs(norms - 1) <= UNIT_TOLERANCE):
+        given = f"quaternion lengths are {norms[:8]}"
+        raise refuse("NOT_A_ROTATION", f"{field}.rotations", given, "1 within 0.001")
+    return JointRotations(identifier, frame, joints, rotation_matrices(quaternions).astype(np.float32))
+
+
+def _joints(given: Sequence[int], field: str, catalog: Catalog) -> tuple[int, ...]:
+    """Indices of the rig's joints, each at most once."""
+    joints, last = tuple(given), len(catalog.facts.rig.joint_names) - 1
+    if any(joint > last for joint in joints) or len(set(joints)) != len(joints):
+        raise refuse("INVALID_JOINTS", field, f"joints {joints[:40]}", f"0 to {last}, each at most once")
+    return joints
+
+
+def _quaternions(
+    values: Sequence[float], num_joints: int, field: str, otherwise: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(K, 4) finite numbers, and their lengths (K). otherwise: what may be given instead of them, in words."""
+    count = 4 * num_joints
+    numbers = number_array(values, count, field, f"{count} numbers (w, x, y, z a joint){otherwise}")
+    check_finite(numbers, field, "finite numbers")
+    quaternions = numbers.reshape(-1, 4).astype(np.float64)  # squares of great float32 numbers fit
+    return quaternions, np.linalg.norm(quaternions, axis=1)

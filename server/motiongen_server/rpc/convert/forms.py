@@ -6,6 +6,8 @@ from collections.abc import Iterable
 
 from motiongen_server.engine.types import (
     Constraint,
+    HeadingTarget,
+    JointRotations,
     JointTargets,
     Keyframe,
     RigLayout,
@@ -32,6 +34,10 @@ def forms_of(item: Constraint | SetVelocity, rig: RigLayout) -> tuple[str, ...]:
             return ("velocity",) if item.heading is None else ("velocity", "velocity_heading")
         case Keyframe():
             return ("keyframe",)
+        case HeadingTarget():
+            return ("waypoint_heading",)
+        case JointRotations():
+            return tuple(dict.fromkeys(_rotation_form(joint, rig) for joint in item.joints))
         case JointTargets():
             return _joint_forms(item, rig)
 
@@ -67,5 +73,9 @@ def _joint_forms(item: JointTargets, rig: RigLayout) -> tuple[str, ...]:
     ends = {joints[0] for joints in chains.values()}
     for joint in (item.joints[index] for index in item.turns):
         if joint not in ends:
-            forms.append("head_rotation" if rig.joint_names[joint] == HEAD else "joint_rotations")
+            forms.append(_rotation_form(joint, rig))
     return tuple(dict.fromkeys(forms))
+
+
+def _rotation_form(joint: int, rig: RigLayout) -> str:
+    return "head_rotation" if rig.joint_names[joint] == HEAD else "joint_rotations"

@@ -10,7 +10,7 @@ from motiongen_server.errors import EventRefused
 
 UNSERVED_FIELDS: dict[str, tuple[str, ...]] = {
     "Constraint": (
-        "last_frame", "frames_from_effect", "at_any_frame", "weight", "heading", "joint_rotations",
+        "last_frame", "frames_from_effect", "at_any_frame", "weight",
     ),
     "OpenSession": ("snapshot", "outputs"),
     "SessionEvent": ("seek", "set_options", "take_snapshot"),

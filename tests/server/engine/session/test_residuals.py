@@ -16,6 +16,8 @@ from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_server.engine.session.residuals import Residual
 from motiongen_server.engine.types import (
     ChannelBlock,
+    HeadingTarget,
+    JointRotations,
     JointTargets,
     Keyframe,
     RigLayout,
@@ -57,6 +59,8 @@ def test_residuals_are_those_of_the_library(name: str) -> None:
         Keyframe(5, 29, points),
         Waypoint(6, 44, 0.0, 0.0),
         JointTargets(7, 10, (0, 5), points[:2].copy(), turns.float().numpy(), (False, True)),
+        HeadingTarget(8, 11, -2.5),
+        JointRotations(9, 12, (4, 0), turns.float().numpy()),
     )
     measured = [measured_in_parts(skeleton, constraint, rows.numpy().astype(np.float32)) for constraint in constraints]
     targets = [targets_of(skeleton, constraint) for constraint in constraints]

@@ -1,0 +1,120 @@
+"""A server that breaks the rules of frames, or says goodbye between them: what a reader was given stays right."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from motiongen.v1 import motion_pb2, service_pb2, session_pb2
+from motiongen_client import Frame, MotionClient, ProtocolViolation, Session
+from tests.client.fake_server import Character, FakeServer, FakeStream, synthetic_rows
+
+EDIT = session_pb2.PLAN_CAUSE_EDIT
+Script = Callable[[FakeStream, Character], None]
+
+
+def chunk(stream: FakeStream, plan: int, first_frame: int, committed_to: int, count: int = 4) -> None:
+    data = synthetic_rows(plan, first_frame, count).astype("<f4").tobytes()
+    stream.push(
+        1,
+        chunk=motion_pb2.FrameChunk(
+            plan=plan,
+            first_frame=first_frame,
+            frame_count=count,
+            committed_to=committed_to,
+            data=data,
+            scalar_type=motion_pb2.SCALAR_TYPE_F32_LE,
+        ),
+    )
+
+
+def notice(stream: FakeStream, plan: int, valid_from: int) -> None:
+    stream.push(1, plan=session_pb2.PlanNotice(plan=plan, valid_from=valid_from, cause=EDIT, event_seqs=[2]))
+
+
+def gap(stream: FakeStream, told: Character) -> None:
+    chunk(stream, told.plan, told.sent_to + 1, told.sent_to)
+
+
+def replay(stream: FakeStream, told: Character) -> None:
+    chunk(stream, told.plan, told.sent_to - 4, told.sent_to)
+
+
+def replayed_notice(stream: FakeStream, told: Character) -> None:
+    notice(stream, told.plan, told.sent_to)
+
+
+def plan_of_the_past(stream: FakeStream, told: Character) -> None:
+    notice(stream, told.plan + 1, 0)
+
+
+def chunk_of_an_older_plan(stream: FakeStream, told: Character) -> None:
+    notice(stream, told.plan + 1, told.sent_to)
+    chunk(stream, told.plan, told.sent_to, told.sent_to)
+
+
+def promise_taken_back(stream: FakeStream, told: Character) -> None:
+    chunk(stream, told.plan, told.sent_to, 0)
+
+
+def half_a_row(stream: FakeStream, told: Character) -> None:
+    broken = motion_pb2.FrameChunk(
+        plan=told.plan,
+        first_frame=told.sent_to,
+        frame_count=1,
+        committed_to=told.sent_to,
+        data=b"1234",
+        scalar_type=motion_pb2.SCALAR_TYPE_F32_LE,
+    )
+    stream.push(1, chunk=broken)
+
+
+async def shown(session: Session, count: int) -> list[Frame]:
+    return [frame async for frame in session.frames(seconds=count / 100, realtime=False)]
+
+
+def follow_each_other(frames: list[Frame]) -> bool:
+    """Whether the motion of the fake server goes 5 cm a frame, whatever the plans were."""
+    return [round(float(frame.root_translation_m[2]) / 0.05) for frame in frames] == [f.index for f in frames]
+
+
+@pytest.mark.parametrize(
+    "script",
+    [gap, replay, replayed_notice, plan_of_the_past, chunk_of_an_older_plan, promise_taken_back, half_a_row],
+    ids=lambda script: script.__name__,
+)
+async def test_a_broken_rule_ends_the_stream_and_nothing_wrong_is_given(
+    client: MotionClient, server: FakeServer, script: Script
+) -> None:
+    session = await client.open("walk", keep_s=None)
+    frames = await shown(session, 60)
+
+    def play_up(event: session_pb2.SessionEvent) -> str:
+        """On the thread that sends frames, so that nothing of the fake server's own comes in between."""
+        if event.HasField("set_velocity"):
+            script(server.stream, server.stream.characters[1])
+        return ""
+
+    server.refuse = play_up
+    session.set_velocity(0, 1)
+
+    async def read_on() -> None:
+        while True:
+            frames.extend(await shown(session, 1))
+
+    with pytest.raises(ProtocolViolation):
+        await read_on()
+    assert [frame.index for frame in frames] == list(range(len(frames)))
+    assert follow_each_other(frames)
+
+
+async def test_a_goodbye_between_the_chunks_of_a_plan_loses_no_frame(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("walk")
+    frames = await shown(session, 30)
+    goodbye = service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASON_DRAINING)
+    goodbye.grace.FromSeconds(60)
+    server.stream.outgoing.put(service_pb2.StreamMotionResponse(goodbye=goodbye))
+    frames += await shown(session, 170)
+    assert [frame.index for frame in frames] == list(range(200))
+    assert follow_each_other(frames)

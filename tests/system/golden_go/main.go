@@ -1,0 +1,74 @@
+// Reads the golden messages of the contract with Go's own protobuf: every line must give the bytes that it shows, and the
+// bytes must give its content. Prints how many lines there were; ends with 1 and what is wrong where one does not agree.
+package main
+
+import (
+	"bufio"
+	"bytes"
+	"encoding/hex"
+	"fmt"
+	"os"
+	"strings"
+
+	"google.golang.org/protobuf/encoding/prototext"
+	"google.golang.org/protobuf/proto"
+	"google.golang.org/protobuf/reflect/protoreflect"
+	"google.golang.org/protobuf/reflect/protoregistry"
+
+	_ "motiongen/v1"
+)
+
+// check compares one line: name of the message, content in text format, bytes in hexadecimal.
+func check(line string) error {
+	parts := strings.Split(line, "\t")
+	if len(parts) != 3 {
+		return fmt.Errorf("a line has %d parts, not 3", len(parts))
+	}
+	kind, err := protoregistry.GlobalTypes.FindMessageByName(protoreflect.FullName("motiongen.v1." + parts[0]))
+	if err != nil {
+		return err
+	}
+	content, read := kind.New().Interface(), kind.New().Interface()
+	if err := prototext.Unmarshal([]byte(parts[1]), content); err != nil {
+		return err
+	}
+	encoded, err := hex.DecodeString(parts[2])
+	if err != nil {
+		return err
+	}
+	if err := proto.Unmarshal(encoded, read); err != nil {
+		return err
+	}
+	if !proto.Equal(content, read) {
+		return fmt.Errorf("%s is read as %s", parts[0], prototext.Format(read))
+	}
+	if len(read.ProtoReflect().GetUnknown()) > 0 {
+		return fmt.Errorf("%s has fields that the contract does not know", parts[0])
+	}
+	written, err := proto.MarshalOptions{Deterministic: true}.Marshal(content)
+	if err != nil {
+		return err
+	}
+	if !bytes.Equal(written, encoded) {
+		return fmt.Errorf("%s is written as %x, not %x", parts[0], written, encoded)
+	}
+	return nil
+}
+
+func main() {
+	lines := bufio.NewScanner(os.Stdin)
+	lines.Buffer(nil, 1<<20)
+	count := 0
+	for lines.Scan() {
+		count++
+		if err := check(lines.Text()); err != nil {
+			fmt.Fprintf(os.Stderr, "line %d: %v\n", count, err)
+			os.Exit(1)
+		}
+	}
+	if err := lines.Err(); err != nil {
+		fmt.Fprintln(os.Stderr, err)
+		os.Exit(1)
+	}
+	fmt.Println(count)
+}

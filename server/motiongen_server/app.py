@@ -17,12 +17,16 @@ from typing import Any, TypeVar
 import grpc.aio
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 
+from motiongen_server.addresses import is_local, join_address
 from motiongen_server.background import start_in_background
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import Output
 from motiongen_server.engine_process.connection import EngineLost
 from motiongen_server.engine_process.pool import start_engine_processes
+from motiongen_server.errors import StreamRefused
+from motiongen_server.identity.caller import Role
+from motiongen_server.identity.setup import listen, make_callers, make_credentials, warn_of_exposure
 from motiongen_server.models.admin import AdminService, add_admin
 from motiongen_server.models.factory import Engines, ModelFactory, make_limits
 from motiongen_server.models.manager import ModelManager
@@ -87,8 +91,10 @@ class Application:
 
         Raises SettingError for settings that cannot be served, StoppedEarly when asked to stop before it was ready.
         """
+        credentials, self._callers = make_credentials(self._config), make_callers(self._config)
+        warn_of_exposure(self._config)
         await self._start_ops()
-        await self._start_grpc()
+        await self._start_grpc(credentials)
         await self._start_admin()
         try:
             await self._open()
@@ -108,7 +114,9 @@ class Application:
             if model.model_id in self._manager:
                 raise SettingError(f"model is {config.model!r}, and two of these are {model.model_id}; give one")
             self._manager.adopt(model)
-        self._service = MotionService(self._manager.models, config.flush_ms / 1000, self.metrics, make_limits(config))
+        self._service = MotionService(
+            self._manager.models, config.flush_ms / 1000, self.metrics, make_limits(config), self._callers
+        )
         self._manager.open(self._service)
         self._door.open(self._service)
         self.metrics.heartbeat_age.set_function(self._heartbeat_age_s)
@@ -146,7 +154,7 @@ class Application:
         self._service.deliver(outputs)
 
     async def _start_ops(self) -> None:
-        app = ops_app(self.metrics.registry, self._is_alive, self._is_ready)
+        app = ops_app(self.metrics.registry, self._is_alive, self._is_ready, self._metrics_refusal)
         host, port = self._config.ops_host, self._config.ops_port
         try:
             # Bound here, because uvicorn ends the process when it cannot.
@@ -162,7 +170,16 @@ class Application:
             await asyncio.sleep(0.01)
         self.ops_port = self._ops.port
 
-    async def _start_grpc(self) -> None:
+    def _metrics_refusal(self, authorization: str) -> str | None:
+        if is_local(self._config.ops_host):
+            return None
+        try:
+            self._callers.of_header(authorization, Role.METRICS)
+        except StreamRefused as refusal:
+            return str(refusal)
+        return None
+
+    async def _start_grpc(self, credentials: grpc.ServerCredentials | None) -> None:
         config = self._config
         self._server = make_grpc_server(config)
         add_methods(self._door, self._server)
@@ -171,10 +188,7 @@ class Application:
             add_reflection((SERVICE_NAME, health.SERVICE_NAME), self._server)
         await self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
         address = join_address(config.host, config.port)
-        try:
-            self.grpc_port = self._server.add_insecure_port(address)
-        except RuntimeError as error:
-            raise SettingError(f"cannot listen on {address}; choose another port, or 0") from error
+        self.grpc_port = listen(self._server, address, "", credentials)
         await self._server.start()
 
     async def _start_admin(self) -> None:
@@ -182,11 +196,8 @@ class Application:
         if not address:
             return
         self._admin = grpc.aio.server(options=[("grpc.so_reuseport", 0)])
-        add_admin(AdminService(self._manager, self.metrics.load_of), self._admin)
-        try:
-            self.admin_port = self._admin.add_insecure_port(address)
-        except RuntimeError as error:
-            raise SettingError(f"cannot listen on {address} (admin); choose another port, or 0") from error
+        add_admin(AdminService(self._manager, self.metrics.load_of, self._callers), self._admin)
+        self.admin_port = listen(self._admin, address, " (admin)")
         await self._admin.start()
 
     async def _stop_admin(self) -> None:
@@ -258,11 +269,6 @@ class Application:
         """End the HTTP server."""
         self._ops.should_exit = True
         await self._ops_task
-
-
-def join_address(host: str, port: int) -> str:
-    """host:port, with an IPv6 host in brackets."""
-    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def stop_on_signals(application: Application) -> None:

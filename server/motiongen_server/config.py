@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from motiongen_server.addresses import UNIX, check_exposure, is_local
 from motiongen_server.devices import check_devices
 from motiongen_server.settings import ENVIRONMENT_PREFIX, Program, SettingError, check_settings, setting
 
 DEFAULT_LOOKAHEAD_FRAMES = 40
 PRECISIONS = ("float32", "bfloat16", "auto")
 TEXT_PRECISIONS = ("float32", "bfloat16")
-LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 LOG_LEVELS = ("DEBUG", "INFO", "WARNING", "ERROR")
 ENCODER_PREFIX = f"{ENVIRONMENT_PREFIX}ENCODER_"
 """Of the environment of `python -m motiongen_server.text.encoder`, which may be that of this program too."""
@@ -22,12 +22,19 @@ ENCODERS = "static (built in), hashed (knows no meaning), llm2vec, grpc:HOST:POR
 class ServerConfig:
     """Every setting of the server. A flag wins over the environment, the environment over the default."""
 
-    host: str = setting("127.0.0.1", "address to serve gRPC on")
+    host: str = setting("127.0.0.1", "address to serve gRPC on, or unix:PATH for a socket of this machine")
     port: int = setting(50051, "port to serve gRPC on; 0 picks a free one", 0, 65535)
     ops_host: str = setting("127.0.0.1", "address of health checks and metrics (HTTP)")
     ops_port: int = setting(9464, "port of health checks and metrics; 0 picks a free one", 0, 65535)
     print_ports: bool = setting(False, "print one JSON line with both ports on standard output once ready")
-    admin_listen: str = setting("", "host:port of this machine to serve the admin service on; port 0 picks a free one")
+    admin_listen: str = setting("", "host:port of this machine, or unix:PATH, to serve the admin service on")
+    tls_certificate: str = setting(
+        "", "PEM file of the certificate to serve gRPC with, and its chain; none: plain text"
+    )
+    tls_key: str = setting("", "PEM file of its key")
+    tls_client_ca: str = setting("", "PEM file of authorities; clients must show a certificate that one of them signed")
+    tenants: str = setting("", "TOML file of who may call, by which tokens and certificates; none: everybody")
+    insecure: bool = setting(False, "listen where other machines reach it, without TLS or without asking who calls")
     model: str = setting(
         "motiongen-mini",
         "motiongen-mini, core, core8, g1, g18, a folder, a hub's owner/name; again for more",
@@ -108,7 +115,28 @@ class ServerConfig:
             raise SettingError(f"model is {self.model!r}; give each model once, with commas between them")
         if self.admin_listen:
             check_admin_address(self.admin_listen)
+        self._check_protection()
         check_devices(self.devices)
+
+    def _check_protection(self) -> None:
+        if bool(self.tls_certificate) != bool(self.tls_key):
+            raise SettingError("tls_certificate and tls_key must be given together")
+        if self.tls_client_ca and not self.tls_certificate:
+            raise SettingError("tls_client_ca is given, and no tls_certificate; clients show theirs within TLS only")
+        check_exposure("host", self.host, self.lacks, self.insecure)
+        check_exposure("ops_host", self.ops_host, self.ops_lacks, self.insecure)
+
+    @property
+    def lacks(self) -> tuple[str, ...]:
+        """What would protect the gateway's port and is not there, in words."""
+        asks = self.tenants or self.tls_client_ca
+        tls = () if self.tls_certificate else ("TLS (--tls-certificate, --tls-key)",)
+        return tls if asks else (*tls, "asking who calls (--tenants or --tls-client-ca)")
+
+    @property
+    def ops_lacks(self) -> tuple[str, ...]:
+        """The same of the port of health checks and metrics."""
+        return () if self.tenants else ("asking who reads the metrics (--tenants)",)
 
     @property
     def models(self) -> tuple[str, ...]:
@@ -123,10 +151,13 @@ class ServerConfig:
 def check_admin_address(given: str) -> None:
     """Raise SettingError unless it is an address of this machine that others cannot reach."""
     host, _, port = given.rpartition(":")
-    if host not in LOOPBACK or not port.isdecimal() or int(port) > 65535:
+    has_port = port.isdecimal() and int(port) <= 65535
+    if given.startswith(UNIX) and given != UNIX:
+        return
+    if not is_local(host.removeprefix("[").removesuffix("]")) or not has_port:
         raise SettingError(
-            f"admin_listen is {given!r}; it must be a loopback host ({', '.join(LOOPBACK)}) and a port, such as "
-            "127.0.0.1:50052: who reaches it may load any folder"
+            f"admin_listen is {given!r}; it must be a loopback host and a port, such as 127.0.0.1:50052, or unix:PATH: "
+            "who reaches it may load any folder"
         )
 
 

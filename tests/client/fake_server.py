@@ -257,18 +257,23 @@ class FakeServer(service_pb2_grpc.MotionServiceServicer):
     def __init__(self, frame_rate: int = 100) -> None:
         self.frame_rate = frame_rate
         self.streams: list[FakeStream] = []
+        self.metadata: list[dict[str, str | bytes]] = []  # of every call
         self.refuse: Callable[[session_pb2.SessionEvent], str] = lambda event: ""
         self._threads = ThreadPoolExecutor(16)
         self._server = grpc.server(self._threads)
         service_pb2_grpc.add_MotionServiceServicer_to_server(self, self._server)
         self.address = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"
 
-    def GetCatalog(self, request: service_pb2.GetCatalogRequest, context: object) -> service_pb2.GetCatalogResponse:
+    def GetCatalog(
+        self, request: service_pb2.GetCatalogRequest, context: grpc.ServicerContext
+    ) -> service_pb2.GetCatalogResponse:
+        self.metadata.append(dict(context.invocation_metadata()))
         return catalog(self.frame_rate)
 
     def StreamMotion(
         self, request_iterator: Iterator[service_pb2.StreamMotionRequest], context: grpc.ServicerContext
     ) -> Iterator[service_pb2.StreamMotionResponse]:
+        self.metadata.append(dict(context.invocation_metadata()))
         stream = FakeStream()
         self.streams.append(stream)
         reader = threading.Thread(target=stream.read, args=(request_iterator, lambda event: self.refuse(event)))

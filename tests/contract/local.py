@@ -6,6 +6,7 @@ import asyncio
 import time
 from collections.abc import Sequence
 
+import grpc
 import grpc.aio
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.types import Gait, Guidance, ModelFacts
+from motiongen_server.identity.callers import Callers
+from motiongen_server.identity.setup import listen
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.rpc.catalog import Catalog
@@ -58,7 +61,11 @@ class LocalServer:
         gaits: tuple[Gait, ...] = (),
         facts: ModelFacts = FACTS,
         service_limits: ServiceLimits | None = None,
+        callers: Callers | None = None,
+        credentials: grpc.ServerCredentials | None = None,
     ) -> None:
+        self._callers = callers
+        self._credentials = credentials
         self._facts = facts
         self._service_limits = service_limits
         self._limits = limits or Limits()
@@ -82,10 +89,10 @@ class LocalServer:
             abilities=self._abilities,
         )
         self.model = LoadedModel("fake", self.engine, self.prompts, catalog)
-        self.service = MotionService(ModelRegistry(self.model), limits=self._service_limits)
+        self.service = MotionService(ModelRegistry(self.model), limits=self._service_limits, callers=self._callers)
         self._server = grpc.aio.server(options=[("grpc.max_receive_message_length", limits.max_request_bytes)])
         add_methods(self.service, self._server)
-        self.address = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"
+        self.address = f"127.0.0.1:{listen(self._server, '127.0.0.1:0', '', self._credentials)}"
         await self._server.start()
         self.engine.start()
         return self

@@ -74,7 +74,7 @@ ROOMS = (
     room(
         f"{SERVER}/rpc",
         "grpc google motiongen numpy ~.rpc ~.text ~.errors ~.config"
-        " ~.engine.types ~.engine.engine_port ~.models.registry",
+        " ~.engine.types ~.engine.engine_port ~.models.registry ~.identity",
     ),
     room(f"{SERVER}/text/presets.py", "~.engine.types"),
     room(f"{SERVER}/text/event_errors.py", "~.engine.types ~.errors"),
@@ -82,14 +82,19 @@ ROOMS = (
     room(
         f"{SERVER}/text/encoder",
         f"{GRPC} google motiongen motiongen_ardy.text numpy prometheus_client torch"
-        " ~.text ~.ops ~.errors ~.config ~.settings ~.background ~.engine.types ~.rpc.token_bucket",
+        " ~.text ~.ops ~.errors ~.addresses ~.config ~.settings ~.background ~.engine.types ~.rpc.token_bucket",
     ),
     room(f"{SERVER}/models/loader.py", "motiongen_ardy.text ~"),
     room(f"{SERVER}/models/repertoire.py", "numpy motiongen_ardy.capabilities ~"),
     room(f"{SERVER}/models", "grpc google motiongen numpy ~"),
     room(f"{SERVER}/ops/http.py", "starlette uvicorn prometheus_client"),
     room(f"{SERVER}/ops", "prometheus_client ~.ops ~.engine"),
-    room(f"{SERVER}/config.py {SERVER}/devices.py {SERVER}/settings.py", "_typeshed ~.devices ~.settings"),
+    room(
+        f"{SERVER}/config.py {SERVER}/devices.py {SERVER}/settings.py {SERVER}/addresses.py",
+        "_typeshed ~.addresses ~.devices ~.settings",
+    ),
+    room(f"{SERVER}/identity/setup.py", "grpc ~.identity ~.addresses ~.config ~.settings", never="asyncio"),
+    room(f"{SERVER}/identity", "grpc ~.identity ~.errors ~.settings", never="asyncio"),
     room(f"{SERVER}/errors.py", "grpc grpc_status google ~.engine.types"),
     room(f"{SERVER}/transport.py", "grpc ~.config ~.settings"),
     room(f"{SERVER}/app.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),

@@ -17,7 +17,8 @@ from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_ardy.checkpoint.model_card import BUILT_IN_MODEL
 from motiongen_compliance.talk import Talk
-from motiongen_server.app import SERVICE_NAME, Application, StoppedEarly, join_address
+from motiongen_server.addresses import join_address
+from motiongen_server.app import SERVICE_NAME, Application, StoppedEarly
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Runner
 from motiongen_server.engine_process.model_loading import build_engine, load_model
@@ -248,7 +249,13 @@ async def test_the_line_at_the_start_names_model_licence_ports_and_threads(caplo
 
 @pytest.mark.parametrize(
     ("host", "address"),
-    [("127.0.0.1", "127.0.0.1:50051"), ("localhost", "localhost:50051"), ("::1", "[::1]:50051"), ("::", "[::]:50051")],
+    [
+        ("127.0.0.1", "127.0.0.1:50051"),
+        ("localhost", "localhost:50051"),
+        ("::1", "[::1]:50051"),
+        ("::", "[::]:50051"),
+        ("unix:a.sock", "unix:a.sock"),
+    ],
 )
 def test_ipv6_hosts_are_told_from_their_ports(host: str, address: str) -> None:
     assert join_address(host, 50051) == address
@@ -295,7 +302,7 @@ async def test_when_the_engine_fails_it_ends_with_1(caplog: pytest.LogCaptureFix
         ({"lookahead_frames": 20}, "lookahead_frames is 20; fake needs at least 40"),
         ({"max_lookahead_frames": 36}, "max_lookahead_frames is 36; fake needs at least 40"),
         ({"history_frames": 400}, "history_crop is 400"),
-        ({"host": "256.0.0.1"}, "cannot listen on 256.0.0.1:0"),
+        ({"host": "256.0.0.1", "insecure": True}, "cannot listen on 256.0.0.1:0"),
     ],
 )
 async def test_settings_that_do_not_fit_the_model_are_named(settings: dict[str, object], named: str) -> None:

@@ -131,12 +131,14 @@ def test_several_models_are_given_by_repetition_or_with_commas(words: list[str])
     assert parse_config(words, {"MOTIONGEN_MODEL": "three"}).models == ("one", "two")
 
 
-@pytest.mark.parametrize("address", ["127.0.0.1:0", "localhost:50052", "[::1]:50052"])
+@pytest.mark.parametrize("address", ["127.0.0.1:0", "localhost:50052", "[::1]:50052", "unix:admin.sock"])
 def test_the_admin_service_may_listen_where_others_cannot_reach_it(address: str) -> None:
     assert ServerConfig(admin_listen=address).admin_listen == address
 
 
-@pytest.mark.parametrize("address", ["0.0.0.0:50052", "10.0.0.7:50052", ":50052", "localhost", "localhost:70000"])
+@pytest.mark.parametrize(
+    "address", ["0.0.0.0:50052", "10.0.0.7:50052", ":50052", "localhost", "localhost:70000", "unix:"]
+)
 def test_the_admin_service_may_listen_nowhere_else(address: str) -> None:
     with pytest.raises(SettingError, match="it must be a loopback host"):
         ServerConfig(admin_listen=address)
@@ -152,4 +154,53 @@ def test_the_admin_service_may_listen_nowhere_else(address: str) -> None:
 )
 def test_models_that_cannot_be_served_together_are_refused(settings: dict[str, object], named: str) -> None:
     with pytest.raises(SettingError, match=named):
+        ServerConfig(**settings)  # type: ignore[arg-type]
+
+
+TLS = {"tls_certificate": "a.pem", "tls_key": "a.key"}
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.8.8.8", "localhost", "::1", "unix:motion.sock"])
+def test_what_only_this_machine_reaches_needs_no_protection(host: str) -> None:
+    assert ServerConfig(host=host, ops_host=host).host == host
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "10.0.0.7", "motion.example", ""])
+@pytest.mark.parametrize(
+    ("protection", "lacks"),
+    [
+        ({}, r"without TLS \(--tls-certificate, --tls-key\) and without asking who calls"),
+        (TLS, "without asking who calls"),
+        ({"tenants": "tenants.toml"}, "without TLS"),
+    ],
+)
+def test_what_other_machines_reach_needs_tls_and_callers_that_are_known(
+    host: str, protection: dict[str, str], lacks: str
+) -> None:
+    with pytest.raises(SettingError, match=f"^host is {host!r}.*{lacks}.*--insecure"):
+        ServerConfig(host=host, **protection)  # type: ignore[arg-type]
+    assert ServerConfig(host=host, insecure=True, **protection).lacks  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("who", [{"tenants": "tenants.toml"}, {"tls_client_ca": "ca.pem"}])
+def test_what_other_machines_reach_may_be_served_to_those_that_are_known(who: dict[str, str]) -> None:
+    assert ServerConfig(host="0.0.0.0", **TLS, **who).lacks == ()  # type: ignore[arg-type]
+
+
+def test_metrics_that_other_machines_reach_need_tenants() -> None:
+    with pytest.raises(SettingError, match=r"^ops_host is '0\.0\.0\.0'.*without asking who reads the metrics"):
+        ServerConfig(ops_host="0.0.0.0")
+    assert ServerConfig(ops_host="0.0.0.0", tenants="tenants.toml").ops_lacks == ()
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"tls_certificate": "a.pem"}, "must be given together"),
+        ({"tls_key": "a.key"}, "must be given together"),
+        ({"tls_client_ca": "ca.pem"}, "no tls_certificate"),
+    ],
+)
+def test_tls_settings_that_do_not_fit_together_are_refused(settings: dict[str, str], said: str) -> None:
+    with pytest.raises(SettingError, match=said):
         ServerConfig(**settings)  # type: ignore[arg-type]

@@ -10,6 +10,7 @@ frame rate. Right-handed, +Y up, +Z forward, metres, seconds, radians, quaternio
 """
 
 from motiongen_client.axes import GODOT, ROS, UNITY, UNREAL, Axes
+from motiongen_client.channel import ChannelSettings
 from motiongen_client.client import MotionClient
 from motiongen_client.edit import Edit
 from motiongen_client.errors import (
@@ -18,6 +19,7 @@ from motiongen_client.errors import (
     InvalidInput,
     MissingExtra,
     MotiongenError,
+    NotAllowed,
     ProtocolViolation,
     ServerUnavailable,
     SessionEnded,
@@ -57,8 +59,8 @@ from motiongen_client.types import (
 )
 
 __all__ = [
-    "MotionClient", "Stream", "Session", "Edit", "SessionStats", "Playback", "LinePolicy", "Reopened",
-    "Frame", "Motion", "Rig",
+    "MotionClient", "Stream", "Session", "Edit", "SessionStats", "Playback",
+    "ChannelSettings", "LinePolicy", "Reopened", "Frame", "Motion", "Rig",
     "Axes", "UNREAL", "UNITY", "GODOT", "ROS",
     "SessionOptions", "StartPose", "Priority", "Waypoint", "RootTrajectory", "Keyframe", "JointTargets",
     "HeadingTarget", "JointRotations",
@@ -66,5 +68,5 @@ __all__ = [
     "Clip", "Residual", "Deviation", "Catalog", "Model", "Limits", "Opened", "Outcome", "ServiceLevel", "SessionEnd",
     "LocomotionPreset", "ModelWarning", "ConstraintReached",
     "MotiongenError", "InvalidInput", "UnknownName", "ServerUnavailable", "StreamLost", "SessionEnded",
-    "EventRefused", "DeadlineExceeded", "ProtocolViolation", "MissingExtra",
+    "EventRefused", "DeadlineExceeded", "ProtocolViolation", "MissingExtra", "NotAllowed",
 ]  # fmt: skip

@@ -11,6 +11,7 @@ from google.protobuf.duration_pb2 import Duration
 
 from motiongen.v1 import admin_pb2
 from motiongen.v1.admin_pb2_grpc import MotionAdminServiceStub
+from motiongen_client.channel import ChannelSettings, Token
 from motiongen_client.status import error_of
 
 T = TypeVar("T")
@@ -39,13 +40,14 @@ class ModelStatus:
 class AdminClient:
     """A connection to a server's admin service. Use it as `async with AdminClient("localhost:50052") as admin`.
 
-    address: host:port, of the server's --admin-listen. Every call raises EventRefused where the server cannot do it,
-    which leaves what it serves untouched, and ServerUnavailable where none answers.
+    address: of the server's --admin-listen, host:port or unix:PATH. token: of a tenant with the role admin, where the
+    server asks who calls; a refusal raises NotAllowed. Every call raises EventRefused where the server cannot do
+    it, which leaves what it serves untouched, and ServerUnavailable where none answers.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, *, token: Token | None = None) -> None:
         self.address = address
-        self._channel = grpc.aio.insecure_channel(address)
+        self._channel = ChannelSettings(address, token=token).open()
         self._stub = MotionAdminServiceStub(self._channel)
 
     async def list_models(self) -> tuple[ModelStatus, ...]:

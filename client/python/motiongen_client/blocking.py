@@ -17,6 +17,7 @@ import grpc
 from motiongen_client import client, stream
 from motiongen_client.background_loop import BackgroundLoop
 from motiongen_client.blocking_session import Edit, Session
+from motiongen_client.channel import Option, Token
 from motiongen_client.line_policy import LinePolicy
 from motiongen_client.prompts import Prompt
 from motiongen_client.types import NO_PROMPTS, Catalog, Clip, Constraint, SessionOptions
@@ -66,11 +67,21 @@ class MotionClient:
         address: str,
         *,
         credentials: grpc.ChannelCredentials | None = None,
+        token: Token | None = None,
+        metadata: Sequence[tuple[str, str]] = (),
+        channel_options: Sequence[Option] = (),
         connect_timeout_s: float = 10.0,
         policy: LinePolicy | None = None,
     ) -> None:
+        """As the client with asyncio; a function that gives the token is called on the client's own thread."""
         self._inner = client.MotionClient(
-            address, credentials=credentials, connect_timeout_s=connect_timeout_s, policy=policy
+            address,
+            credentials=credentials,
+            token=token,
+            metadata=metadata,
+            channel_options=channel_options,
+            connect_timeout_s=connect_timeout_s,
+            policy=policy,
         )
         self._loop: BackgroundLoop
 

@@ -18,6 +18,7 @@ import grpc.aio
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_client.errors import MotiongenError, ProtocolViolation, ServerUnavailable, StreamLost
+from motiongen_client.status import reason_of
 
 _log = logging.getLogger(__name__)
 
@@ -116,7 +117,7 @@ class Call:
                 self._take(response)
             failure = StreamLost("OK", "the server ended the stream")
         except grpc.aio.AioRpcError as error:
-            failure = StreamLost(error.code().name, error.details() or "")
+            failure = StreamLost(error.code().name, error.details() or "", reason_of(error))
         except ProtocolViolation as violation:
             failure = violation
             _log.error("%s; giving the stream up", violation)

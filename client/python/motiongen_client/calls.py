@@ -15,6 +15,7 @@ from motiongen_client.backoff import FINAL_CODES, Backoff
 from motiongen_client.call import Call
 from motiongen_client.errors import MotiongenError, ServerUnavailable, StreamLost
 from motiongen_client.line_policy import LinePolicy
+from motiongen_client.status import CREDENTIALS_EXPIRED
 
 _log = logging.getLogger(__name__)
 
@@ -155,10 +156,13 @@ class Calls:
             return  # it never came to be: whoever tries it knows
         self._call = None
         self._tell()
-        if not isinstance(failure, StreamLost) or failure.code in FINAL_CODES or not self.recovers:
+        is_final = not isinstance(failure, StreamLost) or failure.code in FINAL_CODES
+        if isinstance(failure, StreamLost) and failure.reason == CREDENTIALS_EXPIRED:
+            is_final = False  # where the next call has no better ones, it is refused for good
+        if is_final or not self.recovers:
             self._end(failure)
             return
-        _log.warning("the line to %s is lost (%s); trying for another", self._address, failure.code)
+        _log.warning("the line to %s is lost (%s); trying for another", self._address, failure)
         self._wanted.clear()
         if self._events.lost():
             self._wanted.set()

@@ -13,37 +13,22 @@ from motiongen.v1 import service_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_client import clip, convert
 from motiongen_client.backoff import Backoff
-from motiongen_client.errors import InvalidInput, MotiongenError, ServerUnavailable
+from motiongen_client.channel import ChannelSettings, Option, Token
+from motiongen_client.errors import MotiongenError, ServerUnavailable
 from motiongen_client.line_policy import LinePolicy
 from motiongen_client.prompts import Prompt
 from motiongen_client.session import Session
+from motiongen_client.status import NOT_ALLOWED, error_of
 from motiongen_client.stream import Stream
 from motiongen_client.types import NO_PROMPTS, Catalog, Clip, Constraint, SessionOptions
-
-_CHANNEL_OPTIONS = (
-    ("grpc.keepalive_time_ms", 30_000),
-    ("grpc.keepalive_timeout_ms", 10_000),
-    ("grpc.keepalive_permit_without_calls", 0),
-    # A window of fixed size: left to its own measure of the line, gRPC would take in minutes of motion unread.
-    ("grpc.http2.bdp_probe", 0),
-    ("grpc.http2.lookahead_bytes", 256 * 1024),
-    ("grpc.max_receive_message_length", 8 * 1024 * 1024),
-    ("grpc.max_send_message_length", 8 * 1024 * 1024),
-    # A stream carries state; a call repeated behind our back would carry none.
-    ("grpc.enable_retries", 0),
-    # Each call has a connection of its own: one that stopped would stop the next call too.
-    ("grpc.use_local_subchannel_pool", 1),
-    # A server that starts is seen soon; the default would wait up to two minutes.
-    ("grpc.initial_reconnect_backoff_ms", 100),
-    ("grpc.max_reconnect_backoff_ms", 2_000),
-)
 
 
 class MotionClient:
     """A connection to one motiongen server. Use it as `async with MotionClient("localhost:50051") as client`.
 
-    address: host:port. credentials: of `grpc.ssl_channel_credentials()`; None speaks plain text. connect_timeout_s: how
-    long to wait for a server that is there and ready. policy: what to do when the line to it is lost.
+    address, credentials, token, metadata, channel_options: as `ChannelSettings` has them; a token that expires is best
+    given as a function that returns the present one. connect_timeout_s: how long to wait for a server that is there and
+    ready. policy: what to do when the line to it is lost.
     """
 
     def __init__(
@@ -51,16 +36,16 @@ class MotionClient:
         address: str,
         *,
         credentials: grpc.ChannelCredentials | None = None,
+        token: Token | None = None,
+        metadata: Sequence[tuple[str, str]] = (),
+        channel_options: Sequence[Option] = (),
         connect_timeout_s: float = 10.0,
         policy: LinePolicy | None = None,
     ) -> None:
         """Raises InvalidInput."""
-        host, _, port = address.rpartition(":")
-        if not host or not port.isdigit() or not 0 < int(port) < 65536:
-            raise InvalidInput("address", address, "host:port with a port from 1 to 65535, such as localhost:50051")
+        self._settings = ChannelSettings(address, credentials, token, metadata, channel_options)
         self.address = address
         self.catalog: Catalog
-        self._credentials = credentials
         self._connect_timeout_s = connect_timeout_s
         self._policy = policy or LinePolicy()
         self._channel: grpc.aio.Channel | None = None
@@ -69,8 +54,8 @@ class MotionClient:
         self._own_stream: Stream | None = None
 
     async def connect(self) -> MotionClient:
-        """Wait for the server and fetch its catalogue. `async with` does it. Raises ServerUnavailable."""
-        self._channel = self._open_channel()
+        """Wait for the server and fetch its catalogue. `async with` does it. Raises ServerUnavailable or NotAllowed."""
+        self._channel = self._settings.open()
         self._stub = MotionServiceStub(self._channel)
         try:
             self.catalog = convert.catalog(await self._await_catalog())
@@ -78,11 +63,6 @@ class MotionClient:
             await self.close()
             raise
         return self
-
-    def _open_channel(self) -> grpc.aio.Channel:
-        if self._credentials is None:
-            return grpc.aio.insecure_channel(self.address, options=_CHANNEL_OPTIONS)
-        return grpc.aio.secure_channel(self.address, self._credentials, options=_CHANNEL_OPTIONS)
 
     async def _await_catalog(self) -> service_pb2.GetCatalogResponse:
         """Ask until a server answers that is ready, or the time is over."""
@@ -95,6 +75,8 @@ class MotionClient:
                 return await self._stub.GetCatalog(request, timeout=max(left_s, 0.001), wait_for_ready=True)
             except grpc.aio.AioRpcError as error:
                 failure = error
+            if failure.code() in NOT_ALLOWED:
+                raise error_of(failure, "connecting", self.address) from None
             wait_s = backoff.next_s()
             if failure.code() is not grpc.StatusCode.UNAVAILABLE or time() + wait_s > ends_s:
                 waited = f"{failure.code().name}, {failure.details()}, after {self._connect_timeout_s:g} s"
@@ -104,7 +86,7 @@ class MotionClient:
     def stream(self, *, report_hz: float = 4.0) -> Stream:
         """A new stream, to be entered with `async with`. One stream carries many sessions; one is enough for most."""
         stream = Stream(
-            self._open_channel, self.address, self.catalog, agent_name(), report_hz=report_hz, policy=self._policy
+            self._settings.open, self.address, self.catalog, agent_name(), report_hz=report_hz, policy=self._policy
         )
         self._streams.append(stream)
         return stream

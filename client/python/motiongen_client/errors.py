@@ -44,19 +44,33 @@ class ServerUnavailable(MotiongenError, ConnectionError):
         self.detail = detail
 
 
+class NotAllowed(MotiongenError, PermissionError):
+    """The server at `address` does not let this caller in, or not do this. Give another token or certificate.
+
+    reason: stable name of the mistake, as docs/protocol.md lists them, "" where the server gave none.
+    """
+
+    def __init__(self, address: str, event: str, reason: str, message: str) -> None:
+        super().__init__(f"{event} is not allowed at {address} ({reason or 'no reason given'}): {message}")
+        self.address = address
+        self.reason = reason
+
+
 class StreamLost(MotiongenError, ConnectionError):
     """The stream ended and will not be had again; its sessions are gone. Open a new stream and new sessions.
 
     A stream recovers from losses by itself (`LinePolicy`): this is for those that would be the same again, or for which
     the time to recover is over.
 
-    code: name of the gRPC status, for example "UNAVAILABLE"; detail: the status text.
+    code: name of the gRPC status, for example "UNAVAILABLE"; detail: the status text; reason: stable name of the cause
+    where the server gave one.
     """
 
-    def __init__(self, code: str, detail: str) -> None:
+    def __init__(self, code: str, detail: str, reason: str = "") -> None:
         super().__init__(f"the stream to the server was lost ({code}: {detail or 'no detail'}); open a new one")
         self.code = code
         self.detail = detail
+        self.reason = reason
 
 
 class SessionEnded(MotiongenError):

@@ -6,13 +6,15 @@ import grpc
 import grpc.aio
 from google.rpc import error_details_pb2, status_pb2  # type: ignore[import-untyped]
 
-from motiongen_client.errors import EventRefused, MotiongenError, ServerUnavailable
+from motiongen_client.errors import EventRefused, MotiongenError, NotAllowed, ServerUnavailable
 
+NOT_ALLOWED = (grpc.StatusCode.UNAUTHENTICATED, grpc.StatusCode.PERMISSION_DENIED)
+CREDENTIALS_EXPIRED = "CREDENTIALS_EXPIRED"
 _DETAILS = "grpc-status-details-bin"
 
 
 def error_of(failure: grpc.aio.AioRpcError, event: str, address: str) -> MotiongenError:
-    """EventRefused with what the server says of the mistake, or ServerUnavailable where no server says anything.
+    """EventRefused with what the server says of the mistake; NotAllowed; ServerUnavailable where no server does.
 
     event: what was tried, in words.
     """
@@ -31,7 +33,15 @@ def error_of(failure: grpc.aio.AioRpcError, event: str, address: str) -> Motiong
                 detail.Unpack(bad)
     if code is grpc.StatusCode.UNAVAILABLE and not info.reason:
         return ServerUnavailable(address, message or code.name)
+    if code in NOT_ALLOWED:
+        return NotAllowed(address, event, info.reason, message)
     field = bad.field_violations[0].field if bad.field_violations else ""
     allowed = info.metadata.get("allowed", "")
     said = message.removesuffix(f"; allowed is {allowed}") if allowed else message
     return EventRefused(event, code.name, info.reason, said, field, allowed, retry_after_s)
+
+
+def reason_of(failure: grpc.aio.AioRpcError) -> str:
+    """The stable name that the server gives the cause; "" where it gives none."""
+    refusal = error_of(failure, "", "")
+    return refusal.reason if isinstance(refusal, EventRefused | NotAllowed) else ""

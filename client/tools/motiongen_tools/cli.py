@@ -14,6 +14,7 @@ from typing import Any
 
 from motiongen_client.errors import MotiongenError
 from motiongen_tools import cli_admin, cli_bench, cli_catalog, cli_generate, cli_stream
+from motiongen_tools.connection import add_connection
 from motiongen_tools.demo import command
 from motiongen_tools.demo.script import PLACE_BOUND_M, STORY_S
 
@@ -95,6 +96,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     stream.set_defaults(command=cli_stream.stream, script=Script())
     _add_server(stream)
+    add_connection(stream)
     stream.add_argument("--prompt", action=_Prompt, metavar="TEXT", help="what to do; again, after --at, to change it")
     stream.add_argument("--at", action=_At, metavar="SECONDS", help="when the next --prompt takes over")
     stream.add_argument(
@@ -128,6 +130,7 @@ def _parser() -> argparse.ArgumentParser:
     generate.set_defaults(command=cli_generate.generate, script=Script())
     where = generate.add_mutually_exclusive_group()
     _add_server(where)
+    add_connection(generate)
     where.add_argument("--start-server", action="store_true", help="start one for this; its settings stand after --")
     generate.add_argument("prompt", nargs="?", metavar="PROMPT", help="what to do from the start")
     generate.add_argument("--prompt", dest="script", action=_Prompt, metavar="TEXT", help="after --at, what to do next")
@@ -137,6 +140,7 @@ def _parser() -> argparse.ArgumentParser:
     catalog = commands.add_parser("catalog", help="show what a server offers", description="Show what a server offers.")
     catalog.set_defaults(command=cli_catalog.catalog)
     _add_server(catalog)
+    add_connection(catalog)
 
     show = commands.add_parser(
         "demo",
@@ -182,7 +186,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_server(parser: argparse._ActionsContainer) -> None:
-    parser.add_argument("--server", default=DEFAULT_SERVER, metavar="HOST:PORT", help="default: %(default)s")
+    parser.add_argument(
+        "--server", default=DEFAULT_SERVER, metavar="HOST:PORT", help="or unix:PATH (default: %(default)s)"
+    )
 
 
 def _check_generate(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable
 
 from motiongen_client.admin import AdminClient, ModelStatus
+from motiongen_tools.connection import add_token, read_token
 from motiongen_tools.console import make_console, make_table
 
 DEFAULT_ADDRESS = "localhost:50052"
@@ -16,6 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser, seconds: Callable[[str], floa
     parser.add_argument(
         "--server", default=DEFAULT_ADDRESS, metavar="HOST:PORT", help="its --admin-listen (default: %(default)s)"
     )
+    add_token(parser)
     deeds = parser.add_subparsers(required=True, metavar="DEED", dest="deed")
     deeds.add_parser("list", help="which models it holds, and what they are doing")
     load = deeds.add_parser("load", help="one model more")
@@ -34,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser, seconds: Callable[[str], floa
 async def admin(options: argparse.Namespace) -> int:
     """Do it, and say what came of it."""
     console = make_console()
-    async with AdminClient(options.server) as client:
+    async with AdminClient(options.server, token=read_token(options.token_file)) as client:
         if options.deed == "load":
             status = await client.load_model(options.source)
             console.print(f"{status.model_id} is served now.", soft_wrap=True)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import argparse
 
-from motiongen_client.client import MotionClient
 from motiongen_client.types import Model
+from motiongen_tools.connection import client_of
 from motiongen_tools.console import make_console, make_table
 
 
 async def catalog(options: argparse.Namespace) -> int:
     """Print models, rigs and limits."""
     console = make_console()
-    async with MotionClient(options.server) as client:
+    async with client_of(options, options.server) as client:
         offered = client.catalog
     models = make_table("models", "name", "rig", "window", "steps", "parameters", "text encoder", "licence")
     for model in offered.models:

@@ -12,13 +12,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from motiongen_client.client import MotionClient
 from motiongen_client.errors import InvalidInput
 from motiongen_client.motion import Motion, Rig
 from motiongen_client.types import Clip, Constraint, Deviation, Keyframe, Model, RootTrajectory, SessionOptions
 from motiongen_tools.ardy_npz import read_ardy_npz, write_ardy_npz
 from motiongen_tools.bvh import write_bvh
 from motiongen_tools.cli_stream import parse_seconds, parse_waypoint
+from motiongen_tools.connection import client_of
 from motiongen_tools.console import make_console, make_table
 from motiongen_tools.constraint_file import read_constraints
 from motiongen_tools.conversion import convert_file
@@ -69,7 +69,7 @@ async def generate(options: argparse.Namespace) -> int:
         if options.start_server:
             with console.status("starting a server"):
                 address = stack.enter_context(ServerProcess(options.server_arguments)).address
-        async with MotionClient(address) as client:
+        async with client_of(options, address) as client:
             catalog = client.catalog
             model = catalog.model(options.model) if options.model else catalog.models[0]
             rig = catalog.rig(model.rig_id)

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from motiongen_client.client import MotionClient
 from motiongen_client.motion import Motion, Rig
 from motiongen_client.session import Session
 from motiongen_client.types import SessionOptions, Waypoint
 from motiongen_tools.bvh import write_bvh
+from motiongen_tools.connection import client_of
 from motiongen_tools.console import make_console, make_progress, make_table
 from motiongen_tools.npz import write_npz
 from motiongen_tools.picture import Panel, write_picture
@@ -61,7 +61,7 @@ def parse_waypoint(text: str) -> TimedWaypoint:
 async def stream(options: argparse.Namespace) -> int:
     """Generate, write the files, print what was done."""
     console = make_console()
-    async with MotionClient(options.server) as client:
+    async with client_of(options, options.server) as client:
         catalog = client.catalog
         model = catalog.model(options.model) if options.model else catalog.models[0]
         rig = catalog.rig(model.rig_id)

@@ -13,6 +13,8 @@ from google.protobuf.message import Message
 from motiongen.v1 import admin_pb2, admin_pb2_grpc
 from motiongen_server.engine.types import Code
 from motiongen_server.errors import StreamRefused
+from motiongen_server.identity.caller import Role
+from motiongen_server.identity.callers import Callers
 from motiongen_server.models.manager import CannotKeep, ModelManager
 from motiongen_server.models.registry import LoadedModel, ModelState
 
@@ -24,8 +26,9 @@ T = TypeVar("T")
 class AdminService(admin_pb2_grpc.MotionAdminServiceServicer):
     """Answers calls by what the manager can do. What was begun goes on when the caller has gone."""
 
-    def __init__(self, manager: ModelManager, load_of: Callable[[str], float]) -> None:
-        """load_of: the share of the machine in use, as a model's engine sees it."""
+    def __init__(self, manager: ModelManager, load_of: Callable[[str], float], callers: Callers | None = None) -> None:
+        """load_of: the share of the machine in use, as a model's engine sees it. callers: who may call."""
+        self._callers = callers or Callers()
         self._manager = manager
         self._load_of = load_of
         self._under_way: set[asyncio.Task[Any]] = set()
@@ -77,6 +80,10 @@ class AdminService(admin_pb2_grpc.MotionAdminServiceServicer):
         return admin_pb2.ReloadModelResponse(model=self._status(kept), closed_sessions=closed)
 
     async def _check_open(self, context: grpc.aio.ServicerContext[Any, Any]) -> None:
+        try:
+            self._callers.identify(context.invocation_metadata() or (), context.auth_context(), Role.ADMIN)
+        except StreamRefused as refusal:
+            await context.abort_with_status(refusal.status())
         if not self._manager.is_open:
             message = "the server is loading its first models; try again when its health is SERVING"
             await context.abort_with_status(

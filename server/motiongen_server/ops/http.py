@@ -22,8 +22,16 @@ END_S = 2
 """Seconds that requests under way may take once the server ends."""
 
 
-def ops_app(registry: CollectorRegistry, is_alive: Callable[[], bool], is_ready: Callable[[], bool]) -> Starlette:
-    """/livez and /healthz: the process works; /readyz: it takes sessions; /metrics: Prometheus text."""
+def ops_app(
+    registry: CollectorRegistry,
+    is_alive: Callable[[], bool],
+    is_ready: Callable[[], bool],
+    refusal_of: Callable[[str], str | None] = lambda _: None,
+) -> Starlette:
+    """/livez and /healthz: the process works; /readyz: it takes sessions; /metrics: Prometheus text.
+
+    refusal_of: why who sends that `Authorization` header may not read the metrics, in words; None: he may.
+    """
 
     async def live(_request: Request) -> Response:
         return _answer(is_alive())
@@ -31,7 +39,10 @@ def ops_app(registry: CollectorRegistry, is_alive: Callable[[], bool], is_ready:
     async def ready(_request: Request) -> Response:
         return _answer(is_ready())
 
-    async def metrics(_request: Request) -> Response:
+    async def metrics(request: Request) -> Response:
+        refusal = refusal_of(request.headers.get("authorization", ""))
+        if refusal is not None:
+            return PlainTextResponse(f"{refusal}\n", status_code=401, headers={"WWW-Authenticate": "Bearer"})
         return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
 
     return Starlette(

@@ -66,15 +66,15 @@ def too_fast(rate: float, retry_after_s: float) -> EventRefused:
     return EventRefused(code, "TOO_MANY_EVENTS", message, "event", f"{rate:g} a second", retry_after_s)
 
 
-def peer_sessions(most: int) -> EventRefused:
-    message = "your address holds as many sessions as one may"
-    allowed = f"sessions of one address up to a weight of {most}, a HERO counting 4, a NEAR 2, others 1"
+def peer_sessions(most: int, kind: str) -> EventRefused:
+    message = f"your {kind} holds as many sessions as it may"
+    allowed = f"sessions of one {kind} up to a weight of {most}, a HERO counting 4, a NEAR 2, others 1"
     return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, "open", allowed)
 
 
-def peer_heroes(most: int) -> EventRefused:
-    message = f"your address holds {most} sessions of the class HERO"
-    allowed = f"at most {most} of one address; open it as NEAR"
+def peer_heroes(most: int, kind: str) -> EventRefused:
+    message = f"your {kind} holds {most} sessions of the class HERO"
+    allowed = f"at most {most} of one {kind}; open it as NEAR"
     return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, "open.priority", allowed)
 
 
@@ -83,9 +83,9 @@ def too_many_clips(most: int) -> EventRefused:
     return EventRefused(code, "CLIP_LIMIT", message, "open", f"at most {most} calls for clips at once", 2.0)
 
 
-def peer_clips(most: int) -> EventRefused:
-    message = "your address has as many samples of clips made as one may"
-    allowed = f"at most {most} samples at once of one address"
+def peer_clips(most: int, kind: str) -> EventRefused:
+    message = f"your {kind} has as many samples of clips made as it may"
+    allowed = f"at most {most} samples at once of one {kind}"
     return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_CLIP_LIMIT", message, "sample_count", allowed, 1.0)
 
 

@@ -16,6 +16,7 @@ SERVICE_NAME = SERVICE.full_name
 CatalogContext: TypeAlias = "grpc.aio.ServicerContext[service_pb2.GetCatalogRequest, service_pb2.GetCatalogResponse]"
 ClipContext: TypeAlias = "grpc.aio.ServicerContext[bytes, service_pb2.GenerateClipResponse]"
 StreamContext: TypeAlias = "grpc.aio.ServicerContext[bytes, bytes]"
+AnyContext: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
 
 
 class Handlers(Protocol):

@@ -1,10 +1,13 @@
-"""Peers: what all streams and calls from one address may have together."""
+"""Peers: what all streams and calls of one tenant, or from one address where nobody is asked, may have together."""
 
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
+from typing import Any, cast
 
 from motiongen_server.engine.types import Priority
+from motiongen_server.identity.caller import Caller
 from motiongen_server.rpc.event_errors import peer_clips, peer_heroes, peer_sessions
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.token_bucket import Share, TokenBucket
@@ -16,16 +19,29 @@ MOST_IDLE = 1024
 
 
 class Peer:
-    """One address."""
+    """One address, or one tenant. tenant: its name, "" for an address."""
 
-    def __init__(self, limits: PeerLimits, now: float) -> None:
+    def __init__(self, limits: PeerLimits, now: float, tenant: str = "") -> None:
+        self.tenant = tenant
+        self.num_streams = 0
+        self._sessions: Counter[Priority] = Counter()
+        self._clip_samples = 0
         self.limits = limits
         self.events = TokenBucket(limits.events_per_second, now)
         self.prompts = TokenBucket(limits.prompts_per_second, now)
         self.calls = TokenBucket(limits.calls_per_second, now)
-        self.num_streams = 0
-        self._sessions: Counter[Priority] = Counter()
-        self._clip_samples = 0
+
+    def adopt(self, limits: PeerLimits, now: float) -> None:
+        """Take these limits from now on; what is open stays open, and what is owed is owed."""
+        self.limits = limits
+        self.events.set_rate(limits.events_per_second, now)
+        self.prompts.set_rate(limits.prompts_per_second, now)
+        self.calls.set_rate(limits.calls_per_second, now)
+
+    @property
+    def kind(self) -> str:
+        """What it is, for messages."""
+        return "tenant" if self.tenant else "address"
 
     @property
     def session_weight(self) -> int:
@@ -50,9 +66,9 @@ class Peer:
         """A place for a session, held until it is released. Raises EventRefused where there is none."""
         limits = self.limits
         if priority is Priority.HERO and self._sessions[priority] >= limits.heroes:
-            raise peer_heroes(limits.heroes)
+            raise peer_heroes(limits.heroes, self.kind)
         if self.session_weight + SESSION_WEIGHTS[priority] > limits.session_weight:
-            raise peer_sessions(limits.session_weight)
+            raise peer_sessions(limits.session_weight, self.kind)
         self._sessions[priority] += 1
         return Place(self, priority, now)
 
@@ -63,7 +79,7 @@ class Peer:
     def begin_clip(self, num_samples: int) -> None:
         """Note samples that are about to be made. Raises EventRefused where it has as many as it may."""
         if self._clip_samples + num_samples > self.limits.clip_samples:
-            raise peer_clips(self.limits.clip_samples)
+            raise peer_clips(self.limits.clip_samples, self.kind)
         self._clip_samples += num_samples
 
     def end_clip(self, num_samples: int) -> None:
@@ -90,7 +106,7 @@ class Place:
 
 
 class Peers:
-    """All addresses that have something open, or owe something. Lives on the event loop."""
+    """All addresses and tenants that have something open, or owe something. Lives on the event loop."""
 
     def __init__(self, limits: PeerLimits | None = None) -> None:
         self._limits = limits or PeerLimits()
@@ -98,12 +114,24 @@ class Peers:
 
     def find(self, peer: str, now: float) -> Peer:
         """The peer of a call. peer: as gRPC names it."""
-        address = address_of(peer)
-        found = self._peers.get(address)
+        return self._find(address_of(peer), "", self._limits, now)
+
+    def of(self, caller: Caller, address: Peer, now: float) -> Peer:
+        """Who a caller's streams and calls are counted for: its tenant, by its quota, or the address it calls from."""
+        if not caller.tenant:
+            return address
+        limits = replace(self._limits, **cast(dict[str, Any], caller.quota))
+        found = self._find(f"tenant:{caller.tenant}", caller.tenant, limits, now)
+        if found.limits != limits:
+            found.adopt(limits, now)
+        return found
+
+    def _find(self, name: str, tenant: str, limits: PeerLimits, now: float) -> Peer:
+        found = self._peers.get(name)
         if found is None:
             if len(self._peers) >= MOST_IDLE:
                 self._peers = {name: held for name, held in self._peers.items() if not held.is_idle(now)}
-            found = self._peers[address] = Peer(self._limits, now)
+            found = self._peers[name] = Peer(limits, now, tenant)
         return found
 
 

@@ -15,11 +15,14 @@ import grpc.aio
 from motiongen.v1 import service_pb2
 from motiongen_server.engine.types import CloseReason, Output
 from motiongen_server.errors import StreamRefused
+from motiongen_server.identity.caller import Caller
+from motiongen_server.identity.callers import Callers
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.budget import BYTES_A_CALL, CALL_COST, EVENT_COST
 from motiongen_server.rpc.clip import ClipService, clip_request
 from motiongen_server.rpc.convert import round_trip_s
-from motiongen_server.rpc.handlers import CatalogContext, ClipContext, StreamContext
+from motiongen_server.rpc.goodbye import say_draining
+from motiongen_server.rpc.handlers import AnyContext, CatalogContext, ClipContext, StreamContext
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import ServiceLimits
 from motiongen_server.rpc.peers import Peer, Peers
@@ -55,8 +58,11 @@ class MotionService:
         flush_s: float = 0.02,
         stream_metrics: StreamMetrics | None = None,
         limits: ServiceLimits | None = None,
+        callers: Callers | None = None,
     ) -> None:
+        """callers: who may call; everybody where it is left out."""
         self._models = models
+        self._callers = callers or Callers()
         self._limits = limits or ServiceLimits()
         self._peers = Peers(self._limits.peer)
         self._flush_s = flush_s
@@ -66,7 +72,7 @@ class MotionService:
         self._kept = KeptSessions(models.limits.resume_grace_s, stream_metrics)
         self._streams: dict[int, Stream] = {}
         self.clips = ClipService(models, self._numbers, stream_metrics, self._limits)
-        self._watch = StreamWatch(self._limits, self._streams)
+        self._watch = StreamWatch(self._limits, self._streams, self._callers)
         self._loop = asyncio.get_running_loop()
         self._ends_at: float | None = None  # monotonic seconds, known once the server drains
         self._all_ended = asyncio.Event()
@@ -115,7 +121,7 @@ class MotionService:
     ) -> service_pb2.GetCatalogResponse:
         """Rigs, models and limits, or the etag alone for a client that holds them."""
         try:
-            self._charge_call(context.peer(), CALL_COST)
+            self._charge_call(context, CALL_COST)
         except StreamRefused as refusal:
             await context.abort_with_status(refusal.status())
         return self._models.catalog_response(request.catalog_etag)
@@ -123,25 +129,32 @@ class MotionService:
     async def GenerateClip(self, request: bytes, context: ClipContext) -> None:
         """Samples of one clip, from the request to the last frame."""
         try:
-            peer = self._charge_call(context.peer(), CALL_COST + len(request) / BYTES_A_CALL)
+            peer, _ = self._charge_call(context, CALL_COST + len(request) / BYTES_A_CALL)
             asked = clip_request(request)
         except StreamRefused as refusal:
             await context.abort_with_status(refusal.status())
         await self.clips.generate(asked, context, peer)
 
-    def _charge_call(self, name: str, cost: float) -> Peer:
-        """Charge a call to its peer. Raises StreamRefused while that owes: there is nothing to be read later."""
+    def _charge_call(self, context: AnyContext, cost: float) -> tuple[Peer, Caller]:
+        """Find out who calls, and charge the call to its tenant, or its address where it has none or may not call.
+
+        Raises StreamRefused for who may not call, and while that owes: there is nothing to be read later.
+        """
         now = time.monotonic()
-        peer = self._peers.find(name, now)
-        if (owed_s := peer.calls.owed_s(now)) > 0:
-            raise too_many_calls(owed_s)
-        peer.calls.charge(cost, now)
-        return peer
+        address = self._peers.find(context.peer(), now)
+        try:
+            caller = self._callers.identify(context.invocation_metadata() or (), context.auth_context())
+        except StreamRefused:
+            _charge(address, cost, now)
+            raise
+        peer = self._peers.of(caller, address, now)
+        _charge(peer, cost, now)
+        return peer, caller
 
     async def StreamMotion(self, request_iterator: AsyncIterator[bytes], context: StreamContext) -> None:
         """One stream, from its hello to its end."""
         try:
-            stream = self._begin(context.peer())
+            stream = self._begin(context)
         except StreamRefused as refusal:
             await context.abort_with_status(refusal.status())
         try:
@@ -149,13 +162,14 @@ class MotionService:
         finally:
             self._end(stream)
 
-    def _begin(self, name: str) -> Stream:
+    def _begin(self, context: StreamContext) -> Stream:
         """Raises StreamRefused where there is no place for one more stream."""
-        peer = self._charge_call(name, CALL_COST)
-        if len(self._streams) >= self._limits.max_streams or peer.num_streams >= self._limits.peer.streams:
-            raise too_many_streams(min(self._limits.max_streams, self._limits.peer.streams))
+        peer, caller = self._charge_call(context, CALL_COST)
+        if len(self._streams) >= self._limits.max_streams or peer.num_streams >= peer.limits.streams:
+            raise too_many_streams(min(self._limits.max_streams, peer.limits.streams))
         stream = Stream(next(self._numbers), self._models, self._stream_metrics, self._kept, peer)
         stream.flush_s = self._flush_s
+        stream.caller = caller
         stream.accepts_opens = self._ends_at is None
         peer.num_streams += 1
         self._streams[stream.number] = stream
@@ -265,7 +279,7 @@ class MotionService:
         stream.reply(service_pb2.StreamMotionResponse(hello=answer))
         stream.greeted = True
         if self._ends_at is not None:
-            self._say_goodbye(stream, self._ends_at - time.monotonic())
+            say_draining(stream, self._ends_at - time.monotonic())
 
     async def _write(self, stream: Stream, context: StreamContext) -> None:
         """Write what waits until the stream ends and all is written.
@@ -304,13 +318,7 @@ class MotionService:
         for stream in self._streams.values():
             stream.accepts_opens = False
             if stream.greeted:  # else its hello, which comes first, is followed by the goodbye
-                self._say_goodbye(stream, grace_s)
-
-    @staticmethod
-    def _say_goodbye(stream: Stream, grace_s: float) -> None:
-        goodbye = service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASON_DRAINING)
-        goodbye.grace.FromMilliseconds(max(0, round(1000 * grace_s)))
-        stream.reply(service_pb2.StreamMotionResponse(goodbye=goodbye))
+                say_draining(stream, grace_s)
 
     def close_model(self, model: LoadedModel) -> int:
         """Close every session of a model that is unloaded, and its clips; returns how many sessions those were."""
@@ -330,3 +338,9 @@ class MotionService:
         """Wait until no stream and no clip is left."""
         await self._all_ended.wait()
         await self.clips.finished()
+
+
+def _charge(peer: Peer, cost: float, now: float) -> None:
+    if (owed_s := peer.calls.owed_s(now)) > 0:
+        raise too_many_calls(owed_s, peer.kind)
+    peer.calls.charge(cost, now)

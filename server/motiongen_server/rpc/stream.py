@@ -19,6 +19,7 @@ from motiongen_server.engine.types import (
 )
 from motiongen_server.engine.types.refusals import draining, handle_in_use, session_not_open
 from motiongen_server.errors import EventRefused, StreamRefused
+from motiongen_server.identity.caller import ANYBODY
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.budget import REFUSAL_COST, StreamBudget
 from motiongen_server.rpc.convert import check_resume, playhead_of
@@ -59,6 +60,8 @@ class Stream(StreamSessions):
         now = time.monotonic()
         self.began_at = now
         self.peer = peer or Peer(PeerLimits(), now)
+        self.caller = ANYBODY
+        self.expiry_told = False
         self.budget = StreamBudget(models.limits.stream_events_per_second, self.peer, now)
         self.flush_s = 0.0
         self.accepts_opens = True
@@ -149,7 +152,7 @@ class Stream(StreamSessions):
         """Take over a session that another stream carries, or carried. Raises EventRefused."""
         check_resume(event.open)
         entry, point = self._kept.find(event.open.resume_token), event.open.resume_point
-        if entry is None:
+        if entry is None or entry.place.peer.tenant != self.peer.tenant:  # one tenant never learns of another's
             raise session_not_kept()
         if point.attempt <= entry.attempt:
             raise resume_superseded(point.attempt, entry.attempt)
@@ -236,6 +239,14 @@ class Stream(StreamSessions):
         """End the stream for what its client does, or does not: its sessions too, and what waits is not written."""
         self.refusal = refusal
         self.end()
+        self.lose()
+        self.send_queue.clear()
+        self.responses.clear()
+        self.cut()
+
+    def expire(self, refusal: StreamRefused) -> None:
+        """End the stream, whose client may come back and resume its sessions."""
+        self.refusal = refusal
         self.lose()
         self.send_queue.clear()
         self.responses.clear()

@@ -36,8 +36,8 @@ def too_many_streams(most: int) -> StreamRefused:
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_STREAMS", message, retry_after_s=5.0)
 
 
-def too_many_calls(wait_s: float) -> StreamRefused:
-    message = f"your address asks for too much; ask again in {wait_s:.1f} s"
+def too_many_calls(wait_s: float, kind: str) -> StreamRefused:
+    message = f"your {kind} asks for too much; ask again in {wait_s:.1f} s"
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_CALLS", message, retry_after_s=max(0.1, wait_s))
 
 

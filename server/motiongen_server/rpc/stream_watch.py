@@ -1,4 +1,4 @@
-"""StreamWatch: ends the streams that hold a place or memory and do nothing with it."""
+"""StreamWatch: ends the streams that hold a place or memory for nothing, or whose credentials have lapsed."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ import time
 from collections.abc import Iterable, Mapping
 
 from motiongen_server.errors import StreamRefused
+from motiongen_server.identity.caller import ANYBODY, CREDENTIALS_EXPIRED
+from motiongen_server.identity.callers import Callers
+from motiongen_server.rpc.goodbye import EXPIRY_NOTICE_S, say_expiring
 from motiongen_server.rpc.limits import ServiceLimits
 from motiongen_server.rpc.stream import Stream
 from motiongen_server.rpc.stream_errors import hello_late, no_memory_left, reader_stuck, stream_empty
@@ -17,8 +20,9 @@ LOOK_EVERY_S = 0.25
 class StreamWatch:
     """Looks at all streams a few times a second, while there are any. Lives on the event loop."""
 
-    def __init__(self, limits: ServiceLimits, streams: Mapping[int, Stream]) -> None:
+    def __init__(self, limits: ServiceLimits, streams: Mapping[int, Stream], callers: Callers | None = None) -> None:
         self._limits = limits
+        self._callers = callers or Callers()
         self._streams = streams
         self._timer: asyncio.TimerHandle | None = None
 
@@ -36,10 +40,13 @@ class StreamWatch:
 
     def look(self, streams: Iterable[Stream], now: float) -> None:
         """End those that are due at `now`, in monotonic seconds."""
+        self._callers.look()
         live = [stream for stream in streams if stream.refusal is None]
         for stream in live:
             if (refusal := self.refusal(stream, now)) is not None:
                 stream.refuse(refusal)
+            else:
+                self._check_caller(stream)
         most = self._limits.max_waiting_bytes
         total = sum(stream.num_waiting_bytes for stream in live)
         if total > most:
@@ -48,6 +55,20 @@ class StreamWatch:
                 stream = live.pop()
                 total -= stream.num_waiting_bytes
                 stream.refuse(no_memory_left(most))
+
+    def _check_caller(self, stream: Stream) -> None:
+        """Tell a client whose credentials are about to expire, and end its stream when they have."""
+        caller = stream.caller
+        if caller is ANYBODY:
+            return
+        lapse, remaining_s = self._callers.lapse(caller), self._callers.remaining_s(caller)
+        if lapse is not None and lapse.reason == CREDENTIALS_EXPIRED:
+            stream.expire(lapse)  # its sessions wait for new credentials as they wait for a line that was lost
+        elif lapse is not None:
+            stream.refuse(lapse)
+        elif remaining_s is not None and remaining_s < EXPIRY_NOTICE_S and stream.greeted and not stream.expiry_told:
+            stream.expiry_told = True
+            say_expiring(stream, remaining_s)
 
     def refusal(self, stream: Stream, now: float) -> StreamRefused | None:
         """Why a stream is to be ended now, if it is."""

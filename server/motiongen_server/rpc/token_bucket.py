@@ -49,6 +49,12 @@ class TokenBucket:
         """Tokens that come back in a second."""
         return self._rate
 
+    def set_rate(self, rate: float, now: float) -> None:
+        """Tokens come back at another rate from now on."""
+        self._refill(now)
+        self._rate = rate
+        self._tokens = min(self._tokens, rate)
+
     @property
     def wait_s(self) -> float:
         """Seconds from the last `take` until one would be allowed."""

@@ -79,8 +79,21 @@ v1::OpenSession SessionBook::reopening(std::uint64_t base, std::uint32_t num_pri
   return message;
 }
 
+std::vector<v1::SessionEvent> SessionBook::repetitions(std::uint64_t base) const {
+  std::vector<v1::SessionEvent> events;
+  for (const Pending& each : pending_) events.push_back(shifted(each.event, base));
+  return events;
+}
+
 std::vector<v1::SessionEvent> SessionBook::unanswered(std::uint64_t base) {
   std::vector<v1::SessionEvent> events;
+  if (!pending_.empty() && pending_.front().edit == 0) pending_.pop_front();  // the pause of the time before
+  if (paused_) {
+    v1::SessionEvent pause;
+    pause.set_session(session_);
+    pause.mutable_set_play_state()->set_state(v1::PLAY_STATE_PAUSED);
+    pending_.push_front({0, pause});
+  }
   for (Pending& each : pending_) {
     each.event.set_event_seq(take_seq());
     events.push_back(shifted(each.event, base));

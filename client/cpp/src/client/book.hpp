@@ -18,7 +18,7 @@ class SessionBook {
   static constexpr std::uint32_t kPresentPrompt = 1;  // set without a frame; scheduled prompts have the ids above it
 
   // The first OpenSession, its prompts and constraints included.
-  explicit SessionBook(v1::OpenSession open) : open_(std::move(open)) {}
+  SessionBook(std::uint32_t session, v1::OpenSession open) : session_(session), open_(std::move(open)) {}
 
   // A constraint of the opening.
   void add_opening(v1::Constraint constraint) { *open_.add_constraints() = std::move(constraint); }
@@ -44,13 +44,22 @@ class SessionBook {
   v1::OpenSession opening() const { return open_; }
   v1::OpenSession reopening(std::uint64_t base, std::uint32_t num_prior, std::string prior) const;
 
-  // Edits that have no answer, numbered anew and in order, with frames counted from `base`.
+  // Every event up to this one has been answered.
+  std::uint64_t answered_seq() const {
+    return pending_.empty() ? next_seq_ - 1 : pending_.front().event.event_seq() - 1;
+  }
+
+  // Events that have no answer, as they were sent: what the server has taken of them it knows by their numbers.
+  std::vector<v1::SessionEvent> repetitions(std::uint64_t base) const;
+
+  // The same for a session that is opened anew: numbered anew and in order. A pause comes first where it is paused.
   std::vector<v1::SessionEvent> unanswered(std::uint64_t base);
 
   // The event as it is sent to a session whose frame 0 is `base`.
   static v1::SessionEvent shifted(v1::SessionEvent event, std::uint64_t base);
 
-  // The answer to the event with a number: which edit it was; nothing where none waits. What was accepted is kept.
+  // The answer to the event with a number: which edit it was, 0 for one of ours; nothing where none waits. What was
+  // accepted is kept.
   std::optional<EditId> answer(std::uint64_t event_seq, bool accepted);
 
   // The server has opened it: prompts and constraints of the opening hold.
@@ -69,6 +78,7 @@ class SessionBook {
 
   void accept(const v1::SessionEvent& event);
 
+  std::uint32_t session_;
   v1::OpenSession open_;
   std::uint64_t next_seq_ = 1;
   EditId next_edit_ = 1;

@@ -94,33 +94,36 @@ Status ClientCore::fetch_catalog(double timeout_s) {
   return {};
 }
 
-Status ClientCore::connect() {
-  Status made = make_channel();
-  if (!made) return made;
-  const double deadline_s = now_s() + options_.connect_timeout_s;
-  Status asked;
-  for (double wait_s = kFirstBackoffS;; wait_s = std::min(kBackoffGrowth * wait_s, kMostBackoffS)) {
-    const double left_s = deadline_s - now_s();
-    if (left_s <= 0) break;
-    asked = fetch_catalog(left_s);
-    if (asked.ok() || asked.code() != Code::unavailable) break;  // it is loading its model, or was lost meanwhile
-    std::this_thread::sleep_for(std::chrono::duration<double>(std::min(wait_s, std::max(left_s, 0.0))));
-  }
-  if (!asked) {
-    const Code code = asked.code() == Code::deadline_exceeded ? Code::unavailable : asked.code();
-    return {code, asked.reason(),
-            "no motiongen server answers at " + options_.address + " (" + name_of(asked.code()) + ": " +
-                asked.message() + "). Is it running and ready?"};
-  }
+Status ClientCore::try_connect(double deadline_s) {
+  Status asked = fetch_catalog(std::max(deadline_s - now_s(), 0.01));
+  if (!asked) return asked;
   begin_call();
   std::unique_lock<std::mutex> lock(mutex_);
   const auto left = std::chrono::duration<double>(std::max(deadline_s - now_s(), 0.1));
   changed_.wait_for(lock, left, [this] { return connected_ || call_ == nullptr; });
-  if (!connected_) {
-    const Status why = failure_.ok() ? Status(Code::unavailable, "", "no hello came in time") : failure_;
-    lock.unlock();
+  if (connected_) return {};
+  return failure_.ok() ? Status(Code::deadline_exceeded, "", "no hello came in time") : failure_;
+}
+
+Status ClientCore::connect() {
+  Status made = make_channel();
+  if (!made) return made;
+  const double deadline_s = now_s() + options_.connect_timeout_s;
+  Status why;
+  for (double wait_s = kFirstBackoffS;; wait_s = std::min(kBackoffGrowth * wait_s, kMostBackoffS)) {
+    why = try_connect(deadline_s);
+    // it is loading its model, was lost meanwhile, or is asked for too much at the moment
+    const bool may_pass = why.code() == Code::unavailable || why.code() == Code::resource_exhausted;
+    const double left_s = deadline_s - now_s();
+    if (!may_pass || left_s <= 0) break;
+    std::this_thread::sleep_for(std::chrono::duration<double>(std::min(wait_s, left_s)));
+  }
+  if (!why) {
     shut_down();
-    return {why.code(), why.reason(), "no stream to " + options_.address + ": " + why.message()};
+    const Code code = why.code() == Code::deadline_exceeded ? Code::unavailable : why.code();
+    return {code, why.reason(),
+            "no motiongen server answers at " + options_.address + " (" + name_of(why.code()) + ": " + why.message() +
+                "). Is it running and ready?"};
   }
   worker_ = std::thread([core = shared_from_this()] { core->work(); });
   return {};

@@ -46,7 +46,7 @@ Result<std::shared_ptr<SessionState>> ClientCore::open(const SessionOptions& opt
     if (closing_ || (call_ == nullptr && !is_lost_)) {
       return Status(Code::failed_precondition, "CLIENT_CLOSED", "the client is closed: " + failure_.message());
     }
-    state = std::make_shared<SessionState>(next_session_++, options, std::move(open));
+    state = std::make_shared<SessionState>(next_session_++, options, std::move(open), options_.reconnect);
   }
   for (const Target& target : options.targets) {
     Status checked = convert::check(target);
@@ -198,7 +198,7 @@ void ClientCore::take_update(const wire::Update& update, double now) {
     } else {
       v1::SessionUpdate message;
       readable = wire::gather(update.all, scratch_) && message.ParseFromString(scratch_);
-      if (readable) state->take(message, *catalog(), now, events_);
+      if (readable) state->take(message, *catalog(), now, events_, outbox_);
     }
     over = state->phase == Phase::closed;
   }

@@ -59,6 +59,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
  private:
   // connection.cpp: calls, their loss, and another one
   Status make_channel();
+  Status try_connect(double deadline_s);
   Status fetch_catalog(double timeout_s);
   void begin_call();
   void reconnect();
@@ -124,7 +125,8 @@ Result<EditId> ClientCore::edit_with(SessionState& state, Make make) {
   {
     const std::lock_guard<std::mutex> lock(state.mutex);
     if (state.phase == Phase::closed || state.phase == Phase::closing) {
-      return Status(Code::failed_precondition, "SESSION_CLOSED", "the session has ended: " + state.ended.message());
+      return Status(Code::failed_precondition, "SESSION_CLOSED",
+                    "the session has ended (" + state.ended.reason() + "): " + state.ended.message());
     }
     v1::SessionEvent event = make();
     const auto most = Outbox::most_event_bytes(catalog()->limits.max_request_bytes);

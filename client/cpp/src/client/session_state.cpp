@@ -45,7 +45,25 @@ std::uint32_t SessionState::prior_rows(const Catalog& catalog, std::string& rows
   return static_cast<std::uint32_t>(count);
 }
 
+void SessionState::send_resume(Outbox& outbox) {
+  v1::SessionEvent event;
+  event.set_session(id);
+  event.set_event_seq(1);
+  event.mutable_open()->set_resume_token(token_);
+  auto* point = event.mutable_open()->mutable_resume_point();
+  point->set_next_frame(timeline->received_to() - base_);
+  point->set_plan(timeline->plan());
+  point->set_answered_seq(book.answered_seq());
+  point->set_attempt(++attempt_);
+  can_report = false;
+  resuming_ = true;
+  phase = Phase::opening;
+  outbox.put(event);
+}
+
 void SessionState::send_open(Outbox& outbox, const Catalog& catalog) {
+  if (was_open_ && !token_.empty()) return send_resume(outbox);
+  resuming_ = false;
   book.begin_stream();
   last_seq = 0;
   v1::SessionEvent event;
@@ -63,13 +81,6 @@ void SessionState::send_open(Outbox& outbox, const Catalog& catalog) {
   can_report = false;
   phase = Phase::opening;
   outbox.put(event);
-  if (was_open_ && book.is_paused()) {
-    v1::SessionEvent pause;
-    pause.set_session(id);
-    pause.set_event_seq(book.take_seq());
-    pause.mutable_set_play_state()->set_state(v1::PLAY_STATE_PAUSED);
-    outbox.put(pause);
-  }
   for (const v1::SessionEvent& each : book.unanswered(base_)) outbox.put(each);
 }
 
@@ -78,7 +89,8 @@ EditId SessionState::send_edit(v1::SessionEvent event, Outbox& outbox) {
   if (options.clock == Clock::manual) report(0, 0, outbox);
   event.set_session(id);
   const EditId edit = book.add(event);
-  if (phase == Phase::opening || phase == Phase::open) outbox.put(SessionBook::shifted(std::move(event), base_));
+  const bool can_send = phase == Phase::open || (phase == Phase::opening && !resuming_);
+  if (can_send) outbox.put(SessionBook::shifted(std::move(event), base_));
   return edit;
 }
 
@@ -96,7 +108,8 @@ void SessionState::report(double now_s, double period_s, Outbox& outbox) {
   if (options.clock == Clock::real_time) timeline->advance(now_s);
   if (!timeline->started() || timeline->playhead() < base_) return;
   std::string entry;
-  wire::put_playhead(id, timeline->playhead() - base_, timeline->buffered_to() - base_, timeline->underruns(), entry);
+  wire::put_playhead(id, timeline->playhead() - base_, timeline->buffered_to() - base_, timeline->underruns(),
+                     book.answered_seq(), entry);
   outbox.put(entry);
   // those that open together are spread over the period, so that the server need not hear them all at once
   next_report_s = now_s + (can_report ? period_s : period_s * (1 + id % 10) / 10);
@@ -129,11 +142,12 @@ void SessionState::take_chunk(const wire::Chunk& chunk, EventQueue& events, Outb
   changed.notify_all();
 }
 
-void SessionState::take(const v1::SessionUpdate& update, const Catalog& catalog, double now_s, EventQueue& events) {
+void SessionState::take(const v1::SessionUpdate& update, const Catalog& catalog, double now_s, EventQueue& events,
+                        Outbox& outbox) {
   if (phase == Phase::closed || phase == Phase::waiting) return;
   last_seq = std::max<std::uint64_t>(last_seq, update.applied_seq());
   if (update.has_opened()) {
-    take_opened(update.opened(), catalog, events);
+    take_opened(update.opened(), catalog, events, outbox);
   } else if (update.has_outcome()) {
     take_outcome(update.outcome(), now_s, events);
   } else if (update.has_service_level()) {
@@ -143,26 +157,49 @@ void SessionState::take(const v1::SessionUpdate& update, const Catalog& catalog,
     event.level = {static_cast<std::uint32_t>(update.service_level().tier()), update.service_level().denoise_steps()};
     events.push(std::move(event));
   } else if (update.has_closed()) {
-    const bool by_client = update.closed().reason() == v1::CLOSE_REASON_CLIENT;
-    if (update.closed().reason() == v1::CLOSE_REASON_DRAINED && phase != Phase::closing) {
-      phase = Phase::waiting;  // the stream ends now; on the next one it goes on
-    } else {
-      end(by_client ? Status(Code::cancelled, "CLIENT", "the session was closed here")
-                    : convert::closed(update.closed()),
-          events);
-    }
+    take_closed(update.closed(), now_s, events);
   }
   changed.notify_all();
 }
 
-void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events) {
+void SessionState::take_closed(const v1::SessionClosed& message, double now_s, EventQueue& events) {
+  if (message.reason() == v1::CLOSE_REASON_CLIENT) {
+    return end(Status(Code::cancelled, "CLIENT", "the session was closed here"), events);
+  }
+  const Status why = convert::closed(message);
+  const bool gone_on_with = message.reason() == v1::CLOSE_REASON_DRAINED || why.code() == Code::unavailable;
+  if (!gone_on_with || !recovers_ || !was_open_ || phase == Phase::closing) return end(why, events);
+  token_.clear();  // the server has it no more; on this stream or the next it goes on from the frames held
+  phase = Phase::waiting;
+  retry_at_s = now_s + kRetryS;
+}
+
+void SessionState::take_resumed(const v1::SessionOpened& message, EventQueue& events, Outbox& outbox) {
+  resuming_ = false;
+  token_ = message.session_token();
+  phase = Phase::open;
+  ++stats.recoveries;
+  for (const v1::SessionEvent& each : book.repetitions(base_)) outbox.put(each);
+  Event event;
+  event.kind = EventKind::recovered;
+  event.session = id;
+  event.frame = base_ + message.start_frame();
+  event.exact = true;
+  events.push(std::move(event));
+}
+
+void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events,
+                               Outbox& outbox) {
   if (phase != Phase::opening) return;
+  if (resuming_) return take_resumed(message, events, outbox);
   const Rig* found = find_rig(catalog, message.rig_id());
   if (found == nullptr) {
     return end(violation("a session was opened on rig " + message.rig_id() + ", which the catalogue does not have"),
                events);
   }
   opened = convert::opened(message);
+  token_ = message.session_token();
+  attempt_ = 0;
   phase = Phase::open;
   Event event;
   event.session = id;
@@ -201,6 +238,12 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
   if (message.event_seq() == 1) {
     if (phase != Phase::opening || outcome.status.ok()) return;
     const Code code = outcome.status.code();
+    if (resuming_ && code != Code::unavailable && code != Code::resource_exhausted) {
+      token_.clear();  // it was not kept: with the next tick it is opened anew
+      phase = Phase::waiting;
+      retry_at_s = 0;
+      return;
+    }
     if (was_open_ && (code == Code::unavailable || code == Code::resource_exhausted)) {
       phase = Phase::waiting;
       retry_at_s = now_s + outcome.retry_after_s.value_or(kRetryS);
@@ -209,7 +252,7 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
     return end(std::move(outcome), events);
   }
   const auto edit = book.answer(message.event_seq(), outcome.status.ok());
-  if (!edit) return;
+  if (!edit || *edit == 0) return;
   if (timeline) book.forget_before(timeline->first_kept());
   note_answer(*edit, std::move(outcome), events);
 }

@@ -28,8 +28,9 @@ enum class Phase {
 // `mutex` guards all of it; whoever calls a method holds it. Lock order: this, then those of Outbox and EventQueue.
 class SessionState {
  public:
-  SessionState(std::uint32_t given_id, SessionOptions given, v1::OpenSession open)
-      : id(given_id), options(std::move(given)), book(std::move(open)) {}
+  // recovers: whether it goes on on another stream when its own is lost.
+  SessionState(std::uint32_t given_id, SessionOptions given, v1::OpenSession open, bool recovers)
+      : id(given_id), options(std::move(given)), book(given_id, std::move(open)), recovers_(recovers) {}
 
   mutable std::mutex mutex;
   std::condition_variable changed;
@@ -50,7 +51,8 @@ class SessionState {
 
   // ---- to the server
 
-  // Put its OpenSession and what was not answered into the outbox.
+  // Put its OpenSession into the outbox: its first, one that resumes it where the server may have kept it, else one
+  // that goes on from the frames held, with what was not answered.
   void send_open(Outbox& outbox, const Catalog& catalog);
   // Take an edit. Returns its number.
   EditId send_edit(v1::SessionEvent event, Outbox& outbox);
@@ -62,7 +64,7 @@ class SessionState {
 
   void take_plan(const wire::Plan& plan, EventQueue& events, Outbox& outbox);
   void take_chunk(const wire::Chunk& chunk, EventQueue& events, Outbox& outbox);
-  void take(const v1::SessionUpdate& update, const Catalog& catalog, double now_s, EventQueue& events);
+  void take(const v1::SessionUpdate& update, const Catalog& catalog, double now_s, EventQueue& events, Outbox& outbox);
 
   // The stream is gone. It waits for another one, or ends with `status` where there will be none.
   void lose(const Status& status, bool will_reconnect, EventQueue& events);
@@ -73,7 +75,10 @@ class SessionState {
   std::optional<Outcome> find_answer(EditId edit) const;
 
  private:
-  void take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events);
+  void take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events, Outbox& outbox);
+  void take_resumed(const v1::SessionOpened& message, EventQueue& events, Outbox& outbox);
+  void take_closed(const v1::SessionClosed& message, double now_s, EventQueue& events);
+  void send_resume(Outbox& outbox);
   void take_outcome(const v1::EditOutcome& message, double now_s, EventQueue& events);
   void break_off(const Status& status, EventQueue& events, Outbox& outbox);
   void note_answer(EditId edit, Outcome outcome, EventQueue& events);
@@ -82,7 +87,11 @@ class SessionState {
   static constexpr std::size_t kAnswersKept = 1024;
 
   std::uint64_t base_ = 0;  // the timeline's frame that is frame 0 of the present session on the server
+  const bool recovers_;
   bool was_open_ = false;
+  bool resuming_ = false;      // OpenSession with the token is on its way
+  std::string token_;          // of the present session on the server; empty: it cannot be resumed
+  std::uint32_t attempt_ = 0;  // to resume it
   std::deque<std::pair<EditId, Outcome>> answers_;
 };
 

@@ -168,7 +168,7 @@ void put_bytes(std::uint32_t field, const std::string& content, std::string& to)
 }
 
 void put_playhead(std::uint32_t session, std::uint64_t frame, std::uint64_t buffered_to, std::uint32_t underruns,
-                  std::string& to) {
+                  std::uint64_t answered_seq, std::string& to) {
   // a report is so short that each length is one byte, to be filled in behind
   put_varint(kEvents << 3 | kLength, to);
   const std::size_t event = to.size();
@@ -184,6 +184,8 @@ void put_playhead(std::uint32_t session, std::uint64_t frame, std::uint64_t buff
   put_varint(buffered_to, to);
   put_varint(3 << 3, to);
   put_varint(underruns, to);
+  put_varint(4 << 3, to);
+  put_varint(answered_seq, to);
   to[playhead] = static_cast<char>(to.size() - playhead - 1);
   to[event] = static_cast<char>(to.size() - event - 1);
 }

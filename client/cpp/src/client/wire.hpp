@@ -88,9 +88,9 @@ bool gather(Cursor cursor, std::string& to);
 // ---- writing
 
 void put_varint(std::uint64_t value, std::string& to);
-// A StreamMotionRequest.events entry with a Playhead.
+// A StreamMotionRequest.events entry with a Playhead; answered_seq as in ResumePoint.
 void put_playhead(std::uint32_t session, std::uint64_t frame, std::uint64_t buffered_to, std::uint32_t underruns,
-                  std::string& to);
+                  std::uint64_t answered_seq, std::string& to);
 // A field of bytes: tag, length, content.
 void put_bytes(std::uint32_t field, const std::string& content, std::string& to);
 

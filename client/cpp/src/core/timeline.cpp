@@ -248,6 +248,7 @@ Result<Span<const float>> Timeline::row(std::uint64_t frame) const {
 bool Timeline::started() const { return state_->started; }
 std::uint64_t Timeline::playhead() const { return state_->playhead; }
 std::uint64_t Timeline::buffered_to() const { return state_->buffered_to(); }
+std::uint64_t Timeline::received_to() const { return state_->received_to; }
 std::uint64_t Timeline::first_kept() const { return state_->first_kept; }
 std::uint64_t Timeline::committed_to() const { return state_->committed_to; }
 std::uint32_t Timeline::plan() const { return state_->plan; }

@@ -11,7 +11,7 @@ SessionBook new_book() {
   v1::OpenSession open;
   open.mutable_start_pose()->set_x(3);
   *open.add_prompts() = convert::span(SessionBook::kPresentPrompt, Prompt("walk"), 0, 0);
-  SessionBook book(std::move(open));
+  SessionBook book(1, std::move(open));
   book.add_opening(convert::constraint(book.take_constraint_id(), Waypoint{100, 1, 2, {}}));
   static_cast<void>(book.take_seq());
   book.opened();
@@ -99,13 +99,39 @@ TEST(SessionBook, RemembersThatItIsPaused) {
   EXPECT_FALSE(book.is_paused());
   book.answer(2, true);
   EXPECT_TRUE(book.is_paused());
+  v1::SessionEvent edit = prompt_event(2, "run", 0);
+  book.add(edit);
+  for (int loss = 0; loss < 2; ++loss) {
+    book.begin_stream();
+    static_cast<void>(book.take_seq());
+    const auto again = book.unanswered(0);
+    ASSERT_EQ(again.size(), 2U) << "the pause is told once";
+    EXPECT_TRUE(again[0].has_set_play_state());
+    EXPECT_EQ(again[1].event_seq(), 3U);
+  }
+  EXPECT_EQ(book.answered_seq(), 1U);
+  EXPECT_EQ(book.answer(2, true), EditId{0});
+  EXPECT_EQ(book.answered_seq(), 2U);
+}
+
+TEST(SessionBook, RepeatsWhatWasNotAnsweredAsItWasWhereTheSessionGoesOn) {
+  SessionBook book = new_book();
+  v1::SessionEvent first = prompt_event(2, "run", 90);
+  v1::SessionEvent second = prompt_event(3, "wave", 95);
+  book.add(first);
+  book.add(second);
+  book.answer(2, true);
+  const auto again = book.repetitions(0);
+  ASSERT_EQ(again.size(), 1U);
+  EXPECT_EQ(again[0].SerializeAsString(), second.SerializeAsString());
+  EXPECT_EQ(book.answered_seq(), 2U);
 }
 
 TEST(SessionBook, NeverOpenedItOpensAsAtFirst) {
   v1::OpenSession first;
   first.set_model_id("m");
   *first.add_prompts() = convert::span(1, Prompt("walk"), 0, 0);
-  const SessionBook book(first);
+  const SessionBook book(1, first);
   EXPECT_EQ(book.reopening(0, 0, "").SerializeAsString(), first.SerializeAsString());
 }
 

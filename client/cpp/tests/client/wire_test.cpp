@@ -121,7 +121,8 @@ TEST(Wire, TakesAnyBytesWithoutReadingPastThem) {
 
 TEST(Wire, WritesAReportAsItsMessage) {
   std::string entry;
-  wire::put_playhead(0xFFFFFFFF, std::uint64_t{1} << 53, (std::uint64_t{1} << 53) + 1, 0xFFFFFFFF, entry);
+  wire::put_playhead(0xFFFFFFFF, std::uint64_t{1} << 53, (std::uint64_t{1} << 53) + 1, 0xFFFFFFFF, ~std::uint64_t{0},
+                     entry);
   v1::StreamMotionRequest request;
   ASSERT_TRUE(request.ParseFromString(entry));
   ASSERT_EQ(request.events_size(), 1);
@@ -130,6 +131,7 @@ TEST(Wire, WritesAReportAsItsMessage) {
   EXPECT_EQ(request.events(0).playhead().frame(), std::uint64_t{1} << 53);
   EXPECT_EQ(request.events(0).playhead().buffered_to(), (std::uint64_t{1} << 53) + 1);
   EXPECT_EQ(request.events(0).playhead().underruns(), 0xFFFFFFFF);
+  EXPECT_EQ(request.events(0).playhead().answered_seq(), ~std::uint64_t{0});
 }
 
 }  // namespace

@@ -13,6 +13,7 @@ class GoodbyeReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     GOODBYE_REASON_UNSPECIFIED: _ClassVar[GoodbyeReason]
     GOODBYE_REASON_DRAINING: _ClassVar[GoodbyeReason]
+    GOODBYE_REASON_CREDENTIALS_EXPIRING: _ClassVar[GoodbyeReason]
 
 class FormSupport(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -22,6 +23,7 @@ class FormSupport(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     FORM_SUPPORT_REFUSED: _ClassVar[FormSupport]
 GOODBYE_REASON_UNSPECIFIED: GoodbyeReason
 GOODBYE_REASON_DRAINING: GoodbyeReason
+GOODBYE_REASON_CREDENTIALS_EXPIRING: GoodbyeReason
 FORM_SUPPORT_UNSPECIFIED: FormSupport
 FORM_SUPPORT_TRAINED: FormSupport
 FORM_SUPPORT_UNTRAINED: FormSupport

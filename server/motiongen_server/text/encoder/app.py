@@ -18,6 +18,7 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Proc
 from motiongen.v1 import encoder_pb2_grpc
 from motiongen_ardy.text import TextEncoder, load_text_encoder
 from motiongen_ardy.text.store import VectorStore
+from motiongen_server.addresses import join_address
 from motiongen_server.ops.http import OpsServer, ops_app
 from motiongen_server.settings import SettingError
 from motiongen_server.text.encoder.config import EncoderConfig
@@ -47,7 +48,7 @@ class EncoderApplication:
         service = TextEncoderService(self._prompts, encoder.width, config.max_texts, config.max_characters)
         encoder_pb2_grpc.add_TextEncoderServiceServicer_to_server(service, self._server)
         health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
-        address = _join_address(config.host, config.port)
+        address = join_address(config.host, config.port)
         try:
             self._port = self._server.add_insecure_port(address)
         except RuntimeError as error:
@@ -94,7 +95,7 @@ class EncoderApplication:
         try:
             listener = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
         except OSError as error:
-            address = _join_address(host, port)
+            address = join_address(host, port)
             raise SettingError(f"cannot listen on {address} (ops); choose another port, or 0: {error}") from error
         self._ops = OpsServer(ops_app(self._registry, lambda: True, lambda: self._is_ready), host, port)
         self._ops_task = asyncio.create_task(self._ops.serve([listener]))
@@ -133,10 +134,6 @@ def load(config: EncoderConfig) -> TextEncoder:
         )
     except (ValueError, RuntimeError, ConnectionError) as error:
         raise SettingError(f"cannot serve text encoder {config.text_encoder!r}: {error}") from error
-
-
-def _join_address(host: str, port: int) -> str:
-    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 async def run(config: EncoderConfig) -> int:

@@ -1,0 +1,95 @@
+// A crowd on one stream, drawn sixty times a second: crowd [HOST:PORT] [CHARACTERS] [SECONDS]
+// Every character gets another prompt now and then. Prints what a game would ask of it: frames held, and what it cost.
+#include <sys/resource.h>
+
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <thread>
+#include <vector>
+
+#include "motiongen/client/client.hpp"
+
+namespace {
+
+constexpr int kFramesPerSecond = 60;
+constexpr const char* kPrompts[] = {"a person walks forward", "a person runs forward", "a person stands still",
+                                    "a person waves with the right hand"};
+
+double cpu_s() {
+  rusage used{};
+  getrusage(RUSAGE_SELF, &used);
+  const auto seconds = [](const timeval& time) {
+    return static_cast<double>(time.tv_sec) + static_cast<double>(time.tv_usec) / 1e6;
+  };
+  return seconds(used.ru_utime) + seconds(used.ru_stime);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const std::size_t num_characters = argc > 2 ? std::strtoul(argv[2], nullptr, 10) : 500;
+  const double seconds = argc > 3 ? std::strtod(argv[3], nullptr) : 10;
+  motiongen::ClientOptions options;
+  options.address = argc > 1 ? argv[1] : "localhost:50051";
+  auto client = motiongen::Client::connect(options);
+  if (!client) {
+    std::fprintf(stderr, "%s\n", client.status().message().c_str());
+    return 1;
+  }
+  std::vector<motiongen::Session> crowd;
+  for (std::size_t number = 0; number < num_characters; ++number) {
+    motiongen::SessionOptions character;
+    character.prompt = kPrompts[number % std::size(kPrompts)];
+    character.priority = motiongen::Priority::crowd;
+    character.start_x_m = 2.0F * static_cast<float>(number % 25);
+    character.start_z_m = 2.0F * static_cast<float>(number / 25);
+    auto opened = client->open(character);
+    if (!opened) {
+      std::fprintf(stderr, "%s\n", opened.status().message().c_str());
+      return 1;
+    }
+    crowd.push_back(std::move(opened).value());
+    if (number % 50 == 49 && !crowd.back().wait_frame(0, 60))
+      break;  // the server takes them as fast as it can serve them
+  }
+  for (motiongen::Session& each : crowd) {
+    const auto opened = each.wait_open(30);
+    if (!opened) {
+      std::fprintf(stderr, "%s\n", opened.status().message().c_str());
+      return 1;
+    }
+  }
+  std::vector<float> pose(crowd.front().rig().row_width);
+  const auto start = std::chrono::steady_clock::now();
+  const double cpu_before_s = cpu_s();
+  const std::uint64_t chunks_before = client->stats().chunks;
+  const int frames = static_cast<int>(seconds * kFramesPerSecond);
+  std::uint64_t poses = 0;
+  motiongen::Event event;
+  for (int frame = 0; frame < frames; ++frame) {
+    for (motiongen::Session& each : crowd) poses += each.sample(pose) ? 1 : 0;
+    motiongen::Session& told = crowd[static_cast<std::size_t>(frame) % num_characters];
+    const auto edit = told.set_prompt(kPrompts[static_cast<std::size_t>(frame / 7) % std::size(kPrompts)]);
+    if (!edit) {
+      std::fprintf(stderr, "%s\n", edit.status().message().c_str());
+      return 1;
+    }
+    while (client->next_event(event)) {
+      if (event.kind == motiongen::EventKind::closed)
+        std::fprintf(stderr, "%s\n", event.outcome.status.message().c_str());
+    }
+    std::this_thread::sleep_until(start + std::chrono::microseconds(1'000'000LL * (frame + 1) / kFramesPerSecond));
+  }
+  const double used_s = cpu_s() - cpu_before_s;
+  const auto chunks = client->stats().chunks - chunks_before;
+  std::uint64_t held = 0;
+  for (const motiongen::Session& each : crowd) held += each.stats().underruns;
+  std::printf("%zu characters, %.0f s: %llu poses, %llu chunks, %llu frames held\n", num_characters, seconds,
+              static_cast<unsigned long long>(poses), static_cast<unsigned long long>(chunks),
+              static_cast<unsigned long long>(held));
+  std::printf("%.3f of a core; %.1f us a character and second; %.1f us a chunk, poses included\n", used_s / seconds,
+              1e6 * used_s / seconds / static_cast<double>(num_characters),
+              chunks == 0 ? 0.0 : 1e6 * used_s / static_cast<double>(chunks));
+  return 0;
+}

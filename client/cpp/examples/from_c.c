@@ -1,0 +1,54 @@
+/* One character through the C interface, as an engine would use it: from_c [HOST:PORT] */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "motiongen/motiongen.h"
+
+static int failed(const motiongen_error* error) {
+  fprintf(stderr, "%s: %s\n", error->reason, error->message);
+  return 1;
+}
+
+int main(int argc, char** argv) {
+  motiongen_error error = {.struct_size = sizeof error};
+  motiongen_client_options options;
+  motiongen_session_options character;
+  motiongen_client* client = NULL;
+  motiongen_session* walker = NULL;
+  motiongen_rig rig = {.struct_size = sizeof rig};
+  uint64_t frame;
+  float* row;
+
+  if (motiongen_abi_version() != MOTIONGEN_ABI_VERSION) return 1;
+  memset(&options, 0, sizeof options);
+  options.struct_size = sizeof options;
+  options.address = argc > 1 ? argv[1] : "localhost:50051";
+  if (motiongen_client_connect(&options, &client, &error) != MOTIONGEN_OK) return failed(&error);
+
+  memset(&character, 0, sizeof character);
+  character.struct_size = sizeof character;
+  character.prompt = "a person walks forward";
+  character.manual_clock = 1; /* frame by frame, as fast as they come */
+  if (motiongen_client_open(client, &character, &walker, &error) != MOTIONGEN_OK) return failed(&error);
+  if (motiongen_session_wait_open(walker, 30.0, &error) != MOTIONGEN_OK) return failed(&error);
+  if (motiongen_session_rig(walker, &rig, &error) != MOTIONGEN_OK) return failed(&error);
+  printf("%u joints, the root is %s\n", rig.num_joints, motiongen_session_joint_name(walker, 0));
+
+  row = malloc(rig.row_floats * sizeof *row);
+  if (row == NULL) return 1;
+  for (frame = 0; frame < 40; ++frame) {
+    if (motiongen_session_wait_frame(walker, frame, 30.0, &error) != MOTIONGEN_OK) return failed(&error);
+    if (motiongen_session_advance_to(walker, frame, &error) != MOTIONGEN_OK) return failed(&error);
+    if (motiongen_session_copy_frame(walker, frame, row, rig.row_floats, &error) != MOTIONGEN_OK) return failed(&error);
+    if (frame % 10 == 0) {
+      const float* hips = row + rig.root_column;
+      printf("frame %u: the hips are at %.2f, %.2f, %.2f m\n", (unsigned)frame, (double)hips[0], (double)hips[1],
+             (double)hips[2]);
+    }
+  }
+  free(row);
+  motiongen_session_destroy(walker);
+  motiongen_client_destroy(client);
+  return 0;
+}

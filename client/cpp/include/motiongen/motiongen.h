@@ -1,0 +1,186 @@
+/* motiongen for engines: a C interface whose structs may grow. Compiles as C99 and as C++.
+ *
+ * Every struct begins with struct_size, which the caller sets to its sizeof; what lies beyond it was not known to the
+ * caller, is taken as 0 and is not written. In options 0 and NULL leave a choice to the library or to the server.
+ * Functions that can fail return a motiongen_code and, where `error` is not NULL, say there what was given and what is
+ * allowed. Texts are UTF-8. Frames count from 0 at the start of a session; axes and units are those of docs/motion.md:
+ * right-handed, +Y up, +Z forward, metres, radians, quaternions w x y z. Any function may be called from any thread; a
+ * handle must not be used while it is destroyed, nor after. */
+#ifndef MOTIONGEN_MOTIONGEN_H_
+#define MOTIONGEN_MOTIONGEN_H_
+
+#include <stdint.h>
+
+#if defined(_WIN32)
+#define MOTIONGEN_C_API __declspec(dllexport)
+#else
+#define MOTIONGEN_C_API __attribute__((visibility("default")))
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define MOTIONGEN_ABI_VERSION 1u
+
+/* Of the library that is loaded; functions are added, never changed, while this stays. */
+MOTIONGEN_C_API uint32_t motiongen_abi_version(void);
+
+/* Numbers of google.rpc.Code. */
+typedef int32_t motiongen_code;
+enum {
+  MOTIONGEN_OK = 0,
+  MOTIONGEN_INVALID_ARGUMENT = 3,
+  MOTIONGEN_DEADLINE_EXCEEDED = 4,
+  MOTIONGEN_NOT_FOUND = 5,
+  MOTIONGEN_RESOURCE_EXHAUSTED = 8,
+  MOTIONGEN_FAILED_PRECONDITION = 9,
+  MOTIONGEN_OUT_OF_RANGE = 11,
+  MOTIONGEN_INTERNAL = 13,
+  MOTIONGEN_UNAVAILABLE = 14
+};
+
+typedef struct motiongen_client motiongen_client;
+typedef struct motiongen_session motiongen_session;
+
+typedef struct motiongen_error {
+  uint32_t struct_size;
+  motiongen_code code;
+  char reason[64];   /* a stable name, UPPER_SNAKE_CASE, or "" */
+  char message[512]; /* for people; cut off where it is longer */
+} motiongen_error;
+
+typedef struct motiongen_client_options {
+  uint32_t struct_size;
+  uint32_t use_tls;    /* 1: TLS with root_certificates_pem, or the system's where that is NULL */
+  const char* address; /* host:port */
+  const char* token;   /* NULL: none */
+  const char* root_certificates_pem;
+  double connect_timeout_s; /* 0: 10 s */
+  uint32_t no_reconnect;    /* 1: sessions end when the stream is lost */
+  uint32_t reserved;
+} motiongen_client_options;
+
+typedef struct motiongen_session_options {
+  uint32_t struct_size;
+  uint32_t priority;  /* 1 hero, 2 near, 3 crowd, 4 batch; 0: near */
+  const char* prompt; /* NULL: none */
+  const char* model_id;
+  uint64_t seed;
+  uint32_t has_seed;
+  uint32_t lookahead_frames;
+  uint32_t denoise_steps;
+  uint32_t manual_clock; /* 1: motiongen_session_advance_to moves the playhead; 0: real time does */
+  float start_x_m;
+  float start_z_m;
+  float start_heading_rad;
+  uint32_t reserved;
+} motiongen_session_options;
+
+typedef struct motiongen_rig {
+  uint32_t struct_size;
+  uint32_t num_joints;
+  uint32_t row_floats; /* of a frame row */
+  uint32_t frame_rate_hz;
+  uint32_t root_column;     /* 3 floats */
+  uint32_t rotation_column; /* 4 floats a joint, relative to its parent */
+  uint32_t contact_column;  /* 4 floats: left heel, left toe, right heel, right toe */
+} motiongen_rig;
+
+enum {
+  MOTIONGEN_EVENT_OPENED = 1,
+  MOTIONGEN_EVENT_EDIT = 2,
+  MOTIONGEN_EVENT_SERVICE_LEVEL = 3,
+  MOTIONGEN_EVENT_CLOSED = 4,
+  MOTIONGEN_EVENT_CONNECTION_LOST = 5,
+  MOTIONGEN_EVENT_CONNECTED = 6,
+  MOTIONGEN_EVENT_RECOVERED = 7,
+  MOTIONGEN_EVENT_DRAINING = 8
+};
+
+typedef struct motiongen_event {
+  uint32_t struct_size;
+  uint32_t kind;
+  uint32_t session;    /* motiongen_session_id; 0: about the connection */
+  motiongen_code code; /* of the answer to an edit, of a close, of a loss */
+  uint64_t edit;
+  uint64_t frame; /* EDIT: the first it shows at; RECOVERED: the first that is new */
+  uint32_t has_frame;
+  uint32_t exact; /* RECOVERED: 1 where the motion is the same as without the loss */
+  uint32_t tier;  /* SERVICE_LEVEL: 1 full, 2 fewer steps, 3 no guidance, 5 holds its pose */
+  uint32_t denoise_steps;
+  char reason[64];
+  char message[512];
+} motiongen_event;
+
+/* ---- a client: one stream to one server. Destroying it ends its sessions, whose handles stay to be destroyed. */
+MOTIONGEN_C_API motiongen_code motiongen_client_connect(const motiongen_client_options* options,
+                                                        motiongen_client** client, motiongen_error* error);
+MOTIONGEN_C_API void motiongen_client_destroy(motiongen_client* client);
+MOTIONGEN_C_API int32_t motiongen_client_is_connected(const motiongen_client* client);
+/* 1 and the oldest event not taken, or 0 where there is none. */
+MOTIONGEN_C_API int32_t motiongen_client_next_event(motiongen_client* client, motiongen_event* event);
+
+/* ---- a session: one character. Destroying it closes it. */
+MOTIONGEN_C_API motiongen_code motiongen_client_open(motiongen_client* client, const motiongen_session_options* options,
+                                                     motiongen_session** session, motiongen_error* error);
+MOTIONGEN_C_API void motiongen_session_destroy(motiongen_session* session);
+MOTIONGEN_C_API uint32_t motiongen_session_id(const motiongen_session* session);
+MOTIONGEN_C_API int32_t motiongen_session_is_open(const motiongen_session* session);
+MOTIONGEN_C_API motiongen_code motiongen_session_wait_open(motiongen_session* session, double timeout_s,
+                                                           motiongen_error* error);
+
+/* What it is told. `edit`, where not NULL, gets the number that the answering event has. */
+MOTIONGEN_C_API motiongen_code motiongen_session_set_prompt(motiongen_session* session, const char* text,
+                                                            uint64_t* edit, motiongen_error* error);
+/* heading_rad: NULL leaves it free. id, where not NULL, is for motiongen_session_remove_target. */
+MOTIONGEN_C_API motiongen_code motiongen_session_add_waypoint(motiongen_session* session, uint64_t frame, float x_m,
+                                                              float z_m, const float* heading_rad, uint32_t* id,
+                                                              uint64_t* edit, motiongen_error* error);
+/* positions_m: x and z of num_frames consecutive frames. */
+MOTIONGEN_C_API motiongen_code motiongen_session_add_path(motiongen_session* session, uint64_t first_frame,
+                                                          const float* positions_m, uint32_t num_frames, uint32_t* id,
+                                                          uint64_t* edit, motiongen_error* error);
+MOTIONGEN_C_API motiongen_code motiongen_session_remove_target(motiongen_session* session, uint32_t id, uint64_t* edit,
+                                                               motiongen_error* error);
+MOTIONGEN_C_API motiongen_code motiongen_session_clear_targets(motiongen_session* session, uint64_t* edit,
+                                                               motiongen_error* error);
+MOTIONGEN_C_API motiongen_code motiongen_session_set_velocity(motiongen_session* session, float x_mps, float z_mps,
+                                                              double seconds, const float* heading_rad,
+                                                              int32_t keep_prompt, uint64_t* edit,
+                                                              motiongen_error* error);
+MOTIONGEN_C_API motiongen_code motiongen_session_pause(motiongen_session* session, uint64_t* edit,
+                                                       motiongen_error* error);
+MOTIONGEN_C_API motiongen_code motiongen_session_resume(motiongen_session* session, uint64_t* edit,
+                                                        motiongen_error* error);
+
+/* Its rig, once it is open: FAILED_PRECONDITION before. Names live as long as the session's handle; NULL for no joint.
+ */
+MOTIONGEN_C_API motiongen_code motiongen_session_rig(const motiongen_session* session, motiongen_rig* rig,
+                                                     motiongen_error* error);
+MOTIONGEN_C_API const char* motiongen_session_joint_name(const motiongen_session* session, uint32_t joint);
+MOTIONGEN_C_API int32_t motiongen_session_joint_parent(const motiongen_session* session,
+                                                       uint32_t joint); /* -1: the root */
+
+/* Frames. row: row_floats numbers. 1 where there is a pose, between two frames, for now; else 0 and row is as it was.
+ */
+MOTIONGEN_C_API int32_t motiongen_session_sample(motiongen_session* session, float* row, uint32_t row_floats);
+MOTIONGEN_C_API motiongen_code motiongen_session_copy_frame(const motiongen_session* session, uint64_t frame,
+                                                            float* row, uint32_t row_floats, motiongen_error* error);
+MOTIONGEN_C_API motiongen_code motiongen_session_wait_frame(motiongen_session* session, uint64_t frame,
+                                                            double timeout_s, motiongen_error* error);
+MOTIONGEN_C_API motiongen_code motiongen_session_advance_to(motiongen_session* session, uint64_t frame,
+                                                            motiongen_error* error);
+/* World positions of all joints of a row: positions_m has 3 floats a joint. */
+MOTIONGEN_C_API motiongen_code motiongen_session_joint_positions(const motiongen_session* session, const float* row,
+                                                                 float* positions_m, uint32_t num_floats,
+                                                                 motiongen_error* error);
+MOTIONGEN_C_API uint64_t motiongen_session_playhead(const motiongen_session* session);
+MOTIONGEN_C_API uint64_t motiongen_session_buffered_to(const motiongen_session* session);
+MOTIONGEN_C_API uint32_t motiongen_session_underruns(const motiongen_session* session);
+
+#ifdef __cplusplus
+} /* extern "C" */
+#endif
+
+#endif /* MOTIONGEN_MOTIONGEN_H_ */

@@ -1,0 +1,109 @@
+// The C interface of a client.
+#include <utility>
+
+#include "c/handles.hpp"
+#include "c/structs.hpp"
+
+using motiongen::Event;
+using motiongen::EventKind;
+using motiongen::c::answer;
+using motiongen::c::text;
+
+namespace {
+
+std::uint32_t number_of(EventKind kind) {
+  switch (kind) {
+    case EventKind::opened:
+      return MOTIONGEN_EVENT_OPENED;
+    case EventKind::edit:
+      return MOTIONGEN_EVENT_EDIT;
+    case EventKind::service_level:
+      return MOTIONGEN_EVENT_SERVICE_LEVEL;
+    case EventKind::closed:
+      return MOTIONGEN_EVENT_CLOSED;
+    case EventKind::connection_lost:
+      return MOTIONGEN_EVENT_CONNECTION_LOST;
+    case EventKind::connected:
+      return MOTIONGEN_EVENT_CONNECTED;
+    case EventKind::recovered:
+      return MOTIONGEN_EVENT_RECOVERED;
+    case EventKind::draining:
+      return MOTIONGEN_EVENT_DRAINING;
+  }
+  return 0;
+}
+
+}  // namespace
+
+uint32_t motiongen_abi_version(void) { return MOTIONGEN_ABI_VERSION; }
+
+motiongen_code motiongen_client_connect(const motiongen_client_options* options, motiongen_client** client,
+                                        motiongen_error* error) {
+  motiongen_client_options given;
+  if (client == nullptr) return motiongen::c::missing("client", error);
+  *client = nullptr;
+  if (!motiongen::c::read(options, given)) return motiongen::c::missing("options", error);
+  motiongen::ClientOptions chosen;
+  chosen.address = text(given.address);
+  chosen.token = text(given.token);
+  chosen.tls = given.use_tls != 0;
+  chosen.root_certificates_pem = text(given.root_certificates_pem);
+  if (given.connect_timeout_s != 0) chosen.connect_timeout_s = given.connect_timeout_s;
+  chosen.reconnect = given.no_reconnect == 0;
+  chosen.agent = "c";
+  auto connected = motiongen::Client::connect(chosen);
+  if (connected) *client = new motiongen_client{std::move(connected).value()};
+  return answer(connected.status(), error);
+}
+
+void motiongen_client_destroy(motiongen_client* client) { delete client; }
+
+int32_t motiongen_client_is_connected(const motiongen_client* client) {
+  return client != nullptr && client->client.is_connected() ? 1 : 0;
+}
+
+int32_t motiongen_client_next_event(motiongen_client* client, motiongen_event* event) {
+  Event next;
+  if (client == nullptr || event == nullptr || !client->client.next_event(next)) return 0;
+  motiongen_event told;
+  std::memset(&told, 0, sizeof told);
+  told.kind = number_of(next.kind);
+  told.session = next.session;
+  told.code = static_cast<motiongen_code>(next.outcome.status.code());
+  told.edit = next.edit;
+  const bool has_frame = next.kind == EventKind::recovered || next.outcome.effective_frame.has_value();
+  told.has_frame = has_frame ? 1 : 0;
+  if (has_frame) told.frame = next.outcome.effective_frame.value_or(next.frame);
+  told.exact = next.exact ? 1 : 0;
+  told.tier = next.level.tier;
+  told.denoise_steps = next.level.denoise_steps;
+  motiongen::c::copy_text(next.outcome.status.reason(), told.reason);
+  motiongen::c::copy_text(next.outcome.status.message(), told.message);
+  motiongen::c::write(told, event);
+  return 1;
+}
+
+motiongen_code motiongen_client_open(motiongen_client* client, const motiongen_session_options* options,
+                                     motiongen_session** session, motiongen_error* error) {
+  motiongen_session_options given;
+  if (client == nullptr || session == nullptr) return motiongen::c::missing("client, session", error);
+  *session = nullptr;
+  if (!motiongen::c::read(options, given)) return motiongen::c::missing("options", error);
+  if (given.priority > 4) {
+    return answer(motiongen::invalid("priority", std::to_string(given.priority), "1 to 4, or 0 for near"), error);
+  }
+  motiongen::SessionOptions chosen;
+  if (given.priority != 0) chosen.priority = static_cast<motiongen::Priority>(given.priority);
+  chosen.prompt = motiongen::Prompt(text(given.prompt));
+  chosen.model_id = text(given.model_id);
+  if (given.has_seed != 0) chosen.seed = given.seed;
+  chosen.lookahead_frames = given.lookahead_frames;
+  chosen.denoise_steps = given.denoise_steps;
+  chosen.clock = given.manual_clock != 0 ? motiongen::Clock::manual : motiongen::Clock::real_time;
+  chosen.start_x_m = given.start_x_m;
+  chosen.start_z_m = given.start_z_m;
+  if (given.start_heading_rad != 0) chosen.start_heading_rad = given.start_heading_rad;
+  auto opened = client->client.open(chosen);
+  if (opened) *session = new motiongen_session{std::move(opened).value()};
+  return answer(opened.status(), error);
+}

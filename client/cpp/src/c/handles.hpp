@@ -1,0 +1,13 @@
+// What the opaque handles of the C interface point to.
+#pragma once
+
+#include "motiongen/client/client.hpp"
+#include "motiongen/motiongen.h"
+
+struct motiongen_client {
+  motiongen::Client client;
+};
+
+struct motiongen_session {
+  motiongen::Session session;
+};

@@ -1,0 +1,58 @@
+// Structs of the C interface as they cross it: no more is read or written than the caller says there is.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <string>
+
+#include "motiongen/core/status.hpp"
+#include "motiongen/motiongen.h"
+
+namespace motiongen::c {
+
+// The caller's struct, its missing end as zeros. false where it is NULL or has no size.
+template <class T>
+bool read(const T* given, T& known) {
+  std::memset(&known, 0, sizeof known);
+  if (given == nullptr || given->struct_size < sizeof given->struct_size) return false;
+  std::memcpy(&known, given, std::min<std::size_t>(given->struct_size, sizeof known));
+  return true;
+}
+
+// As much of ours as the caller's struct has room for; its struct_size stays.
+template <class T>
+void write(T known, T* given) {
+  if (given == nullptr || given->struct_size < sizeof given->struct_size) return;
+  known.struct_size = given->struct_size;
+  std::memcpy(given, &known, std::min<std::size_t>(given->struct_size, sizeof known));
+}
+
+// Cut off where it is longer, never in the middle of a character of UTF-8.
+template <std::size_t N>
+void copy_text(const std::string& text, char (&to)[N]) {
+  std::size_t size = std::min(text.size(), N - 1);
+  while (size < text.size() && size > 0 && (static_cast<unsigned char>(text[size]) & 0xC0U) == 0x80U) --size;
+  std::memcpy(to, text.data(), size);
+  to[size] = '\0';
+}
+
+// What a call returns; tells the caller more where it may.
+inline motiongen_code answer(const Status& status, motiongen_error* error) {
+  motiongen_error told;
+  std::memset(&told, 0, sizeof told);
+  told.code = static_cast<motiongen_code>(status.code());
+  copy_text(status.reason(), told.reason);
+  copy_text(status.message(), told.message);
+  write(told, error);
+  return told.code;
+}
+
+inline motiongen_code missing(const char* what, motiongen_error* error) {
+  return answer(invalid(what, "NULL or a struct_size of 0", "a pointer to what the header says"), error);
+}
+
+inline std::string text(const char* given) { return given == nullptr ? std::string() : std::string(given); }
+
+}  // namespace motiongen::c

@@ -1,0 +1,133 @@
+"""ChannelSettings: how a client reaches its server: address, TLS, token, metadata, and gRPC's own options."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from ipaddress import ip_address
+from typing import Any, TypeAlias, cast
+
+import grpc
+import grpc.aio
+
+from motiongen_client.errors import InvalidInput
+
+Token: TypeAlias = str | Callable[[], str]
+Option: TypeAlias = tuple[str, str | int]
+
+OPTIONS: tuple[Option, ...] = (
+    ("grpc.keepalive_time_ms", 30_000),
+    ("grpc.keepalive_timeout_ms", 10_000),
+    ("grpc.keepalive_permit_without_calls", 0),
+    # A window of fixed size: left to its own measure of the line, gRPC would take in minutes of motion unread.
+    ("grpc.http2.bdp_probe", 0),
+    ("grpc.http2.lookahead_bytes", 256 * 1024),
+    ("grpc.max_receive_message_length", 8 * 1024 * 1024),
+    ("grpc.max_send_message_length", 8 * 1024 * 1024),
+    # A stream carries state; a call repeated behind our back would carry none.
+    ("grpc.enable_retries", 0),
+    # Each call has a connection of its own: one that stopped would stop the next call too.
+    ("grpc.use_local_subchannel_pool", 1),
+    # A server that starts is seen soon; the default would wait up to two minutes.
+    ("grpc.initial_reconnect_backoff_ms", 100),
+    ("grpc.max_reconnect_backoff_ms", 2_000),
+)
+_UNIX = "unix:"
+_KEY = re.compile(r"(?!grpc-)[0-9a-z_.-]+(?<!-bin)")
+_TEXT = re.compile(r"[\x20-\x7e]+")
+_TOKEN = re.compile(r"[\x21-\x7e]+")
+
+
+@dataclass(frozen=True)
+class ChannelSettings:
+    """address: host:port or unix:PATH. credentials: of `grpc.ssl_channel_credentials()`; None speaks plain text.
+
+    token: sent with every call, or what gives it, asked anew for every call, so that one that expires is followed by
+    the next. metadata: sent with every call too. options: for gRPC, before those set here. Raises InvalidInput.
+    """
+
+    address: str
+    credentials: grpc.ChannelCredentials | None = None
+    token: Token | None = field(default=None, repr=False)
+    metadata: Sequence[tuple[str, str]] = field(default=(), repr=False)
+    options: Sequence[Option] = ()
+
+    def __post_init__(self) -> None:
+        host = _host_of(self.address)
+        if isinstance(self.token, str):
+            _check_token(self.token)
+        if self.token is not None and self.credentials is None and not _is_local(host):
+            allowed = "TLS (credentials=grpc.ssl_channel_credentials()) where a token crosses the network"
+            raise InvalidInput("credentials", None, allowed)
+        for key, text in self.metadata:
+            if not _KEY.fullmatch(key) or not _TEXT.fullmatch(text):
+                raise InvalidInput("metadata", key, "pairs of a key in lower case, not of gRPC's own, and ASCII text")
+
+    def open(self) -> grpc.aio.Channel:
+        """A new channel."""
+        chosen = {name for name, _ in self.options}
+        options = [*self.options, *(option for option in OPTIONS if option[0] not in chosen)]
+        if self.credentials is None:
+            channel = grpc.aio.insecure_channel(self.address, options=options)
+        else:
+            channel = grpc.aio.secure_channel(self.address, self.credentials, options=options)
+        if self.token is None and not self.metadata:
+            return channel
+        return cast(grpc.aio.Channel, _WithMetadata(channel, self._call_metadata))
+
+    def _call_metadata(self) -> tuple[tuple[str, str], ...]:
+        token = self.token() if callable(self.token) else self.token
+        if token is None:
+            return tuple(self.metadata)
+        _check_token(token)
+        return (*self.metadata, ("authorization", f"Bearer {token}"))
+
+
+class _WithMetadata:
+    """A channel whose calls all carry metadata.
+
+    Not by interceptors: grpc.aio puts tasks and queues of its own between a call and whom it belongs to where there are
+    any, and then a call that ends is told of late.
+    """
+
+    def __init__(self, channel: grpc.aio.Channel, metadata: Callable[[], tuple[tuple[str, str], ...]]) -> None:
+        self._channel = channel
+        self._metadata = metadata
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self._channel, name)
+        if name not in ("unary_unary", "unary_stream", "stream_unary", "stream_stream"):
+            return found
+
+        def method(*arguments: Any, **more: Any) -> Callable[..., Any]:
+            call = found(*arguments, **more)
+            return lambda *given, **also: call(*given, metadata=self._metadata(), **also)
+
+        return method
+
+
+def _host_of(address: str) -> str:
+    """Raises InvalidInput."""
+    if address.startswith(_UNIX) and address != _UNIX:
+        return address
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdigit() or not 0 < int(port) < 65536:
+        allowed = "host:port with a port from 1 to 65535, such as localhost:50051, or unix:PATH"
+        raise InvalidInput("address", address, allowed)
+    return host
+
+
+def _is_local(host: str) -> bool:
+    """Whether nothing that is sent there leaves this machine."""
+    if host == "localhost" or host.startswith(_UNIX):
+        return True
+    try:
+        return ip_address(host.removeprefix("[").removesuffix("]")).is_loopback
+    except ValueError:
+        return False
+
+
+def _check_token(token: str) -> None:
+    if not _TOKEN.fullmatch(token):
+        raise InvalidInput("token", f"{len(token)} characters", "printable ASCII without spaces")  # and stays secret

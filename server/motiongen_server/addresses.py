@@ -1,0 +1,42 @@
+"""Addresses to listen on: how they are written, and whether others than this machine can reach them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from ipaddress import ip_address
+
+from motiongen_server.settings import SettingError
+
+UNIX = "unix:"
+
+
+def join_address(host: str, port: int) -> str:
+    """host:port, with an IPv6 host in brackets; the path of a unix socket, unix:PATH, has no port."""
+    if host.startswith(UNIX):
+        return host
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def is_local(host: str) -> bool:
+    """Whether only programs of this machine reach what listens there. host: a name, an IP address, or unix:PATH.
+
+    A name other than localhost may mean any address, so it counts as one that others reach.
+    """
+    if host == "localhost" or host.startswith(UNIX):
+        return True
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def check_exposure(setting: str, host: str, lacking: Sequence[str], insecure: bool) -> None:
+    """Raise SettingError where others reach a listener without the protection that it lacks, unless that is meant.
+
+    setting: the name of the host's; lacking: what would protect it, in words.
+    """
+    if lacking and not insecure and not is_local(host):
+        raise SettingError(
+            f"{setting} is {host!r}, which other machines reach, without {' and without '.join(lacking)}; give that, "
+            "listen on a loopback address, or say --insecure where the network itself keeps others away"
+        )

@@ -1,0 +1,1 @@
+"""Who calls, by which credentials, and what they may: TLS, tokens, tenants."""

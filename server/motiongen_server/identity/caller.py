@@ -1,0 +1,69 @@
+"""Caller: who a call comes from, as far as the gateway knows, and why a call is refused for that."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import grpc
+
+from motiongen_server.errors import StreamRefused
+
+
+class Role(StrEnum):
+    """What a tenant may do."""
+
+    MOTION = "motion"
+    """Open streams, ask for clips and the catalogue."""
+    ADMIN = "admin"
+    """Load and unload models."""
+    METRICS = "metrics"
+    """Read the metrics."""
+
+
+CREDENTIALS_EXPIRED = "CREDENTIALS_EXPIRED"
+DEFAULT_ROLES = frozenset({Role.MOTION})
+
+
+@dataclass(frozen=True)
+class Caller:
+    """tenant: its name, "" for anybody. credential: what it showed, in words for logs; never the secret.
+
+    expires_at: when that ends, in seconds of the wall clock since 1970; None: never. quota: limits of its tenant that
+    differ from those of an address, by the names of `rpc.limits.PeerLimits`.
+    """
+
+    tenant: str = ""
+    credential: str = "nothing"
+    roles: frozenset[Role] = DEFAULT_ROLES
+    expires_at: float | None = None
+    quota: Mapping[str, float] = field(default_factory=dict)
+
+
+ANYBODY = Caller()
+
+
+def credentials_missing() -> StreamRefused:
+    message = "the call carries no token; send `authorization: Bearer TOKEN` in its metadata"
+    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_MISSING", message)
+
+
+def credentials_invalid() -> StreamRefused:
+    message = "the credentials are not known to this server; ask its operator for a token"
+    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
+
+
+def credentials_expired() -> StreamRefused:
+    message = "the credentials have expired; get new ones, and resume the sessions with them"
+    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_EXPIRED", message)
+
+
+def credentials_revoked() -> StreamRefused:
+    message = "the credentials were taken back; ask the server's operator for others"
+    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_REVOKED", message)
+
+
+def role_missing(role: Role) -> StreamRefused:
+    message = f"these credentials do not allow this; it takes a tenant with the role {role.value!r}"
+    return StreamRefused(grpc.StatusCode.PERMISSION_DENIED, "ROLE_MISSING", message)

@@ -1,0 +1,54 @@
+"""Identity as the settings have it: the gateway's credentials, who calls, and the ports that it listens on."""
+
+from __future__ import annotations
+
+import logging
+
+import grpc
+import grpc.aio
+
+from motiongen_server.addresses import UNIX, is_local
+from motiongen_server.config import ServerConfig
+from motiongen_server.identity.callers import Callers
+from motiongen_server.identity.tenants import read_tenants
+from motiongen_server.identity.tls import TlsFiles, server_credentials
+from motiongen_server.identity.watched import Watched
+from motiongen_server.settings import SettingError
+
+_log = logging.getLogger(__name__)
+
+
+def make_credentials(config: ServerConfig) -> grpc.ServerCredentials | None:
+    """What the gateway's port is served with; None: plain text. Raises SettingError."""
+    if not config.tls_certificate:
+        return None
+    return server_credentials(TlsFiles(config.tls_certificate, config.tls_key, config.tls_client_ca))
+
+
+def make_callers(config: ServerConfig) -> Callers:
+    """Raises SettingError."""
+    if not config.tenants:
+        return Callers()
+    try:
+        return Callers(Watched("tenants", [config.tenants], lambda: read_tenants(config.tenants)))
+    except (ValueError, OSError) as error:
+        raise SettingError(f"tenants cannot be read: {error}") from error
+
+
+def warn_of_exposure(config: ServerConfig) -> None:
+    """Say in the log what other machines reach unprotected, which `insecure` has allowed."""
+    for name, host, lacks in (("gRPC", config.host, config.lacks), ("ops", config.ops_host, config.ops_lacks)):
+        if lacks and not is_local(host):
+            _log.warning("%s is served to other machines on %s without %s", name, host, " and without ".join(lacks))
+
+
+def listen(server: grpc.aio.Server, address: str, what: str, credentials: grpc.ServerCredentials | None = None) -> int:
+    """Have a server listen on an address; returns the port, 0 for a unix socket. Raises SettingError."""
+    try:
+        if credentials is None:
+            port = server.add_insecure_port(address)
+        else:
+            port = server.add_secure_port(address, credentials)
+    except RuntimeError as error:
+        raise SettingError(f"cannot listen on {address}{what}; choose another port, or 0") from error
+    return 0 if address.startswith(UNIX) else port

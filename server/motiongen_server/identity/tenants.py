@@ -1,0 +1,140 @@
+"""Tenants: the file that says who may call, by which credentials, and how much each may have.
+
+[tenants.studio]
+roles = ["motion"]                       # the default; also "admin", "metrics"
+certificates = ["studio.example"]        # names of client certificates, common or alternative
+tokens = [{ hash = "sha256:...", expires = 2027-01-01T00:00:00Z }]
+quota = { heroes = 8, session_weight = 64 }
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from motiongen_server.identity.caller import DEFAULT_ROLES, Role
+from motiongen_server.identity.tokens import TokenHash
+
+QUOTAS = {
+    "streams": (1, 100_000),
+    "events_per_second": (1, 1e9),
+    "prompts_per_second": (0.1, 1e6),
+    "calls_per_second": (0.1, 1e6),
+    "session_weight": (1, 1_000_000),
+    "heroes": (0, 1_000_000),
+    "clip_samples": (0, 100_000),
+}
+"""What a tenant may be given other than an address has, and the range of each; names as in `rpc.limits.PeerLimits`."""
+
+
+@dataclass(frozen=True)
+class Token:
+    """expires_at: seconds of the wall clock since 1970; None: never."""
+
+    hash: TokenHash
+    expires_at: float | None
+
+
+@dataclass(frozen=True)
+class Tenant:
+    """One entry of the file."""
+
+    name: str
+    roles: frozenset[Role] = DEFAULT_ROLES
+    tokens: tuple[Token, ...] = ()
+    certificates: tuple[str, ...] = ()
+    quota: Mapping[str, float] = field(default_factory=dict)
+
+
+class Tenants:
+    """All of them, by what they show."""
+
+    def __init__(self, tenants: Iterable[Tenant]) -> None:
+        """Raises ValueError where two have the same token or certificate."""
+        self.by_name = {tenant.name: tenant for tenant in tenants}
+        self.by_token: dict[str, tuple[Tenant, Token]] = {}
+        self.by_certificate: dict[str, Tenant] = {}
+        for tenant in self.by_name.values():
+            for token in tenant.tokens:
+                self._check_new(token.hash.number in self.by_token, "token", token.hash.number)
+                self.by_token[token.hash.number] = (tenant, token)
+            for name in tenant.certificates:
+                self._check_new(name in self.by_certificate, "certificate", name)
+                self.by_certificate[name] = tenant
+
+    @staticmethod
+    def _check_new(is_there: bool, kind: str, name: str) -> None:
+        if is_there:
+            raise ValueError(f"the {kind} {name!r} is given twice; give each to one tenant, once")
+
+
+def read_tenants(path: str) -> Tenants:
+    """Raises ValueError for what is wrong in the file, OSError where it cannot be read."""
+    try:
+        document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        entries = _table(document, {"tenants"}, "the file").get("tenants", {})
+        return Tenants(_tenant(name, _mapping(entry, name)) for name, entry in _mapping(entries, "tenants").items())
+    except ValueError as error:  # TOML's own and those of its encoding are ValueErrors
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _tenant(name: str, entry: Mapping[str, Any]) -> Tenant:
+    entry = _table(entry, {"roles", "tokens", "certificates", "quota"}, name)
+    roles = _words(entry.get("roles", [role.value for role in DEFAULT_ROLES]), f"{name}.roles")
+    unknown = sorted(set(roles) - {role.value for role in Role})
+    if unknown:
+        raise ValueError(f"{name}.roles has {', '.join(unknown)}; known are {', '.join(role.value for role in Role)}")
+    tokens = entry.get("tokens", [])
+    if not isinstance(tokens, list):
+        raise ValueError(f"{name}.tokens must be a list of tables with hash and, where it ends, expires")
+    return Tenant(
+        name,
+        frozenset(map(Role, roles)),
+        tuple(_token(_mapping(token, f"{name}.tokens"), f"{name}.tokens") for token in tokens),
+        _words(entry.get("certificates", []), f"{name}.certificates"),
+        _quota(_mapping(entry.get("quota", {}), f"{name}.quota"), name),
+    )
+
+
+def _token(entry: Mapping[str, Any], where: str) -> Token:
+    entry = _table(entry, {"hash", "expires"}, where)
+    expires = entry.get("expires")
+    if expires is not None and (not isinstance(expires, datetime) or expires.tzinfo is None):
+        raise ValueError(f"{where} has expires = {expires}; give date, time and zone, such as 2027-01-01T00:00:00Z")
+    try:
+        return Token(TokenHash.parse(str(entry.get("hash"))), None if expires is None else expires.timestamp())
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from error
+
+
+def _quota(entry: Mapping[str, Any], name: str) -> dict[str, float]:
+    entry = _table(entry, set(QUOTAS), f"{name}.quota")
+    for key, value in entry.items():
+        least, most = QUOTAS[key]
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not is_number or not least <= value <= most:
+            raise ValueError(f"{name}.quota.{key} is {value!r}; it must be a number from {least:g} to {most:.12g}")
+    return dict(entry)
+
+
+def _table(entry: Mapping[str, Any], known: set[str], where: str) -> Mapping[str, Any]:
+    unknown = sorted(set(entry) - known)
+    if unknown:
+        raise ValueError(f"{where} has {', '.join(unknown)}; known are {', '.join(sorted(known))}")
+    return entry
+
+
+def _mapping(value: object, where: str) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"{where} must be a table, not {value!r}")
+    return value
+
+
+def _words(value: object, where: str) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(isinstance(word, str) and word for word in value):
+        raise ValueError(f"{where} must be a list of words, not {value!r}")
+    return tuple(value)

@@ -1,0 +1,86 @@
+"""TLS: the certificate that the gateway shows, whose certificates it asks of clients, and how both are renewed."""
+
+from __future__ import annotations
+
+import ssl
+from dataclasses import dataclass
+from pathlib import Path
+
+import grpc
+
+from motiongen_server.identity.watched import Watched
+from motiongen_server.settings import SettingError
+
+
+@dataclass(frozen=True)
+class TlsFiles:
+    """PEM files. certificate: the gateway's, with its chain; key: its key, not encrypted.
+
+    client_ca: authorities one of which must have signed a client's certificate; "": clients need show none.
+    """
+
+    certificate: str
+    key: str
+    client_ca: str = ""
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """All that there are."""
+        return tuple(path for path in (self.certificate, self.key, self.client_ca) if path)
+
+    def read(self) -> grpc.ServerCertificateConfiguration:
+        """What they hold. Raises ValueError where they do not fit together, OSError where one cannot be read."""
+        check_pair(self.certificate, self.key)
+        authorities = None
+        if self.client_ca:
+            check_authorities(self.client_ca)
+            authorities = Path(self.client_ca).read_bytes()
+        pair = (Path(self.key).read_bytes(), Path(self.certificate).read_bytes())
+        return grpc.ssl_server_certificate_configuration([pair], root_certificates=authorities)
+
+
+def server_credentials(files: TlsFiles) -> grpc.ServerCredentials:
+    """Credentials whose files are looked at whenever a client connects; connections that there are keep theirs.
+
+    Raises SettingError.
+    """
+    try:
+        watched = Watched("certificates", files.paths, files.read)
+    except (ValueError, OSError) as error:
+        raise SettingError(f"TLS cannot be served: {error}") from error
+
+    def renewed() -> grpc.ServerCertificateConfiguration:
+        watched.look()
+        return watched.value
+
+    return grpc.dynamic_ssl_server_credentials(
+        watched.value, renewed, require_client_authentication=bool(files.client_ca)
+    )
+
+
+def check_pair(certificate: str, key: str) -> None:
+    """Raise ValueError unless a certificate and a key belong together, OSError where one cannot be read."""
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password=_no_password)
+    except ssl.SSLError as error:
+        message = f"{certificate} and {key} are no certificate and its key, in PEM ({_words(error)})"
+        raise ValueError(message) from error
+
+
+def check_authorities(path: str) -> None:
+    """Raise ValueError unless a file holds certificates of authorities, OSError where it cannot be read."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    try:
+        context.load_verify_locations(path)
+    except ssl.SSLError as error:
+        raise ValueError(f"{path} holds no certificates of authorities, in PEM ({_words(error)})") from error
+    if not context.get_ca_certs():
+        raise ValueError(f"{path} holds certificates, but none of an authority")
+
+
+def _no_password() -> str:
+    raise ValueError("the key is encrypted; give one that is not, which only the server's user can read")
+
+
+def _words(error: ssl.SSLError) -> str:
+    return (error.reason or str(error)).lower().replace("_", " ")

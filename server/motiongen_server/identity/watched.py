@@ -1,0 +1,65 @@
+"""Watched: what files say, read anew when one of them has changed."""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+from collections.abc import Callable, Sequence
+from typing import Generic, TypeVar
+
+_log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+_Signature = tuple[tuple[int, int, int], ...]
+
+
+class Watched(Generic[T]):
+    """What `read` makes of files. Used from any thread.
+
+    Files may be written anew or replaced one after the other: what cannot be read is logged, and what was read last
+    holds until it can be.
+    """
+
+    def __init__(self, what: str, paths: Sequence[str], read: Callable[[], T]) -> None:
+        """what: they are, in words, for the log. Raises what `read` raises, which must be ValueError or OSError."""
+        self._what = what
+        self._paths = paths
+        self._read = read
+        self._lock = threading.Lock()
+        self._seen: _Signature | None = None
+        self._failed: _Signature | None = None
+        before = self._signature()
+        self.value = read()
+        self._seen = before
+
+    def look(self) -> bool:
+        """Read the files anew if one of them has changed; whether `value` is another one now."""
+        with self._lock:
+            try:
+                signature = self._signature()
+                if signature in (self._seen, self._failed):
+                    return False
+                value = self._read()
+                if self._signature() != signature:
+                    return False  # it was written meanwhile: the next look reads all of it
+            except (ValueError, OSError) as error:
+                self._note_failure(error)
+                return False
+            self._seen, self._failed = signature, None
+            self.value = value
+        _log.info("%s: read anew", self._what)
+        return True
+
+    def _note_failure(self, error: Exception) -> None:
+        try:
+            failed = self._signature()
+        except OSError:
+            failed = ()
+        if failed != self._failed:
+            self._failed = failed
+            _log.error("%s: cannot be read anew, and what was read before holds: %s", self._what, error)
+
+    def _signature(self) -> _Signature:
+        seen = (os.stat(path) for path in self._paths)
+        return tuple((each.st_mtime_ns, each.st_ino, each.st_size) for each in seen)

@@ -1,0 +1,64 @@
+"""How a client reaches its server: addresses, tokens, metadata, and what is not sent."""
+
+from __future__ import annotations
+
+import grpc
+import grpc.aio
+import pytest
+
+from motiongen_client import MotionClient, blocking
+from motiongen_client.admin import AdminClient
+from motiongen_client.channel import OPTIONS, ChannelSettings
+from motiongen_client.errors import InvalidInput
+from tests.client.fake_server import FakeServer
+
+TLS = grpc.ssl_channel_credentials()
+
+
+@pytest.mark.parametrize("address", ["localhost:1", "127.0.0.1:1", "[::1]:1", "unix:motion.sock"])
+def test_a_token_may_stay_on_this_machine_without_tls(address: str) -> None:
+    assert ChannelSettings(address, token="secret").credentials is None
+
+
+@pytest.mark.parametrize("address", ["10.0.0.7:50051", "motion.example:50051"])
+def test_a_token_crosses_no_network_without_tls(address: str) -> None:
+    with pytest.raises(InvalidInput, match="credentials"):
+        MotionClient(address, token="secret")
+    with pytest.raises(InvalidInput, match="credentials"):
+        blocking.MotionClient(address, token=lambda: "secret")
+    with pytest.raises(InvalidInput, match="credentials"):
+        AdminClient(address, token="secret")
+    assert ChannelSettings(address, TLS, "secret").token == "secret"
+
+
+@pytest.mark.parametrize("token", ["", "two words", "line\n", "é"])
+def test_a_token_that_cannot_be_sent_is_refused_and_not_repeated(token: str) -> None:
+    with pytest.raises(InvalidInput, match="token") as refused:
+        ChannelSettings("localhost:1", token=token)
+    assert not token or token not in str(refused.value)
+    assert "secret" not in repr(ChannelSettings("localhost:1", token="secret"))
+
+
+@pytest.mark.parametrize("pair", [("Upper", "x"), ("grpc-timeout", "x"), ("a-bin", "x"), ("a", "x\n"), ("", "x")])
+def test_metadata_that_cannot_be_sent_is_refused(pair: tuple[str, str]) -> None:
+    with pytest.raises(InvalidInput, match="metadata"):
+        ChannelSettings("localhost:1", metadata=[pair])
+
+
+async def test_token_metadata_and_options_reach_grpc(server: FakeServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: dict[str, object] = {}
+    make = grpc.aio.insecure_channel
+
+    def insecure_channel(address: str, options: list[tuple[str, object]]) -> grpc.aio.Channel:
+        seen.update(options)
+        return make(address, options=options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("grpc.aio.insecure_channel", insecure_channel)
+    options = [("grpc.max_receive_message_length", 1 << 24)]
+    tokens = iter(["one", "two", "three", "four"])
+    line = {"metadata": [("x-route", "blue")], "channel_options": options, "token": lambda: next(tokens)}
+    async with MotionClient(server.address, **line) as client, await client.open("a person walks"):  # type: ignore[arg-type]
+        pass
+    assert seen == dict(OPTIONS) | dict(options)
+    assert [heard["authorization"] for heard in server.metadata[:2]] == ["Bearer one", "Bearer two"]
+    assert all(heard["x-route"] == "blue" for heard in server.metadata)

@@ -1,0 +1,108 @@
+"""The real service and the real client over TLS, with tokens that are known, wrong, or expire."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import grpc
+import pytest
+
+from motiongen_client import MotionClient, NotAllowed, StreamLost
+from motiongen_server.identity.tls import TlsFiles, server_credentials
+from motiongen_server.identity.tokens import new_token
+from motiongen_tools import cli
+from tests.contract.local import LocalServer
+from tests.e2e.test_lost_lines import FACTS_AS_SERVED
+from tests.server.identity.files import AUTHORITY, TenantsFile, client_credentials, copy_pair
+
+LIMIT_S = 30.0
+EXPIRES, EXPIRES_AT = "2027-01-15T08:01:00Z", 1_800_000_060.0
+
+
+@pytest.fixture
+def tenants(tmp_path: Path) -> TenantsFile:
+    return TenantsFile(tmp_path)
+
+
+def served(tenants: TenantsFile, credentials: grpc.ServerCredentials | None = None) -> LocalServer:
+    return LocalServer(facts=FACTS_AS_SERVED, callers=tenants.callers(), credentials=credentials)
+
+
+async def play(client: MotionClient) -> None:
+    session = await client.open("a person walks")
+    async for _ in session.frames(seconds=1):
+        pass
+
+
+async def test_a_token_goes_with_every_call_over_tls(tenants: TenantsFile, tmp_path: Path) -> None:
+    token = tenants.one()
+    credentials = server_credentials(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
+    async with (
+        asyncio.timeout(LIMIT_S),
+        served(tenants, credentials) as server,
+        MotionClient(server.address, credentials=client_credentials("client"), token=token) as client,
+    ):
+        await play(client)
+        assert len(await client.generate_clip("a person walks", num_frames=8)) == 1
+
+
+async def test_who_is_not_let_in_is_told_why_at_once(tenants: TenantsFile) -> None:
+    token = tenants.one("roles = ['metrics']")
+    async with asyncio.timeout(LIMIT_S), served(tenants) as server:
+        for given, reason in (
+            (None, "CREDENTIALS_MISSING"),
+            (new_token()[0], "CREDENTIALS_INVALID"),
+            (token, "ROLE_MISSING"),
+        ):
+            with pytest.raises(NotAllowed) as refused:
+                await MotionClient(server.address, token=given).connect()
+            assert (refused.value.reason, refused.value.address) == (reason, server.address)
+
+
+async def test_a_session_outlives_its_token_where_there_is_a_next_one(tenants: TenantsFile) -> None:
+    (old, old_hash), (new, new_hash) = new_token(), new_token()
+    tenants.write(f"[tenants.a]\ntokens = [{{ hash = '{old_hash}', expires = {EXPIRES} }}, {{ hash = '{new_hash}' }}]")
+    tokens = [old]
+    async with (
+        asyncio.timeout(LIMIT_S),
+        served(tenants) as server,
+        MotionClient(server.address, token=lambda: tokens[-1]) as client,
+    ):
+        session = await client.open("a person walks")
+        async for _ in session.frames(seconds=1):
+            pass
+        tokens.append(new)
+        tenants.wall = EXPIRES_AT
+        async for _ in session.frames(seconds=4):
+            pass
+
+
+async def test_a_token_that_expires_without_another_ends_the_stream(tenants: TenantsFile) -> None:
+    token = tenants.one(expires=EXPIRES)
+    async with (
+        asyncio.timeout(LIMIT_S),
+        served(tenants) as server,
+        MotionClient(server.address, token=token) as client,
+    ):
+        session = await client.open("a person walks")
+        tenants.wall = EXPIRES_AT
+        with pytest.raises(StreamLost) as lost:
+            async for _ in session.frames(seconds=60):
+                pass
+        assert lost.value.reason == "CREDENTIALS_EXPIRED"
+
+
+async def test_the_command_reaches_a_server_that_asks_who_calls(
+    tenants: TenantsFile, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    token = tenants.one()
+    (tmp_path / "token").write_text(f"{token}\n")
+    credentials = server_credentials(TlsFiles(*copy_pair("server-1", tmp_path)))
+    async with asyncio.timeout(LIMIT_S), served(tenants, credentials) as server:
+        words = ["catalog", "--server", server.address, "--tls-ca", AUTHORITY]
+        assert await asyncio.to_thread(cli.run, words) == 1
+        assert "CREDENTIALS_MISSING" in capsys.readouterr().err
+        assert await asyncio.to_thread(cli.run, [*words, "--token-file", str(tmp_path / "token")]) == 0
+        assert await asyncio.to_thread(cli.run, [*words, "--token-file", str(tmp_path / "nowhere")]) == 1
+        assert "token-file" in capsys.readouterr().err

@@ -1,0 +1,14 @@
+"""What the tests of identity share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.server.identity.files import TenantsFile
+
+
+@pytest.fixture
+def tenants(tmp_path: Path) -> TenantsFile:
+    return TenantsFile(tmp_path)

@@ -1,0 +1,68 @@
+"""The application with TLS and tenants: gateway, administration and metrics, each by its own rules."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import grpc
+import grpc.aio
+import httpx
+import pytest
+
+from motiongen.v1 import admin_pb2, admin_pb2_grpc, service_pb2, service_pb2_grpc
+from motiongen_server.settings import SettingError
+from tests.server.identity.files import TenantsFile, bearer, client_credentials, copy_pair
+from tests.server.test_app import application_of, config, running
+
+
+async def test_with_tls_and_tenants_each_port_has_its_rule(tenants: TenantsFile, tmp_path: Path) -> None:
+    certificate, key = copy_pair("server-1", tmp_path)
+    token = tenants.one("roles = ['motion', 'metrics']")
+    settings = config(
+        host="0.0.0.0",
+        ops_host="0.0.0.0",
+        admin_listen="127.0.0.1:0",
+        tls_certificate=certificate,
+        tls_key=key,
+        tenants=str(tenants.path),
+    )
+    async with running(settings) as application:
+        address = f"localhost:{application.grpc_port}"
+        async with grpc.aio.secure_channel(address, client_credentials()) as channel:
+            stub = service_pb2_grpc.MotionServiceStub(channel)
+            catalog = await stub.GetCatalog(service_pb2.GetCatalogRequest(), metadata=bearer(token))
+            assert catalog.models
+        async with grpc.aio.insecure_channel(f"127.0.0.1:{application.admin_port}") as channel:
+            admin = admin_pb2_grpc.MotionAdminServiceStub(channel)
+            for metadata, code in (((), "UNAUTHENTICATED"), (bearer(token), "PERMISSION_DENIED")):
+                assert (await admin.ListModels(admin_pb2.ListModelsRequest(), metadata=metadata).code()).name == code
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{application.ops_port}") as client:
+            assert (await client.get("/readyz")).status_code == 200
+            refused = await client.get("/metrics")
+            assert (refused.status_code, refused.headers["WWW-Authenticate"]) == (401, "Bearer")
+            shown = await client.get("/metrics", headers={"Authorization": f"Bearer {token}"})
+            assert "motiongen_streams" in shown.text
+
+
+async def test_what_is_served_unprotected_is_warned_of(caplog: pytest.LogCaptureFixture) -> None:
+    async with running(config(host="0.0.0.0", insecure=True)):
+        pass
+    (warning,) = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert "gRPC is served to other machines on 0.0.0.0 without TLS" in warning
+
+
+async def test_a_unix_socket_is_served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # the name of a socket may not be long
+    async with running(config(host="unix:motion.sock")) as application:
+        assert application.grpc_port == 0
+        async with grpc.aio.insecure_channel("unix:motion.sock") as channel:
+            stub = service_pb2_grpc.MotionServiceStub(channel)
+            assert (await stub.GetCatalog(service_pb2.GetCatalogRequest())).models  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(("setting", "said"), [("tenants", "tenants cannot be read"), ("tls", "TLS cannot be served")])
+async def test_files_that_are_not_there_end_the_start(setting: str, said: str, tmp_path: Path) -> None:
+    nowhere = str(tmp_path / "nowhere")
+    given = {"tenants": nowhere} if setting == "tenants" else {"tls_certificate": nowhere, "tls_key": nowhere}
+    with pytest.raises(SettingError, match=said):
+        await application_of(config(**given)).start()

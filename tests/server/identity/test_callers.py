@@ -1,0 +1,115 @@
+"""Who calls, by what a call shows."""
+
+from __future__ import annotations
+
+import pytest
+
+from motiongen_server.errors import StreamRefused
+from motiongen_server.identity.caller import ANYBODY, Caller, Role
+from motiongen_server.identity.callers import Callers
+from motiongen_server.identity.tokens import new_token
+from tests.server.identity.files import TenantsFile, bearer
+
+CERTIFICATE = {"x509_common_name": [b"studio"], "x509_subject_alternative_name": [b"studio.example"]}
+EXPIRES, EXPIRES_AT = "2027-01-15T08:00:10Z", 1_800_000_010.0
+
+
+def reason_of(callers: Callers, *metadata: tuple[str, str], role: Role = Role.MOTION, **connection: list[bytes]) -> str:
+    with pytest.raises(StreamRefused) as refused:
+        callers.identify(metadata, connection, role)
+    return refused.value.reason
+
+
+def lapse_of(callers: Callers, caller: Caller) -> str | None:
+    callers.look()
+    lapse = callers.lapse(caller)
+    return None if lapse is None else lapse.reason
+
+
+def test_without_tenants_anybody_may_call() -> None:
+    assert Callers().identify((), {}) is ANYBODY
+    assert Callers().identify((), {}, Role.ADMIN) is ANYBODY
+    assert Callers().identify((), CERTIFICATE).credential == "certificate 'studio'"
+
+
+def test_a_token_tells_its_tenant(tenants: TenantsFile) -> None:
+    token = tenants.one("quota = { heroes = 1 }", EXPIRES)
+    caller = tenants.callers().identify(bearer(token), {})
+    assert (caller.tenant, caller.quota, caller.expires_at) == ("studio", {"heroes": 1}, EXPIRES_AT)
+    assert token not in repr(caller)
+    assert token.rpartition("_")[2] not in repr(caller)
+
+
+def test_a_certificate_tells_its_tenant_by_any_of_its_names(tenants: TenantsFile) -> None:
+    tenants.write("[tenants.a]\ncertificates = ['studio.example']")
+    assert tenants.callers().identify((), CERTIFICATE).tenant == "a"
+
+
+def test_what_a_token_says_goes_before_a_certificate(tenants: TenantsFile) -> None:
+    tenants.write("[tenants.a]\ncertificates = ['studio.example']")
+    assert reason_of(tenants.callers(), *bearer(new_token()[0]), **CERTIFICATE) == "CREDENTIALS_INVALID"
+
+
+def test_who_shows_nothing_or_something_else_is_refused(tenants: TenantsFile) -> None:
+    token = tenants.one()
+    callers = tenants.callers()
+    assert reason_of(callers) == "CREDENTIALS_MISSING"
+    assert reason_of(callers, ("authorization", f"Basic {token}")) == "CREDENTIALS_MISSING"
+    assert reason_of(callers, ("authorization", "Bearer ")) == "CREDENTIALS_INVALID"
+    assert reason_of(callers, *bearer(new_token()[0])) == "CREDENTIALS_INVALID"
+    assert reason_of(callers, *bearer(token[:-4] + "0000")) == "CREDENTIALS_INVALID"
+    assert reason_of(callers, **CERTIFICATE) == "CREDENTIALS_INVALID"
+
+
+def test_a_role_that_a_tenant_lacks_is_refused(tenants: TenantsFile) -> None:
+    token = tenants.one("roles = ['metrics']")
+    callers = tenants.callers()
+    assert callers.of_header(f"Bearer {token}", Role.METRICS).tenant == "studio"
+    for role in (Role.MOTION, Role.ADMIN):
+        assert reason_of(callers, *bearer(token), role=role) == "ROLE_MISSING"
+
+
+def test_a_token_expires(tenants: TenantsFile) -> None:
+    token = tenants.one(expires=EXPIRES)
+    callers = tenants.callers()
+    caller = callers.identify(bearer(token), {})
+    assert (callers.remaining_s(caller), callers.lapse(caller)) == (10.0, None)
+    tenants.wall = EXPIRES_AT
+    assert lapse_of(callers, caller) == "CREDENTIALS_EXPIRED"
+    assert reason_of(callers, *bearer(token)) == "CREDENTIALS_EXPIRED"
+
+
+def test_a_token_that_is_taken_out_of_the_file_holds_no_longer(tenants: TenantsFile) -> None:
+    token = tenants.one()
+    callers = tenants.callers()
+    caller = callers.identify(bearer(token), {})
+    assert lapse_of(callers, caller) is None
+    another = tenants.one()
+    assert lapse_of(callers, caller) == "CREDENTIALS_REVOKED"
+    assert reason_of(callers, *bearer(token)) == "CREDENTIALS_INVALID"
+    assert callers.identify(bearer(another), {}).tenant == "studio"
+
+
+@pytest.mark.parametrize("then", ["", "[tenants.a]\nroles = ['metrics']\ncertificates = ['studio']", "[tenants.a]"])
+def test_a_certificate_that_is_taken_out_holds_no_longer(tenants: TenantsFile, then: str) -> None:
+    tenants.write("[tenants.a]\ncertificates = ['studio']")
+    callers = tenants.callers()
+    caller = callers.identify((), CERTIFICATE)
+    assert lapse_of(callers, caller) is None
+    tenants.write(then)
+    assert lapse_of(callers, caller) == "CREDENTIALS_REVOKED"
+
+
+def test_a_file_that_cannot_be_read_changes_nothing(tenants: TenantsFile, caplog: pytest.LogCaptureFixture) -> None:
+    token = tenants.one()
+    callers = tenants.callers()
+    caller = callers.identify(bearer(token), {})
+    tenants.write("[tenants")
+    for _ in range(3):
+        assert lapse_of(callers, caller) is None
+    tenants.path.unlink()
+    for _ in range(3):
+        assert lapse_of(callers, caller) is None
+    assert [line.partition(" and what")[0] for line in caplog.messages] == ["tenants: cannot be read anew,"] * 2
+    tenants.write("")
+    assert lapse_of(callers, caller) == "CREDENTIALS_REVOKED"

@@ -1,0 +1,116 @@
+"""TLS: who gets through, and certificates that are renewed while streams play on."""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+from pathlib import Path
+
+import grpc
+import grpc.aio
+import pytest
+
+from motiongen.v1 import service_pb2, service_pb2_grpc
+from motiongen_compliance.talk import Talk
+from motiongen_server.identity.tls import TlsFiles, server_credentials
+from motiongen_server.settings import SettingError
+from tests.contract.local import LocalServer
+from tests.server.identity.files import AUTHORITY, CERTIFICATES, client_credentials, copy_pair
+
+LIMIT_S = 60.0
+RELOADS = 100
+ALONE = (("grpc.use_local_subchannel_pool", 1),)
+
+
+def served(folder: Path, client_ca: str = "") -> LocalServer:
+    return LocalServer(credentials=server_credentials(TlsFiles(*copy_pair("server-1", folder), client_ca)))
+
+
+async def code_of(address: str, credentials: grpc.ChannelCredentials | None) -> grpc.StatusCode:
+    """What a client gets that asks for the catalogue."""
+    if credentials is None:
+        channel = grpc.aio.insecure_channel(address, options=ALONE)
+    else:
+        channel = grpc.aio.secure_channel(address, credentials, options=ALONE)
+    async with channel:
+        call = service_pb2_grpc.MotionServiceStub(channel).GetCatalog(service_pb2.GetCatalogRequest(), timeout=10)
+        return await call.code()
+
+
+async def shown_name(address: str) -> str:
+    """The common name of the certificate that a server shows to who connects now."""
+    host, _, port = address.rpartition(":")
+    context = ssl.create_default_context(cafile=AUTHORITY)
+    context.set_alpn_protocols(["h2"])
+    _, writer = await asyncio.open_connection(host, int(port), ssl=context)
+    subject = writer.get_extra_info("peercert")["subject"]
+    writer.transport.abort()  # the server's settings, which come now, are nothing to a shutdown that waits for them
+    return str(dict(pair for part in subject for pair in part)["commonName"])
+
+
+async def test_clients_must_speak_tls_and_trust_who_signed(tmp_path: Path) -> None:
+    async with asyncio.timeout(LIMIT_S), served(tmp_path) as server:
+        stranger = (CERTIFICATES / "stranger-authority.pem").read_bytes()
+        assert await code_of(server.address, client_credentials()) is grpc.StatusCode.OK
+        assert await code_of(server.address, None) is grpc.StatusCode.UNAVAILABLE
+        assert await code_of(server.address, grpc.ssl_channel_credentials(stranger)) is grpc.StatusCode.UNAVAILABLE
+
+
+async def test_where_an_authority_is_named_clients_must_show_its_certificate(tmp_path: Path) -> None:
+    async with asyncio.timeout(LIMIT_S), served(tmp_path, AUTHORITY) as server:
+        assert await code_of(server.address, client_credentials("client")) is grpc.StatusCode.OK
+        assert await code_of(server.address, client_credentials()) is grpc.StatusCode.UNAVAILABLE
+        assert await code_of(server.address, client_credentials("stranger")) is grpc.StatusCode.UNAVAILABLE
+
+
+async def test_a_hundred_renewals_under_load_end_no_stream(tmp_path: Path) -> None:
+    async with (
+        asyncio.timeout(LIMIT_S),
+        served(tmp_path, AUTHORITY) as server,
+        grpc.aio.secure_channel(server.address, client_credentials("client"), options=ALONE) as channel,
+    ):
+        stub = service_pb2_grpc.MotionServiceStub(channel)
+        catalog = await stub.GetCatalog(service_pb2.GetCatalogRequest())  # type: ignore[misc]
+        talks = [await Talk(stub, catalog).hello() for _ in range(4)]  # type: ignore[arg-type]
+        for talk in talks:
+            await talk.open(1)
+        for number in range(RELOADS):
+            copy_pair(f"server-{1 + (number + 1) % 2}", tmp_path)
+            assert await code_of(server.address, client_credentials("client")) is grpc.StatusCode.OK
+            await talks[number % len(talks)].ping(number)
+        for talk in talks:
+            await talk.call.done_writing()
+            assert await talk.to_the_end() is grpc.StatusCode.OK
+
+
+async def test_who_connects_next_is_shown_the_new_certificate(tmp_path: Path) -> None:
+    async with asyncio.timeout(LIMIT_S), served(tmp_path) as server:
+        assert await shown_name(server.address) == "server-1"
+        copy_pair("server-2", tmp_path)
+        assert await shown_name(server.address) == "server-2"
+
+
+async def test_files_that_do_not_fit_change_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    async with asyncio.timeout(LIMIT_S), served(tmp_path) as server:
+        (tmp_path / "server.pem").write_bytes((CERTIFICATES / "server-2.pem").read_bytes())
+        for _ in range(2):
+            assert await shown_name(server.address) == "server-1"
+        assert len([line for line in caplog.messages if "no certificate and its key" in line]) == 1
+        (tmp_path / "server.key").write_bytes((CERTIFICATES / "server-2.key").read_bytes())
+        assert await shown_name(server.address) == "server-2"
+
+
+@pytest.mark.parametrize(
+    ("files", "said"),
+    [
+        (("server-1.pem", "server-2.key", ""), "no certificate and its key"),
+        (("make.sh", "server-1.key", ""), "no certificate and its key"),
+        (("nowhere.pem", "server-1.key", ""), "No such file"),
+        (("server-1.pem", "server-1.key", "make.sh"), "no certificates of authorities"),
+        (("server-1.pem", "server-1.key", "client.pem"), "none of an authority"),
+        (("server-1.pem", "server-1.key", "nowhere.pem"), "No such file"),
+    ],
+)
+def test_files_that_cannot_be_served_are_named_at_the_start(files: tuple[str, str, str], said: str) -> None:
+    with pytest.raises(SettingError, match=said):
+        server_credentials(TlsFiles(*(name and str(CERTIFICATES / name) for name in files)))

@@ -1,0 +1,49 @@
+"""Tokens, and what is kept of them."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pytest
+
+from motiongen_server.identity.__main__ import main
+from motiongen_server.identity.tokens import TokenHash, new_token, number_of
+
+
+def test_a_hash_is_of_its_token_and_of_no_other() -> None:
+    token, kept = new_token()
+    other, _ = new_token()
+    assert kept.is_of(token)
+    assert not kept.is_of(other)
+    assert not kept.is_of(token[:-1] + ("0" if token[-1] != "0" else "1"))
+
+
+def test_what_is_kept_can_be_written_down_and_tells_nothing_of_the_secret() -> None:
+    token, kept = new_token()
+    assert TokenHash.parse(str(kept)) == kept
+    assert number_of(token) == kept.number
+    assert token.rpartition("_")[2] not in str(kept)
+
+
+def test_two_hashes_of_one_token_differ_by_their_salt() -> None:
+    (_, one), (_, two) = new_token(), new_token()
+    assert one.salt != two.salt
+
+
+@pytest.mark.parametrize("given", ["", "mg_12_34", "mg_" + "0" * 12 + "_" + "g" * 64, "x" * 100_000])
+def test_what_is_no_token_has_no_number(given: str) -> None:
+    assert number_of(given) is None
+
+
+@pytest.mark.parametrize("given", ["", "sha256:12:34:56", "md5:" + "0" * 12 + ":" + "0" * 32 + ":" + "0" * 64])
+def test_what_is_no_hash_is_refused(given: str) -> None:
+    with pytest.raises(ValueError, match="a token's hash"):
+        TokenHash.parse(given)
+
+
+def test_the_command_prints_a_token_and_the_entry_that_lets_it_in(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["studio", "--days", "30"]) == 0
+    printed = capsys.readouterr()
+    (entry,) = tomllib.loads(printed.err)["tenants"]["studio"]["tokens"]
+    assert TokenHash.parse(entry["hash"]).is_of(printed.out.strip())
+    assert entry["expires"].tzinfo is not None

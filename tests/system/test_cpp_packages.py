@@ -1,0 +1,80 @@
+"""The C++ client as others get it: installed, linked from outside, loaded from C#, cross-compiled, under sanitizers."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import LiveServer
+from tests.cpp.building import SOURCE, build, run
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(1500)]
+
+CONSUMER = SOURCE / "tests" / "consumer"
+
+
+def built() -> Path:
+    """What the tests of tests/cpp use."""
+    return build("test", "-DMOTIONGEN_TESTS=ON", "-DMOTIONGEN_EXAMPLES=ON")
+
+
+@pytest.mark.parametrize("kind", ["static", "shared"])
+def test_a_project_outside_finds_what_is_installed(kind: str, tmp_path: Path) -> None:
+    prefix, consumer = tmp_path / "prefix", tmp_path / "consumer"
+    folder = built() if kind == "static" else build("shared", "-DBUILD_SHARED_LIBS=ON")
+    run("cmake", "--install", folder, "--prefix", prefix)
+    shutil.copytree(CONSUMER, consumer)
+    run("cmake", "-S", consumer, "-B", consumer / "build", "-G", "Ninja", f"-DCMAKE_PREFIX_PATH={prefix}")
+    run("cmake", "--build", consumer / "build")
+    assert run(consumer / "build" / "consumer") == "3 frames; INVALID_ARGUMENT\n"
+    assert "host:port" in run(consumer / "build" / "consumer_c")
+    by_pkg_config(prefix, consumer, shared=kind == "shared")
+
+
+def by_pkg_config(prefix: Path, consumer: Path, shared: bool) -> None:
+    (libraries,) = {path.parent for path in prefix.rglob("motiongen.pc")}
+    environment = {**os.environ, "PKG_CONFIG_PATH": str(libraries), "LD_LIBRARY_PATH": str(libraries.parent)}
+    static = [] if shared else ["--static"]
+    flags = run("pkg-config", *static, "--cflags", "--libs", "motiongen", environment=environment).split()
+    run("g++", "-std=c++17", "-fno-exceptions", consumer / "main.cpp", "-o", consumer / "by_pkg_config", *flags)
+    assert "INVALID_ARGUMENT" in run(consumer / "by_pkg_config", environment=environment)
+    flags = run("pkg-config", "--cflags", "--libs", "motiongen-c", environment=environment).split()
+    run("gcc", "-std=c99", "-pedantic", "-Werror", consumer / "main.c", "-o", consumer / "c_by_pkg_config", *flags)
+    assert "host:port" in run(consumer / "c_by_pkg_config", environment=environment)
+
+
+def test_a_script_in_c_sharp_plays_a_character(live_server: LiveServer, tmp_path: Path) -> None:
+    folder = built()
+    run("mcs", f"-out:{tmp_path / 'Character.exe'}", SOURCE / "examples" / "csharp" / "Character.cs")
+    environment = {**os.environ, "LD_LIBRARY_PATH": str(folder)}
+    told = run("mono", tmp_path / "Character.exe", live_server.address, environment=environment)
+    assert "the root is" in told
+    assert "frame 10" in told
+
+
+def test_the_core_compiles_for_windows(tmp_path: Path) -> None:
+    compiler = "x86_64-w64-mingw32-g++-posix"
+    settings = ["-DCMAKE_SYSTEM_NAME=Windows", f"-DCMAKE_CXX_COMPILER={compiler}", "-DMOTIONGEN_CLIENT=OFF"]
+    settings.append("-DCMAKE_C_COMPILER=x86_64-w64-mingw32-gcc-posix")
+    run("cmake", "-S", SOURCE, "-B", tmp_path, "-G", "Ninja", *settings)
+    run("cmake", "--build", tmp_path)
+    assert (tmp_path / "libmotiongen_core.a").is_file()
+
+
+@pytest.mark.parametrize("sanitizer", ["address", "undefined", "thread"])
+def test_nothing_for_the_sanitizers(sanitizer: str, live_server: LiveServer, tmp_path: Path) -> None:
+    folder = build(f"sanitize-{sanitizer}", f"-DMOTIONGEN_SANITIZE={sanitizer}", "-DMOTIONGEN_TESTS=ON")
+    options = f"ignore_noninstrumented_modules=1 suppressions={SOURCE / 'tests' / 'tsan.supp'}"
+    environment = {**os.environ, "MOTIONGEN_ADDRESS": live_server.address, "TSAN_OPTIONS": options}
+    for program in ("core_tests", "client_parts_tests", "stream_tests"):
+        subprocess.run([folder / "tests" / program, "--gtest_brief=1"], check=True, cwd=tmp_path, env=environment)
+
+
+def test_ten_thousand_connects_leave_no_memory_behind(live_server: LiveServer) -> None:
+    folder = built()
+    settled_kb, last_kb = map(int, run(folder / "tests" / "connects", live_server.address, "10000").split())
+    assert last_kb - settled_kb < 8192

@@ -12,6 +12,8 @@ LOWEST ?= $(OUT)/venv-lowest
 OUT ?= out
 DATA ?= $(OUT)/data
 RUN ?= $(OUT)/mini
+# labels that the built-in model was seen not to show: their prompts are outside of what it knows
+UNLEARNED ?= bow
 RECIPE ?= ardy/motiongen_ardy/train/configs/mini.yaml
 MODEL ?= motiongen-mini
 ARGS ?=
@@ -159,7 +161,7 @@ data: $(READY) ## turn motion capture into a training set: make data CLIPS=folde
 train-mini: $(READY) ## train what RECIPE says on DATA (the built-in model): tokenizer, then denoiser; goes on where it was stopped
 	$(PYTHON) -m motiongen_ardy.train.tokenizer "$(DATA)" "$(RUN)/tokenizer" --config "$(RECIPE)" $(ARGS)
 	$(PYTHON) -m motiongen_ardy.train.denoiser "$(DATA)" "$(RUN)/denoiser" --tokenizer "$(RUN)/tokenizer" --config "$(RECIPE)" $(ARGS)
-	$(PYTHON) -m motiongen_ardy.train.prompt_domain "$(DATA)" "$(RUN)/denoiser"
+	$(PYTHON) -m motiongen_ardy.train.prompt_domain "$(DATA)" "$(RUN)/denoiser" --without $(UNLEARNED)
 	$(PYTHON) -m motiongen_ardy.train.prompt_paces "$(DATA)" "$(RUN)/denoiser"
 
 .PHONY: gate

@@ -33,6 +33,8 @@ KNOWN = (
     *(slug.format("right") for slug in SIDED),
 )  # fmt: skip
 
+UNLEARNED = {"a man bows", "a person takes a deep bow"}
+
 
 @pytest.fixture(scope="module")
 def encoder() -> TextEncoder:
@@ -71,7 +73,8 @@ def test_captions_of_labels_alone_judge_prompts_that_no_threshold_has_seen(
 def test_the_domain_of_a_built_in_model_judges_them_better(encoder: TextEncoder) -> None:
     for path in built_in_text_folder().parent.glob(f"*/{DOMAIN_FILE}"):
         alarms, misses = misjudged(encoder, read_domain(path))
-        assert len(alarms) <= 2, (path, alarms)
+        assert UNLEARNED <= set(alarms), "the built-in model does not bow, and its domain is to say so"
+        assert len(set(alarms) - UNLEARNED) <= 2, (path, alarms)
         assert len(misses) <= 2, (path, misses)
 
 
@@ -157,6 +160,11 @@ def test_labels_with_few_clips_do_not_count() -> None:
     clips = [*walks, _Part("jump", ("jump",))]
     assert known_captions(clips, 3) == ["stop", "walk", "walk 0", "walk 1", "walk 2"]  # type: ignore[arg-type]
     assert "jump" in known_captions(clips, 1)  # type: ignore[arg-type]
+
+
+def test_what_a_model_does_not_show_counts_for_nothing_however_often_it_was_captured() -> None:
+    clips = [_Part("walk", ("walk",)), *(_Part("bow", (f"bow {k}",)) for k in range(5))]
+    assert known_captions(clips, 1, ["bow"]) == ["walk"]  # type: ignore[arg-type]
 
 
 def test_captions_of_derived_clips_do_not_count() -> None:

@@ -2,7 +2,8 @@
 
 Reads the captions of a training set, keeps those that stand for the rest, and sets the threshold between two lists of
 prompts that are no captions: what the model shall know, and what it shall not. Labels with few clips do not count:
-three jumps in four hours do not teach a model to jump.
+three jumps in four hours do not teach a model to jump. Nor do labels that the trained model was seen not to show
+(`--without`), however often the captures do.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -25,8 +26,9 @@ MOST_KEPT = 700  # at 256 numbers a caption, 180 kB
 CONFIGS = Path(str(resources.files("motiongen_ardy"))) / "train" / "configs"
 
 
-def known_captions(clips: Iterable[Clip], min_clips: int = MIN_CLIPS) -> list[str]:
-    """The captions of contents that min_clips captured clips or parts of them show, sorted, each once.
+def known_captions(clips: Iterable[Clip], min_clips: int = MIN_CLIPS, without: Collection[str] = ()) -> list[str]:
+    """The captions of contents that min_clips captured clips or parts of them show, sorted, each once; contents in
+    `without` left out.
 
     Derived clips say the same actions two and three in a sentence, thousands of times; sentences of one action would
     lie far from them.
@@ -39,7 +41,8 @@ def known_captions(clips: Iterable[Clip], min_clips: int = MIN_CLIPS) -> list[st
         for part in (clip, *clip.segments):
             counts[part.content] += 1
             captions[part.content] |= set(part.captions)
-    return sorted({text for content, texts in captions.items() if counts[content] >= min_clips for text in texts})
+    kept = (texts for content, texts in captions.items() if counts[content] >= min_clips and content not in without)
+    return sorted({text for texts in kept for text in texts})
 
 
 def read_prompts(path: Path) -> list[str]:
@@ -63,10 +66,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--inside", type=Path, default=CONFIGS / "prompts-inside.txt", help="prompts it shall know")
     parser.add_argument("--outside", type=Path, default=CONFIGS / "prompts-outside.txt", help="and shall not")
     parser.add_argument("--min-clips", type=int, default=MIN_CLIPS, help="that show a label that counts")
+    parser.add_argument("--without", nargs="*", default=(), metavar="LABEL", help="that the model was seen not to show")
     parser.add_argument("--most", type=int, default=MOST_KEPT, help="captions to keep (default: %(default)s)")
     options = parser.parse_args(arguments)
     try:
-        captions = known_captions(MotionDataset.load(options.data, "train").clips, options.min_clips)
+        clips = MotionDataset.load(options.data, "train").clips
+        labels = {part.content for clip in clips for part in (clip, *clip.segments)}
+        if unknown := sorted(set(options.without) - labels):
+            raise DomainError(f"--without {' '.join(unknown)}: the training set has no such label; {', '.join(sorted(labels))}")
+        captions = known_captions(clips, options.min_clips, options.without)
         inside, outside = read_prompts(options.inside), read_prompts(options.outside)
         encoder = load_text_encoder(options.text_encoder)
         domain = make_domain(encoder.identity, encoder.encode(captions), options.most)

@@ -137,7 +137,7 @@ BESIDE = (
         STAND,
         (
             Cue(2.0, (Say("a person raises the left hand"),)),
-            Cue(7.0, (Say("a person bows"),)),
+            Cue(7.0, (Say("a person raises both hands"),)),
             Cue(12.0, (Say("a person waves with both hands"),)),
         ),
     ),

@@ -1,4 +1,4 @@
-"""Warnings of what a model was not trained for: in answers, in the log, and on the command line."""
+"""Warnings of what a model was not trained for: in answers and in the log."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import pytest
 
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_client import LocomotionPreset, ModelWarning, MotionClient, convert
-from motiongen_tools.cli import _warnings_shown
 from tests.client.fake_server import FakeServer
 
 SAID = session_pb2.EventWarning(
@@ -42,15 +41,6 @@ def test_the_catalogue_says_what_a_model_knows() -> None:
     assert read.constraint_forms == {"hands": "untrained", "feet": "unspecified"}
     assert read.locomotion_presets == (LocomotionPreset("run", "run on", 2.0, "forward"),)
     assert read.known_motions == ("walking",)
-
-
-def test_the_command_line_shows_what_the_library_warns_of_once(capsys: pytest.CaptureFixture[str]) -> None:
-    log = logging.getLogger("motiongen_client.session")
-    before = list(logging.getLogger("motiongen_client").handlers)
-    with _warnings_shown():
-        log.warning("session %d: %s", 0, HEARD.message)
-    assert capsys.readouterr().err == "warning: session 0: 'jump' is outside\n"
-    assert logging.getLogger("motiongen_client").handlers == before
 
 
 async def test_an_edit_s_warnings_are_told_and_logged(server: FakeServer, caplog: pytest.LogCaptureFixture) -> None:

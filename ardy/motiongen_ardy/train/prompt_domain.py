@@ -73,7 +73,8 @@ def main(arguments: list[str] | None = None) -> int:
         clips = MotionDataset.load(options.data, "train").clips
         labels = {part.content for clip in clips for part in (clip, *clip.segments)}
         if unknown := sorted(set(options.without) - labels):
-            raise DomainError(f"--without {' '.join(unknown)}: the training set has no such label; {', '.join(sorted(labels))}")
+            known = ", ".join(sorted(labels))
+            raise DomainError(f"--without {' '.join(unknown)}: the training set has no such label; it has {known}")
         captions = known_captions(clips, options.min_clips, options.without)
         inside, outside = read_prompts(options.inside), read_prompts(options.outside)
         encoder = load_text_encoder(options.text_encoder)

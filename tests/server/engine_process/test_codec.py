@@ -35,7 +35,9 @@ def values(hint: typing.Any) -> st.SearchStrategy[typing.Any]:
     if hint in PLAIN:
         return PLAIN[hint]
     if hint is ServerConfig:
-        return st.builds(ServerConfig, port=st.integers(0, 65535), host=st.text(), reflection=st.booleans())
+        ports, hosts, switches = st.integers(0, 65535), st.text(), st.booleans()
+        # any host is taken where the network is said to keep others away
+        return st.builds(ServerConfig, port=ports, host=hosts, reflection=switches, insecure=st.just(True))
     if origin is np.ndarray:
         return FLOATS
     if origin is tuple and arguments[-1] is not Ellipsis:

@@ -69,7 +69,8 @@ def test_the_core_compiles_for_windows(tmp_path: Path) -> None:
 def test_nothing_for_the_sanitizers(sanitizer: str, live_server: LiveServer, tmp_path: Path) -> None:
     folder = build(f"sanitize-{sanitizer}", f"-DMOTIONGEN_SANITIZE={sanitizer}", "-DMOTIONGEN_TESTS=ON")
     options = f"ignore_noninstrumented_modules=1 suppressions={SOURCE / 'tests' / 'tsan.supp'}"
-    environment = {**os.environ, "MOTIONGEN_ADDRESS": live_server.address, "TSAN_OPTIONS": options}
+    leaks = f"suppressions={SOURCE / 'tests' / 'lsan.supp'}"
+    environment = {**os.environ, "MOTIONGEN_ADDRESS": live_server.address, "TSAN_OPTIONS": options, "LSAN_OPTIONS": leaks}
     for program in ("core_tests", "client_parts_tests", "stream_tests"):
         subprocess.run([folder / "tests" / program, "--gtest_brief=1"], check=True, cwd=tmp_path, env=environment)
 

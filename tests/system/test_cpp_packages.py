@@ -70,7 +70,12 @@ def test_nothing_for_the_sanitizers(sanitizer: str, live_server: LiveServer, tmp
     folder = build(f"sanitize-{sanitizer}", f"-DMOTIONGEN_SANITIZE={sanitizer}", "-DMOTIONGEN_TESTS=ON")
     options = f"ignore_noninstrumented_modules=1 suppressions={SOURCE / 'tests' / 'tsan.supp'}"
     leaks = f"suppressions={SOURCE / 'tests' / 'lsan.supp'}"
-    environment = {**os.environ, "MOTIONGEN_ADDRESS": live_server.address, "TSAN_OPTIONS": options, "LSAN_OPTIONS": leaks}
+    environment = {
+        **os.environ,
+        "MOTIONGEN_ADDRESS": live_server.address,
+        "TSAN_OPTIONS": options,
+        "LSAN_OPTIONS": leaks,
+    }
     for program in ("core_tests", "client_parts_tests", "stream_tests"):
         subprocess.run([folder / "tests" / program, "--gtest_brief=1"], check=True, cwd=tmp_path, env=environment)
 

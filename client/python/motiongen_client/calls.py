@@ -111,15 +111,15 @@ class Calls:
 
     async def until_connected(self) -> None:
         """Wait for a call. Raises why there will be none."""
-        while self._call is None or self.failure is not None:
-            if self.failure is not None:
-                raise self.failure
-            self._wanted.set()
-            await self._news.wait()
+        await self._until(lambda: self._call is not None and self.failure is None)
 
     async def until_after(self, number: int) -> None:
         """Wait for a call after the one of that number. Raises why there will be none."""
-        while self.number <= number:
+        await self._until(lambda: self.number > number)
+
+    async def _until(self, holds: Callable[[], bool]) -> None:
+        """Ask for a call, and wait until something holds of it. Raises why it never will."""
+        while not holds():
             if self.failure is not None:
                 raise self.failure
             self._wanted.set()

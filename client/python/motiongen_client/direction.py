@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
@@ -55,7 +56,7 @@ class Carrier(Protocol):
         """Report playheads without waiting for the next regular report."""
 
 
-class Direction:
+class Direction(ABC):
     """The half of a `Session` that speaks to the server. Every change returns an `Edit`."""
 
     rig: Rig
@@ -242,9 +243,9 @@ class Direction:
         return edit
 
     @property
+    @abstractmethod
     def _is_attached(self) -> bool:
         """Whether the server hears what is sent; else it waits among the unanswered."""
-        raise NotImplementedError
 
     @property
     def _answered_seq(self) -> int:

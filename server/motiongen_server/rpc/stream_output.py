@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from abc import ABC, abstractmethod
 from collections import deque
 
 from motiongen.v1 import service_pb2
@@ -16,7 +17,7 @@ MAX_RESPONSE_BYTES = 1 << 20
 MAX_WAITING_REPLIES = 64
 
 
-class StreamOutput:
+class StreamOutput(ABC):
     """The half of a `Stream` that its write loop uses. ready: there is something to write, or it is the end.
 
     urgent: there is something that must not wait for the flush interval.
@@ -35,9 +36,9 @@ class StreamOutput:
         self._room = asyncio.Event()
         self._probe: asyncio.Future[None] | None = None
 
+    @abstractmethod
     def _give_up_on_reader(self) -> None:
         """Too much waits for the client."""
-        raise NotImplementedError
 
     @property
     def num_waiting_bytes(self) -> int:

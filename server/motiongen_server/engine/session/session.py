@@ -269,13 +269,18 @@ class SessionState:
     def _replan_wanted(self) -> bool:
         return bool(self.edits.waiting) or self.drift_state.lost
 
+    def wait_until(self, at: float) -> None:
+        """Begin no window before this time that can wait: a replan's, or a clip's."""
+        self.edits.not_before = max(self.edits.not_before, at)
+
     def window_due(self, now: float) -> bool:
         """Whether a window is to be started: for an edit, or because the client will have played what there is."""
         if self.running is not None:
             return False
         planned_to = self.timeline.end
         if self.spec.clip_frames is not None:
-            return planned_to < min(self.spec.clip_frames, self.clock.credited + self.spec.lookahead)
+            room_to = min(self.spec.clip_frames, self.clock.credited + self.spec.lookahead)
+            return planned_to < room_to and now >= self.edits.not_before
         if planned_to == 0:
             return True
         if self.level.hold:

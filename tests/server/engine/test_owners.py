@@ -61,4 +61,5 @@ def test_a_clip_waits_for_its_owners_quota_too() -> None:
     stage.run(1.0)
     assert sum(len(batch) for batch in stage.runner.batches) <= 16
     stage.run_until(lambda: clip.closed is not None, limit_s=20.0)
-    assert clip.closed is not None and clip.closed.code is Code.OK
+    assert clip.closed is not None
+    assert clip.closed.code is Code.OK

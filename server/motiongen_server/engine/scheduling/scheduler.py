@@ -3,8 +3,8 @@
 Frames that a client would run out of come before anything that only changes frames: a window that goes on from frames
 being played is taken first, whatever its class, once it is endangered. Then classes go in order of priority, but each
 has a share of all rows reserved: while jobs of a class are left over, it gets a row at the latest when it is owed a
-whole one, so that no class starves. Within a class the earliest deadline goes first. Owners have shares of the same kind
-(`owner_shares`).
+whole one, so that no class starves. Within a class the earliest deadline goes first. Owners have shares of the
+same kind (`owner_shares`).
 
 Preparing and decoding cost little more for several windows than for one. So newcomers gather: where the windows of
 their class, or of a more urgent one, that are under way will soon be done, they wait for these, and begin together.

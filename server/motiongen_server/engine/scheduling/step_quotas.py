@@ -1,7 +1,7 @@
 """StepQuotas: owners that may have so many rows of denoising steps a second, and what they have had.
 
-Steps are saved up for a second. Windows of frames that a client would run out of are charged and never wait, so an owner
-may overdraw by a second too; its replans and clips wait until it has steps again.
+Steps are saved up for a second. Windows of frames that a client would run out of are charged and never wait, so an
+owner may overdraw by a second too; its replans and clips wait until it has steps again.
 """
 
 from __future__ import annotations

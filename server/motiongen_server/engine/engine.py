@@ -267,6 +267,10 @@ class Engine:
         self._flush()
 
     def _start_window(self, state: SessionState, now: float) -> None:
+        ready_at = self.windows.ready_at(state, now)
+        if ready_at > now:
+            state.edits.wait_until(ready_at)
+            self.sessions.wake_up(state, ready_at)
         if planning.window_due(state, now):
             self.windows.start(state, now)
         else:

@@ -11,6 +11,7 @@ from motiongen_server.engine.scheduling.device import DeviceLease
 from motiongen_server.engine.scheduling.load_monitor import LoadMonitor
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.step_executor import StepExecutor
+from motiongen_server.engine.scheduling.step_quotas import StepQuotas
 from motiongen_server.engine.session import planning
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.types import Float32Array, Output, PlanCause, WindowResult
@@ -35,6 +36,7 @@ class RunningWindows:
         self._scheduler = scheduler
         self._lease = lease
         self._passes = runner.facts.guidance_passes
+        self._quotas = StepQuotas()
         self._owners: dict[int, SessionState] = {}
         self._job_ids = itertools.count(1)
         self._executor = StepExecutor(
@@ -71,12 +73,17 @@ class RunningWindows:
         """The features (H, D) of a client's frames (H, row_width); None where the model can make none of them."""
         return self._executor.features(rows)
 
+    def ready_at(self, state: SessionState, now: float) -> float:
+        """When the quota of a session's tenant allows another window."""
+        return self._quotas.ready_at(state.spec.owner, now)
+
     def start(self, state: SessionState, now: float) -> None:
         """Start the window that a session is due."""
         predicted_s = self._scheduler.predict_s(
             state.spec.priority, planning.deadline(state, now), state.num_steps, self._passes
         )
         job = planning.next_window(state, now, predicted_s * self._lease.stretch, next(self._job_ids))
+        self._quotas.charge(job.owner, job.num_steps, now)
         self._owners[job.job_id] = state
         self._executor.add(job)
 

@@ -6,28 +6,38 @@ from collections import Counter
 from dataclasses import replace
 from typing import Any, cast
 
-from motiongen_server.engine.types import Priority
+from motiongen_server.engine.types import Owner, Priority
 from motiongen_server.identity.caller import Caller
-from motiongen_server.rpc.event_errors import peer_clips, peer_heroes, peer_sessions
+from motiongen_server.rpc.event_errors import peer_class, peer_clips, peer_sessions, peer_steps
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.token_bucket import Share, TokenBucket
 
 SESSION_WEIGHTS = {Priority.HERO: 4, Priority.NEAR: 2, Priority.CROWD: 1, Priority.BATCH: 1}
 """What a session of each class counts for: a hero is planned anew far more often."""
+CLASS_QUOTAS = {
+    Priority.HERO: "heroes",
+    Priority.NEAR: "nears",
+    Priority.CROWD: "crowds",
+    Priority.BATCH: "batches",
+}
+"""The field of `PeerLimits` that says how many sessions of a class there may be."""
 MOST_IDLE = 1024
 """Peers that have nothing open are remembered for what they owe, up to so many."""
 
 
 class Peer:
-    """One address, or one tenant. tenant: its name, "" for an address."""
+    """One address, or one tenant. tenant: its name, "" for an address. name: no other peer's."""
 
-    def __init__(self, limits: PeerLimits, now: float, tenant: str = "") -> None:
+    def __init__(self, limits: PeerLimits, now: float, tenant: str = "", name: str = "") -> None:
         self.tenant = tenant
+        self._name = name
         self.num_streams = 0
         self._sessions: Counter[Priority] = Counter()
         self._clip_samples = 0
+        self._steps_hz = 0.0
         self.limits = limits
         self.events = TokenBucket(limits.events_per_second, now)
+        self.bytes = TokenBucket(limits.bytes_per_second, now)
         self.prompts = TokenBucket(limits.prompts_per_second, now)
         self.calls = TokenBucket(limits.calls_per_second, now)
 
@@ -35,6 +45,7 @@ class Peer:
         """Take these limits from now on; what is open stays open, and what is owed is owed."""
         self.limits = limits
         self.events.set_rate(limits.events_per_second, now)
+        self.bytes.set_rate(limits.bytes_per_second, now)
         self.prompts.set_rate(limits.prompts_per_second, now)
         self.calls.set_rate(limits.calls_per_second, now)
 
@@ -44,6 +55,11 @@ class Peer:
         return "tenant" if self.tenant else "address"
 
     @property
+    def owner(self) -> Owner:
+        """What the engines know it as."""
+        return Owner(self._name, self.limits.share, self.limits.steps_per_second)
+
+    @property
     def session_weight(self) -> int:
         """Of the sessions that it has."""
         return sum(SESSION_WEIGHTS[priority] * count for priority, count in self._sessions.items())
@@ -51,7 +67,7 @@ class Peer:
     def is_idle(self, now: float) -> bool:
         """Whether nothing would be lost if it were forgotten."""
         is_open = self.num_streams or self._clip_samples or self._sessions.total()
-        return not is_open and all(each.is_full(now) for each in (self.events, self.prompts, self.calls))
+        return not is_open and all(each.is_full(now) for each in (self.events, self.bytes, self.prompts, self.calls))
 
     @property
     def num_sessions(self) -> int:
@@ -65,16 +81,26 @@ class Peer:
     def place(self, priority: Priority, now: float) -> Place:
         """A place for a session, held until it is released. Raises EventRefused where there is none."""
         limits = self.limits
-        if priority is Priority.HERO and self._sessions[priority] >= limits.heroes:
-            raise peer_heroes(limits.heroes, self.kind)
+        quota = CLASS_QUOTAS[priority]
+        if self._sessions[priority] >= getattr(limits, quota):
+            raise peer_class(quota, getattr(limits, quota), priority, self.kind)
         if self.session_weight + SESSION_WEIGHTS[priority] > limits.session_weight:
             raise peer_sessions(limits.session_weight, self.kind)
         self._sessions[priority] += 1
         return Place(self, priority, now)
 
-    def leave(self, priority: Priority) -> None:
-        """A session of that class is over."""
+    def leave(self, priority: Priority, steps_hz: float) -> None:
+        """A session of that class is over, which took so many denoising steps a second to play on."""
         self._sessions[priority] -= 1
+        # What rounding has left goes with the last.
+        self._steps_hz = self._steps_hz - steps_hz if self.num_sessions else 0.0
+
+    def begin_steps(self, steps_hz: float) -> None:
+        """Note what a session takes to play on. Raises EventRefused where that is more than may be."""
+        most, asked = self.limits.steps_per_second, self._steps_hz + steps_hz
+        if asked > most:
+            raise peer_steps(asked, most, self.kind)
+        self._steps_hz = asked
 
     def begin_clip(self, num_samples: int) -> None:
         """Note samples that are about to be made. Raises EventRefused where it has as many as it may."""
@@ -90,19 +116,26 @@ class Peer:
 class Place:
     """A session's place among those of its peer."""
 
-    __slots__ = ("_is_held", "_priority", "peer", "prompts")
+    __slots__ = ("_is_held", "_priority", "_steps_hz", "peer", "prompts")
 
     def __init__(self, peer: Peer, priority: Priority, now: float) -> None:
         self.prompts = peer.prompts_share(now)
         self.peer = peer
         self._priority = priority
+        self._steps_hz = 0.0
         self._is_held = True
+
+    def begin_steps(self, steps_hz: float) -> None:
+        """The session begins, and takes so many denoising steps a second to play on. Raises EventRefused."""
+        if self._is_held:
+            self.peer.begin_steps(steps_hz)
+            self._steps_hz = steps_hz
 
     def release(self) -> None:
         """The session is over. May be called again."""
         if self._is_held:
             self._is_held = False
-            self.peer.leave(self._priority)
+            self.peer.leave(self._priority, self._steps_hz)
 
 
 class Peers:
@@ -131,7 +164,7 @@ class Peers:
         if found is None:
             if len(self._peers) >= MOST_IDLE:
                 self._peers = {name: held for name, held in self._peers.items() if not held.is_idle(now)}
-            found = self._peers[name] = Peer(limits, now, tenant)
+            found = self._peers[name] = Peer(limits, now, tenant, name)
         return found
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from motiongen_server.engine.types import Priority
+from motiongen_server.engine.types import Owner, Priority
 from motiongen_server.errors import EventRefused
 from motiongen_server.rpc.budget import BYTES_A_TOKEN, MESSAGE_COST, StreamBudget
 from motiongen_server.rpc.limits import PeerLimits
@@ -29,6 +29,15 @@ def test_bytes_are_charged_too() -> None:
     budget = StreamBudget(MESSAGE_COST + 10, peer_of(), 0.0)
     budget.charge_message(int(20 * BYTES_A_TOKEN), 0.0)
     assert budget.owed_s(0.0) * (MESSAGE_COST + 10) == pytest.approx(10)
+
+
+def test_bytes_of_all_streams_of_a_peer_are_counted_for_themselves() -> None:
+    peer = peer_of(bytes_per_second=1000.0)
+    peer.num_streams = 1
+    budget = StreamBudget(1e9, peer, 0.0)
+    budget.charge_message(1500, 0.0)
+    assert budget.owed_s(0.0) == pytest.approx(0.5)
+    assert peer.bytes.owed_s(0.0) == pytest.approx(0.5)
 
 
 def test_streams_of_one_peer_pay_together_and_others_do_not() -> None:
@@ -79,6 +88,28 @@ def test_sessions_count_by_their_class() -> None:
     assert peer.session_weight == 7
 
 
+def test_what_sessions_take_to_play_on_stays_within_the_quota() -> None:
+    peer = peer_of(steps_per_second=10.0)
+    places = [peer.place(Priority.CROWD, 0.0) for _ in range(3)]
+    for place in places[:2]:
+        place.begin_steps(4.0)
+    with pytest.raises(EventRefused, match="take 12 denoising steps") as refused:
+        places[2].begin_steps(4.0)
+    assert (refused.value.reason, refused.value.field) == ("STEPS_QUOTA", "open.denoise_steps")
+    places[0].release()
+    places[0].release()
+    places[2].begin_steps(4.0)
+    with pytest.raises(EventRefused):
+        peer.place(Priority.CROWD, 0.0).begin_steps(4.0)
+
+
+def test_engines_know_a_peer_by_its_name_its_share_and_its_quota() -> None:
+    peers = Peers(PeerLimits(share=2.5, steps_per_second=40.0))
+    one, other = peers.find("ipv4:10.0.0.7:5", 0.0), peers.find("ipv4:10.0.0.8:5", 0.0)
+    assert one.owner == Owner("ipv4:10.0.0.7", 2.5, 40.0)
+    assert other.owner.name != one.owner.name
+
+
 def test_samples_of_clips_are_counted_while_they_are_made() -> None:
     peer = peer_of(clip_samples=4)
     peer.begin_clip(3)
@@ -107,3 +138,13 @@ def test_peers_that_owe_nothing_are_forgotten_and_others_are_not() -> None:
     assert peers.find("ipv4:1.1.1.1:2", 1.0) is debtor
     assert peers.find("ipv4:2.2.2.2:2", 1.0) is holder
     assert peers.find("ipv4:3.3.3.3:2", 1.0) is not quiet
+
+
+@pytest.mark.parametrize(("priority", "quota"), [(Priority.NEAR, "nears"), (Priority.CROWD, "crowds"),
+                                                 (Priority.BATCH, "batches")])  # fmt: skip
+def test_each_class_has_a_quota_that_a_refusal_names(priority: Priority, quota: str) -> None:
+    peer = peer_of(**{quota: 1})
+    peer.place(priority, 0.0)
+    with pytest.raises(EventRefused, match=rf"1 sessions of the class {priority.name}, its quota \({quota}\)"):
+        peer.place(priority, 0.0)
+    peer.place(Priority.HERO, 0.0)

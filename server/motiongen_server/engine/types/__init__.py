@@ -69,6 +69,10 @@ from motiongen_server.engine.types.outputs import (
     ServiceLevel,
     Warned,
 )
+from motiongen_server.engine.types.owner import (
+    NOBODY,
+    Owner,
+)
 from motiongen_server.engine.types.refusals import (
     EventRefused,
 )
@@ -80,6 +84,7 @@ from motiongen_server.engine.types.spec import (
 
 __all__ = [
     "DEFAULT_TOLERANCE",
+    "NOBODY",
     "VELOCITY_ID",
     "ChannelBlock",
     "Chunk",
@@ -105,6 +110,7 @@ __all__ = [
     "Opened",
     "Outcome",
     "Output",
+    "Owner",
     "PlanCause",
     "PlanNotice",
     "PlayState",

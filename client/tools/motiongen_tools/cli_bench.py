@@ -21,6 +21,7 @@ from motiongen_tools.bench.result import Result, Standard
 from motiongen_tools.bench.run import run_load
 from motiongen_tools.bench.scenario import BUILT_IN, load_scenario
 from motiongen_tools.bench.search import Found, find_most
+from motiongen_tools.connection import connection_of
 from motiongen_tools.console import make_console
 from motiongen_tools.server_process import ServerProcess
 
@@ -86,6 +87,7 @@ async def bench(options: argparse.Namespace) -> int:
         seconds=options.seconds,
         seed=secrets.randbits(32) if options.seed is None else options.seed,
         denoise_steps=options.steps,
+        connection=connection_of(options),
     )
     with contextlib.ExitStack() as stack:
         pid = None

@@ -8,13 +8,15 @@ from dataclasses import dataclass
 from motiongen_tools.bench.recorder import PackedBook, Recorder
 from motiongen_tools.bench.scenario import Scenario
 from motiongen_tools.bench.schedule import Phases, Schedule, make_schedule
+from motiongen_tools.connection import PLAIN, Connection
 
 
 @dataclass(frozen=True)
 class Load:
     """What is to be played, the same for all processes.
 
-    seconds: of measuring, after ramp and settling. denoise_steps: None leaves them to the server.
+    seconds: of measuring, after ramp and settling. denoise_steps: None leaves them to the server. connection: how the
+    server is reached.
     """
 
     address: str
@@ -24,6 +26,7 @@ class Load:
     seed: int
     denoise_steps: int | None = None
     processes: int = 1
+    connection: Connection = PLAIN
 
     def schedule(self) -> Schedule:
         return make_schedule(self.scenario, self.characters, self.seconds, self.seed)

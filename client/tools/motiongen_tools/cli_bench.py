@@ -47,6 +47,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--processes", type=_whole(1), metavar="N", help="that make the load (default: by characters and cores)"
     )
+    parser.add_argument(
+        "--program",
+        type=Path,
+        metavar="PATH",
+        help="a motiongen-load (client/cpp) to make the load, for thousands a core",
+    )
     parser.add_argument("--find", action="store_true", help="find the most characters that are served in full")
     parser.add_argument(
         "--max-misses",
@@ -78,6 +84,7 @@ async def bench(options: argparse.Namespace) -> int:
     """Run, print, write. Returns 3 when the figures do not count, else 0."""
     console = make_console()
     _check_report(options.out)
+    _check_program(options.program)
     standard = Standard(options.max_misses / 100, options.max_lag_ms)
     scenario = load_scenario(options.scenario)
     load = Load(
@@ -88,6 +95,7 @@ async def bench(options: argparse.Namespace) -> int:
         seed=secrets.randbits(32) if options.seed is None else options.seed,
         denoise_steps=options.steps,
         connection=connection_of(options),
+        program=options.program,
     )
     with contextlib.ExitStack() as stack:
         pid = None
@@ -97,7 +105,8 @@ async def bench(options: argparse.Namespace) -> int:
         console.print(terminal.describe(load), soft_wrap=True)
 
         async def run(load: Load) -> Result:
-            load = replace(load, processes=options.processes or num_processes(load.characters))
+            alone = 1 if load.program is not None else num_processes(load.characters)
+            load = replace(load, processes=options.processes or alone)
             with terminal.showing(console, load) as tell:
                 return await run_load(load, tell, standard, pid)
 
@@ -138,6 +147,14 @@ def _check_report(out: Path) -> None:
         raise InvalidInput("--out", str(out), "a folder that can be written")
 
 
+def _check_program(program: Path | None) -> None:
+    """Raises InvalidInput for one that cannot be run."""
+    if program is not None and not (program.is_file() and os.access(program, os.X_OK)):
+        raise InvalidInput(
+            "--program", str(program), "a motiongen-load, which `make cpp` builds in out/cpp/release/load"
+        )
+
+
 def num_processes(characters: int) -> int:
     """Enough for so many characters, and no more than half the cores: the server may need the others."""
     return max(1, min((os.cpu_count() or 1) // 2, math.ceil(characters / _CHARACTERS_A_PROCESS)))
@@ -145,6 +162,8 @@ def num_processes(characters: int) -> int:
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """Exit with 2, and say why, where options make no sense together."""
+    if options.program is not None and (options.tls or options.tls_ca or options.token_file or options.tls_key):
+        parser.error("--program speaks plain text and sends no token; leave it out, or the options of the connection")
     if options.server_arguments and not options.start_server:
         parser.error(f"{options.server_arguments[0]!r} is for a server that this starts: give --start-server too")
 

@@ -16,6 +16,7 @@ from motiongen_client.types import (
     Constraint,
     ConstraintReached,
     Deviation,
+    Flexible,
     HeadingTarget,
     JointRotations,
     JointTargets,
@@ -26,8 +27,10 @@ from motiongen_client.types import (
     ModelWarning,
     Opened,
     Outcome,
+    Placement,
     Priority,
     Residual,
+    RootPath,
     RootTrajectory,
     ServiceLevel,
     SessionEnd,
@@ -111,12 +114,21 @@ def prompt_span(
     return span
 
 
-def constraint(constraint_id: int, target: Constraint) -> motion_pb2.Constraint:
+def constraint(constraint_id: int, asked: Constraint) -> motion_pb2.Constraint:
     """A constraint with the id that replaces or removes it later."""
+    target = asked.target if isinstance(asked, Flexible) else asked
     message = motion_pb2.Constraint(
         constraint_id=constraint_id, tolerance_m=target.tolerance_m, tolerance_rad=target.tolerance_rad
     )
-    message.frame = target.first_frame if isinstance(target, RootTrajectory) else target.frame
+    if isinstance(asked, Flexible):
+        message.at_any_frame, message.frames_from_effect = asked.at_any_frame, asked.frames_from_effect
+        message.relative_to_character = asked.is_relative
+        if asked.last_frame is not None:
+            message.last_frame = asked.last_frame
+        if asked.weight is not None:
+            message.weight = asked.weight
+    if not isinstance(target, RootPath):
+        message.frame = target.first_frame if isinstance(target, RootTrajectory) else target.frame
     match target:
         case Waypoint():
             message.waypoint.CopyFrom(motion_pb2.Waypoint(x=target.x_m, z=target.z_m, heading=target.heading_rad))
@@ -124,6 +136,10 @@ def constraint(constraint_id: int, target: Constraint) -> motion_pb2.Constraint:
             message.root_trajectory.positions.extend(target.positions_m.ravel().tolist())
             if target.headings_rad is not None:
                 message.root_trajectory.headings.extend(target.headings_rad.tolist())
+        case RootPath():
+            path = motion_pb2.RootPath(speed_mps=target.speed_mps, smoothing_m=target.smoothing_m)
+            path.positions.extend(target.corners_m.ravel().tolist())
+            message.root_path.CopyFrom(path)
         case Keyframe():
             message.keyframe.positions.extend(target.positions_m.ravel().tolist())
         case HeadingTarget():
@@ -256,6 +272,24 @@ def opened(message: session_pb2.SessionOpened) -> Opened:
         committed_horizon_frames=message.committed_horizon_frames,
         denoise_steps=message.denoise_steps,
         warnings=warnings(message.warnings),
+        placements=placements(message.placements),
+    )
+
+
+def placements(messages: Iterable[motion_pb2.ConstraintPlacement], offset: int = 0) -> tuple[Placement, ...]:
+    """Where constraints were put. offset: of the client's frame numbers over the server's."""
+    return tuple(
+        Placement(
+            constraint_id=each.constraint_id,
+            first_frame=each.first_frame + offset,
+            last_frame=each.last_frame + offset,
+            arrival_frame=each.arrival_frame + offset,
+            anchor_frame=each.anchor_frame + offset,
+            anchor_x_m=each.anchor_x,
+            anchor_z_m=each.anchor_z,
+            anchor_heading_rad=each.anchor_heading,
+        )
+        for each in messages
     )
 
 
@@ -267,7 +301,8 @@ def outcome(message: session_pb2.EditOutcome, event: str, offset: int = 0) -> Ou
     """What became of an event; `event` says in words what it was, `offset` which of our frames is the server's 0."""
     if message.code == 0:
         effective_frame = message.effective_frame + offset if message.HasField("effective_frame") else None
-        return Outcome(message.event_seq, effective_frame, warnings(message.warnings))
+        placed = placements(message.placements, offset)
+        return Outcome(message.event_seq, effective_frame, warnings(message.warnings), placed)
     retry_after_s = seconds(message.retry_after) if message.HasField("retry_after") else None
     code = code_name(message.code)
     return EventRefused(event, code, message.reason, message.message, message.field, message.allowed, retry_after_s)

@@ -29,6 +29,7 @@ from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.delivery import Delivery
 from motiongen_server.engine.session.drift import DriftState
 from motiongen_server.engine.session.edits import EditEvent, EditQueue, PendingEdit, edited
+from motiongen_server.engine.session.placing import Anchor
 from motiongen_server.engine.session.playback import PlaybackClock
 from motiongen_server.engine.session.reach import ReachWatch
 from motiongen_server.engine.session.timeline import Timeline
@@ -42,6 +43,7 @@ from motiongen_server.engine.types import (
     Opened,
     Outcome,
     Output,
+    Placement,
     PlanCause,
     PlanNotice,
     Playhead,
@@ -67,7 +69,8 @@ class SessionState:
     """All that is known of a session. plan: the newest plan's number; holding: it repeats a pose.
 
     cut_frames: by which the first window that is made while the client plays is cut, so that sessions spread out.
-    restarts, extra_lead_s: of windows in a row that did not land.
+    restarts, extra_lead_s: of windows in a row that did not land. predicted_s: how long the last one was to take.
+    placements: of the constraints that it was opened with.
     """
 
     spec: SessionSpec
@@ -90,7 +93,9 @@ class SessionState:
     holding: bool = False
     restarts: int = 0
     extra_lead_s: float = 0.0
+    predicted_s: float = 0.0
     underruns: int = 0
+    placements: tuple[Placement, ...] = ()
 
     @property
     def key(self) -> SessionKey:
@@ -127,6 +132,7 @@ class SessionState:
             model_id=self.facts.model_id,
             rig_id=self.facts.rig.rig_id,
             fps=self.facts.fps,
+            placements=self.placements,
         )
 
     def close(self, reason: CloseReason, code: Code, message: str) -> list[Output]:
@@ -193,12 +199,15 @@ class SessionState:
         floor = self._replaceable_from(now, self.delivery.commit_s)
         crop = history_crop(self.spec, self.config)
         reach = self.facts.max_window_frames - history_frames(floor, self.timeline, crop, self.facts.patch)
-        self.conditions, kind, dirty_from = edited(self.conditions, event, floor, reach, self.config, self.spec.gaits)
+        anchor = self._anchor(now)
+        self.conditions, kind, dirty_from, placements = edited(
+            self.conditions, event, floor, reach, self.config, anchor, self.spec.gaits
+        )
         if dirty_from is None:
-            return [Outcome(self.key, event.event_seq, Code.OK)]
+            return [Outcome(self.key, event.event_seq, Code.OK, placements=placements)]
         if dirty_from > 0:
             dirty_from = max(dirty_from, self.timeline.motion_from + self.facts.patch)
-        edit = PendingEdit(event.event_seq, kind, event.received_at, dirty_from)
+        edit = PendingEdit(event.event_seq, kind, event.received_at, dirty_from, placements)
         running = self.running
         if (
             running is not None
@@ -238,7 +247,12 @@ class SessionState:
             return []  # it may hold its pose right over those frames
         untouched_from = max(self.planned_to, self.running.accept_to if self.running else 0)
         settled = self.edits.settle(untouched_from)
-        return [Outcome(self.key, edit.event_seq, Code.OK, edit.dirty_from) for edit in settled]
+        return [edit.done(self.key, edit.dirty_from) for edit in settled]
+
+    def _anchor(self, now: float) -> Anchor:
+        """Where the character will be when an edit of now takes effect: where the window for it is likely to start."""
+        frame = self._replaceable_from(now, max(self.predicted_s, self.extra_lead_s) + self.delivery.commit_s)
+        return Anchor(frame, self._site().root_before(frame), self.facts.fps)
 
     # ---- leads ------------------------------------------------------------------------------------------------------
 
@@ -290,9 +304,7 @@ class SessionState:
         """Start the window that is due. predicted_s: how long it will take from now."""
         assert self.window_due(now)
         first_frame, cause = self._next_start(now, predicted_s)
-        site = WindowSite(
-            self.spec, self.facts, self.config, self.drift_state.guard, self.level, self.conditions, self.timeline
-        )
+        site, self.predicted_s = self._site(), predicted_s
         correction = self.drift_state.correction_from(first_frame)
         job = site.job(first_frame, correction, job_id, self.plan + 1, cause, now, self.deadline(now))
         if self._replan_wanted:
@@ -306,6 +318,10 @@ class SessionState:
         self.running.accept_to = max(change, self._least_start(self.running))
         self.drift_state.correction = None
         return job
+
+    def _site(self) -> WindowSite:
+        guard, level = self.drift_state.guard, self.level
+        return WindowSite(self.spec, self.facts, self.config, guard, level, self.conditions, self.timeline)
 
     def _next_start(self, now: float, predicted_s: float) -> tuple[int, PlanCause]:
         """The first frame of the window that is due, and why it is made."""
@@ -373,7 +389,7 @@ class SessionState:
         self.delivery.plan_log.note(notice, sent_to)
         return [
             notice,
-            *(Outcome(self.key, edit.event_seq, Code.OK, frame) for edit, frame in answered),
+            *(edit.done(self.key, frame) for edit, frame in answered),
             *self._settle(),
         ]
 
@@ -401,7 +417,10 @@ class SessionState:
         if not chunks:
             return outputs
         outputs += chunks
-        outputs += self.reach.reached(self.facts.rig, self.conditions, self.timeline, self.delivery.committed_to)
+        told = self.reach.reached(self.facts.rig, self.conditions, self.timeline, self.delivery.committed_to)
+        if told:
+            self.conditions = self.conditions.without_told([constraint for constraint, _ in told])
+            outputs += [reached for _, reached in told]
         report.frames_sent += self.delivery.sent_to - sent_before
         if opening:
             report.event_latencies.append(EventLatency(self.spec.priority, "open", now - self.opened_at))

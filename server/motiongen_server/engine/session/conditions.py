@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -156,7 +156,7 @@ def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) ->
 
 
 def edit_constraints(
-    held: Conditions, event: SetConstraints, floor: int, limit: int, anchor: Anchor
+    held: Conditions, event: SetConstraints, floor: int, limit: int, anchor: Callable[[], Anchor]
 ) -> tuple[Conditions, tuple[Constraint, ...], tuple[Placement, ...]]:
     """Apply an edit of constraints. floor: the first frame that can still change; anchor: for what asks "from here".
 
@@ -188,7 +188,7 @@ def edit_constraints(
 
 
 def place_all(
-    asked: Sequence[Asked], anchor: Anchor, field: str
+    asked: Sequence[Asked], anchor: Callable[[], Anchor], field: str
 ) -> tuple[tuple[Constraint, ...], tuple[Placement, ...]]:
     """Constraints as they are asked for, in frames and in the world; and where those were put that left it open.
 
@@ -196,9 +196,11 @@ def place_all(
     """
     constraints: list[Constraint] = []
     placements: list[Placement] = []
+    here: Anchor | None = None  # most edits need none, and it costs a pose
     for index, item in enumerate(asked):
         if isinstance(item, Unplaced):
-            constraint, placement = placed(item, anchor, f"{field}[{index}]")
+            here = here or anchor()
+            constraint, placement = placed(item, here, f"{field}[{index}]")
             constraints.append(constraint)
             placements.append(placement)
         else:

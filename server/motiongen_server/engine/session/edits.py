@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, TypeAlias
 
@@ -60,7 +60,7 @@ def edited(
     floor: int,
     reach: int,
     config: EngineConfig,
-    anchor: Anchor,
+    anchor: Callable[[], Anchor],
     gaits: Sequence[Gait] = (),
 ) -> Edited:
     """Apply an event. floor: the first frame that can still change; reach: the frames a window from there on sees;

@@ -13,7 +13,7 @@ from motiongen_server.engine.session.placing import Anchor
 from motiongen_server.engine.session.playback import PlaybackClock, RoundTrip
 from motiongen_server.engine.session.pose import PoseReader
 from motiongen_server.engine.session.reach import ReachWatch
-from motiongen_server.engine.session.session import SessionState
+from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.session.timeline import first_timeline
 from motiongen_server.engine.session.windows import root_before
 from motiongen_server.engine.spread import spread
@@ -37,8 +37,10 @@ def open_session(
     timeline = first_timeline(facts, spec.prior_rows, prior_features)
     reader = PoseReader.of(facts.rig)
     last_frame = None if spec.clip_frames is None else spec.clip_frames - 1
-    anchor = Anchor(0, root_before(0, timeline, reader, spec.start_pose, facts.fps), facts.fps, last_frame)
-    constraints, placements = place_all(spec.constraints, anchor, "open.constraints")
+    start = root_before(0, timeline, reader, spec.start_pose, facts.fps)
+    constraints, placements = place_all(
+        spec.constraints, lambda: Anchor(0, start, facts.fps, last_frame), "open.constraints"
+    )
     clock = PlaybackClock(facts.fps, rate=config.playback_rate, slack=spec.lookahead)
     stride = spread(ordinal) * (config.stride_jitter // facts.patch + 1)
     jitter = math.floor(stride % 1.0 * (config.continue_jitter + 1))

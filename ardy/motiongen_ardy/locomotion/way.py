@@ -62,9 +62,15 @@ def walked(corners: NDArray[Any], speed: float, smoothing_m: float, root: RootSt
     along = (root.speed_x * first[0] + root.speed_z * first[1]) / steps[0]
     pace = _paces(way, steps, speed, max(0.0, min(along, speed)))
     wait = turn / _TURN_RAD_S if turn > math.pi / 4 else 0.0
-    at_s = np.concatenate([[0.0], np.cumsum(2.0 * steps / np.maximum(pace[:-1] + pace[1:], 0.05))]) + wait
+    takes_s = 2.0 * steps / np.maximum(pace[:-1] + pace[1:], 1e-6)
+    at_s = np.concatenate([[0.0], np.cumsum(takes_s)]) + wait
     frames = np.arange(1, math.ceil(at_s[-1] * fps) + 1) / fps
-    return np.stack([np.interp(frames, at_s, way[:, axis]) for axis in (0, 1)], axis=1)
+    step = np.clip(np.searchsorted(at_s, frames, side="right") - 1, 0, len(steps) - 1)
+    # Evenly faster or slower within each step.
+    since = np.clip(frames - at_s[step], 0.0, takes_s[step])
+    gone = since * (pace[step] + 0.5 * since * (pace[step + 1] - pace[step]) / takes_s[step])
+    share = np.clip(gone / steps[step], 0.0, 1.0)[:, None]
+    return np.asarray((1.0 - share) * way[step] + share * way[step + 1])
 
 
 def rounded(places: Float64, within_m: float) -> Float64:

@@ -48,8 +48,9 @@ class Aiming:
             if isinstance(item, RootTrajectory) or item.span is None or item.frame >= self.window.start:
                 found.append(item)
             elif not self._is_met(item):
-                anchor = Anchor(self.window.start, self.root_before(self.window.start), self.fps, item.span.last)
-                found.append(replace(item, frame=anchor.first_possible(*goal_of(item, anchor.root))))
+                root = self.root_before(self.window.start)
+                anchor = Anchor(self.window.start, root, self.fps, self.rig, item.span.last)
+                found.append(replace(item, frame=anchor.first_possible(*goal_of(item, root, self.rig))))
         return tuple(found)
 
     def _is_met(self, item: Constraint) -> bool:
@@ -71,7 +72,7 @@ class Aiming:
             return None
         goal, start = min(far, key=lambda item: item.frame), self.window.start
         root = self.root_before(start)
-        x, z, _ = goal_of(goal, root)
+        x, z, _ = goal_of(goal, root, self.rig)
         away = math.hypot(x - root.x, z - root.z)
         # Half a second of what is left goes for turning and stopping.
         left_s = max((goal.frame - start) / self.fps - 0.5, 0.5)
@@ -86,7 +87,7 @@ class Aiming:
     def free_roots(self, constraints: Sequence[Constraint]) -> tuple[Waypoint, ...]:
         """A place of the root for each of the joint targets that leave it free, where nothing else gives it then.
 
-        It is where the character is taken to go, brought to within an arm's length of the joints' places.
+        It is where the character is taken to go, brought to where the joints can reach their places.
         """
         free = [item for item in constraints if isinstance(item, JointTargets) and 0 not in item.joints]
         if not free:
@@ -100,7 +101,7 @@ class Aiming:
             if frame in given or any(path.first_frame <= frame <= path.last_frame for path in paths):
                 continue
             seconds = min((frame - self.window.start) / self.fps, _EXPECTED_S)
-            x, z = root_for(item, root.x + root.speed_x * seconds, root.z + root.speed_z * seconds)
+            x, z = root_for(item, root.x + root.speed_x * seconds, root.z + root.speed_z * seconds, self.rig)
             found.append(Waypoint(VELOCITY_ID, frame, x, z))
         return tuple(found)
 

@@ -93,7 +93,7 @@ def _anchor(state: SessionState, now: float) -> Anchor:
     """Where the character will be when an edit of now takes effect: where the window for it is likely to start."""
     frame = state.replaceable_from(now, max(state.predicted_s, state.extra_lead_s) + state.delivery.commit_s)
     reader, start, fps = state.drift_state.guard.reader, state.spec.start_pose, state.facts.fps
-    return Anchor(frame, root_before(frame, state.timeline, reader, start, fps), fps)
+    return Anchor(frame, root_before(frame, state.timeline, reader, start, fps), fps, state.facts.rig)
 
 
 def _worth_restarting(state: SessionState, running: RunningWindow) -> bool:

@@ -20,6 +20,7 @@ from motiongen_server.engine.types import (
     JointTargets,
     Keyframe,
     Placement,
+    RigLayout,
     RootPath,
     RootTrajectory,
     Span,
@@ -32,8 +33,8 @@ LATE_S = 2.0
 """A place to be reached as soon as can be is tried for so long after the time at which a person would be there."""
 MOST_PATH_S = 600.0
 """Of walking along one path."""
-ARM_M = 0.45
-"""So far from the root, over the ground, a hand comes without a step."""
+REACH = 0.25
+"""So much of the length of its chain from the root, over the ground, a joint comes without a step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +45,7 @@ class Anchor:
     frame: int
     root: RootState
     fps: int
+    rig: RigLayout
     last_frame: int | None = None
 
     def first_possible(self, x: float, z: float, heading: float | None) -> int:
@@ -66,7 +68,7 @@ def placed(asked: Unplaced, anchor: Anchor, field: str) -> tuple[Constraint, Pla
         found = replace(target, first_frame=target.first_frame + start)
         return found, _placement(found, found.last_frame, anchor)
     first = anchor.frame if asked.at_any_frame else target.frame + start
-    soonest = anchor.first_possible(*goal_of(target, anchor.root))
+    soonest = anchor.first_possible(*goal_of(target, anchor.root, anchor.rig))
     if asked.at_any_frame:
         last = soonest + math.ceil(LATE_S * anchor.fps)
         span = Span(first, last if anchor.last_frame is None else min(last, anchor.last_frame), is_led=True)
@@ -86,7 +88,7 @@ def _placement(found: Constraint, arrival_frame: int, anchor: Anchor) -> Placeme
     )
 
 
-def goal_of(target: Constraint, root: RootState) -> tuple[float, float, float | None]:
+def goal_of(target: Constraint, root: RootState, rig: RigLayout) -> tuple[float, float, float | None]:
     """Where the root is to go for a constraint, and where to face; where it is, if it asks for no place."""
     match target:
         case Waypoint():
@@ -96,23 +98,33 @@ def goal_of(target: Constraint, root: RootState) -> tuple[float, float, float | 
         case Keyframe():
             return float(target.positions[0, 0]), float(target.positions[0, 2]), None
         case JointTargets():
-            return (*root_for(target, root.x, root.z), None)
+            return (*root_for(target, root.x, root.z, rig), None)
         case _:
             return root.x, root.z, None
 
 
-def root_for(target: JointTargets, x: float, z: float) -> tuple[float, float]:
-    """Where the root is for joints to be at their places: as asked, or as near to x, z as an arm's length allows."""
+def root_for(target: JointTargets, x: float, z: float, rig: RigLayout) -> tuple[float, float]:
+    """Where the root is for joints to be at their places: as asked, or no farther from x, z than they need."""
     if 0 in target.joints:
         root = target.positions[target.joints.index(0)]
         return float(root[0]), float(root[2])
     middle = target.positions[:, [0, 2]].mean(axis=0, dtype=np.float64)
     away = np.array([x, z]) - middle
     distance = float(np.hypot(*away))
-    if distance <= ARM_M:
+    reach = REACH * min(_chain_m(joint, rig) for joint in target.joints)
+    if distance <= reach:
         return x, z
-    near = middle + away * (ARM_M / distance)
+    near = middle + away * (reach / distance)
     return float(near[0]), float(near[1])
+
+
+def _chain_m(joint: int, rig: RigLayout) -> float:
+    """The length of the bones from the root to a joint."""
+    length = 0.0
+    while joint > 0:
+        length += float(np.linalg.norm(rig.neutral_offsets[joint]))
+        joint = rig.parents[joint]
+    return length
 
 
 def _walked_path(path: RootPath, anchor: Anchor, field: str) -> RootTrajectory:

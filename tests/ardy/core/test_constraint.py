@@ -150,7 +150,6 @@ def test_joints_without_the_root_are_seen_from_its_place_on_the_ground(layout: A
     assert not asked[3, 1], "the root's height stays free"
 
 
-
 @pytest.mark.parametrize(
     ("add", "message"),
     [

@@ -102,6 +102,7 @@ class WindowSite:
             background=self.spec.is_clip,
             # a velocity has chosen its prompt already
             keep_prompt=self.spec.keep_prompts or any(each is path for each in constraints),
+            owner=self.spec.owner,
         )
 
     def _start_pose(self, first_frame: int, correction: Correction | None) -> StartPose | None:

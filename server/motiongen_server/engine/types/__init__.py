@@ -74,6 +74,10 @@ from motiongen_server.engine.types.outputs import (
     ServiceLevel,
     Warned,
 )
+from motiongen_server.engine.types.owner import (
+    NOBODY,
+    Owner,
+)
 from motiongen_server.engine.types.refusals import (
     EventRefused,
 )
@@ -85,6 +89,7 @@ from motiongen_server.engine.types.spec import (
 
 __all__ = [
     "DEFAULT_TOLERANCE",
+    "NOBODY",
     "VELOCITY_ID",
     "Asked",
     "ChannelBlock",
@@ -111,6 +116,7 @@ __all__ = [
     "Opened",
     "Outcome",
     "Output",
+    "Owner",
     "PlanCause",
     "PlanNotice",
     "Placement",

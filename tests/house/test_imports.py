@@ -99,7 +99,7 @@ ROOMS = (
     room(f"{SERVER}/identity", "grpc jwt ~.identity ~.errors ~.settings ~.addresses", never="asyncio"),
     room(f"{SERVER}/errors.py", "grpc grpc_status google ~.engine.types"),
     room(f"{SERVER}/transport.py", "grpc ~.config ~.settings"),
-    room(f"{SERVER}/app.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
+    room(f"{SERVER}/app.py {SERVER}/run.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
     room(SERVER, ""),
     # the clients
     room("client/python/motiongen_client", "google grpc motiongen numpy motiongen_client"),

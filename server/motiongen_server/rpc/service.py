@@ -221,7 +221,9 @@ class MotionService:
     async def _read(self, stream: Stream, context: StreamContext) -> None:
         while True:
             await stream.room()
+            stream.listening_since = time.monotonic()
             data = await context.read()
+            stream.listening_since = None
             if not isinstance(data, bytes):  # grpc.aio.EOF
                 return
             stream.budget.charge_message(len(data), time.monotonic())

@@ -1,4 +1,4 @@
-"""Hostile clients that speak no gRPC: connections held, garbage, and the port of operations. See `tests.attack.hostile`."""
+"""Hostile clients that speak no gRPC: connections held, garbage, the port of operations. See `tests.attack.hostile`."""
 
 from __future__ import annotations
 

@@ -35,6 +35,7 @@ ATTACKS = (
     Attack("playheads, 200 a message", "playheads", 2),
     Attack("3,000 streams with hello and no session", "empty_streams", 1),
     Attack("opens with names of 5,000 characters", "long_names", 2),
+    Attack("messages with some bytes changed, on streams and as clips", "mutations", 2),
     Attack("idle connections on the port of operations", "idle_connections", 1, at_ops=True),
     Attack(
         "metrics that are asked for and not read, also at the end", "unread_metrics", 1, at_ops=True, to_the_end=True

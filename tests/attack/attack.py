@@ -51,7 +51,10 @@ class Attack:
 
 @dataclass(frozen=True)
 class Result:
-    """Of one attack. grown_mib: while it went on; left_mib: after it; health_ms: of a health check meanwhile."""
+    """Of one attack. grown_mib: while it went on; left_mib: after it; health_ms: of a health check meanwhile.
+
+    errors: in its log, of its own.
+    """
 
     attack: Attack
     noticed: Noticed
@@ -61,6 +64,7 @@ class Result:
     gateway_cpu: float
     log_mib: float
     exit_code: int | None
+    errors: int = 0
 
     @property
     def faults(self) -> list[str]:
@@ -73,6 +77,7 @@ class Result:
             f"sessions ended: {noticed.closed}": bool(noticed.closed),
             f"memory grew by {self.grown_mib:.0f} MiB": self.grown_mib > attack.grown_mib,
             f"the log grew by {self.log_mib:.1f} MiB": self.log_mib > attack.log_mib,
+            f"{self.errors} errors inside the server are in its log": bool(self.errors),
             "health was not answered": self.health_ms > 1000 * HEALTH_S,
             f"the server ended with {self.exit_code}": self.exit_code != 0,
         }
@@ -142,7 +147,8 @@ async def run(attack: Attack, seconds: float, log: Path) -> Result:
         if attack.to_the_end:
             still_there.enter_context(hostile(attack, server))
             await asyncio.sleep(2 * WARM_S)
-    return Result(attack, noticed, grown, left, health, share, server.log_mib(), server.exit_code)
+    errors = server.log.read_text(encoding="utf-8", errors="replace").count("error id")
+    return Result(attack, noticed, grown, left, health, share, server.log_mib(), server.exit_code, errors)
 
 
 def table(results: list[Result]) -> str:

@@ -17,14 +17,15 @@ from tests.attack.attack import Attack, machine, run, table
 
 ATTACKS = (
     Attack("nobody attacks", ""),
+    Attack("nobody attacks (built-in model)", "", built_in=True),
     Attack("empty events", "empty_events", 2),
     Attack("one event of 400,000 empty constraints", "empty_constraints", 2, grown_mib=300),
     Attack("450,000 empty events a message, nothing read", "huge_messages", 1),
     Attack("pings", "pings", 2),
-    Attack("opens that must fail, with new prompts", "failing_opens", 2, built_in=True),
-    Attack("16 new prompts an edit", "new_prompts", 2, built_in=True),
+    Attack("opens that must fail, with new prompts (built-in model)", "failing_opens", 2, built_in=True),
+    Attack("16 new prompts an edit (built-in model)", "new_prompts", 2, built_in=True),
     Attack("playheads that lie", "liars", 2),
-    Attack("playheads that lie, built-in model", "liars", 1, built_in=True),
+    Attack("playheads that lie (built-in model)", "liars", 1, built_in=True),
     Attack("3,000 streams without hello", "silent_streams", 1),
     Attack("24 calls for the longest clips, nothing read", "unread_clips", 1),
     Attack("refused events on 40 streams, nothing read", "unread_streams", 1),
@@ -45,14 +46,14 @@ ATTACKS = (
 
 async def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.attack", description=__doc__)
-    parser.add_argument("--only", nargs="*", default=[], help="kinds of tests.attack.hostile, or none")
+    parser.add_argument("--only", nargs="*", default=[], help="kinds of tests.attack.hostile, nobody")
     parser.add_argument("--seconds", type=float, default=6.0, help="of each attack (default: %(default)s)")
     parser.add_argument("--out", type=Path, help="folder for attack.md")
     options = parser.parse_args()
     results = []
     with tempfile.TemporaryDirectory() as folder:
         for number, attack in enumerate(ATTACKS):
-            if options.only and attack.kind not in options.only:
+            if options.only and (attack.kind or "nobody") not in options.only:
                 continue
             results.append(await run(attack, options.seconds, Path(folder) / f"{number}.log"))
             print(f"{attack.name}: {'; '.join(results[-1].faults) or 'held'}", flush=True)

@@ -156,8 +156,10 @@ class MotionService:
 
     def _begin(self, peer: Peer, caller: Caller) -> Stream:
         """Raises StreamRefused where there is no place for one more stream."""
-        if len(self._streams) >= self._limits.max_streams or peer.num_streams >= peer.limits.streams:
-            raise too_many_streams(min(self._limits.max_streams, peer.limits.streams))
+        if len(self._streams) >= self._limits.max_streams:
+            raise too_many_streams(self._limits.max_streams)
+        if peer.num_streams >= peer.limits.streams:
+            raise too_many_streams(peer.limits.streams, peer.kind)
         stream = Stream(next(self._numbers), self._models, self._stream_metrics, self._kept, peer)
         stream.flush_s = self._flush_s
         stream.caller = caller

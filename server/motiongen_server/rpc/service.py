@@ -130,10 +130,12 @@ class MotionService:
 
         Raises StreamRefused for who may not call, and while that owes: there is nothing to be read later.
         """
-        metadata = context.invocation_metadata() or ()
+        metadata, now = context.invocation_metadata() or (), time.monotonic()
+        address = self._peers.find(context.peer(), now)
+        if self._callers.is_dear(metadata):
+            _check_paid(address, now)  # signatures are checked, and keys waited for, on credit of nobody
         await keys_for(self._callers, metadata)
         now = time.monotonic()
-        address = self._peers.find(context.peer(), now)
         try:
             caller = self._callers.identify(metadata, context.auth_context())
         except StreamRefused:
@@ -240,6 +242,10 @@ class MotionService:
 
 
 def _charge(peer: Peer, cost: float, now: float) -> None:
+    _check_paid(peer, now)
+    peer.calls.charge(cost, now)
+
+
+def _check_paid(peer: Peer, now: float) -> None:
     if (owed_s := peer.calls.owed_s(now)) > 0:
         raise too_many_calls(owed_s, peer.kind)
-    peer.calls.charge(cost, now)

@@ -22,7 +22,7 @@ from tests.client.fake_server import FakeServer
 
 __all__ = ["stick_motion", "stick_rig"]
 
-LIMIT_S = 10.0
+LIMIT_S = 60.0
 
 
 class Page:

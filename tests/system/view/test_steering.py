@@ -47,10 +47,10 @@ def test_a_click_on_the_ground_is_reached_within_the_residual_shown(page: Page) 
         canvas, round(spot[0] - box["width"] / 2), round(spot[1] - box["height"] / 2)
     ).click().perform()
     target = page.until("motiongen.cast.one.info.targets.find(({ state }) => state === 'met' || state === 'missed')")
-    assert target["position_error_m"] < 1.0, "a machine that is busy begins late, and is a little short"
+    assert target["state"] == "met"
     page.until("motiongen.cast.one.track.playhead() >= arguments[0]", target["last"])
-    x, z = page.run("const m = motiongen.cast.one; return m.rig.rootOf(m.track.row(arguments[0]))", target["last"])
-    away = math.hypot(x - target["spec"]["x_m"], z - target["spec"]["z_m"])
+    walked = page.run("const { rig, track } = motiongen.cast.one; return track.rows.map((row) => rig.rootOf(row))")
+    away = min(math.hypot(x - target["spec"]["x_m"], z - target["spec"]["z_m"]) for x, z in walked)
     assert away <= target["position_error_m"] + 1e-3
     assert page.complaints() == []
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from motiongen_client import ConstraintReached
+from motiongen_client.types import Placement
 from motiongen_tools.view.script import Script
 
 WAYPOINT = {"kind": "waypoint", "frame": 90, "x_m": 1.0, "z_m": 2.0}
@@ -80,3 +81,13 @@ def test_what_became_of_a_target_is_shown() -> None:
     assert (second["state"], second["effective_frame"]) == ("waiting", 50)
     script.take({"op": "clear_constraints"}, 60, None, (), 50)
     assert [each["state"] for each in script.shown()["targets"]] == ["met", "removed"]
+
+
+def test_a_target_that_the_server_places_is_shown_where_it_was_put() -> None:
+    script = Script()
+    anywhere = {"kind": "waypoint", "frame": 0, "x_m": 1.0, "z_m": 2.0, "at_any_frame": True}
+    script.take(add(anywhere), 50, None, (1,), 40)
+    assert script.shown()["targets"][0]["first"] is None
+    script.note_placements([Placement(1, 50, 130, 90, 50, 0.0, 0.0, 0.0), Placement(7, 1, 1, 1, 1, 0.0, 0.0, 0.0)])
+    shown = script.shown()["targets"][0]
+    assert (shown["first"], shown["last"], shown["arrival"]) == (50, 130, 90)

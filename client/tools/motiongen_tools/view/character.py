@@ -158,6 +158,7 @@ class Character:
         if entry.state == "accepted":
             playhead, edit = self.session.playback.playhead, entry.edit
             self.script.take(entry.message, entry.effective_frame, edit.prompt_id, edit.constraint_ids, playhead)
+            self.script.note_placements(entry.placements)
         self.revision += 1
 
     def _note_reached(self, reached: ConstraintReached) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from motiongen_client.edit import Edit
 from motiongen_client.errors import MotiongenError
-from motiongen_client.types import Outcome
+from motiongen_client.types import Outcome, Placement
 from motiongen_tools.view.fields import Message
 
 MOST_SHOWN = 40
@@ -30,6 +30,7 @@ class Entry:
     effective_frame: int | None = None
     latency_ms: int | None = None
     detail: str = ""
+    placements: tuple[Placement, ...] = ()
 
     def shown(self) -> dict[str, Any]:
         return {
@@ -82,6 +83,7 @@ class EditLog:
         else:
             entry.state, entry.effective_frame = "accepted", outcome.effective_frame
             entry.detail = "; ".join(warning.message for warning in outcome.warnings)
+            entry.placements = outcome.placements
             self._unshown.append(entry)
             if entry.takes_back:
                 self._undoable.append(entry)

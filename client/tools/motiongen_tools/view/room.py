@@ -133,7 +133,7 @@ class Room:
 
     def listed(self) -> dict[str, Any]:
         """Who is there."""
-        return {"type": "characters", "room": self.name, "numbers": list(self.characters)}
+        return {"type": "characters", "room": self.name, "numbers": sorted(self.characters)}
 
     async def close(self) -> None:
         """End all characters."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from motiongen_client.types import ConstraintReached
+from motiongen_client.types import ConstraintReached, Placement
 from motiongen_tools.view.constraint_json import frames_of, read_constraint
 from motiongen_tools.view.fields import Message
 
@@ -37,16 +38,20 @@ class Span:
 
 @dataclass
 class Target:
-    """A constraint that was taken. reached: what became of it, once that is known."""
+    """A constraint that was taken. reached: what became of it, once that is known; placement: where it was put."""
 
     constraint_id: int
     spec: Message
     effective_frame: int | None
     is_removed: bool = False
     reached: ConstraintReached | None = None
+    placement: Placement | None = None
 
     def shown(self) -> dict[str, Any]:
-        first, last = frames_of(read_constraint(self.spec))
+        placed = self.placement
+        first, last = frames_of(read_constraint(self.spec)) or (None, None)
+        if placed is not None:
+            first, last = placed.first_frame, placed.last_frame
         state, reached = "waiting", self.reached
         if reached is not None:
             state = "met" if reached.met else "missed"
@@ -57,6 +62,7 @@ class Target:
             "spec": self.spec,
             "first": first,
             "last": last,
+            "arrival": last if placed is None else placed.arrival_frame,
             "state": state,
             "effective_frame": self.effective_frame,
             "position_error_m": None if reached is None else reached.position_error_m,
@@ -93,6 +99,13 @@ class Script:
         del self.spans[:-MOST_SPANS]
         for key in list(self.targets)[:-MOST_CONSTRAINTS]:
             del self.targets[key]
+
+    def note_placements(self, placements: Iterable[Placement]) -> None:
+        """Where the server put what was left to it."""
+        for placement in placements:
+            target = self.targets.get(placement.constraint_id)
+            if target is not None:
+                target.placement = placement
 
     def note_reached(self, reached: ConstraintReached) -> None:
         """A constraint's last frame cannot change any more."""

@@ -3,7 +3,7 @@ import { Cast } from "./cast.js";
 import { Connection } from "./net/connection.js";
 import { Bodies, colourOf } from "./scene/bodies.js";
 import { Stage } from "./scene/stage.js";
-import { waypointTo } from "./steer/commands.js";
+import { goTo } from "./steer/commands.js";
 import { Pointer } from "./steer/pointer.js";
 import { isTyping, Velocity } from "./steer/velocity.js";
 import { note, trying } from "./ui/dom.js";
@@ -32,7 +32,7 @@ const walking = {
     const place = stage.groundAt(event);
     if (hit) cast.choose(bodies.ownerOf(hit.instanceId));
     else if (place && canSteer()) {
-      trying(() => cast.tell({ op: "add_constraints", constraints: [waypointTo(cast.one, place)] }));
+      trying(() => cast.tell({ op: "add_constraints", constraints: [goTo(place)] }));
     }
   },
 };

@@ -6,7 +6,7 @@ import asyncio
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -151,24 +151,23 @@ async def run(attack: Attack, seconds: float, log: Path) -> Result:
     return Result(attack, noticed, grown, left, health, share, server.log_mib(), server.exit_code, errors)
 
 
-def table(results: list[Result]) -> str:
+def row(result: Result) -> str:
+    """Of the table."""
+    noticed, attack = result.noticed, result.attack
+    tier = "FULL" if noticed.lowest_tier == TIER_FULL else str(noticed.lowest_tier)
+    verdict = "; ".join(result.faults) or "held"
+    health = "none" if result.health_ms > 1000 * HEALTH_S else f"{result.health_ms:.0f} ms"
+    return (
+        f"| {attack.name} | {attack.clients if attack.kind else 0} | {noticed.missed:.1%} "
+        f"| {noticed.edit_p95_ms:.0f} ms | {noticed.ping_p95_ms:.0f} ms | {tier} "
+        f"| {result.grown_mib:.0f} / {result.left_mib:.0f} MiB | {health} | {result.gateway_cpu:.0%} | {verdict} |"
+    )
+
+
+def table(rows: Iterable[str]) -> str:
     """A row an attack, in Markdown."""
-    lines = [
-        "| attack | clients | frames missed | edits p95 | pings p95 | tier | memory grown / left | health | gateway "
-        "| verdict |",
-        "|---|---:|---:|---:|---:|---|---:|---:|---:|---|",
-    ]
-    for each in results:
-        noticed = each.noticed
-        tier = "FULL" if noticed.lowest_tier == TIER_FULL else str(noticed.lowest_tier)
-        verdict = "; ".join(each.faults) or "held"
-        health = "none" if each.health_ms > 1000 * HEALTH_S else f"{each.health_ms:.0f} ms"
-        lines.append(
-            f"| {each.attack.name} | {each.attack.clients if each.attack.kind else 0} | {noticed.missed:.1%} "
-            f"| {noticed.edit_p95_ms:.0f} ms | {noticed.ping_p95_ms:.0f} ms | {tier} "
-            f"| {each.grown_mib:.0f} / {each.left_mib:.0f} MiB | {health} | {each.gateway_cpu:.0%} | {verdict} |"
-        )
-    return "\n".join(lines) + "\n"
+    head = "| attack | clients | frames missed | edits p95 | pings p95 | tier | memory grown / left | health | gateway "
+    return "\n".join([head + "| verdict |", "|---|---:|---:|---:|---:|---|---:|---:|---:|---|", *rows]) + "\n"
 
 
 def machine() -> str:

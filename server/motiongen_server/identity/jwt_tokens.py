@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -30,7 +30,7 @@ MOST_REMEMBERED = 1_024
 class Unchecked:
     """What a token says of itself, which anybody may have written. issuer: whose it claims to be."""
 
-    token: str
+    token: str = field(repr=False)
     issuer: str
     key_id: str
 

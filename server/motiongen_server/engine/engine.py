@@ -17,7 +17,7 @@ from motiongen_server.engine.scheduling.load_monitor import LoadMonitor
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.session import emission, events, planning
-from motiongen_server.engine.session.opening import open_session
+from motiongen_server.engine.session.opening import change_options, open_session
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.types import (
     Close,
@@ -30,6 +30,7 @@ from motiongen_server.engine.types import (
     Output,
     Playhead,
     Resume,
+    SetOptions,
     SetPlayState,
 )
 from motiongen_server.engine.types.refusals import handle_in_use, session_not_open
@@ -192,7 +193,9 @@ class Engine:
                 self._close(state, event.reason, Code.OK, "")
             else:
                 job = state.running.job if state.running else None
-                if isinstance(event, SetPlayState):
+                if isinstance(event, SetOptions):
+                    self._send_queue += self._change(state, event)
+                elif isinstance(event, SetPlayState):
                     self.sessions.count(state, -1)
                     self._send_queue += events.apply(state, event, now, self._report)
                     self.sessions.count(state, 1)
@@ -219,7 +222,14 @@ class Engine:
             self._report.opens.append(self._refuse(event, failed))
             return
         now = self._clock.now()
-        state = open_session(spec, event.received_at, next(self._ordinals), self._facts, self._config, now, features)
+        try:
+            state = open_session(
+                spec, event.received_at, next(self._ordinals), self._facts, self._config, now, features
+            )
+        except EventRefused as refused:
+            self._admission.release(spec.session, spec)
+            self._report.opens.append(self._refuse(event, refused))
+            return
         self.sessions.add(state)
         self._send_queue.append(state.greeting())
         self._report.opens.append(Code.OK)
@@ -227,6 +237,20 @@ class Engine:
             return
         self.sessions.watch_silence(state, now + self._config.idle_timeout_s)
         self._send_queue += state.set_tier(self._load_monitor.level(spec.priority))
+
+    def _change(self, state: SessionState, event: SetOptions) -> list[Output]:
+        """Give a session other options, where there is room for what they ask."""
+        changed = event.changed(state.spec)
+        refusal = self._admission.change(state.spec, changed)
+        if refusal is not None:
+            return [refusal.outcome(event.session, event.event_seq)]
+        self.sessions.leave_class(state)
+        change_options(state, changed)
+        self.sessions.join_class(state)
+        return [
+            Outcome(event.session, event.event_seq, Code.OK),
+            *state.set_tier(self._load_monitor.level(changed.priority)),
+        ]
 
     def _refuse(self, event: Event, refusal: EventRefused) -> Code:
         """Answer an event that does not reach a session."""

@@ -61,6 +61,7 @@ from motiongen_server.engine.types.outputs import (
     Closed,
     ConstraintReached,
     Deviation,
+    Durable,
     Opened,
     Outcome,
     Output,
@@ -72,6 +73,14 @@ from motiongen_server.engine.types.outputs import (
 from motiongen_server.engine.types.refusals import (
     EventRefused,
 )
+from motiongen_server.engine.types.snapshot import (
+    AnnouncedPlan,
+    GoingOn,
+    HeldVelocity,
+    SessionSnapshot,
+    SnapshotTaken,
+    UnansweredEdit,
+)
 from motiongen_server.engine.types.spec import (
     Guidance,
     SessionSpec,
@@ -79,6 +88,13 @@ from motiongen_server.engine.types.spec import (
 )
 
 __all__ = [
+    "UnansweredEdit",
+    "SnapshotTaken",
+    "SessionSnapshot",
+    "HeldVelocity",
+    "GoingOn",
+    "AnnouncedPlan",
+    "Durable",
     "DEFAULT_TOLERANCE",
     "VELOCITY_ID",
     "ChannelBlock",

@@ -82,6 +82,7 @@ class ServerConfig:
     peer_events_per_second: float = setting(20_000.0, "events of one address a second", 1, 1e9)
     peer_prompts_per_second: float = setting(200.0, "new prompts of one address a second", 0.1, 1e6)
     peer_calls_per_second: float = setting(100.0, "new streams, clips, catalogues of one address a second", 1, 1e6)
+    peer_bytes_per_second: float = setting(16e6, "bytes received of one address a second", 1024, 1e12)
     peer_session_weight: int = setting(4096, "sessions of one address; a HERO counts 4, a NEAR 2", 4, 1_000_000)
     peer_heroes: int = setting(128, "sessions of one address in the class HERO", 0, 1_000_000)
     peer_clip_samples: int = setting(32, "samples of clips of one address that are being made", 1, 100_000)

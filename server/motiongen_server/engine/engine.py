@@ -20,8 +20,9 @@ from motiongen_server.engine.scheduling.load_monitor import LoadMonitor
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.scheduling.step_executor import StepExecutor
+from motiongen_server.engine.session import emission, events, planning
 from motiongen_server.engine.session.opening import open_session
-from motiongen_server.engine.session.session import SessionState
+from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.timers import Timers
 from motiongen_server.engine.types import (
     Close,
@@ -234,10 +235,10 @@ class Engine:
                 job = state.running.job if state.running else None
                 if isinstance(event, SetPlayState):
                     self._recount(state, -1)
-                    self._send_queue += state.apply(event, now, self._report)
+                    self._send_queue += events.apply(state, event, now, self._report)
                     self._recount(state, 1)
                 else:
-                    self._send_queue += state.apply(event, now, self._report)
+                    self._send_queue += events.apply(state, event, now, self._report)
                 if job is not None and state.running is None:
                     self._discard(job.job_id)
                 self._touched[state.key] = state
@@ -314,7 +315,7 @@ class Engine:
         now = self._clock.now()
         touched, self._touched = self._touched, {}
         for state in touched.values():
-            self._send_queue += state.emit(now, self._report)
+            self._send_queue += emission.emit(state, now, self._report)
             if state.complete:
                 self._close(state, CloseReason.CLIENT, Code.OK, "")
             elif not self._stopping:
@@ -322,15 +323,15 @@ class Engine:
         self._flush()
 
     def _start_window(self, state: SessionState, now: float) -> None:
-        if state.window_due(now):
+        if planning.window_due(state, now):
             predicted_s = self._scheduler.predict_s(
-                state.spec.priority, state.deadline(now), state.num_steps, self._facts.guidance_passes
+                state.spec.priority, planning.deadline(state, now), state.num_steps, self._facts.guidance_passes
             )
-            job = state.next_window(now, predicted_s * self._lease.stretch, next(self._job_ids))
+            job = planning.next_window(state, now, predicted_s * self._lease.stretch, next(self._job_ids))
             self._owners[job.job_id] = state
             self._executor.add(job)
         else:
-            self._timers.ask(state.key, state.wake_at())
+            self._timers.ask(state.key, planning.wake_at(state))
 
     def _flush(self) -> None:
         outputs, self._send_queue = self._send_queue, []
@@ -353,7 +354,7 @@ class Engine:
             self._executor.finish(result.job_id)
             job = state.running.job if state.running else None
             misses = len(self._report.deadline_misses)
-            self._send_queue += state.accept(result, now, self._report)
+            self._send_queue += planning.accept(state, result, now, self._report)
             self._touched[state.key] = state
             if job is not None and not job.background:
                 self._load_monitor.note_window(job.priority)

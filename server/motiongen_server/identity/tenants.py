@@ -24,8 +24,12 @@ QUOTAS = {
     "events_per_second": (1, 1e9),
     "prompts_per_second": (0.1, 1e6),
     "calls_per_second": (0.1, 1e6),
+    "bytes_per_second": (1024, 1e12),
     "session_weight": (1, 1_000_000),
     "heroes": (0, 1_000_000),
+    "nears": (0, 1_000_000),
+    "crowds": (0, 1_000_000),
+    "batches": (0, 1_000_000),
     "clip_samples": (0, 100_000),
 }
 """What a tenant may be given other than an address has, and the range of each; names as in `rpc.limits.PeerLimits`."""

@@ -147,6 +147,7 @@ def make_limits(config: ServerConfig) -> ServiceLimits:
             events_per_second=config.peer_events_per_second,
             prompts_per_second=config.peer_prompts_per_second,
             calls_per_second=config.peer_calls_per_second,
+            bytes_per_second=config.peer_bytes_per_second,
             session_weight=config.peer_session_weight,
             heroes=config.peer_heroes,
             clip_samples=config.peer_clip_samples,

@@ -27,6 +27,7 @@ class StreamBudget:
         self.peer = peer
         self._bucket = TokenBucket(rate, now)
         self._share = Share(peer.events, lambda: peer.num_streams, now)
+        self._bytes = Share(peer.bytes, lambda: peer.num_streams, now)
 
     def charge(self, tokens: float, now: float) -> None:
         """Use tokens, of the stream and of its peer."""
@@ -36,7 +37,8 @@ class StreamBudget:
     def charge_message(self, num_bytes: int, now: float) -> None:
         """A message has come; its events are charged as they are counted."""
         self.charge(MESSAGE_COST + num_bytes / BYTES_A_TOKEN, now)
+        self._bytes.charge(num_bytes, now)
 
     def owed_s(self, now: float) -> float:
         """Seconds until the stream may be read on."""
-        return max(self._bucket.owed_s(now), self._share.owed_s(now))
+        return max(self._bucket.owed_s(now), self._share.owed_s(now), self._bytes.owed_s(now))

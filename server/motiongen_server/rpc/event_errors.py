@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from motiongen_server.engine.types import Code
+from motiongen_server.engine.types import Code, Priority
 from motiongen_server.errors import EventRefused
 
 
@@ -67,14 +67,16 @@ def too_fast(rate: float, retry_after_s: float) -> EventRefused:
 
 
 def peer_sessions(most: int, kind: str) -> EventRefused:
-    message = f"your {kind} holds as many sessions as it may"
+    """Of all classes together."""
+    message = f"your {kind} holds as many sessions as it may (quota session_weight)"
     allowed = f"sessions of one {kind} up to a weight of {most}, a HERO counting 4, a NEAR 2, others 1"
     return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, "open", allowed)
 
 
-def peer_heroes(most: int, kind: str) -> EventRefused:
-    message = f"your {kind} holds {most} sessions of the class HERO"
-    allowed = f"at most {most} of one {kind}; open it as NEAR"
+def peer_class(quota: str, most: int, priority: Priority, kind: str) -> EventRefused:
+    """Of one class. quota: its name, as in `rpc.limits.PeerLimits`."""
+    message = f"your {kind} holds {most} sessions of the class {priority.name}, its quota ({quota})"
+    allowed = f"at most {most} of one {kind}; open it in another class"
     return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, "open.priority", allowed)
 
 
@@ -84,7 +86,7 @@ def too_many_clips(most: int) -> EventRefused:
 
 
 def peer_clips(most: int, kind: str) -> EventRefused:
-    message = f"your {kind} has as many samples of clips made as it may"
+    message = f"your {kind} has as many samples of clips made as it may (quota clip_samples)"
     allowed = f"at most {most} samples at once of one {kind}"
     return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_CLIP_LIMIT", message, "sample_count", allowed, 1.0)
 

@@ -47,16 +47,20 @@ class PeerLimits:
     """Of all that one address has open together.
 
     events_per_second: tokens, of which an event takes one; see `rpc.budget`. prompts_per_second: texts that were not
-    known. calls_per_second: new streams, clips, catalogues. session_weight: of `peers.SESSION_WEIGHTS`; heroes:
-    sessions of the class HERO. clip_samples: under way.
+    known. calls_per_second: new streams, clips, catalogues. bytes_per_second: received. session_weight: of
+    `peers.SESSION_WEIGHTS`; heroes, nears, crowds, batches: sessions of each class. clip_samples: under way.
     """
 
     streams: int = 1024
     events_per_second: float = 20_000.0
     prompts_per_second: float = 200.0
     calls_per_second: float = 100.0
+    bytes_per_second: float = 16_000_000.0
     session_weight: int = 4096
     heroes: int = 128
+    nears: int = 1_000_000
+    crowds: int = 1_000_000
+    batches: int = 1_000_000
     clip_samples: int = 32
 
 

@@ -8,12 +8,19 @@ from typing import Any, cast
 
 from motiongen_server.engine.types import Priority
 from motiongen_server.identity.caller import Caller
-from motiongen_server.rpc.event_errors import peer_clips, peer_heroes, peer_sessions
+from motiongen_server.rpc.event_errors import peer_class, peer_clips, peer_sessions
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.token_bucket import Share, TokenBucket
 
 SESSION_WEIGHTS = {Priority.HERO: 4, Priority.NEAR: 2, Priority.CROWD: 1, Priority.BATCH: 1}
 """What a session of each class counts for: a hero is planned anew far more often."""
+CLASS_QUOTAS = {
+    Priority.HERO: "heroes",
+    Priority.NEAR: "nears",
+    Priority.CROWD: "crowds",
+    Priority.BATCH: "batches",
+}
+"""The field of `PeerLimits` that says how many sessions of a class there may be."""
 MOST_IDLE = 1024
 """Peers that have nothing open are remembered for what they owe, up to so many."""
 
@@ -28,6 +35,7 @@ class Peer:
         self._clip_samples = 0
         self.limits = limits
         self.events = TokenBucket(limits.events_per_second, now)
+        self.bytes = TokenBucket(limits.bytes_per_second, now)
         self.prompts = TokenBucket(limits.prompts_per_second, now)
         self.calls = TokenBucket(limits.calls_per_second, now)
 
@@ -35,6 +43,7 @@ class Peer:
         """Take these limits from now on; what is open stays open, and what is owed is owed."""
         self.limits = limits
         self.events.set_rate(limits.events_per_second, now)
+        self.bytes.set_rate(limits.bytes_per_second, now)
         self.prompts.set_rate(limits.prompts_per_second, now)
         self.calls.set_rate(limits.calls_per_second, now)
 
@@ -51,7 +60,7 @@ class Peer:
     def is_idle(self, now: float) -> bool:
         """Whether nothing would be lost if it were forgotten."""
         is_open = self.num_streams or self._clip_samples or self._sessions.total()
-        return not is_open and all(each.is_full(now) for each in (self.events, self.prompts, self.calls))
+        return not is_open and all(each.is_full(now) for each in (self.events, self.bytes, self.prompts, self.calls))
 
     @property
     def num_sessions(self) -> int:
@@ -65,8 +74,9 @@ class Peer:
     def place(self, priority: Priority, now: float) -> Place:
         """A place for a session, held until it is released. Raises EventRefused where there is none."""
         limits = self.limits
-        if priority is Priority.HERO and self._sessions[priority] >= limits.heroes:
-            raise peer_heroes(limits.heroes, self.kind)
+        quota = CLASS_QUOTAS[priority]
+        if self._sessions[priority] >= getattr(limits, quota):
+            raise peer_class(quota, getattr(limits, quota), priority, self.kind)
         if self.session_weight + SESSION_WEIGHTS[priority] > limits.session_weight:
             raise peer_sessions(limits.session_weight, self.kind)
         self._sessions[priority] += 1

@@ -6,7 +6,8 @@ import pytest
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.ports import DeviceLost, OutOfMemory
-from motiongen_server.engine.session.session import SessionState
+from motiongen_server.engine.session import emission
+from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.types import (
     Close,
     CloseReason,
@@ -180,13 +181,13 @@ def test_sessions_for_which_nothing_came_are_left_alone(monkeypatch: pytest.Monk
     while stage.step().rows:
         pass
     looked_at: list[SessionKey] = []
-    emit = SessionState.emit
+    emit = emission.emit
 
     def counted(state: SessionState, *arguments: object) -> object:
         looked_at.append(state.key)
         return emit(state, *arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(SessionState, "emit", counted)
+    monkeypatch.setattr(emission, "emit", counted)
     stage.report(viewers[7])
     stage.step()
     assert set(looked_at) == {viewers[7].key}

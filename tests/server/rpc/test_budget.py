@@ -31,6 +31,15 @@ def test_bytes_are_charged_too() -> None:
     assert budget.owed_s(0.0) * (MESSAGE_COST + 10) == pytest.approx(10)
 
 
+def test_bytes_of_all_streams_of_a_peer_are_counted_for_themselves() -> None:
+    peer = peer_of(bytes_per_second=1000.0)
+    peer.num_streams = 1
+    budget = StreamBudget(1e9, peer, 0.0)
+    budget.charge_message(1500, 0.0)
+    assert budget.owed_s(0.0) == pytest.approx(0.5)
+    assert peer.bytes.owed_s(0.0) == pytest.approx(0.5)
+
+
 def test_streams_of_one_peer_pay_together_and_others_do_not() -> None:
     peer = peer_of(events_per_second=100.0)
     peer.num_streams = 2
@@ -107,3 +116,13 @@ def test_peers_that_owe_nothing_are_forgotten_and_others_are_not() -> None:
     assert peers.find("ipv4:1.1.1.1:2", 1.0) is debtor
     assert peers.find("ipv4:2.2.2.2:2", 1.0) is holder
     assert peers.find("ipv4:3.3.3.3:2", 1.0) is not quiet
+
+
+@pytest.mark.parametrize(("priority", "quota"), [(Priority.NEAR, "nears"), (Priority.CROWD, "crowds"),
+                                                 (Priority.BATCH, "batches")])  # fmt: skip
+def test_each_class_has_a_quota_that_a_refusal_names(priority: Priority, quota: str) -> None:
+    peer = peer_of(**{quota: 1})
+    peer.place(priority, 0.0)
+    with pytest.raises(EventRefused, match=rf"1 sessions of the class {priority.name}, its quota \({quota}\)"):
+        peer.place(priority, 0.0)
+    peer.place(Priority.HERO, 0.0)

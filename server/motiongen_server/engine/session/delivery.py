@@ -11,6 +11,9 @@ from motiongen_server.engine.session.playback import PlaybackClock, RoundTrip
 from motiongen_server.engine.session.timeline import Timeline
 from motiongen_server.engine.types import Chunk, Output, PlanCause, PlanNotice, Playhead, Resume, Resumed, SessionKey
 
+# A wake-up computed in floating point may come a hair early; the tolerance keeps it from being asked for again.
+_FRAME_TOLERANCE = 1e-3
+
 
 @dataclass(slots=True)
 class Delivery:
@@ -53,6 +56,10 @@ class Delivery:
     def unplayed(self, now: float, planned_to: int) -> float:
         """Frames from the playhead to the end of the plan."""
         return planned_to - self.clock.estimate(now, self.sent_to)
+
+    def runs_low(self, now: float, planned_to: int, frames: int) -> bool:
+        """Whether the client has no more than so many frames left to play."""
+        return self.unplayed(now, planned_to) <= frames + _FRAME_TOLERANCE
 
     def unplayed_at_pace(self, now: float, planned_to: int) -> float:
         """The same for a playhead that has not jumped ahead."""

@@ -12,7 +12,7 @@ from motiongen_server.engine.session.edits import EditQueue
 from motiongen_server.engine.session.playback import PlaybackClock, RoundTrip
 from motiongen_server.engine.session.pose import PoseReader
 from motiongen_server.engine.session.reach import ReachWatch
-from motiongen_server.engine.session.session import SessionState
+from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.session.timeline import first_timeline
 from motiongen_server.engine.spread import spread
 from motiongen_server.engine.types import Float32Array, ModelFacts, SessionSpec

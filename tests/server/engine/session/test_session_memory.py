@@ -7,6 +7,7 @@ import numpy as np
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import FULL, Level
+from motiongen_server.engine.session import emission, events, planning
 from motiongen_server.engine.session.opening import open_session
 from motiongen_server.engine.types import (
     Keyframe,
@@ -47,21 +48,21 @@ class Day:
         frame = int(state.clock.estimate(now, state.delivery.sent_to))
         if state.delivery.sent_to and self.random.random() < 0.5:
             rtt_s = self.random.uniform(0.0, 0.3)
-            state.apply(Playhead(KEY, 0, now, frame, state.delivery.sent_to, 0, rtt_s), now, report)
+            events.apply(state, Playhead(KEY, 0, now, frame, state.delivery.sent_to, 0, rtt_s), now, report)
         if self.random.random() < 0.3:
             self._edit(frame, report)
         if self.random.random() < 0.002:
             state.set_tier(self.random.choice((FULL, FULL, Level(ServiceTier.HOLD, hold=True))))
-        state.emit(now, report)
-        if state.window_due(now):
+        emission.emit(state, now, report)
+        if planning.window_due(state, now):
             self.jobs += 1
-            self.runner.prepare([state.next_window(now, WINDOW_S, self.jobs)])
+            self.runner.prepare([planning.next_window(state, now, WINDOW_S, self.jobs)])
         elif state.running is not None and now - state.running.job.created_at >= WINDOW_S:
             job = state.running.job
             for _ in range(job.num_steps):
                 self.runner.denoise([job.job_id])
             (result,) = self.runner.decode([job.job_id])
-            state.accept(result, now, report)
+            planning.accept(state, result, now, report)
         self.now += TICK_S
 
     def _edit(self, frame: int, report: StepReport) -> None:
@@ -82,7 +83,7 @@ class Day:
             case _:
                 edit = SetVelocity(KEY, self.seq, self.now, self.random.random(), 0.0, None, 50)
         running = self.state.running
-        self.state.apply(edit, self.now, report)
+        events.apply(self.state, edit, self.now, report)
         if running is not None and self.state.running is None:
             self.runner.discard([running.job.job_id])
 

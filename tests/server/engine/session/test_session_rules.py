@@ -9,6 +9,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import FULL, Level
+from motiongen_server.engine.session import planning
 from motiongen_server.engine.types import Code, Priority, RootTrajectory, ServiceTier, Waypoint, WindowJob
 from tests.server.engine.fakes import PROMPT
 from tests.server.engine.stage import Stage, prompt
@@ -207,8 +208,8 @@ class SessionRules(RuleBasedStateMachine):
             if state.running is not None:
                 assert state.running.first_frame < state.running.accept_to
                 assert state.running.first_frame <= state.planned_to
-            due = state.window_due(self.stage.clock.now())
-            assert due or state.wake_at() > -math.inf, "nothing is due, yet it wants to be looked at over and over"
+            due = planning.window_due(state, self.stage.clock.now())
+            assert due or planning.wake_at(state) > -math.inf, "nothing is due, yet it is looked at over and over"
 
     def teardown(self) -> None:
         if not hasattr(self, "stage"):

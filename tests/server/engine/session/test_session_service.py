@@ -7,7 +7,8 @@ import pytest
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import FULL, Level
-from motiongen_server.engine.session.session import SessionState
+from motiongen_server.engine.session import planning
+from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.types import Code, Guidance, PlanCause, Priority, ServiceLevel, ServiceTier, Waypoint
 from tests.server.engine.fakes import SPEED
 from tests.server.engine.stage import Stage, prompt
@@ -292,7 +293,7 @@ def test_nothing_is_held_for_a_client_that_stands_or_is_silent() -> None:
     stage.run(60.0)
     assert viewer.buffered_to <= viewer.reported + viewer.lookahead
     assert state.planned_to <= viewer.reported + viewer.lookahead + 60
-    assert not math.isnan(state.wake_at())
+    assert not math.isnan(planning.wake_at(state))
 
 
 # ---- a playhead that jumps -------------------------------------------------------------------------------------------
@@ -326,5 +327,5 @@ def test_a_session_whose_credit_is_used_up_does_not_ask_to_be_looked_at() -> Non
     stage.silent.add(viewer.key)
     stage.run(20.0)
     assert state.running is None
-    assert not state.window_due(stage.clock.now())
-    assert state.wake_at() == math.inf
+    assert not planning.window_due(state, stage.clock.now())
+    assert planning.wake_at(state) == math.inf

@@ -1,0 +1,67 @@
+"""What a session sends: frames as far as the credit goes, constraints that were reached, a held pose."""
+
+from __future__ import annotations
+
+import math
+
+from motiongen_server.engine.session.state import SessionState
+from motiongen_server.engine.session.windows import history_crop
+from motiongen_server.engine.types import (
+    Output,
+    PlanCause,
+    PlanNotice,
+)
+from motiongen_server.engine.types.report import EventLatency, StepReport
+
+
+def emit(state: SessionState, now: float, report: StepReport) -> list[Output]:
+    """Send what the credit allows."""
+    outputs: list[Output] = _hold(state, now, report) if state.level.hold else []
+    if state.spec.is_clip:
+        state.delivery.promise(state.planned_to)
+    # The window that runs may still land where it starts; a promise beyond that would only make it void.
+    promise_to = math.inf if state.running is None else state.running.first_frame
+    sent_before = state.delivery.sent_to
+    opening = state.delivery.num_frames == 0
+    chunks = state.delivery.chunks(now, state.timeline, state.plan, promise_to)
+    if not chunks:
+        return outputs
+    outputs += chunks
+    outputs += state.reach.reached(state.facts.rig, state.conditions, state.timeline, state.delivery.committed_to)
+    report.frames_sent += state.delivery.sent_to - sent_before
+    if opening:
+        report.event_latencies.append(EventLatency(state.spec.priority, "open", now - state.opened_at))
+    for edit in state.edits.seen(state.delivery.sent_to):
+        report.event_latencies.append(EventLatency(state.spec.priority, edit.kind, now - edit.received_at))
+    _trim(state)
+    return outputs
+
+
+def _hold(state: SessionState, now: float, report: StepReport) -> list[Output]:
+    """Repeat the last pose where the client would run out and no window may be made for it."""
+    held_from, delivery = state.planned_to, state.delivery
+    if state.running is not None or held_from == 0 or not state.clock.running:
+        return []
+    if not delivery.runs_low(now, held_from, delivery.commit_frames):
+        return []
+    state.timeline = state.timeline.held(state.config.hold_frames)
+    delivery.promise(state.planned_to)
+    report.frames_held += state.config.hold_frames
+    if state.holding:
+        return []
+    state.plan += 1
+    state.holding = True
+    notice = PlanNotice(state.key, state.plan, held_from, PlanCause.FALLBACK, ())
+    delivery.plan_log.note(notice, delivery.sent_to)
+    return [notice]
+
+
+def _trim(state: SessionState) -> None:
+    """Let go of what can neither be sent, nor replaced, nor be history; and of conditions that have passed."""
+    committed_to = state.delivery.committed_to
+    # A client that loses its transport may have to be sent again all that lies beyond its last report.
+    missed_from = math.inf if state.spec.is_clip else state.clock.reported
+    keep_from = int(min(committed_to, state.delivery.sent_to, missed_from)) - history_crop(state.spec, state.config)
+    if keep_from - state.timeline.first >= state.facts.horizon:
+        state.timeline = state.timeline.trimmed(keep_from)
+    state.conditions = state.conditions.without_past(committed_to)

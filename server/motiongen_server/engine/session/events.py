@@ -1,0 +1,97 @@
+"""What an event changes in a session: at once, in the window that runs, or in the next one."""
+
+from __future__ import annotations
+
+import math
+
+from motiongen_server.engine.session.edits import EditEvent, PendingEdit, edited
+from motiongen_server.engine.session.state import SessionState
+from motiongen_server.engine.session.windows import RunningWindow, history_crop, history_frames
+from motiongen_server.engine.types import (
+    Code,
+    EventRefused,
+    Outcome,
+    Output,
+    Playhead,
+    Resume,
+    SetPlayState,
+    SetPrompts,
+)
+from motiongen_server.engine.types.report import StepReport
+
+
+def apply(
+    state: SessionState, event: EditEvent | Playhead | SetPlayState | Resume, now: float, report: StepReport
+) -> list[Output]:
+    """Take in one event. If this ends the running window (`running` becomes None), its job is to be discarded."""
+    if isinstance(event, Playhead):
+        _report_playhead(state, event, now, report)
+        return []
+    if isinstance(event, Resume):
+        state.last_playhead_at = state.moved_at = now
+        return state.delivery.resume(event, state.plan, state.timeline.first)
+    if isinstance(event, SetPlayState):
+        state.moved_at = now
+        state.clock.set_state(event.state, event.received_at, state.delivery.sent_to)
+        return [Outcome(state.key, event.event_seq, Code.OK)]
+    try:
+        return _edit(state, event, now, report)
+    except EventRefused as refused:
+        return [refused.outcome(state.key, event.event_seq)]
+
+
+def _report_playhead(state: SessionState, event: Playhead, now: float, report: StepReport) -> None:
+    if state.spec.clip_frames is not None:
+        state.delivery.grant(min(event.frame, state.spec.clip_frames - state.spec.lookahead))
+        return
+    clock, reported = state.clock, state.clock.reported
+    # One in every frame at most, whatever the client counts.
+    most = math.ceil((now - state.last_playhead_at) * state.facts.fps) + 1
+    if event.underruns > state.underruns:
+        report.client_underruns.append((state.spec.priority, min(event.underruns - state.underruns, most)))
+        state.underruns = event.underruns
+    state.delivery.report(event)
+    state.last_playhead_at = now
+    if clock.reported > reported:
+        state.moved_at = now
+    held = min(event.buffered_to, state.delivery.sent_to) - event.frame
+    report.slacks.append((state.spec.priority, max(0, held) / state.facts.fps))
+
+
+def _edit(state: SessionState, event: EditEvent, now: float, report: StepReport) -> list[Output]:
+    state.edits.require_room()
+    floor = state.replaceable_from(now, state.delivery.commit_s)
+    crop = history_crop(state.spec, state.config)
+    reach = state.facts.max_window_frames - history_frames(floor, state.timeline, crop, state.facts.patch)
+    state.conditions, kind, dirty_from = edited(state.conditions, event, floor, reach, state.config, state.spec.gaits)
+    if dirty_from is None:
+        return [Outcome(state.key, event.event_seq, Code.OK)]
+    if dirty_from > 0:
+        dirty_from = max(dirty_from, state.timeline.motion_from + state.facts.patch)
+    edit = PendingEdit(event.event_seq, kind, event.received_at, dirty_from)
+    running = state.running
+    if (
+        running is not None
+        and isinstance(event, SetPrompts)
+        and running.first_frame < dirty_from < running.accept_to
+        and dirty_from >= state.least_start(running)
+    ):
+        running.accept_to, running.answers = dirty_from, (*running.answers, edit)
+        return []
+    state.edits.add(edit)
+    if running is not None and dirty_from < running.accept_to and _worth_restarting(state, running):
+        state.restarts += running.steps_done > 0
+        report.windows_restarted += running.steps_done > 0
+        state.withdraw(running, report)
+    return state.settle()
+
+
+def _worth_restarting(state: SessionState, running: RunningWindow) -> bool:
+    """Whether to begin a window again for an edit that came meanwhile, rather than let another one follow it.
+
+    One that has not begun costs nothing. One that answers edits is finished: these were first, and more may come.
+    """
+    if not running.steps_done:
+        return True
+    early = running.steps_done * 2 < running.job.num_steps
+    return early and not running.answers and state.restarts < state.config.max_restarts and not state.level.full_stride

@@ -1,0 +1,147 @@
+"""Which window a session needs next and when, and what becomes of the one that is finished."""
+
+from __future__ import annotations
+
+import math
+
+from motiongen_server.engine.session.state import SessionState
+from motiongen_server.engine.session.windows import RunningWindow, WindowSite
+from motiongen_server.engine.types import (
+    Code,
+    Outcome,
+    Output,
+    PlanCause,
+    PlanNotice,
+    WindowJob,
+    WindowResult,
+)
+from motiongen_server.engine.types.report import StepReport
+
+
+def wake_at(state: SessionState) -> float:
+    """When the session is to be looked at if nothing happens before; infinity if then, too, nothing happens."""
+    if state.running is not None or state.spec.is_clip:
+        return math.inf
+    planned_to, delivery = state.timeline.end, state.delivery
+    if state.level.hold and planned_to:
+        return delivery.reaches_at(planned_to - delivery.commit_frames)
+    wake_at = delivery.reaches_at(planned_to - state.continue_threshold - delivery.far_frames)
+    return min(wake_at, state.edits.not_before) if state.replan_wanted else wake_at
+
+
+def window_due(state: SessionState, now: float) -> bool:
+    """Whether a window is to be started: for an edit, or because the client will have played what there is."""
+    if state.running is not None:
+        return False
+    planned_to = state.timeline.end
+    if state.spec.clip_frames is not None:
+        return planned_to < min(state.spec.clip_frames, state.clock.credited + state.spec.lookahead)
+    if planned_to == 0:
+        return True
+    if state.level.hold:
+        return False
+    delivery = state.delivery
+    enough = state.continue_threshold + delivery.far_frames
+    if delivery.runs_low(now, planned_to, enough):
+        return True
+    return state.replan_wanted and now >= state.edits.not_before
+
+
+def next_window(state: SessionState, now: float, predicted_s: float, job_id: int) -> WindowJob:
+    """Start the window that is due. predicted_s: how long it will take from now."""
+    assert window_due(state, now)
+    first_frame, cause = _next_start(state, now, predicted_s)
+    site = WindowSite(
+        state.spec, state.facts, state.config, state.drift_state.guard, state.level, state.conditions, state.timeline
+    )
+    correction = state.drift_state.correction_from(first_frame)
+    job = site.job(first_frame, correction, job_id, state.plan + 1, cause, now, deadline(state, now))
+    if state.replan_wanted:
+        replans_hz = state.config.replans_hz[state.spec.priority - 1] * state.level.replan_cap_scale
+        state.edits.space_replans(now, replans_hz)
+    end = first_frame + state.facts.horizon
+    if cause is PlanCause.CONTINUE and state.clock.running:
+        end, state.cut_frames = end - state.cut_frames, 0
+    state.running = RunningWindow(job, end, state.edits.take(), state.conditions.velocity, state.drift_state.correction)
+    change = state.conditions.prompt_change_after(first_frame, end)
+    state.running.accept_to = max(change, state.least_start(state.running))
+    state.drift_state.correction = None
+    return job
+
+
+def _next_start(state: SessionState, now: float, predicted_s: float) -> tuple[int, PlanCause]:
+    """The first frame of the window that is due, and why it is made."""
+    planned_to = state.planned_to
+    if planned_to == 0 or not state.replan_wanted:
+        return planned_to, PlanCause.CONTINUE if state.drift_state.correction is None else PlanCause.FALLBACK
+    lead_s = max(predicted_s, state.extra_lead_s) + state.delivery.commit_s
+    earliest = state.replaceable_from(now, lead_s)
+    wanted = min((edit.dirty_from for edit in state.edits.waiting), default=earliest)
+    if wanted > earliest:
+        return min(wanted, planned_to), PlanCause.EDIT
+    if state.config.align_replans:
+        earliest = min(earliest + (state.timeline.run.first - earliest) % state.facts.patch, planned_to)
+    return earliest, PlanCause.EDIT if state.edits.waiting else PlanCause.FALLBACK
+
+
+def deadline(state: SessionState, now: float) -> float:
+    """When the window that is due is to be done: its class target after an edit may be answered, or before frames
+    run out."""
+    if state.spec.is_clip:
+        return state.opened_at + state.config.clip_target_s
+    if state.planned_to == 0:
+        return state.opened_at + state.config.open_target_s
+    if state.edits.waiting:
+        asked_at = max(min(edit.received_at for edit in state.edits.waiting), state.edits.not_before)
+        return asked_at + state.config.target_s(state.spec.priority)
+    unplayed = state.delivery.unplayed_at_pace(now, state.planned_to)
+    return now + unplayed / state.facts.fps - state.delivery.delivery_s
+
+
+def accept(state: SessionState, result: WindowResult, now: float, report: StepReport) -> list[Output]:
+    """Append the finished running window to the plan, or discard it where it came too late."""
+    running = state.running
+    assert running is not None
+    assert running.job.job_id == result.job_id
+    _note_deadline(state, running, now, report)
+    if running.first_frame < state.replaceable_from(now, state.delivery.delivery_s):
+        state.withdraw(running, report)
+        state.extra_lead_s = max(now - running.job.created_at, 2 * state.extra_lead_s)
+        report.windows_discarded += 1
+        return []
+    state.running = None
+    first_frame, num_frames = running.first_frame, running.accept_to - running.first_frame
+    # A runner may give fewer: from the next frame on it would tell the model something else.
+    rows = result.frames[:num_frames]
+    state.timeline = state.timeline.spliced(
+        first_frame, rows, result.features[:num_frames], result.tokens, anew=running.fresh
+    )
+    state.plan += 1
+    state.holding = False
+    state.restarts, state.extra_lead_s = 0, 0.0
+    state.drift_state.judge(rows, first_frame)
+    state.conditions = state.conditions.with_velocity_landed(running.velocity, first_frame)
+    state.delivery.first_chunk_due |= running.job.cause is PlanCause.EDIT
+    report.windows.append((state.spec.priority, running.job.cause))
+    report.soft_resets += running.correction is not None
+    sent_to = state.delivery.sent_to
+    report.frames_superseded += state.delivery.superseded(first_frame)
+    answered = state.edits.landed(running.answers, first_frame, state.delivery.sent_to)
+    seqs = tuple(edit.event_seq for edit, _ in answered)
+    notice = PlanNotice(state.key, state.plan, first_frame, running.job.cause, seqs)
+    state.delivery.plan_log.note(notice, sent_to)
+    return [
+        notice,
+        *(Outcome(state.key, edit.event_seq, Code.OK, frame) for edit, frame in answered),
+        *state.settle(),
+    ]
+
+
+def _note_deadline(state: SessionState, running: RunningWindow, now: float, report: StepReport) -> None:
+    if state.spec.is_clip:
+        return
+    report.deadlines.append(state.spec.priority)
+    # A client that stands cannot run out of frames.
+    counts = state.clock.running or running.job.cause is PlanCause.EDIT or state.planned_to == 0
+    if counts and now > running.job.deadline:
+        report.deadline_misses.append(state.spec.priority)

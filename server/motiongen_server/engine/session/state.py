@@ -1,0 +1,160 @@
+"""SessionState: all that is known of one character, and what does not depend on events, windows or frames."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.scheduling.degradation import FULL, Level
+from motiongen_server.engine.session.conditions import Conditions
+from motiongen_server.engine.session.delivery import Delivery
+from motiongen_server.engine.session.drift import DriftState
+from motiongen_server.engine.session.edits import EditQueue
+from motiongen_server.engine.session.playback import PlaybackClock
+from motiongen_server.engine.session.reach import ReachWatch
+from motiongen_server.engine.session.timeline import Timeline
+from motiongen_server.engine.session.windows import RunningWindow, steps_at
+from motiongen_server.engine.types import (
+    Closed,
+    CloseReason,
+    Code,
+    ModelFacts,
+    Opened,
+    Outcome,
+    Output,
+    PlayState,
+    ServiceLevel,
+    SessionKey,
+    SessionSpec,
+)
+from motiongen_server.engine.types.refusals import session_closed
+from motiongen_server.engine.types.report import StepReport
+
+
+@dataclass(slots=True)
+class SessionState:
+    """All that is known of a session. plan: the newest plan's number; holding: it repeats a pose.
+
+    cut_frames: by which the first window that is made while the client plays is cut, so that sessions spread out.
+    restarts, extra_lead_s: of windows in a row that did not land.
+    """
+
+    spec: SessionSpec
+    facts: ModelFacts
+    config: EngineConfig
+    continue_threshold: int
+    cut_frames: int
+    conditions: Conditions
+    delivery: Delivery
+    timeline: Timeline
+    edits: EditQueue
+    drift_state: DriftState
+    reach: ReachWatch
+    opened_at: float
+    last_playhead_at: float
+    moved_at: float
+    level: Level = FULL
+    plan: int = 0
+    running: RunningWindow | None = None
+    holding: bool = False
+    restarts: int = 0
+    extra_lead_s: float = 0.0
+    underruns: int = 0
+
+    @property
+    def key(self) -> SessionKey:
+        return self.spec.session
+
+    @property
+    def planned_to(self) -> int:
+        return self.timeline.end
+
+    @property
+    def clock(self) -> PlaybackClock:
+        return self.delivery.clock
+
+    @property
+    def complete(self) -> bool:
+        """Whether it is a clip that was sent to its last frame."""
+        return self.spec.clip_frames is not None and self.delivery.sent_to >= self.spec.clip_frames
+
+    @property
+    def num_steps(self) -> int:
+        """Denoising steps of the next window."""
+        return steps_at(self.level, self.spec, self.facts)
+
+    @property
+    def idle_at(self) -> float:
+        """When the session is to be closed if its playhead neither is reported nor moves until then."""
+        config = self.config
+        still_s = config.idle_timeout_s if self.clock.state is PlayState.PLAYING else config.still_timeout_s
+        return min(self.last_playhead_at + config.idle_timeout_s, self.moved_at + still_s)
+
+    @property
+    def replan_wanted(self) -> bool:
+        return bool(self.edits.waiting) or self.drift_state.lost
+
+    # ---- opening and closing ----------------------------------------------------------------------------------------
+
+    def greeting(self) -> Opened:
+        return Opened(
+            self.key,
+            self.spec.seed,
+            start_frame=0,
+            lookahead=self.spec.lookahead,
+            committed_horizon=math.ceil(self.facts.fps * self.config.commit_s) + 1,
+            denoise_steps=self.spec.denoise_steps,
+            model_id=self.facts.model_id,
+            rig_id=self.facts.rig.rig_id,
+            fps=self.facts.fps,
+        )
+
+    def close(self, reason: CloseReason, code: Code, message: str) -> list[Output]:
+        """Answer every edit that still waits, then say goodbye. The session must not be used again."""
+        waiting = (*(self.running.answers if self.running else ()), *self.edits.waiting)
+        outputs: list[Output] = [session_closed().outcome(self.key, edit.event_seq) for edit in waiting]
+        self.running, self.edits.waiting = None, ()
+        return [*outputs, Closed(self.key, reason, code, message, self.delivery.num_frames, self.delivery.late_frames)]
+
+    def set_tier(self, level: Level) -> list[Output]:
+        """Put the session on a level of service, from its next window on; tells the client what changes for it."""
+        before = self.level.tier, self.num_steps
+        self.level = level
+        given = level.tier, self.num_steps
+        return [] if given == before else [ServiceLevel(self.key, *given)]
+
+    # ---- leads ------------------------------------------------------------------------------------------------------
+
+    def replaceable_from(self, now: float, lead_s: float) -> int:
+        """The first frame that the client cannot be showing lead_s from now, nor was promised; at most planned_to."""
+        delivery = self.delivery
+        # Fewer frames than a patch make no history, and a window without history would start from the start pose.
+        least = self.timeline.motion_from + self.facts.patch
+        return min(max(delivery.committed_to, delivery.unshown_from(now, lead_s), least), self.planned_to)
+
+    def least_start(self, running: RunningWindow) -> int:
+        """The first frame at which a window may follow the running one: there must be a patch of motion before it."""
+        return (running.first_frame if running.fresh else self.timeline.motion_from) + self.facts.patch
+
+    # ---- edits and their window -------------------------------------------------------------------------------------
+
+    def settle(self) -> list[Output]:
+        """Answer the edits that ask for frames which no window has touched yet: they will be there when it comes."""
+        if self.level.hold:
+            return []  # it may hold its pose right over those frames
+        untouched_from = max(self.planned_to, self.running.accept_to if self.running else 0)
+        settled = self.edits.settle(untouched_from)
+        return [Outcome(self.key, edit.event_seq, Code.OK, edit.dirty_from) for edit in settled]
+
+    def withdraw(self, running: RunningWindow, report: StepReport) -> None:
+        """Forget the running window; its edits wait again."""
+        report.steps_discarded += running.steps_done
+        self.edits.put_back(running.answers)
+        self.drift_state.correction = running.correction
+        self.running = None
+
+    def advance(self, steps_done: int) -> None:
+        """Note how far the running window has come."""
+        if self.running is not None:
+            self.running.steps_done = steps_done

@@ -22,6 +22,7 @@ from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.scheduling.step_executor import StepExecutor
 from motiongen_server.engine.session import emission, events, planning
 from motiongen_server.engine.session.opening import open_session
+from motiongen_server.engine.session.snapshot import check_going_on, going_on, news_of
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.timers import Timers
 from motiongen_server.engine.types import (
@@ -251,18 +252,18 @@ class Engine:
         if refusal is not None:
             self._send_queue.append(refusal)
             return
-        spec = event.spec
-        features = None if spec.prior_rows is None else self._executor.features(spec.prior_rows)
-        if spec.prior_rows is not None and features is None:
+        spec, now = event.spec, self._clock.now()
+        try:
+            state = self._begun(event, now)
+        except EventRefused as failed:
             self._admission.release(spec.session, spec)
-            given, allowed = "the model can make nothing of the prior frames", "other frames, or none"
-            failed = EventRefused(Code.INTERNAL, "PRIOR_FRAMES_FAILED", given, "open.prior_frames", allowed)
             self._report.opens.append(self._refuse(event, failed))
             return
-        now = self._clock.now()
-        state = open_session(spec, event.received_at, next(self._ordinals), self._facts, self._config, now, features)
         self._sessions[state.key] = self._touched[state.key] = state
         self._send_queue.append(state.greeting())
+        if (asked := event.going_on) is not None:
+            resume = Resume(state.key, 0, event.received_at, asked.attempt, asked.next_frame, asked.plan)
+            self._send_queue += events.apply(state, resume, now, self._report)
         self._report.opens.append(Code.OK)
         if spec.is_clip:  # it gets all it asked for, late if need be, and says nothing until it ends
             return
@@ -270,6 +271,21 @@ class Engine:
         self._recount(state, 1)
         self._silences.ask(state.key, now + self._config.idle_timeout_s)
         self._send_queue += state.set_tier(self._load_monitor.level(spec.priority))
+
+    def _begun(self, event: Open, now: float) -> SessionState:
+        """The session that an Open begins, or goes on with. Raises EventRefused."""
+        asked, config = event.going_on, self._config
+        rows = event.spec.prior_rows if asked is None else asked.snapshot.rows
+        if asked is not None:
+            check_going_on(asked, self._facts)
+        features = None if rows is None else self._executor.features(rows)
+        if rows is not None and features is None:
+            given, allowed = "the model can make nothing of the prior frames", "other frames, or none"
+            raise EventRefused(Code.INTERNAL, "PRIOR_FRAMES_FAILED", given, "open.prior_frames", allowed)
+        ordinal = next(self._ordinals)
+        if asked is not None and features is not None:
+            return going_on(event, asked, ordinal, self._facts, config, now, features)
+        return open_session(event.spec, event.received_at, ordinal, self._facts, config, now, features)
 
     def _refuse(self, event: Event, refusal: EventRefused) -> Code:
         """Answer an event that does not reach a session."""
@@ -316,6 +332,8 @@ class Engine:
         touched, self._touched = self._touched, {}
         for state in touched.values():
             self._send_queue += emission.emit(state, now, self._report)
+            if self._config.snapshots and (news := news_of(state)) is not None:
+                self._send_queue.append(news)
             if state.complete:
                 self._close(state, CloseReason.CLIENT, Code.OK, "")
             elif not self._stopping:

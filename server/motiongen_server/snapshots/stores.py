@@ -16,7 +16,9 @@ REDIS = ("redis://", "rediss://", "unix://")
 ALLOWED = f"none, {SQLITE}FILE, {SQLITE} for a file of this user, or {'HOST, '.join(REDIS)}PATH"
 
 
-def open_snapshot_store(asked: str, keep_s: float, environment: Mapping[str, str] | None = None) -> SnapshotStore | None:
+def open_snapshot_store(
+    asked: str, keep_s: float, environment: Mapping[str, str] | None = None
+) -> SnapshotStore | None:
     """The store of a setting; None where none is asked for. Nothing is asked of a Redis yet. Raises SettingError."""
     if asked in ("", "none"):
         return None

@@ -101,7 +101,13 @@ def _unusable(why: str) -> EventRefused:
 
 
 def going_on(
-    event: Open, asked: GoingOn, ordinal: int, facts: ModelFacts, config: EngineConfig, now: float, features: Float32Array
+    event: Open,
+    asked: GoingOn,
+    ordinal: int,
+    facts: ModelFacts,
+    config: EngineConfig,
+    now: float,
+    features: Float32Array,
 ) -> SessionState:
     """The session of an Open that goes on from a snapshot; the client's Resume is to be applied next.
 

@@ -37,7 +37,8 @@ class SessionState:
     """All that is known of a session. plan: the newest plan's number; holding: it repeats a pose.
 
     cut_frames: by which the first window that is made while the client plays is cut, so that sessions spread out.
-    restarts, extra_lead_s: of windows in a row that did not land.
+    restarts, extra_lead_s: of windows in a row that did not land. last_seq: of the last event that was taken.
+    saved: what the last snapshot holds, see `snapshot.news_of`.
     """
 
     spec: SessionSpec
@@ -61,6 +62,8 @@ class SessionState:
     restarts: int = 0
     extra_lead_s: float = 0.0
     underruns: int = 0
+    last_seq: int = 1
+    saved: tuple[int, int] = (0, 0)
 
     @property
     def key(self) -> SessionKey:

@@ -1,4 +1,4 @@
-"""Durability: the edge's side of snapshots: what is saved of a session, what its client is told of that, and taking over.
+"""Durability: the edge's side of snapshots: what is saved of a session, what its client is told, and taking over.
 
 A session's token is a secret and the fencing epoch that it was told with: `secret.epoch`. The record's name is a hash
 of the secret, so that the store gives nobody a session. Whoever takes a session over tells its client a new token; the
@@ -8,6 +8,7 @@ one who held it before does not know that one, and so never goes on with a sessi
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import hashlib
 import secrets
 from collections.abc import Callable, Iterable
@@ -177,10 +178,8 @@ class _OnLoop:
         self._loop = loop
 
     def _call(self, act: Callable[..., None], *what: object) -> None:
-        try:
+        with contextlib.suppress(RuntimeError):  # the loop has been closed: the process is on its way out
             self._loop.call_soon_threadsafe(act, *what)
-        except RuntimeError:
-            pass  # the loop has been closed: the process is on its way out
 
     def written(self, written: list[Written]) -> None:
         self._call(self._durability.written, written)

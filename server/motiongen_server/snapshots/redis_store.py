@@ -13,7 +13,8 @@ from motiongen_server.snapshots.store import Held, Lease, Renewal, StoreFailed
 CALL_S = 0.5
 """How long a call may take."""
 PREFIX = "motiongen:session:"
-# Each is one step for the server: epoch and record never come apart. KEYS[1]: a hash of e (epoch), h (holder), d (data).
+# Each is one step for the server: epoch and record never come apart. KEYS[1]: a hash of e (epoch), h (holder) and
+# d (the record).
 _SAVE = """
 local held = tonumber(redis.call('HGET', KEYS[1], 'e') or '0')
 if held > tonumber(ARGV[1]) then return 0 end

@@ -105,7 +105,7 @@ class SnapshotWriter:
             self._news.notify()
 
     def release(self, lease: Lease) -> None:
-        """The session has ended here, and may go on elsewhere: its record stays, with what still waits to be written."""
+        """The session has ended here, and may go on elsewhere: its record stays, and what waits is still written."""
         with self._lock:
             self._leases.discard(lease)
 

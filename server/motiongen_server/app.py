@@ -26,6 +26,7 @@ from motiongen_server.engine_process.connection import EngineLost
 from motiongen_server.engine_process.pool import start_engine_processes
 from motiongen_server.errors import StreamRefused
 from motiongen_server.identity.caller import Role
+from motiongen_server.identity.callers import AUTHORIZATION
 from motiongen_server.identity.setup import listen, make_callers, make_credentials, warn_of_exposure
 from motiongen_server.models.admin import AdminService, add_admin
 from motiongen_server.models.factory import Engines, ModelFactory, make_limits
@@ -177,6 +178,7 @@ class Application:
     def _metrics_refusal(self, authorization: str) -> str | None:
         if is_local(self._config.ops_host):
             return None
+        self._callers.wanted(((AUTHORIZATION, authorization),))  # a key that is new is known at the next scrape
         try:
             self._callers.of_header(authorization, Role.METRICS)
         except StreamRefused as refusal:

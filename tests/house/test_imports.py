@@ -94,7 +94,7 @@ ROOMS = (
         "_typeshed ~.addresses ~.devices ~.settings",
     ),
     room(f"{SERVER}/identity/setup.py", "grpc ~.identity ~.addresses ~.config ~.settings", never="asyncio"),
-    room(f"{SERVER}/identity", "grpc ~.identity ~.errors ~.settings", never="asyncio"),
+    room(f"{SERVER}/identity", "grpc jwt ~.identity ~.errors ~.settings ~.addresses", never="asyncio"),
     room(f"{SERVER}/errors.py", "grpc grpc_status google ~.engine.types"),
     room(f"{SERVER}/transport.py", "grpc ~.config ~.settings"),
     room(f"{SERVER}/app.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),

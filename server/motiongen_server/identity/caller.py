@@ -31,7 +31,8 @@ class Caller:
     """tenant: its name, "" for anybody. credential: what it showed, in words for logs; never the secret.
 
     expires_at: when that ends, in seconds of the wall clock since 1970; None: never. quota: limits of its tenant that
-    differ from those of an address, by the names of `rpc.limits.PeerLimits`.
+    differ from those of an address, by the names of `rpc.limits.PeerLimits`. signed_by: the issuer and the
+    key of a token that is not of the tenants' file.
     """
 
     tenant: str = ""
@@ -39,6 +40,7 @@ class Caller:
     roles: frozenset[Role] = DEFAULT_ROLES
     expires_at: float | None = None
     quota: Mapping[str, float] = field(default_factory=dict)
+    signed_by: tuple[str, str] | None = None
 
 
 ANYBODY = Caller()
@@ -52,6 +54,21 @@ def credentials_missing() -> StreamRefused:
 def credentials_invalid() -> StreamRefused:
     message = "the credentials are not known to this server; ask its operator for a token"
     return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
+
+
+def credentials_not_for_us(audience: str) -> StreamRefused:
+    message = f"the token is for another service; ask its issuer for one whose audience is {audience}"
+    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
+
+
+def tenant_unknown(name: str) -> StreamRefused:
+    message = f"the token names the tenant {name[:64]!r}, whom its issuer may not name here; ask the server's operator"
+    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
+
+
+def keys_unavailable() -> StreamRefused:
+    message = "the token cannot be checked, since its issuer's keys cannot be fetched; try again a little later"
+    return StreamRefused(grpc.StatusCode.UNAVAILABLE, "KEYS_UNAVAILABLE", message, retry_after_s=5.0)
 
 
 def credentials_expired() -> StreamRefused:

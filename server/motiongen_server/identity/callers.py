@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import replace
 
 from motiongen_server.errors import StreamRefused
 from motiongen_server.identity.caller import (
@@ -15,7 +17,10 @@ from motiongen_server.identity.caller import (
     credentials_missing,
     credentials_revoked,
     role_missing,
+    tenant_unknown,
 )
+from motiongen_server.identity.jwt_tokens import Unchecked, checked, unchecked
+from motiongen_server.identity.keys import KeyRings, KeysUnavailable
 from motiongen_server.identity.tenants import Tenant, Tenants
 from motiongen_server.identity.tokens import UNKNOWN, number_of
 from motiongen_server.identity.watched import Watched
@@ -31,23 +36,36 @@ AuthContext = Mapping[str, Iterable[bytes]]
 class Callers:
     """Without tenants, everybody who gets through TLS may call. A token is asked before a certificate.
 
-    tenants: as their file says at present. wall: seconds since 1970.
+    tenants: as their file says at present. wall: seconds since 1970. rings: the keys of those who sign tokens.
     """
 
-    def __init__(self, tenants: Watched[Tenants] | None = None, wall: Callable[[], float] = time.time) -> None:
+    def __init__(
+        self,
+        tenants: Watched[Tenants] | None = None,
+        wall: Callable[[], float] = time.time,
+        rings: KeyRings | None = None,
+    ) -> None:
         self._tenants = tenants
         self._wall = wall
+        self._rings = rings or KeyRings()
 
     def identify(self, metadata: Metadata, connection: AuthContext, role: Role = Role.MOTION) -> Caller:
         """Who calls. connection: what gRPC says of it. Raises StreamRefused where it may not do what the role may."""
-        authorization = next((text for key, text in metadata if key.lower() == AUTHORIZATION), "")
-        return self.of_header(str(authorization), role, certificate_names(connection))
+        return self.of_header(_authorization(metadata), role, certificate_names(connection))
+
+    def wanted(self, metadata: Metadata) -> Future[None] | None:
+        """What should be over before `identify` is asked: keys that are being fetched, of who signed the token."""
+        if self._tenants is None or not self._tenants.value.issuers:
+            return None
+        said = unchecked(_token(_authorization(metadata)))
+        issuer = None if said is None else self._tenants.value.issuers.get(said.issuer)
+        return None if said is None or issuer is None else self._rings.of(issuer.source).wanted(said.key_id)
 
     def of_header(self, authorization: str, role: Role, certificates: Sequence[str] = ()) -> Caller:
         """The same by the header of that name, and the names of the client's certificate."""
         if self._tenants is None:
             return Caller(credential=f"certificate {certificates[0]!r}") if certificates else ANYBODY
-        self._tenants.look()
+        self.look()
         caller = self._find(authorization, certificates, self._tenants.value)
         if role not in caller.roles:
             raise role_missing(role)
@@ -65,7 +83,10 @@ class Callers:
     def _of_token(self, authorization: str, tenants: Tenants) -> Caller:
         if not authorization.lower().startswith(_SCHEME):
             raise credentials_missing()
-        token = authorization[len(_SCHEME) :].strip()
+        token = _token(authorization)
+        said = unchecked(token) if tenants.issuers else None
+        if said is not None:
+            return self._of_signed(said, tenants)
         number = number_of(token)
         tenant, known = tenants.by_token.get(number or "", (None, None))
         is_right = (known.hash if known is not None else UNKNOWN).is_of(token)
@@ -75,12 +96,27 @@ class Callers:
             raise credentials_expired()
         return _caller(tenant, f"token {number}", known.expires_at)
 
+    def _of_signed(self, said: Unchecked, tenants: Tenants) -> Caller:
+        issuer = tenants.issuers.get(said.issuer)
+        if issuer is None:
+            raise credentials_invalid()
+        good = checked(said, issuer, self._rings.of(issuer.source))
+        if good.expires_at <= self._wall():
+            raise credentials_expired()
+        tenant = tenants.by_name.get(good.tenant)
+        if tenant is None or issuer.name not in tenant.issuers:
+            raise tenant_unknown(good.tenant)
+        caller = _caller(tenant, f"token of {issuer.name}", good.expires_at)
+        return replace(caller, signed_by=(issuer.issuer, said.key_id))
+
     # ---- afterwards -------------------------------------------------------------------------------------------------
 
     def look(self) -> None:
-        """See whether the tenants' file has changed."""
+        """See whether the tenants' file has changed, or the keys of those who sign tokens."""
         if self._tenants is not None:
             self._tenants.look()
+            for issuer in self._tenants.value.issuers.values():
+                self._rings.of(issuer.source).look()
 
     def lapse(self, caller: Caller) -> StreamRefused | None:
         """Why a caller may not go on, if so, by what is known since the last look."""
@@ -91,15 +127,35 @@ class Callers:
         tenant = self._tenants.value.by_name.get(caller.tenant)
         if tenant is None or caller.roles - tenant.roles:
             return credentials_revoked()
+        if caller.signed_by is not None:
+            return None if self._still_signs(tenant, *caller.signed_by) else credentials_revoked()
         kind, _, name = caller.credential.partition(" ")
         there = (
             [f"{token.hash.number}" for token in tenant.tokens] if kind == "token" else map(repr, tenant.certificates)
         )
         return None if name in there else credentials_revoked()
 
+    def _still_signs(self, tenant: Tenant, issuer: str, key_id: str) -> bool:
+        assert self._tenants is not None
+        known = self._tenants.value.issuers.get(issuer)
+        if known is None or known.name not in tenant.issuers:
+            return False
+        try:
+            return self._rings.of(known.source).find(key_id) is not None
+        except KeysUnavailable:  # what was let in before plays on until its token expires
+            return True
+
     def remaining_s(self, caller: Caller) -> float | None:
         """Seconds until the caller's credentials expire; None where they do not."""
         return None if caller.expires_at is None else caller.expires_at - self._wall()
+
+
+def _authorization(metadata: Metadata) -> str:
+    return str(next((text for key, text in metadata if key.lower() == AUTHORIZATION), ""))
+
+
+def _token(authorization: str) -> str:
+    return authorization[len(_SCHEME) :].strip() if authorization.lower().startswith(_SCHEME) else ""
 
 
 def certificate_names(connection: AuthContext) -> list[str]:

@@ -10,7 +10,8 @@ import grpc.aio
 from motiongen_server.addresses import UNIX, is_local
 from motiongen_server.config import ServerConfig
 from motiongen_server.identity.callers import Callers
-from motiongen_server.identity.tenants import read_tenants
+from motiongen_server.identity.keys import KeyRings
+from motiongen_server.identity.tenants import Tenants, read_tenants
 from motiongen_server.identity.tls import TlsFiles, server_credentials
 from motiongen_server.identity.watched import Watched
 from motiongen_server.settings import SettingError
@@ -29,8 +30,18 @@ def make_callers(config: ServerConfig) -> Callers:
     """Raises SettingError."""
     if not config.tenants:
         return Callers()
+    rings = KeyRings()
+
+    def read() -> Tenants:
+        tenants = read_tenants(config.tenants)
+        for issuer in tenants.issuers.values():
+            rings.of(issuer.source)  # files that it names must be there, too
+        return tenants
+
     try:
-        return Callers(Watched("tenants", [config.tenants], lambda: read_tenants(config.tenants)))
+        callers = Callers(Watched("tenants", [config.tenants], read), rings=rings)
+        callers.look()  # keys that come from elsewhere are fetched meanwhile
+        return callers
     except (ValueError, OSError) as error:
         raise SettingError(f"tenants cannot be read: {error}") from error
 

@@ -3,6 +3,7 @@
 [tenants.studio]
 roles = ["motion"]                       # the default; also "admin", "metrics"
 certificates = ["studio.example"]        # names of client certificates, common or alternative
+issuers = ["corp"]                       # whose tokens may name it: entries of `issuers`
 tokens = [{ hash = "sha256:...", expires = 2027-01-01T00:00:00Z }]
 quota = { heroes = 8, session_weight = 64 }
 """
@@ -17,6 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from motiongen_server.identity.caller import DEFAULT_ROLES, Role
+from motiongen_server.identity.entries import mapping, number, table, words
+from motiongen_server.identity.issuers import Issuer, read_issuer
 from motiongen_server.identity.tokens import TokenHash
 
 QUOTAS = {
@@ -51,14 +54,20 @@ class Tenant:
     roles: frozenset[Role] = DEFAULT_ROLES
     tokens: tuple[Token, ...] = ()
     certificates: tuple[str, ...] = ()
+    issuers: tuple[str, ...] = ()
     quota: Mapping[str, float] = field(default_factory=dict)
 
 
 class Tenants:
     """All of them, by what they show."""
 
-    def __init__(self, tenants: Iterable[Tenant]) -> None:
-        """Raises ValueError where two have the same token or certificate."""
+    def __init__(self, tenants: Iterable[Tenant], issuers: Iterable[Issuer] = ()) -> None:
+        """Raises ValueError where two show the same, or a tenant's issuer is not there."""
+        self.issuers: dict[str, Issuer] = {}
+        for issuer in issuers:
+            self._check_new(issuer.issuer in self.issuers, "issuer", issuer.issuer)
+            self.issuers[issuer.issuer] = issuer
+        names = [issuer.name for issuer in self.issuers.values()]
         self.by_name = {tenant.name: tenant for tenant in tenants}
         self.by_token: dict[str, tuple[Tenant, Token]] = {}
         self.by_certificate: dict[str, Tenant] = {}
@@ -66,6 +75,9 @@ class Tenants:
             for token in tenant.tokens:
                 self._check_new(token.hash.number in self.by_token, "token", token.hash.number)
                 self.by_token[token.hash.number] = (tenant, token)
+            for name in tenant.issuers:
+                if name not in names:
+                    raise ValueError(f"{tenant.name}.issuers has {name}; known are {', '.join(names) or 'none'}")
             for name in tenant.certificates:
                 self._check_new(name in self.by_certificate, "certificate", name)
                 self.by_certificate[name] = tenant
@@ -73,22 +85,27 @@ class Tenants:
     @staticmethod
     def _check_new(is_there: bool, kind: str, name: str) -> None:
         if is_there:
-            raise ValueError(f"the {kind} {name!r} is given twice; give each to one tenant, once")
+            raise ValueError(f"the {kind} {name!r} is given twice; give each once, to one")
 
 
 def read_tenants(path: str) -> Tenants:
     """Raises ValueError for what is wrong in the file, OSError where it cannot be read."""
     try:
         document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        entries = _table(document, {"tenants"}, "the file").get("tenants", {})
-        return Tenants(_tenant(name, _mapping(entry, name)) for name, entry in _mapping(entries, "tenants").items())
+        parts = table(document, {"tenants", "issuers"}, "the file")
+        issuers = mapping(parts.get("issuers", {}), "issuers")
+        tenants = mapping(parts.get("tenants", {}), "tenants")
+        return Tenants(
+            [_tenant(name, mapping(entry, name)) for name, entry in tenants.items()],
+            [read_issuer(name, mapping(entry, f"issuers.{name}")) for name, entry in issuers.items()],
+        )
     except ValueError as error:  # TOML's own and those of its encoding are ValueErrors
         raise ValueError(f"{path}: {error}") from error
 
 
 def _tenant(name: str, entry: Mapping[str, Any]) -> Tenant:
-    entry = _table(entry, {"roles", "tokens", "certificates", "quota"}, name)
-    roles = _words(entry.get("roles", [role.value for role in DEFAULT_ROLES]), f"{name}.roles")
+    entry = table(entry, {"roles", "tokens", "certificates", "issuers", "quota"}, name)
+    roles = words(entry.get("roles", [role.value for role in DEFAULT_ROLES]), f"{name}.roles")
     unknown = sorted(set(roles) - {role.value for role in Role})
     if unknown:
         raise ValueError(f"{name}.roles has {', '.join(unknown)}; known are {', '.join(role.value for role in Role)}")
@@ -98,14 +115,15 @@ def _tenant(name: str, entry: Mapping[str, Any]) -> Tenant:
     return Tenant(
         name,
         frozenset(map(Role, roles)),
-        tuple(_token(_mapping(token, f"{name}.tokens"), f"{name}.tokens") for token in tokens),
-        _words(entry.get("certificates", []), f"{name}.certificates"),
-        _quota(_mapping(entry.get("quota", {}), f"{name}.quota"), name),
+        tuple(_token(mapping(token, f"{name}.tokens"), f"{name}.tokens") for token in tokens),
+        words(entry.get("certificates", []), f"{name}.certificates"),
+        words(entry.get("issuers", []), f"{name}.issuers"),
+        _quota(mapping(entry.get("quota", {}), f"{name}.quota"), name),
     )
 
 
 def _token(entry: Mapping[str, Any], where: str) -> Token:
-    entry = _table(entry, {"hash", "expires"}, where)
+    entry = table(entry, {"hash", "expires"}, where)
     expires = entry.get("expires")
     if expires is not None and (not isinstance(expires, datetime) or expires.tzinfo is None):
         raise ValueError(f"{where} has expires = {expires}; give date, time and zone, such as 2027-01-01T00:00:00Z")
@@ -116,29 +134,7 @@ def _token(entry: Mapping[str, Any], where: str) -> Token:
 
 
 def _quota(entry: Mapping[str, Any], name: str) -> dict[str, float]:
-    entry = _table(entry, set(QUOTAS), f"{name}.quota")
+    entry = table(entry, set(QUOTAS), f"{name}.quota")
     for key, value in entry.items():
-        least, most = QUOTAS[key]
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not is_number or not least <= value <= most:
-            raise ValueError(f"{name}.quota.{key} is {value!r}; it must be a number from {least:g} to {most:.12g}")
+        number(value, *QUOTAS[key], f"{name}.quota.{key}")
     return dict(entry)
-
-
-def _table(entry: Mapping[str, Any], known: set[str], where: str) -> Mapping[str, Any]:
-    unknown = sorted(set(entry) - known)
-    if unknown:
-        raise ValueError(f"{where} has {', '.join(unknown)}; known are {', '.join(sorted(known))}")
-    return entry
-
-
-def _mapping(value: object, where: str) -> Mapping[str, Any]:
-    if not isinstance(value, dict):
-        raise ValueError(f"{where} must be a table, not {value!r}")
-    return value
-
-
-def _words(value: object, where: str) -> tuple[str, ...]:
-    if not isinstance(value, list) or not all(isinstance(word, str) and word for word in value):
-        raise ValueError(f"{where} must be a list of words, not {value!r}")
-    return tuple(value)

@@ -17,6 +17,7 @@ from motiongen_server.identity.caller import Role
 from motiongen_server.identity.callers import Callers
 from motiongen_server.models.manager import CannotKeep, ModelManager
 from motiongen_server.models.registry import LoadedModel, ModelState
+from motiongen_server.rpc.issuer_keys import keys_for
 
 MAX_GRACE_S = 3600.0
 
@@ -80,8 +81,10 @@ class AdminService(admin_pb2_grpc.MotionAdminServiceServicer):
         return admin_pb2.ReloadModelResponse(model=self._status(kept), closed_sessions=closed)
 
     async def _check_open(self, context: grpc.aio.ServicerContext[Any, Any]) -> None:
+        metadata = context.invocation_metadata() or ()
+        await keys_for(self._callers, metadata)
         try:
-            self._callers.identify(context.invocation_metadata() or (), context.auth_context(), Role.ADMIN)
+            self._callers.identify(metadata, context.auth_context(), Role.ADMIN)
         except StreamRefused as refusal:
             await context.abort_with_status(refusal.status())
         if not self._manager.is_open:

@@ -24,6 +24,7 @@ from motiongen_server.rpc.convert import round_trip_s
 from motiongen_server.rpc.durability import Durability
 from motiongen_server.rpc.goodbye import say_draining
 from motiongen_server.rpc.handlers import AnyContext, CatalogContext, ClipContext, StreamContext
+from motiongen_server.rpc.issuer_keys import keys_for
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import ServiceLimits
 from motiongen_server.rpc.peers import Peer, Peers
@@ -126,7 +127,7 @@ class MotionService:
     ) -> service_pb2.GetCatalogResponse:
         """Rigs, models and limits, or the etag alone for a client that holds them."""
         try:
-            self._charge_call(context, CALL_COST)
+            await self._charge_call(context, CALL_COST)
         except StreamRefused as refusal:
             await context.abort_with_status(refusal.status())
         return self._models.catalog_response(request.catalog_etag)
@@ -134,21 +135,23 @@ class MotionService:
     async def GenerateClip(self, request: bytes, context: ClipContext) -> None:
         """Samples of one clip, from the request to the last frame."""
         try:
-            peer, _ = self._charge_call(context, CALL_COST + len(request) / BYTES_A_CALL)
+            peer, _ = await self._charge_call(context, CALL_COST + len(request) / BYTES_A_CALL)
             asked = clip_request(request)
         except StreamRefused as refusal:
             await context.abort_with_status(refusal.status())
         await self.clips.generate(asked, context, peer)
 
-    def _charge_call(self, context: AnyContext, cost: float) -> tuple[Peer, Caller]:
+    async def _charge_call(self, context: AnyContext, cost: float) -> tuple[Peer, Caller]:
         """Find out who calls, and charge the call to its tenant, or its address where it has none or may not call.
 
         Raises StreamRefused for who may not call, and while that owes: there is nothing to be read later.
         """
+        metadata = context.invocation_metadata() or ()
+        await keys_for(self._callers, metadata)
         now = time.monotonic()
         address = self._peers.find(context.peer(), now)
         try:
-            caller = self._callers.identify(context.invocation_metadata() or (), context.auth_context())
+            caller = self._callers.identify(metadata, context.auth_context())
         except StreamRefused:
             _charge(address, cost, now)
             raise
@@ -159,7 +162,7 @@ class MotionService:
     async def StreamMotion(self, request_iterator: AsyncIterator[bytes], context: StreamContext) -> None:
         """One stream, from its hello to its end."""
         try:
-            stream = self._begin(context)
+            stream = self._begin(*await self._charge_call(context, CALL_COST))
         except StreamRefused as refusal:
             await context.abort_with_status(refusal.status())
         try:
@@ -167,9 +170,8 @@ class MotionService:
         finally:
             self._end(stream)
 
-    def _begin(self, context: StreamContext) -> Stream:
+    def _begin(self, peer: Peer, caller: Caller) -> Stream:
         """Raises StreamRefused where there is no place for one more stream."""
-        peer, caller = self._charge_call(context, CALL_COST)
         if len(self._streams) >= self._limits.max_streams or peer.num_streams >= peer.limits.streams:
             raise too_many_streams(min(self._limits.max_streams, peer.limits.streams))
         stream = Stream(next(self._numbers), self._models, self._stream_metrics, self._kept, peer)

@@ -39,8 +39,8 @@ def test_quotas_are_limits_of_an_address() -> None:
     ("text", "said"),
     [
         ("[tenants", "tenants.toml: "),
-        ("[tenant.studio]", "the file has tenant; known are tenants"),
-        ("[tenants.studio]\nrole = []", "studio has role; known are certificates, quota, roles, tokens"),
+        ("[tenant.studio]", "the file has tenant; known are issuers, tenants"),
+        ("[tenants.studio]\nrole = []", "studio has role; known are certificates, issuers, quota, roles, tokens"),
         ("[tenants.studio]\nroles = ['root']", "studio.roles has root; known are motion, admin, metrics"),
         ("[tenants.studio]\nroles = 'motion'", "studio.roles must be a list of words"),
         ("[tenants.studio]\ntokens = ['mg_1_2']", "studio.tokens must be a table"),

@@ -1,0 +1,21 @@
+"""Between the contract's messages and this package's types. Pure; the one room that knows both."""
+
+from motiongen_client.convert.answers import (
+    code_name,
+    constraint_reached,
+    opened,
+    outcome,
+    residual,
+    seconds,
+    service_level,
+    session_end,
+    warnings,
+)
+from motiongen_client.convert.catalogs import catalog, rig
+from motiongen_client.convert.frames import chunk_rows
+from motiongen_client.convert.requests import constraint, generate_clip, open_session, ping, prompt_span
+
+__all__ = [
+    "catalog", "chunk_rows", "code_name", "constraint", "constraint_reached", "generate_clip", "open_session", "opened",
+    "outcome", "ping", "prompt_span", "residual", "rig", "seconds", "service_level", "session_end", "warnings",
+]  # fmt: skip

@@ -1,0 +1,114 @@
+"""What a server says of a session, from the contract's messages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from google.protobuf.duration_pb2 import Duration
+
+from motiongen.v1 import service_pb2, session_pb2
+from motiongen_client.errors import EventRefused
+from motiongen_client.types import (
+    ConstraintReached,
+    Deviation,
+    ModelWarning,
+    Opened,
+    Outcome,
+    Residual,
+    ServiceLevel,
+    SessionEnd,
+)
+
+
+def opened(message: session_pb2.SessionOpened) -> Opened:
+    return Opened(
+        session_id=message.session_id,
+        seed=message.seed,
+        start_frame=message.start_frame,
+        rig_id=message.rig_id,
+        model_id=message.model_id,
+        frame_rate_hz=message.frame_rate,
+        lookahead_frames=message.lookahead_frames,
+        committed_horizon_frames=message.committed_horizon_frames,
+        denoise_steps=message.denoise_steps,
+        warnings=warnings(message.warnings),
+    )
+
+
+def warnings(messages: Iterable[session_pb2.EventWarning]) -> tuple[ModelWarning, ...]:
+    return tuple(ModelWarning(each.reason, each.message, each.field) for each in messages)
+
+
+def outcome(message: session_pb2.EditOutcome, event: str, offset: int = 0) -> Outcome | EventRefused:
+    """What became of an event; `event` says in words what it was, `offset` which of our frames is the server's 0."""
+    if message.code == 0:
+        effective_frame = message.effective_frame + offset if message.HasField("effective_frame") else None
+        return Outcome(message.event_seq, effective_frame, warnings(message.warnings))
+    retry_after_s = seconds(message.retry_after) if message.HasField("retry_after") else None
+    code = code_name(message.code)
+    return EventRefused(event, code, message.reason, message.message, message.field, message.allowed, retry_after_s)
+
+
+def service_level(message: session_pb2.ServiceLevel) -> ServiceLevel:
+    tier = session_pb2.ServiceTier.Name(message.tier) if message.tier in _SERVICE_TIERS else "UNSPECIFIED"
+    return ServiceLevel(tier.removeprefix("SERVICE_TIER_").lower(), message.denoise_steps)
+
+
+def constraint_reached(message: session_pb2.ConstraintReached, offset: int = 0) -> ConstraintReached:
+    """What became of a constraint. offset: of the client's frame numbers over the server's."""
+    return ConstraintReached(
+        constraint_id=message.constraint_id,
+        met=message.met,
+        frame=message.frame + offset,
+        position_error_m=message.position_error_m if message.HasField("position_error_m") else None,
+        rotation_error_rad=message.rotation_error_rad if message.HasField("rotation_error_rad") else None,
+    )
+
+
+def session_end(message: session_pb2.SessionClosed) -> SessionEnd:
+    reason = session_pb2.CloseReason.Name(message.reason) if message.reason in _CLOSE_REASONS else "UNSPECIFIED"
+    return SessionEnd(
+        reason=reason.removeprefix("CLOSE_REASON_").lower(),
+        message=message.message,
+        frames=message.frames,
+        late_frames=message.late_frames,
+    )
+
+
+_CLOSE_REASONS = frozenset(session_pb2.CloseReason.values())
+
+
+_SERVICE_TIERS = frozenset(session_pb2.ServiceTier.values())
+
+
+def residual(message: service_pb2.ConstraintResidual) -> Residual:
+    """How near a clip came to a constraint."""
+
+    def deviation(name: str) -> Deviation | None:
+        value: service_pb2.Deviation = getattr(message, name)
+        return Deviation(value.mean, value.worst) if message.HasField(name) else None
+
+    return Residual(
+        num_frames=message.frame_count,
+        position_m=deviation("position_m"),
+        heading_rad=deviation("heading_rad"),
+        rotation_rad=deviation("rotation_rad"),
+        met=message.met,
+    )
+
+
+def seconds(duration: Duration) -> float:
+    return duration.seconds + duration.nanos / 1e9
+
+
+# google.rpc.Code, which EditOutcome.code and SessionClosed.code are numbers of
+_CODE_NAMES = (
+    "OK", "CANCELLED", "UNKNOWN", "INVALID_ARGUMENT", "DEADLINE_EXCEEDED", "NOT_FOUND", "ALREADY_EXISTS",
+    "PERMISSION_DENIED", "RESOURCE_EXHAUSTED", "FAILED_PRECONDITION", "ABORTED", "OUT_OF_RANGE", "UNIMPLEMENTED",
+    "INTERNAL", "UNAVAILABLE", "DATA_LOSS", "UNAUTHENTICATED",
+)  # fmt: skip
+
+
+def code_name(code: int) -> str:
+    """Name of a google.rpc.Code number; the number itself when it is none."""
+    return _CODE_NAMES[code] if 0 <= code < len(_CODE_NAMES) else str(code)

@@ -1,0 +1,122 @@
+"""What a client says, as the contract's messages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from motiongen.v1 import motion_pb2, service_pb2, session_pb2
+from motiongen_client.prompts import Preset, Prompt, TextEmbedding
+from motiongen_client.types import (
+    Constraint,
+    HeadingTarget,
+    JointRotations,
+    JointTargets,
+    Keyframe,
+    Priority,
+    RootTrajectory,
+    SessionOptions,
+    StartPose,
+    Waypoint,
+)
+
+_PRIORITIES = {
+    Priority.HERO: session_pb2.PRIORITY_CLASS_HERO,
+    Priority.NEAR: session_pb2.PRIORITY_CLASS_NEAR,
+    Priority.CROWD: session_pb2.PRIORITY_CLASS_CROWD,
+    Priority.BATCH: session_pb2.PRIORITY_CLASS_BATCH,
+}
+
+
+def open_session(
+    options: SessionOptions, prompts: Iterable[motion_pb2.PromptSpan], constraints: Iterable[motion_pb2.Constraint]
+) -> session_pb2.OpenSession:
+    """The message that opens a session with these options."""
+    message = session_pb2.OpenSession(
+        rig_id=options.rig_id,
+        model_id=options.model_id,
+        seed=options.seed,
+        priority=_PRIORITIES[options.priority],
+        lookahead_frames=options.lookahead_frames or 0,
+        scalar_type=motion_pb2.SCALAR_TYPE_F32_LE,
+        prompts=prompts,
+        constraints=constraints,
+        denoise_steps=options.denoise_steps,
+        history_frames=options.history_frames,
+        keep_prompts=options.keep_prompts,
+    )
+    if options.prior is not None:
+        message.prior_frames.frame_count = len(options.prior)
+        message.prior_frames.scalar_type = motion_pb2.SCALAR_TYPE_F32_LE
+        message.prior_frames.data = np.ascontiguousarray(options.prior.rows, "<f4").tobytes()
+    if options.start != StartPose():
+        message.start_pose.CopyFrom(
+            session_pb2.StartPose(x=options.start.x_m, z=options.start.z_m, heading=options.start.heading_rad)
+        )
+    if options.text_guidance is not None or options.constraint_guidance is not None:
+        message.guidance.CopyFrom(
+            session_pb2.Guidance(text=options.text_guidance, constraint=options.constraint_guidance)
+        )
+    return message
+
+
+def generate_clip(
+    opening: session_pb2.OpenSession, num_frames: int, num_samples: int
+) -> service_pb2.GenerateClipRequest:
+    """The message that asks for a clip."""
+    opening.priority = session_pb2.PRIORITY_CLASS_UNSPECIFIED  # a clip has none
+    return service_pb2.GenerateClipRequest(open=opening, frame_count=num_frames, sample_count=num_samples)
+
+
+def prompt_span(
+    prompt_id: int, prompt: Prompt, start_frame: int | None, end_frame: int | None = None
+) -> motion_pb2.PromptSpan:
+    """A prompt that holds from a frame on, or as soon as possible, and up to another frame or to the end."""
+    span = motion_pb2.PromptSpan(prompt_id=prompt_id, start_frame=start_frame or 0, end_frame=end_frame or 0)
+    match prompt:
+        case Preset():
+            span.preset_id = prompt.preset_id
+        case TextEmbedding():
+            span.text = prompt.text
+            span.embedding.text_encoder = prompt.text_encoder
+            span.embedding.values.extend(np.asarray(prompt.values, np.float32).tolist())
+        case _:
+            span.text = prompt
+    return span
+
+
+def constraint(constraint_id: int, target: Constraint) -> motion_pb2.Constraint:
+    """A constraint with the id that replaces or removes it later."""
+    message = motion_pb2.Constraint(
+        constraint_id=constraint_id, tolerance_m=target.tolerance_m, tolerance_rad=target.tolerance_rad
+    )
+    message.frame = target.first_frame if isinstance(target, RootTrajectory) else target.frame
+    match target:
+        case Waypoint():
+            message.waypoint.CopyFrom(motion_pb2.Waypoint(x=target.x_m, z=target.z_m, heading=target.heading_rad))
+        case RootTrajectory():
+            message.root_trajectory.positions.extend(target.positions_m.ravel().tolist())
+            if target.headings_rad is not None:
+                message.root_trajectory.headings.extend(target.headings_rad.tolist())
+        case Keyframe():
+            message.keyframe.positions.extend(target.positions_m.ravel().tolist())
+        case HeadingTarget():
+            message.heading.CopyFrom(motion_pb2.HeadingTarget(heading=target.heading_rad))  # a heading of 0 too
+        case JointRotations():
+            message.joint_rotations.joints.extend(target.joints)
+            message.joint_rotations.rotations.extend(target.rotations_quat_wxyz.ravel().tolist())
+        case JointTargets():
+            message.joint_targets.joints.extend(target.joints)
+            message.joint_targets.positions.extend(target.positions_m.ravel().tolist())
+            if target.rotations_quat_wxyz is not None:
+                message.joint_targets.rotations.extend(target.rotations_quat_wxyz.ravel().tolist())
+    return message
+
+
+def ping(now_ns: int, round_trip_s: float | None) -> service_pb2.Ping:
+    """round_trip_s: of the last one, None before there was one."""
+    message = service_pb2.Ping(client_time_ns=now_ns)
+    if round_trip_s is not None:
+        message.round_trip.FromNanoseconds(round(1e9 * round_trip_s))
+    return message

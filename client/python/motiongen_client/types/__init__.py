@@ -1,0 +1,31 @@
+"""What a client says to the server and hears from it, as frozen dataclasses of numbers, strings and numpy arrays."""
+
+from motiongen_client.types.answers import (
+    ConstraintReached,
+    ModelWarning,
+    Opened,
+    Outcome,
+    Reopened,
+    ServiceLevel,
+    SessionEnd,
+)
+from motiongen_client.types.catalog import Catalog, Limits, LocomotionPreset, Model
+from motiongen_client.types.checks import as_array, check_finite, check_frame, check_tolerance
+from motiongen_client.types.clips import Clip, Deviation, Residual
+from motiongen_client.types.constraints import (
+    Constraint,
+    HeadingTarget,
+    JointRotations,
+    JointTargets,
+    Keyframe,
+    RootTrajectory,
+    Waypoint,
+)
+from motiongen_client.types.options import NO_PROMPTS, Priority, SessionOptions, StartPose
+
+__all__ = [
+    "NO_PROMPTS", "Catalog", "Clip", "Constraint", "ConstraintReached", "Deviation", "HeadingTarget", "JointRotations",
+    "JointTargets", "Keyframe", "Limits", "LocomotionPreset", "Model", "ModelWarning", "Opened", "Outcome", "Priority",
+    "Reopened", "Residual", "RootTrajectory", "ServiceLevel", "SessionEnd", "SessionOptions", "StartPose", "Waypoint",
+    "as_array", "check_finite", "check_frame", "check_tolerance",
+]  # fmt: skip

@@ -1,0 +1,98 @@
+"""What a server offers: models, rigs and limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from motiongen_client.errors import UnknownName
+from motiongen_client.motion import Rig
+
+
+@dataclass(frozen=True)
+class LocomotionPreset:
+    """The prompt that holds while a velocity of from_speed_mps or more leads in a direction, seen from the heading."""
+
+    name: str
+    text: str
+    from_speed_mps: float
+    direction: str
+
+
+@dataclass(frozen=True)
+class Model:
+    """A motion generator of the catalogue; durations are frames of its rig.
+
+    text_width: numbers in a TextEmbedding for it. presets: the texts of prompts that a `Preset` can name, by their ids;
+    preset_descriptions: the motion to expect of them, where it is told. constraint_forms: by name "trained",
+    "untrained" (taken with a warning) or "refused"; empty where nothing is claimed. known_motions: what its training
+    captions are about, in words. default_tolerance_m, default_tolerance_rad: of constraints that do not say.
+    """
+
+    model_id: str
+    rig_id: str
+    licence: str
+    horizon_frames: int
+    patch_frames: int
+    future_frames: int
+    default_denoise_steps: int
+    min_denoise_steps: int
+    max_denoise_steps: int
+    text_encoder: str
+    text_width: int
+    presets: Mapping[str, str]
+    num_parameters: int
+    default_history_frames: int
+    max_history_frames: int
+    preset_descriptions: Mapping[str, str] = field(default_factory=dict)
+    constraint_forms: Mapping[str, str] = field(default_factory=dict)
+    locomotion_presets: tuple[LocomotionPreset, ...] = ()
+    known_motions: tuple[str, ...] = ()
+    default_tolerance_m: float = 0.0
+    default_tolerance_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a client must keep to."""
+
+    max_sessions_per_stream: int
+    max_constraints: int
+    max_prompts: int
+    max_prompt_characters: int
+    max_trajectory_frames: int
+    max_request_bytes: int
+    default_lookahead_frames: int
+    max_lookahead_frames: int
+    max_coordinate_m: float
+    max_guidance: float
+    max_events_per_second: float
+    max_stream_events_per_second: float
+    max_speed_mps: float
+    max_hold_frames: int
+    max_clip_frames: int
+    max_clip_samples: int
+
+
+@dataclass(frozen=True)
+class Catalog:
+    """What a server offers; models[0] is its default."""
+
+    etag: str
+    rigs: tuple[Rig, ...]
+    models: tuple[Model, ...]
+    limits: Limits
+
+    def rig(self, rig_id: str) -> Rig:
+        """The rig with a name. Raises UnknownName, which lists the rigs there are."""
+        for rig in self.rigs:
+            if rig.rig_id == rig_id:
+                return rig
+        raise UnknownName("rig", rig_id, [rig.rig_id for rig in self.rigs])
+
+    def model(self, model_id: str) -> Model:
+        """The model with a name. Raises UnknownName, which lists the models there are."""
+        for model in self.models:
+            if model.model_id == model_id:
+                return model
+        raise UnknownName("model", model_id, [model.model_id for model in self.models])

@@ -1,0 +1,44 @@
+"""What must hold of a value before it is sent: a number, a frame, an array of a shape."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from motiongen_client.errors import InvalidInput
+
+
+def check_tolerance(tolerance_m: float | None, tolerance_rad: float | None) -> None:
+    """Raise InvalidInput unless both are numbers that may be, or None."""
+    if tolerance_m is not None and not (np.isfinite(tolerance_m) and tolerance_m >= 0):
+        raise InvalidInput("tolerance_m", tolerance_m, "finite metres, 0 or more, or None")
+    if tolerance_rad is not None and not 0 <= tolerance_rad <= np.pi:
+        raise InvalidInput("tolerance_rad", tolerance_rad, "radians, 0 to pi, or None")
+
+
+def check_finite(name: str, value: float) -> None:
+    """Raise InvalidInput unless `value` is a finite number."""
+    if not isinstance(value, int | float | np.number) or not np.isfinite(value):
+        raise InvalidInput(name, value, "a finite number")
+
+
+def check_frame(name: str, value: int) -> None:
+    """Raise InvalidInput unless `value` is a frame index."""
+    if not isinstance(value, int | np.integer) or value < 0:
+        raise InvalidInput(name, value, "a frame index: a whole number of 0 or more")
+
+
+def as_array(name: str, values: ArrayLike, shape: tuple[int | None, ...]) -> NDArray[np.float32]:
+    """`values` as finite float32 of a shape, None standing for any length. Raises InvalidInput."""
+    wanted = "(" + ", ".join("N" if size is None else str(size) for size in shape) + ")"
+    allowed = f"finite numbers of shape {wanted}"
+    try:
+        array = np.asarray(values, dtype=np.float32)
+    except (TypeError, ValueError):
+        raise InvalidInput(name, values, allowed) from None
+    fits = array.ndim == len(shape) and all(w in (None, s) for w, s in zip(shape, array.shape, strict=True))
+    if not fits:
+        raise InvalidInput(name, f"shape {array.shape}", allowed)
+    if not np.isfinite(array).all():
+        raise InvalidInput(name, "a number that is not finite", allowed)
+    return array

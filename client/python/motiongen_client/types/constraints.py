@@ -1,0 +1,143 @@
+"""Constraints: what a character is to do at which frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motiongen_client.errors import InvalidInput
+from motiongen_client.types.checks import as_array, check_finite, check_frame, check_tolerance
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """The root on the ground at one frame. x_m, z_m: world metres; heading_rad: 0 faces +Z, None leaves it free.
+
+    tolerance_m, tolerance_rad: how far it may be missed and still count as met, here and in the other constraints;
+    None for the model's own (`Model.default_tolerance_m`, `default_tolerance_rad`).
+    """
+
+    frame: int
+    x_m: float
+    z_m: float
+    heading_rad: float | None = None
+    tolerance_m: float | None = None
+    tolerance_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        check_tolerance(self.tolerance_m, self.tolerance_rad)
+        check_frame("frame", self.frame)
+        check_finite("x_m", self.x_m)
+        check_finite("z_m", self.z_m)
+        if self.heading_rad is not None:
+            check_finite("heading_rad", self.heading_rad)
+
+
+@dataclass(frozen=True, eq=False)
+class RootTrajectory:
+    """The root on the ground at consecutive frames from `first_frame`.
+
+    positions_m: (N, 2) world x, z in metres; headings_rad: (N,) or None, which leaves the facing free.
+    """
+
+    first_frame: int
+    positions_m: NDArray[np.float32]
+    headings_rad: NDArray[np.float32] | None = None
+    tolerance_m: float | None = None
+    tolerance_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        check_tolerance(self.tolerance_m, self.tolerance_rad)
+        check_frame("first_frame", self.first_frame)
+        positions = as_array("positions_m", self.positions_m, (None, 2))
+        if len(positions) == 0:
+            raise InvalidInput("positions_m", "no position", "one x, z pair or more")
+        object.__setattr__(self, "positions_m", positions)
+        if self.headings_rad is not None:
+            object.__setattr__(self, "headings_rad", as_array("headings_rad", self.headings_rad, (len(positions),)))
+
+
+@dataclass(frozen=True, eq=False)
+class Keyframe:
+    """A whole pose at one frame. positions_m: (J, 3) world position of every joint of the rig, metres."""
+
+    frame: int
+    positions_m: NDArray[np.float32]
+    tolerance_m: float | None = None
+    tolerance_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        check_tolerance(self.tolerance_m, self.tolerance_rad)
+        check_frame("frame", self.frame)
+        object.__setattr__(self, "positions_m", as_array("positions_m", self.positions_m, (None, 3)))
+
+
+@dataclass(frozen=True, eq=False)
+class JointTargets:
+    """World targets for some joints (hands, feet) at one frame; the root, joint 0, must be among them.
+
+    joints: K indices into the rig; positions_m: (K, 3) metres; rotations_quat_wxyz: (K, 4) unit quaternions or None.
+    """
+
+    frame: int
+    joints: Sequence[int]
+    positions_m: NDArray[np.float32]
+    rotations_quat_wxyz: NDArray[np.float32] | None = None
+    tolerance_m: float | None = None
+    tolerance_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        check_tolerance(self.tolerance_m, self.tolerance_rad)
+        check_frame("frame", self.frame)
+        object.__setattr__(self, "joints", tuple(self.joints))
+        if 0 not in self.joints:
+            raise InvalidInput("joints", self.joints, "indices of the rig's joints, the root (0) among them")
+        positions = as_array("positions_m", self.positions_m, (len(self.joints), 3))
+        object.__setattr__(self, "positions_m", positions)
+        if self.rotations_quat_wxyz is not None:
+            rotations = as_array("rotations_quat_wxyz", self.rotations_quat_wxyz, (len(self.joints), 4))
+            object.__setattr__(self, "rotations_quat_wxyz", rotations)
+
+
+@dataclass(frozen=True)
+class HeadingTarget:
+    """Where the root faces at one frame, wherever it is: radians, 0 faces +Z."""
+
+    frame: int
+    heading_rad: float
+    tolerance_m: float | None = None
+    tolerance_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        check_tolerance(self.tolerance_m, self.tolerance_rad)
+        check_frame("frame", self.frame)
+        check_finite("heading_rad", self.heading_rad)
+
+
+@dataclass(frozen=True, eq=False)
+class JointRotations:
+    """How some joints are turned at one frame, wherever they are.
+
+    joints: K indices into the rig; rotations_quat_wxyz: (K, 4) unit quaternions of the world.
+    """
+
+    frame: int
+    joints: Sequence[int]
+    rotations_quat_wxyz: NDArray[np.float32]
+    tolerance_m: float | None = None
+    tolerance_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        check_tolerance(self.tolerance_m, self.tolerance_rad)
+        check_frame("frame", self.frame)
+        object.__setattr__(self, "joints", tuple(self.joints))
+        if not self.joints:
+            raise InvalidInput("joints", self.joints, "one index of the rig's joints or more")
+        rotations = as_array("rotations_quat_wxyz", self.rotations_quat_wxyz, (len(self.joints), 4))
+        object.__setattr__(self, "rotations_quat_wxyz", rotations)
+
+
+Constraint = Waypoint | RootTrajectory | Keyframe | JointTargets | HeadingTarget | JointRotations

@@ -1,0 +1,75 @@
+"""What a session is opened with."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from motiongen_client.errors import InvalidInput
+from motiongen_client.motion import Motion
+from motiongen_client.types.checks import check_finite
+
+NO_PROMPTS: Mapping[int, str] = MappingProxyType({})
+
+
+class Priority(enum.Enum):
+    """How much a session matters when the server has to choose."""
+
+    HERO = "hero"
+    NEAR = "near"
+    CROWD = "crowd"
+    BATCH = "batch"
+
+
+@dataclass(frozen=True)
+class StartPose:
+    """Where a character stands at frame 0: world metres, heading in radians (0 faces +Z)."""
+
+    x_m: float = 0.0
+    z_m: float = 0.0
+    heading_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_finite("x_m", self.x_m)
+        check_finite("z_m", self.z_m)
+        check_finite("heading_rad", self.heading_rad)
+
+
+@dataclass(frozen=True)
+class SessionOptions:
+    """What a session is opened with; None and "" leave a choice to the server.
+
+    seed: same seed and same events at the same frames give the same motion. lookahead_frames: how far ahead of the
+    playhead the server may send. denoise_steps: fewer are faster, more are finer. text_guidance and
+    constraint_guidance: how strongly prompt and constraints are followed, 0 not at all. history_frames: how many frames
+    each window sees before it. prior: what the character did just before frame 0, in place of `start`. keep_prompts:
+    they hold also where constraints ask for a pace that they contradict; else the model walks someone who stands.
+    """
+
+    model_id: str = ""
+    rig_id: str = ""
+    seed: int | None = None
+    priority: Priority = Priority.NEAR
+    lookahead_frames: int | None = None
+    denoise_steps: int | None = None
+    text_guidance: float | None = None
+    constraint_guidance: float | None = None
+    start: StartPose = field(default_factory=StartPose)
+    history_frames: int | None = None
+    prior: Motion | None = None
+    keep_prompts: bool = False
+
+    def __post_init__(self) -> None:
+        if self.prior is not None and self.start != StartPose():
+            raise InvalidInput("start", self.start, "none beside prior, whose last frame is where the character starts")
+        if self.seed is not None and not 0 <= self.seed < 1 << 64:
+            raise InvalidInput("seed", self.seed, "a whole number from 0 to 2**64 - 1")
+        for name in ("lookahead_frames", "denoise_steps", "history_frames"):
+            value = getattr(self, name)
+            if value is not None and not 1 <= value < 1 << 32:
+                raise InvalidInput(name, value, "a whole number of 1 or more, or None for the server's default")
+        for name in ("text_guidance", "constraint_guidance"):
+            if getattr(self, name) is not None:
+                check_finite(name, getattr(self, name))

@@ -1,0 +1,94 @@
+"""Streams and calls with tokens that an issuer signs, whose keys come from a real server, and its outage."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import grpc
+import grpc.aio
+import pytest
+
+from motiongen.v1 import service_pb2
+from tests.server.identity.files import TenantsFile
+from tests.server.identity.issuer import Issuer
+from tests.server.identity.test_streams import connected
+from tests.server.rpc.test_stream_watch import end_of
+
+
+@pytest.fixture
+def issuer(tenants: TenantsFile) -> Iterator[Issuer]:
+    issuer = Issuer(first="ES256")
+    tenants.wall = time.time()
+    with issuer.served():
+        tenants.write(issuer.entry(f"{issuer.url}/jwks"))
+        yield issuer
+
+
+async def test_a_stream_plays_by_a_signed_token_and_ends_politely_with_it(tenants: TenantsFile, issuer: Issuer) -> None:
+    expires_at = int(tenants.wall) + 1000
+    async with connected(tenants) as line:
+        talk = await line.talk(issuer.token(exp=expires_at))
+        heard = await talk.open(1)
+        await talk.plays_on(1)
+        tenants.wall = expires_at + 30 - 5
+        await talk.until(lambda: talk.responses[-1].HasField("goodbye"))
+        assert talk.responses[-1].goodbye.reason == service_pb2.GOODBYE_REASON_CREDENTIALS_EXPIRING
+        tenants.wall = expires_at + 30
+        assert await end_of(talk) == (grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_EXPIRED")
+        again = await line.talk(issuer.token(exp=expires_at + 1000))
+        await again.resume(1, heard)
+        await again.plays_on(1)
+    assert issuer.asked == 1, "keys are fetched once for all calls"
+
+
+async def test_a_key_that_was_added_is_found_at_the_first_call_with_it(
+    tenants: TenantsFile, issuer: Issuer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("motiongen_server.identity.keys.RETRY_S", 0.0)
+    async with connected(tenants) as line:
+        assert (await line.catalog(issuer.token())).models
+        issuer.keys["second"] = "RS256"
+        assert (await line.catalog(issuer.token("second", "RS256"))).models
+        assert issuer.asked == 2
+
+
+async def test_an_outage_of_the_issuer_is_noticed_only_by_who_brings_a_key_that_is_not_known(
+    tenants: TenantsFile, issuer: Issuer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("motiongen_server.identity.keys.RETRY_S", 0.0)
+    async with connected(tenants) as line:
+        assert (await line.catalog(issuer.token())).models
+        issuer.is_down, issuer.keys["second"] = True, "ES256"
+        assert (await line.catalog(issuer.token())).models
+        with pytest.raises(grpc.aio.AioRpcError) as refused:
+            await line.catalog(issuer.token("second"))
+        assert refused.value.code() is grpc.StatusCode.UNAVAILABLE, "it may hold, once the issuer is there again"
+        issuer.is_down = False
+        assert (await line.catalog(issuer.token("second"))).models
+
+
+async def test_while_no_keys_came_yet_calls_are_told_to_come_again(
+    tenants: TenantsFile, issuer: Issuer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("motiongen_server.identity.keys.RETRY_S", 0.0)
+    issuer.is_down = True
+    async with connected(tenants) as line:
+        with pytest.raises(grpc.aio.AioRpcError) as refused:
+            await line.catalog(issuer.token())
+        assert (refused.value.code(), "cannot be fetched" in str(refused.value.details())) == (
+            grpc.StatusCode.UNAVAILABLE,
+            True,
+        )
+        issuer.is_down = False
+        assert (await line.catalog(issuer.token())).models
+
+
+async def test_a_key_that_is_withdrawn_ends_the_streams_it_let_in(tenants: TenantsFile, issuer: Issuer) -> None:
+    tenants.write(issuer.entry(f"{issuer.url}/jwks", "refresh_s = 1"))
+    async with connected(tenants) as line:
+        talk = await line.talk(issuer.token())
+        await talk.open(1)
+        issuer.keys = {"second": "ES256"}
+        tenants.write(issuer.entry(f"{issuer.url}/jwks", "refresh_s = 2"))  # another source: fetched anew at once
+        assert await end_of(talk) == (grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_REVOKED")

@@ -1,0 +1,160 @@
+"""Tokens that an issuer has signed: which hold, and why others do not."""
+
+from __future__ import annotations
+
+import base64
+import json
+import time
+from pathlib import Path
+
+import jwt
+import pytest
+
+from motiongen_server.errors import StreamRefused
+from motiongen_server.identity.callers import Callers
+from tests.server.identity.files import TenantsFile, bearer
+from tests.server.identity.issuer import LIFE_S, NAME, Issuer, public_pem
+
+
+@pytest.fixture
+def issuer() -> Issuer:
+    return Issuer(first="ES256", second="RS256", third="EdDSA", fourth="PS256")
+
+
+@pytest.fixture
+def callers(issuer: Issuer, tenants: TenantsFile, tmp_path: Path) -> Callers:
+    (tmp_path / "keys.json").write_text(json.dumps(issuer.document()))
+    tenants.wall = time.time()
+    tenants.write(issuer.entry(str(tmp_path / "keys.json"), "leeway_s = 20"))
+    return tenants.callers()
+
+
+def refusal(callers: Callers, token: str) -> StreamRefused:
+    with pytest.raises(StreamRefused) as refused:
+        callers.identify(bearer(token), {})
+    return refused.value
+
+
+@pytest.mark.parametrize(("key", "algorithm"), [("first", "ES256"), ("second", "RS256"), ("third", "EdDSA")])
+def test_a_token_that_the_issuer_signed_tells_its_tenant(
+    issuer: Issuer, callers: Callers, key: str, algorithm: str
+) -> None:
+    now = int(time.time())
+    token = issuer.token(key, algorithm, exp=now + LIFE_S)
+    caller = callers.identify(bearer(token), {})
+    assert (caller.tenant, caller.expires_at) == ("studio", now + LIFE_S + 20)
+    assert callers.lapse(caller) is None
+    assert token not in repr(caller)
+
+
+def test_an_algorithm_that_is_not_allowed_is_refused(issuer: Issuer, callers: Callers) -> None:
+    assert refusal(callers, issuer.token("fourth", "PS256")).reason == "CREDENTIALS_INVALID"
+
+
+def unsigned(algorithm: str) -> str:
+    parts = ({"alg": algorithm, "kid": "first"}, {"iss": NAME, "aud": "motiongen", "exp": 9e9, "tenant": "studio"})
+    return ".".join(base64.urlsafe_b64encode(json.dumps(part).encode()).decode().rstrip("=") for part in parts) + "."
+
+
+@pytest.mark.parametrize("algorithm", ["none", "None", "HS256", "ES256"])
+def test_a_token_without_a_signature_is_refused(callers: Callers, algorithm: str) -> None:
+    assert refusal(callers, unsigned(algorithm)).reason == "CREDENTIALS_INVALID"
+
+
+def test_a_public_key_is_no_shared_secret(callers: Callers) -> None:
+    claims = {"iss": NAME, "aud": "motiongen", "exp": int(time.time()) + LIFE_S, "tenant": "studio"}
+    secret = base64.urlsafe_b64encode(public_pem("RS256", "second")).decode()  # PyJWT itself signs with no PEM
+    forged = jwt.encode(claims, secret, "HS256", {"kid": "second"})
+    assert refusal(callers, forged).reason == "CREDENTIALS_INVALID"
+
+
+def test_a_token_of_another_key_or_another_content_is_refused(issuer: Issuer, callers: Callers) -> None:
+    assert refusal(callers, Issuer().token("stranger")).reason == "CREDENTIALS_INVALID"
+    head, _, signature = issuer.token().split(".")
+    other = issuer.token(tenant="other").split(".")[1]
+    assert refusal(callers, f"{head}.{other}.{signature}").reason == "CREDENTIALS_INVALID"
+    assert refusal(callers, issuer.token(iss="https://elsewhere.example")).reason == "CREDENTIALS_INVALID"
+
+
+@pytest.mark.parametrize("claim", ["exp", "aud", "iss", "tenant"])
+def test_what_a_token_must_say_is_asked_for(issuer: Issuer, callers: Callers, claim: str) -> None:
+    assert refusal(callers, issuer.token(**{claim: None})).reason == "CREDENTIALS_INVALID"
+
+
+def test_why_a_token_does_not_hold_is_told_to_who_has_a_real_one(issuer: Issuer, callers: Callers) -> None:
+    assert "audience is motiongen" in str(refusal(callers, issuer.token(aud=["billing"])))
+    assert "no claim 'tenant'" in str(refusal(callers, issuer.token(tenant=7)))
+    assert "the tenant 'other'" in str(refusal(callers, issuer.token(tenant="other")))
+
+
+def test_clocks_may_differ_by_the_leeway(issuer: Issuer, callers: Callers) -> None:
+    now = int(time.time())
+    assert callers.identify(bearer(issuer.token(exp=now - 5)), {}).tenant == "studio"
+    assert callers.identify(bearer(issuer.token(iat=now + 15, nbf=now + 15)), {}).tenant == "studio"
+    assert refusal(callers, issuer.token(exp=now - 60)).reason == "CREDENTIALS_EXPIRED"
+    assert refusal(callers, issuer.token(nbf=now + 60)).reason == "CREDENTIALS_INVALID"
+
+
+def test_a_signed_token_expires(issuer: Issuer, tenants: TenantsFile, callers: Callers) -> None:
+    caller = callers.identify(bearer(issuer.token(exp=int(tenants.wall) + 100)), {})
+    tenants.wall += 119
+    assert callers.lapse(caller) is None
+    assert 0 < (callers.remaining_s(caller) or 0) < 2
+    tenants.wall += 2
+    lapse = callers.lapse(caller)
+    assert lapse is not None
+    assert lapse.reason == "CREDENTIALS_EXPIRED"
+
+
+def test_an_issuer_names_only_the_tenants_that_say_so(
+    issuer: Issuer, tenants: TenantsFile, callers: Callers, tmp_path: Path
+) -> None:
+    caller = callers.identify(bearer(issuer.token()), {})
+    tenants.write(issuer.entry(str(tmp_path / "keys.json"), tenant="roles = ['motion', 'admin']"))
+    assert refusal(callers, issuer.token()).reason == "CREDENTIALS_INVALID"
+    lapse = callers.lapse(caller)
+    assert lapse is not None
+    assert lapse.reason == "CREDENTIALS_REVOKED"
+
+
+def test_a_key_that_is_taken_back_ends_what_it_let_in(issuer: Issuer, callers: Callers, tmp_path: Path) -> None:
+    caller = callers.identify(bearer(issuer.token()), {})
+    del issuer.keys["first"]
+    (tmp_path / "keys.json").write_text(json.dumps(issuer.document()))
+    callers.look()
+    lapse = callers.lapse(caller)
+    assert lapse is not None
+    assert lapse.reason == "CREDENTIALS_REVOKED"
+    assert refusal(callers, issuer.token()).reason == "CREDENTIALS_INVALID"
+
+
+@pytest.mark.parametrize("junk", ["a.b.c", "..", "." * 2 + "x" * 9000, "mg_1.2.3", "é.é.é", "e30.e30.e30"])
+def test_what_only_looks_like_a_token_is_refused(callers: Callers, junk: str) -> None:
+    assert refusal(callers, junk).reason == "CREDENTIALS_INVALID"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("audience = []", "audience is empty"),
+        ("algorithms = ['HS256']", "algorithms has HS256; known are RS256"),
+        ("algorithms = ['none']", "algorithms has none"),
+        ("keys = 'http://login.example/jwks'", "keys come by https"),
+        ("keys = 'ftp://127.0.0.1/jwks'", "keys come by https"),
+        ("leeway_s = 1000", "leeway_s is 1000"),
+        ("colour = 'red'", "issuers.corp has colour; known are algorithms"),
+        ("issuer = ''", "issuer must be a word"),
+    ],
+)
+def test_what_is_wrong_with_an_issuer_is_said(tenants: TenantsFile, change: str, said: str) -> None:
+    name = change.split()[0]
+    lines = {"issuer": "issuer = 'https://a'", "audience": "audience = ['b']", name: change}
+    tenants.write("[issuers.corp]\n" + "\n".join(lines.values()))
+    with pytest.raises(ValueError, match=said):
+        tenants.callers()
+
+
+def test_a_tenant_cannot_have_an_issuer_that_is_not_there(tenants: TenantsFile) -> None:
+    tenants.write("[tenants.a]\nissuers = ['corp']")
+    with pytest.raises(ValueError, match="issuers has corp; known are none"):
+        tenants.callers()

@@ -44,8 +44,8 @@ class Recovery(Direction):
     """The part of a `Session` that finds its way back to a server.
 
     reopenings: each time that the session could not be resumed and was opened anew; `on_reopened` is called then.
-    is_durable: whether its server saves it, so that another one can go on with it; `on_durability`, if set, is called at
-    each change. durable_seq: the last of its events that outlives the server.
+    is_durable: whether its server saves it, so that another can go on with it; `on_durability`, if set, is called when
+    that changes. durable_seq: the last of its events that outlives the server.
     """
 
     opened: Opened

@@ -11,7 +11,7 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from math import ceil, inf
 
 from motiongen_server.engine.scheduling.costs import CostTable
-from motiongen_server.engine.scheduling.scheduler import ScheduledJob
+from motiongen_server.engine.scheduling.scheduled_job import ScheduledJob
 from motiongen_server.engine.types import Priority, RowStatus, WindowJob
 
 

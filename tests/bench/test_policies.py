@@ -11,7 +11,7 @@ from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.scheduling.costs import CostTable
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
-from motiongen_server.engine.scheduling.scheduler import ScheduledJob
+from motiongen_server.engine.scheduling.scheduled_job import ScheduledJob
 from motiongen_server.engine.types import (
     Chunk,
     Guidance,

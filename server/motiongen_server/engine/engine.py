@@ -20,6 +20,7 @@ from motiongen_server.engine.scheduling.load_monitor import LoadMonitor
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.scheduling.step_executor import StepExecutor
+from motiongen_server.engine.scheduling.step_quotas import StepQuotas
 from motiongen_server.engine.session import emission, events, planning
 from motiongen_server.engine.session.opening import open_session
 from motiongen_server.engine.session.snapshot import check_going_on, going_on, news_of
@@ -91,6 +92,7 @@ class Engine:
         self._scheduler: SchedulingPolicy = scheduler
         self._executor = StepExecutor(runner, self._scheduler, clock, config.max_rows, self._fail)
         self._admission = Admission(runner.facts, config)
+        self._quotas = StepQuotas()
         self._lease = Device().lease() if lease is None else lease
         self._load_monitor = LoadMonitor(runner.facts, self._admission, now, config.degrade, self._lease)
         self._sessions: dict[SessionKey, SessionState] = {}
@@ -341,11 +343,16 @@ class Engine:
         self._flush()
 
     def _start_window(self, state: SessionState, now: float) -> None:
+        ready_at = self._quotas.ready_at(state.spec.owner, now)
+        if ready_at > now:
+            state.edits.wait_until(ready_at)
+            self._timers.ask(state.key, ready_at)
         if planning.window_due(state, now):
             predicted_s = self._scheduler.predict_s(
                 state.spec.priority, planning.deadline(state, now), state.num_steps, self._facts.guidance_passes
             )
             job = planning.next_window(state, now, predicted_s * self._lease.stretch, next(self._job_ids))
+            self._quotas.charge(job.owner, job.num_steps, now)
             self._owners[job.job_id] = state
             self._executor.add(job)
         else:

@@ -34,6 +34,8 @@ QUOTAS = {
     "crowds": (0, 1_000_000),
     "batches": (0, 1_000_000),
     "clip_samples": (0, 100_000),
+    "share": (0.01, 1000),
+    "steps_per_second": (1, 1e9),
 }
 """What a tenant may be given other than an address has, and the range of each; names as in `rpc.limits.PeerLimits`."""
 

@@ -87,6 +87,12 @@ def peer_class(quota: str, most: int, priority: Priority, kind: str) -> EventRef
     return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, "open.priority", allowed)
 
 
+def peer_steps(asked_hz: float, most_hz: float, kind: str) -> EventRefused:
+    message = f"with this session those of your {kind} would take {asked_hz:.3g} denoising steps a second to play on"
+    allowed = f"up to {most_hz:.3g} a second of one {kind}; close a session, or ask for fewer steps"
+    return EventRefused(Code.RESOURCE_EXHAUSTED, "STEPS_QUOTA", message, "open.denoise_steps", allowed)
+
+
 def too_many_clips(most: int) -> EventRefused:
     code, message = Code.RESOURCE_EXHAUSTED, "other clips are being made; try again later"
     return EventRefused(code, "CLIP_LIMIT", message, "open", f"at most {most} calls for clips at once", 2.0)

@@ -7,6 +7,7 @@ import logging
 import secrets
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,6 +120,10 @@ def _submit(entry: SessionEntry, message: session_pb2.SessionEvent, now: float, 
     if warnings:
         entry.warnings[message.event_seq] = warnings
     entry.closing = isinstance(event, Close)
+    if isinstance(event, Open):
+        facts = entry.model.catalog.facts
+        entry.place.begin_steps(event.spec.denoise_steps * facts.fps / facts.horizon)
+        event = replace(event, spec=replace(event.spec, owner=entry.place.peer.owner))
     entry.known_to_engine = True
     refusal = entry.model.engine.submit(event)
     if refusal is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import inf
 
 MAX_COORDINATE_M = 10_000.0
 MAX_FRAME = 1 << 53
@@ -48,7 +49,8 @@ class PeerLimits:
 
     events_per_second: tokens, of which an event takes one; see `rpc.budget`. prompts_per_second: texts that were not
     known. calls_per_second: new streams, clips, catalogues. bytes_per_second: received. session_weight: of
-    `peers.SESSION_WEIGHTS`; heroes, nears, crowds, batches: sessions of each class. clip_samples: under way.
+    `peers.SESSION_WEIGHTS`; heroes, nears, crowds, batches: sessions of each class. clip_samples: under way. share: its
+    weight beside others where there is more to denoise than time; steps_per_second: rows of denoising steps.
     """
 
     streams: int = 1024
@@ -62,6 +64,8 @@ class PeerLimits:
     crowds: int = 1_000_000
     batches: int = 1_000_000
     clip_samples: int = 32
+    share: float = 1.0
+    steps_per_second: float = inf
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,9 +6,9 @@ from collections import Counter
 from dataclasses import replace
 from typing import Any, cast
 
-from motiongen_server.engine.types import Priority
+from motiongen_server.engine.types import Owner, Priority
 from motiongen_server.identity.caller import Caller
-from motiongen_server.rpc.event_errors import peer_class, peer_clips, peer_sessions
+from motiongen_server.rpc.event_errors import peer_class, peer_clips, peer_sessions, peer_steps
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.token_bucket import Share, TokenBucket
 
@@ -26,13 +26,15 @@ MOST_IDLE = 1024
 
 
 class Peer:
-    """One address, or one tenant. tenant: its name, "" for an address."""
+    """One address, or one tenant. tenant: its name, "" for an address. name: no other peer's."""
 
-    def __init__(self, limits: PeerLimits, now: float, tenant: str = "") -> None:
+    def __init__(self, limits: PeerLimits, now: float, tenant: str = "", name: str = "") -> None:
         self.tenant = tenant
+        self._name = name
         self.num_streams = 0
         self._sessions: Counter[Priority] = Counter()
         self._clip_samples = 0
+        self._steps_hz = 0.0
         self.limits = limits
         self.events = TokenBucket(limits.events_per_second, now)
         self.bytes = TokenBucket(limits.bytes_per_second, now)
@@ -51,6 +53,11 @@ class Peer:
     def kind(self) -> str:
         """What it is, for messages."""
         return "tenant" if self.tenant else "address"
+
+    @property
+    def owner(self) -> Owner:
+        """What the engines know it as."""
+        return Owner(self._name, self.limits.share, self.limits.steps_per_second)
 
     @property
     def session_weight(self) -> int:
@@ -82,9 +89,18 @@ class Peer:
         self._sessions[priority] += 1
         return Place(self, priority, now)
 
-    def leave(self, priority: Priority) -> None:
-        """A session of that class is over."""
+    def leave(self, priority: Priority, steps_hz: float) -> None:
+        """A session of that class is over, which took so many denoising steps a second to play on."""
         self._sessions[priority] -= 1
+        # What rounding has left goes with the last.
+        self._steps_hz = self._steps_hz - steps_hz if self.num_sessions else 0.0
+
+    def begin_steps(self, steps_hz: float) -> None:
+        """Note what a session takes to play on. Raises EventRefused where that is more than may be."""
+        most, asked = self.limits.steps_per_second, self._steps_hz + steps_hz
+        if asked > most:
+            raise peer_steps(asked, most, self.kind)
+        self._steps_hz = asked
 
     def begin_clip(self, num_samples: int) -> None:
         """Note samples that are about to be made. Raises EventRefused where it has as many as it may."""
@@ -100,19 +116,26 @@ class Peer:
 class Place:
     """A session's place among those of its peer."""
 
-    __slots__ = ("_is_held", "_priority", "peer", "prompts")
+    __slots__ = ("_is_held", "_priority", "_steps_hz", "peer", "prompts")
 
     def __init__(self, peer: Peer, priority: Priority, now: float) -> None:
         self.prompts = peer.prompts_share(now)
         self.peer = peer
         self._priority = priority
+        self._steps_hz = 0.0
         self._is_held = True
+
+    def begin_steps(self, steps_hz: float) -> None:
+        """The session begins, and takes so many denoising steps a second to play on. Raises EventRefused."""
+        if self._is_held:
+            self.peer.begin_steps(steps_hz)
+            self._steps_hz = steps_hz
 
     def release(self) -> None:
         """The session is over. May be called again."""
         if self._is_held:
             self._is_held = False
-            self.peer.leave(self._priority)
+            self.peer.leave(self._priority, self._steps_hz)
 
 
 class Peers:
@@ -141,7 +164,7 @@ class Peers:
         if found is None:
             if len(self._peers) >= MOST_IDLE:
                 self._peers = {name: held for name, held in self._peers.items() if not held.is_idle(now)}
-            found = self._peers[name] = Peer(limits, now, tenant)
+            found = self._peers[name] = Peer(limits, now, tenant, name)
         return found
 
 

@@ -13,6 +13,7 @@ from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.types import (
+    NOBODY,
     Close,
     Code,
     Constraint,
@@ -21,6 +22,7 @@ from motiongen_server.engine.types import (
     Open,
     Outcome,
     Output,
+    Owner,
     PlayState,
     Priority,
     Prompt,
@@ -55,6 +57,7 @@ def spec(
     clip_frames: int | None = None,
     gaits: tuple[Gait, ...] = (),
     keep_prompts: bool = False,
+    owner: Owner = NOBODY,
 ) -> SessionSpec:
     return SessionSpec(
         key,
@@ -71,6 +74,7 @@ def spec(
         clip_frames=clip_frames,
         gaits=gaits,
         keep_prompts=keep_prompts,
+        owner=owner,
     )
 
 

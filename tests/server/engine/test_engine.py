@@ -9,7 +9,7 @@ import pytest
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
-from motiongen_server.engine.scheduling.scheduler import ScheduledJob
+from motiongen_server.engine.scheduling.scheduled_job import ScheduledJob
 from motiongen_server.engine.types import (
     Close,
     Closed,

@@ -38,7 +38,7 @@ def test_a_scheduler_that_forgets_its_promises_is_caught(monkeypatch: pytest.Mon
 
 
 def test_a_class_that_is_starved_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(WatchedScheduler.__bases__[0], "_reserved", lambda self: [])
+    monkeypatch.setattr(WatchedScheduler.__bases__[0], "_reserved", lambda self, most, strained: {})
     with pytest.raises(PromiseBroken, match="has waited"):
         _live(range(20))
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from motiongen_server.engine.scheduling.costs import CostTable
-from motiongen_server.engine.scheduling.scheduler import DEFAULT_SHARES, ScheduledJob, Scheduler
+from motiongen_server.engine.scheduling.scheduled_job import ScheduledJob
+from motiongen_server.engine.scheduling.scheduler import DEFAULT_SHARES, Scheduler
 from motiongen_server.engine.types import Priority, WindowJob
 
 

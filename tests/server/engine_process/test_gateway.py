@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
+from dataclasses import replace
 
-from motiongen_server.engine.types import Chunk, Closed, CloseReason, Opened, Outcome, SessionKey
+import pytest
+
+from motiongen_server.engine.types import Chunk, Closed, CloseReason, Event, Open, Opened, Outcome, Owner, SessionKey
+from motiongen_server.engine_process.model_link import ModelLink
 from tests.server.engine.fakes import FRAME, PLAN, SEED
 from tests.server.engine_process.audience import KEY, LIMIT_S, close, opening, play, playhead, remote
 
@@ -44,6 +48,19 @@ def test_refusals_of_the_engine_come_back_and_its_limits_hold() -> None:
         assert sorted(codes) == [1, 2, 3]
         assert "OK" not in codes.values()
         assert engine.num_sessions == 1
+
+
+def test_a_quota_of_steps_is_divided_among_the_engines_and_arrives_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[Event] = []
+    submit = ModelLink.submit
+    monkeypatch.setattr(ModelLink, "submit", lambda link, event: sent.append(event) or submit(link, event))
+    with remote(engines=2) as there:
+        event = opening()
+        owner = Owner("studio", 2.0, 12.0)
+        there.engine.submit(replace(event, spec=replace(event.spec, owner=owner)))
+        there.audience.wait_for_frames(40)
+    assert isinstance(sent[0], Open)
+    assert sent[0].spec.owner == Owner("studio", 2.0, 6.0)
 
 
 def test_what_waits_for_an_engine_that_does_not_take_it_is_bounded_and_nothing_is_lost() -> None:

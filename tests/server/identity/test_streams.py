@@ -14,7 +14,7 @@ import grpc.aio
 import pytest
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
-from motiongen_compliance.talk import Talk
+from motiongen_compliance.talk import RuleBroken, Talk
 from motiongen_server.identity.tokens import new_token
 from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
 from motiongen_server.rpc.peers import Peers
@@ -143,6 +143,16 @@ async def test_a_stream_whose_token_is_taken_out_ends_and_leaves_nothing(tenants
         await again.ask_resume(1, heard)
         await again.until(lambda: heard.outcomes or heard.closed)
         assert heard.closed or heard.outcomes[0].reason == "SESSION_NOT_KEPT"  # the end may just be on its way
+
+
+async def test_sessions_that_take_more_steps_than_their_tenant_has_are_refused(tenants: TenantsFile) -> None:
+    token = tenants.one("quota = { steps_per_second = 5, share = 2 }")  # one takes 2 a second to play on
+    async with connected(tenants) as line:
+        talk = await line.talk(token)
+        for handle in (1, 2):
+            await talk.open(handle)
+        with pytest.raises(RuleBroken, match="STEPS_QUOTA"):
+            await talk.open(3)
 
 
 def test_a_quota_that_changes_holds_from_the_next_call(tenants: TenantsFile) -> None:

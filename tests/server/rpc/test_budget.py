@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from motiongen_server.engine.types import Priority
+from motiongen_server.engine.types import Owner, Priority
 from motiongen_server.errors import EventRefused
 from motiongen_server.rpc.budget import BYTES_A_TOKEN, MESSAGE_COST, StreamBudget
 from motiongen_server.rpc.limits import PeerLimits
@@ -86,6 +86,28 @@ def test_sessions_count_by_their_class() -> None:
     peer.place(Priority.CROWD, 0.0)
     peer.place(Priority.BATCH, 0.0)
     assert peer.session_weight == 7
+
+
+def test_what_sessions_take_to_play_on_stays_within_the_quota() -> None:
+    peer = peer_of(steps_per_second=10.0)
+    places = [peer.place(Priority.CROWD, 0.0) for _ in range(3)]
+    for place in places[:2]:
+        place.begin_steps(4.0)
+    with pytest.raises(EventRefused, match="take 12 denoising steps") as refused:
+        places[2].begin_steps(4.0)
+    assert (refused.value.reason, refused.value.field) == ("STEPS_QUOTA", "open.denoise_steps")
+    places[0].release()
+    places[0].release()
+    places[2].begin_steps(4.0)
+    with pytest.raises(EventRefused):
+        peer.place(Priority.CROWD, 0.0).begin_steps(4.0)
+
+
+def test_engines_know_a_peer_by_its_name_its_share_and_its_quota() -> None:
+    peers = Peers(PeerLimits(share=2.5, steps_per_second=40.0))
+    one, other = peers.find("ipv4:10.0.0.7:5", 0.0), peers.find("ipv4:10.0.0.8:5", 0.0)
+    assert one.owner == Owner("ipv4:10.0.0.7", 2.5, 40.0)
+    assert other.owner.name != one.owner.name
 
 
 def test_samples_of_clips_are_counted_while_they_are_made() -> None:

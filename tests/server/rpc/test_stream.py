@@ -52,6 +52,13 @@ async def test_what_must_fail_is_refused_before_anything_is_encoded_for_it(line:
     assert line.stream.num_sessions == 0
 
 
+async def test_the_engine_is_told_whose_a_session_is(line: Line) -> None:
+    line.open()
+    opened = line.engine.events[0]
+    assert isinstance(opened, Open)
+    assert opened.spec.owner == line.stream.peer.owner
+
+
 async def test_who_is_not_let_in_has_nothing_encoded(line: Line) -> None:
     line.engine.is_full = True
     line.send(1, open=session_pb2.OpenSession(prompts=WALK.upsert))

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Protocol
 
 from motiongen_server.engine.scheduling.costs import CostTable
-from motiongen_server.engine.scheduling.scheduler import ScheduledJob
+from motiongen_server.engine.scheduling.scheduled_job import ScheduledJob
 from motiongen_server.engine.types import Priority, RowStatus, WindowJob
 
 

@@ -3,7 +3,8 @@
 Frames that a client would run out of come before anything that only changes frames: a window that goes on from frames
 being played is taken first, whatever its class, once it is endangered. Then classes go in order of priority, but each
 has a share of all rows reserved: while jobs of a class are left over, it gets a row at the latest when it is owed a
-whole one, so that no class starves. Within a class the earliest deadline goes first.
+whole one, so that no class starves. Within a class the earliest deadline goes first. Owners have shares of the
+same kind (`owner_shares`).
 
 Preparing and decoding cost little more for several windows than for one. So newcomers gather: where the windows of
 their class, or of a more urgent one, that are under way will soon be done, they wait for these, and begin together.
@@ -16,18 +17,19 @@ from __future__ import annotations
 from bisect import bisect_left, insort
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from itertools import chain
 from math import ceil, inf
 
 from motiongen_server.engine.scheduling.costs import CostTable
-from motiongen_server.engine.types import PlanCause, Priority, RowStatus, WindowJob
+from motiongen_server.engine.scheduling.owed_rows import OwedRows
+from motiongen_server.engine.scheduling.owner_shares import OwnerShares
+from motiongen_server.engine.scheduling.scheduled_job import ScheduledJob
+from motiongen_server.engine.types import Priority, RowStatus, WindowJob
 
 DEFAULT_SHARES = (0.0, 0.15, 0.1, 0.05)
 DEFAULT_BACKGROUND_STEP_S = 0.025
 # Jobs in the background make a step that has others in it at most so much longer.
 _BACKGROUND_DRAG = 1.2
-# A class is never owed more than so many rows: what it did not ask for in time is not kept for later.
-_MOST_OWED = 2.0
 # Steps are not made smaller for a deadline than the size at which a row costs so many times its least: with time to
 # spare, and where what is held fills more than such a share of the time until it is due. Late jobs count as due soon.
 _MOST_WASTE = 2.0
@@ -41,31 +43,6 @@ _SOON_S = 0.25
 _ENDANGERED = 2.0
 # Newcomers wait for others to be done at most so long.
 DEFAULT_GATHER_S = 0.09
-
-
-@dataclass(slots=True)
-class ScheduledJob:
-    """A job in the scheduler's care. passes: evaluations of a step. prepared: the runner holds it."""
-
-    job: WindowJob
-    passes: int = 1
-    prepared: bool = False
-    steps_done: int = 0
-
-    @property
-    def dueness(self) -> tuple[float, int]:
-        """What orders the jobs of a class."""
-        return (self.job.deadline, self.job.job_id)
-
-    def rank(self) -> tuple[int, float, int]:
-        """What orders all jobs."""
-        return (self.job.priority, *self.dueness)
-
-    @property
-    def continues(self) -> bool:
-        """Whether it makes frames that a client would run out of."""
-        job = self.job
-        return job.first_frame > 0 and job.cause is not PlanCause.EDIT and not job.background
 
 
 class Scheduler:
@@ -92,14 +69,15 @@ class Scheduler:
         self._max_evaluations = max_evaluations or 3 * max_rows
         self._max_step_s = max_step_s
         self._background_step_s = background_step_s
-        self._shares = tuple(shares)
+        self._shares = dict(zip(Priority, shares, strict=True))
         self._gather_s = gather_s
         self._jobs: dict[int, ScheduledJob] = {}
         self._queues: tuple[list[tuple[float, int]], ...] = tuple([] for _ in Priority)
         self._continuing: list[tuple[float, int]] = []
         self._evaluations = [0 for _ in Priority]
         self._background = 0  # evaluations of those
-        self._owed = [0.0 for _ in Priority]
+        self._owed: OwedRows[Priority] = OwedRows()
+        self._owners = OwnerShares()
 
     def __len__(self) -> int:
         return len(self._jobs)
@@ -110,6 +88,7 @@ class Scheduler:
         insort(self._queues[job.priority - 1], held.dueness)
         if held.continues:
             insort(self._continuing, held.dueness)
+        self._owners.add(held)
         self._evaluations[job.priority - 1] += passes
         self._background += passes if job.background else 0
 
@@ -117,15 +96,16 @@ class Scheduler:
         held = self._jobs.pop(job_id)
         for queue in (self._queues[held.job.priority - 1], *([self._continuing] if held.continues else ())):
             del queue[bisect_left(queue, held.dueness)]
+        self._owners.remove(held)
         self._evaluations[held.job.priority - 1] -= held.passes
         self._background -= held.passes if held.job.background else 0
 
     def schedule(self, now: float) -> list[ScheduledJob]:
         """The jobs of the next step, most urgent first."""
-        chosen = {held.job.job_id: held for held in self._reserved()}
-        evaluations = sum(held.passes for held in chosen.values())
         strained = self._strained(now)
         budget_s, most, least = inf, self._step_cap(strained), self._least_evaluations(strained)
+        chosen = self._reserved(most, strained)
+        evaluations = sum(held.passes for held in chosen.values())
         room_s: float | None = None  # for the step, once jobs in the background are looked at
         for held in self._candidates(now):
             if held.job.job_id in chosen:
@@ -143,7 +123,7 @@ class Scheduler:
             if allowed_s >= step_s:  # else it is late whatever is done, and nobody need make room for it
                 budget_s = min(budget_s, allowed_s)
             chosen[held.job.job_id], evaluations = held, larger
-        return self._commit_rows(chosen)
+        return self._commit_rows(chosen, strained)
 
     def _candidates(self, now: float) -> Iterator[ScheduledJob]:
         """Who may be in the next step, in the order in which they are taken; some come twice."""
@@ -189,21 +169,37 @@ class Scheduler:
         """Jobs that are held are never made to wait."""
         return inf
 
-    def _reserved(self) -> Iterator[ScheduledJob]:
-        """The rows that classes must have in this step: the whole rows they are owed, the most owed first."""
-        rows = self._max_rows
-        for index in sorted(range(len(self._owed)), key=lambda index: -self._owed[index]):
-            queue = self._queues[index][: min(int(self._owed[index]), rows)]
-            rows -= len(queue)
-            yield from (self._jobs[job_id] for _, job_id in queue)
+    def _reserved(self, most: int, strained: bool) -> dict[int, ScheduledJob]:
+        """The jobs that classes, then owners, must have in this step, of so many evaluations at most."""
+        chosen: dict[int, ScheduledJob] = {}
+        evaluations = 0
+        of_classes = (
+            self._jobs[job_id]
+            for priority, rows in self._owed.whole()
+            for _, job_id in self._queues[priority - 1][:rows]
+        )
+        for held in chain(of_classes, self._of_owners() if strained else ()):
+            if held.job.job_id in chosen:
+                continue
+            evaluations += held.passes
+            if len(chosen) >= self._max_rows or (chosen and evaluations > most):
+                break
+            chosen[held.job.job_id] = held
+        return chosen
 
-    def _commit_rows(self, chosen: dict[int, ScheduledJob]) -> list[ScheduledJob]:
-        """Keep the books of what the classes are owed, and give out the rows in order of class and deadline."""
+    def _of_owners(self) -> Iterable[ScheduledJob]:
+        """The jobs that owners must have."""
+        if not self._owners.are_several:
+            return ()
+        gathering = {priority: self.gathers(priority) for priority in Priority}
+        return self._owners.reserved(lambda held: held.prepared or not gathering[held.job.priority])
+
+    def _commit_rows(self, chosen: dict[int, ScheduledJob], strained: bool) -> list[ScheduledJob]:
+        """Keep the books of what is owed, and give out the rows in order of class and deadline."""
         taken = Counter(held.job.priority for held in chosen.values())
-        for index, (priority, queue) in enumerate(zip(Priority, self._queues, strict=True)):
-            owed = self._owed[index] + self._shares[index] * len(chosen) - taken[priority]
-            most_owed = max(_MOST_OWED, self._shares[index] * len(chosen))
-            self._owed[index] = min(max(owed, 0.0), most_owed) if len(queue) > taken[priority] else 0.0
+        waiting = [each for each, queue in zip(Priority, self._queues, strict=True) if len(queue) > taken[each]]
+        self._owed.settle(len(chosen), self._shares, taken, waiting)
+        self._owners.settle(chosen.values(), strained)
         return sorted(chosen.values(), key=ScheduledJob.rank)
 
     def _step_cap(self, strained: bool) -> int:

@@ -16,7 +16,7 @@ from motiongen_server.engine.scheduling.admission import Prices
 from motiongen_server.engine.scheduling.batch_retry import BatchRetry
 from motiongen_server.engine.scheduling.costs import bucket
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
-from motiongen_server.engine.scheduling.scheduler import ScheduledJob
+from motiongen_server.engine.scheduling.scheduled_job import ScheduledJob
 from motiongen_server.engine.types import Float32Array, RowStatus, WindowJob, WindowResult
 from motiongen_server.engine.types.report import StepReport
 

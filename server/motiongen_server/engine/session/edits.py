@@ -77,6 +77,10 @@ class EditQueue:
         taken, self.waiting = self.waiting, ()
         return taken
 
+    def wait_until(self, at: float) -> None:
+        """No window that can wait, a replan's or a clip's, is started before this time."""
+        self.not_before = max(self.not_before, at)
+
     def space_replans(self, now: float, replans_hz: float) -> None:
         """A window starts for the edits that wait: the next one may not before its time.
 

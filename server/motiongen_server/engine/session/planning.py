@@ -35,7 +35,8 @@ def window_due(state: SessionState, now: float) -> bool:
         return False
     planned_to = state.timeline.end
     if state.spec.clip_frames is not None:
-        return planned_to < min(state.spec.clip_frames, state.clock.credited + state.spec.lookahead)
+        room_to = min(state.spec.clip_frames, state.clock.credited + state.spec.lookahead)
+        return planned_to < room_to and now >= state.edits.not_before
     if planned_to == 0:
         return True
     if state.level.hold:

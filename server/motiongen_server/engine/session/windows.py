@@ -98,6 +98,7 @@ class WindowSite:
             history_tokens=self.timeline.tokens_before(first_frame, length) if self.config.reuse_tokens else None,
             background=self.spec.is_clip,
             keep_prompt=self.spec.keep_prompts or path is not None,  # a velocity has chosen its prompt already
+            owner=self.spec.owner,
         )
 
     def _start_pose(self, first_frame: int, correction: Correction | None) -> StartPose | None:

@@ -70,6 +70,10 @@ from motiongen_server.engine.types.outputs import (
     ServiceLevel,
     Warned,
 )
+from motiongen_server.engine.types.owner import (
+    NOBODY,
+    Owner,
+)
 from motiongen_server.engine.types.refusals import (
     EventRefused,
 )
@@ -96,6 +100,7 @@ __all__ = [
     "AnnouncedPlan",
     "Durable",
     "DEFAULT_TOLERANCE",
+    "NOBODY",
     "VELOCITY_ID",
     "ChannelBlock",
     "Chunk",
@@ -121,6 +126,7 @@ __all__ = [
     "Opened",
     "Outcome",
     "Output",
+    "Owner",
     "PlanCause",
     "PlanNotice",
     "PlayState",

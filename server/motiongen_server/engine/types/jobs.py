@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from motiongen_server.engine.types.arrays import Float32Array
 from motiongen_server.engine.types.conditions import Constraint
 from motiongen_server.engine.types.names import PlanCause, Priority, SessionKey
+from motiongen_server.engine.types.owner import NOBODY, Owner
 from motiongen_server.engine.types.spec import Guidance, StartPose
 
 
@@ -22,7 +23,7 @@ class WindowJob:
     embedding: the prompt's, None for no prompt. constraints: absolute frames, only those that reach past first_frame
     and into the window. deadline: when the frames are due. cause and priority are for the scheduler and the metrics.
     background: of a clip, which nobody plays while it is made. keep_prompt: the embedding is told even where the
-    constraints contradict it.
+    constraints contradict it. owner: whose session it is.
     """
 
     job_id: int
@@ -43,6 +44,7 @@ class WindowJob:
     history_tokens: Float32Array | None = None
     background: bool = False
     keep_prompt: bool = False
+    owner: Owner = NOBODY
 
 
 @dataclass(frozen=True, slots=True)

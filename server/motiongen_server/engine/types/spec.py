@@ -8,6 +8,7 @@ from motiongen_server.engine.types.arrays import Float32Array
 from motiongen_server.engine.types.conditions import Constraint, Prompt
 from motiongen_server.engine.types.locomotion import Gait
 from motiongen_server.engine.types.names import Priority, SessionKey
+from motiongen_server.engine.types.owner import NOBODY, Owner
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +37,7 @@ class SessionSpec:
     where there are none. clip_frames: not None makes the session a clip: that many frames, as fast as there is room
     beside the sessions, with all that was asked for; it has no playhead, and closes itself after its last frame.
     gaits: the prompts that hold while a velocity leads; none: the session's own do. keep_prompts: its own hold also
-    where constraints ask the root for a pace that they contradict.
+    where constraints ask the root for a pace that they contradict. owner: whose share of the machine it uses.
     """
 
     session: SessionKey
@@ -54,6 +55,7 @@ class SessionSpec:
     clip_frames: int | None = None
     gaits: tuple[Gait, ...] = ()
     keep_prompts: bool = False
+    owner: Owner = NOBODY
 
     @property
     def is_clip(self) -> bool:

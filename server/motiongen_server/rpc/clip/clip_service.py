@@ -163,14 +163,14 @@ class ClipService:
         """The call, with all that can be wrong with it found before its prompts are encoded. Raises EventRefused."""
         received_at = time.monotonic()
         texts = prompt_texts(opening_event(request), model.catalog)
-        specs = clip_specs(request, number, UNENCODED, received_at, model.catalog)
+        specs = clip_specs(request, number, UNENCODED, received_at, model.catalog, peer.owner)
         if texts:
             refusal = model.engine.refusal_of(Open(specs[0], 1, received_at))
             if refusal is not None:
                 raise _refused(refusal)
             budget = peer.prompts_share(received_at)
             embeddings = {text: await encoded(model.prompts, text, number, budget) for text in texts}
-            specs = clip_specs(request, number, embeddings, received_at, model.catalog)
+            specs = clip_specs(request, number, embeddings, received_at, model.catalog, peer.owner)
         opening = Open(specs[0], 1, received_at)
         return Call(specs, model, warnings_of(opening_event(request), opening, model.catalog))
 

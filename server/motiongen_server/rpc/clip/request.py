@@ -8,7 +8,7 @@ from dataclasses import replace
 from google.protobuf.message import DecodeError
 
 from motiongen.v1 import service_pb2, session_pb2
-from motiongen_server.engine.types import Float32Array, Open, Priority, SessionKey, SessionSpec
+from motiongen_server.engine.types import NOBODY, Float32Array, Open, Owner, Priority, SessionKey, SessionSpec
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert import engine_event
 from motiongen_server.rpc.convert.checks import check_range, refuse
@@ -50,8 +50,12 @@ def clip_specs(
     embeddings: Mapping[str, Float32Array],
     received_at: float,
     catalog: Catalog,
+    owner: Owner = NOBODY,
 ) -> list[SessionSpec]:
-    """What to make, a spec for each sample. number: what the engine knows the call by. Raises EventRefused."""
+    """What to make, a spec for each sample. number: what the engine knows the call by; owner: whose it is.
+
+    Raises EventRefused.
+    """
     event = engine_event(opening_event(request), SessionKey(number, 0), received_at, embeddings, catalog)
     assert isinstance(event, Open)
     num_frames = request.frame_count
@@ -61,7 +65,7 @@ def clip_specs(
             allowed = f"frames 0 to {num_frames - 1} of the clip"
             raise refuse("CONSTRAINT_OUTSIDE_CLIP", f"open.constraints[{index}].frame", given, allowed)
     lookahead = min(num_frames, LOOKAHEAD_WINDOWS * catalog.facts.horizon)
-    whole = replace(event.spec, priority=Priority.BATCH, lookahead=lookahead, clip_frames=num_frames)
+    whole = replace(event.spec, priority=Priority.BATCH, lookahead=lookahead, clip_frames=num_frames, owner=owner)
     return [
         replace(whole, session=SessionKey(number, sample), seed=(whole.seed + sample) % MAX_SEED)
         for sample in range(request.sample_count or 1)

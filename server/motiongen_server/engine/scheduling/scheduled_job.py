@@ -1,0 +1,32 @@
+"""ScheduledJob: a window in the scheduler's care."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from motiongen_server.engine.types import PlanCause, WindowJob
+
+
+@dataclass(slots=True)
+class ScheduledJob:
+    """passes: evaluations of a step. prepared: the runner holds it."""
+
+    job: WindowJob
+    passes: int = 1
+    prepared: bool = False
+    steps_done: int = 0
+
+    @property
+    def dueness(self) -> tuple[float, int]:
+        """What orders the jobs of a class."""
+        return (self.job.deadline, self.job.job_id)
+
+    def rank(self) -> tuple[int, float, int]:
+        """What orders all jobs."""
+        return (self.job.priority, *self.dueness)
+
+    @property
+    def continues(self) -> bool:
+        """Whether it makes frames that a client would run out of."""
+        job = self.job
+        return job.first_frame > 0 and job.cause is not PlanCause.EDIT and not job.background

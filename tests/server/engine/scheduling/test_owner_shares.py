@@ -1,0 +1,97 @@
+from collections import Counter
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motiongen_server.engine.scheduling.costs import CostTable
+from motiongen_server.engine.scheduling.scheduler import Scheduler
+from motiongen_server.engine.types import Owner, Priority
+from tests.server.engine.scheduling.test_scheduler import LATER, _job
+
+HERO, NEAR, CROWD, BATCH = Priority
+
+
+def _scheduler(max_rows: int, **jobs_of: tuple[int, Priority, float]) -> Scheduler:
+    """jobs_of: by owner, how many jobs of which class, and the owner's weight."""
+    scheduler = Scheduler(CostTable.assumed(1.0), max_rows)
+    for index, (name, (count, priority, weight)) in enumerate(jobs_of.items()):
+        for number in range(count):
+            job = replace(_job(1000 * index + number, priority), owner=Owner(name, weight))
+            scheduler.add(job, 1)
+    return scheduler
+
+
+def _rows_by_owner(scheduler: Scheduler, num_steps: int) -> Counter[str]:
+    rows: Counter[str] = Counter()
+    for _ in range(num_steps):
+        rows.update(held.job.owner.name for held in scheduler.schedule(LATER))
+    return rows
+
+
+@pytest.mark.parametrize("classes", [(NEAR, NEAR), (HERO, CROWD), (CROWD, HERO)])
+def test_owners_share_by_weight_whatever_classes_they_ask_for(classes: tuple[Priority, Priority]) -> None:
+    scheduler = _scheduler(12, large=(100, classes[0], 1.0), small=(30, classes[1], 2.0))
+    rows = _rows_by_owner(scheduler, 300)
+    assert rows.total() == 3600
+    assert rows["small"] == pytest.approx(2400, abs=24)
+
+
+def test_who_asks_for_less_than_its_share_gets_all_of_it_and_the_others_the_rest() -> None:
+    assert _rows_by_owner(_scheduler(12, large=(100, HERO, 1.0), small=(3, CROWD, 1.0)), 101) == {
+        "large": 909 + 3,  # in the first step nobody is owed anything yet
+        "small": 300,
+    }
+
+
+def test_an_owner_that_is_alone_gets_everything() -> None:
+    assert _rows_by_owner(_scheduler(4, only=(9, CROWD, 0.1)), 10) == {"only": 40}
+
+
+def test_with_time_enough_for_all_nobody_has_to_share() -> None:
+    scheduler = _scheduler(12, large=(100, HERO, 1.0), small=(12, NEAR, 9.0))
+    for _ in range(10):
+        classes = Counter(held.job.priority for held in scheduler.schedule(LATER - 10_000.0))
+        assert classes[HERO] >= 8  # the others' are the share of the class
+
+
+def test_jobs_of_one_owner_go_by_class_and_deadline_as_ever() -> None:
+    scheduler = _scheduler(4, large=(100, HERO, 1.0))
+    for job in (_job(5001, CROWD, 1.0), _job(5002, NEAR, 9.0), _job(5003, NEAR, 8.0)):
+        scheduler.add(replace(job, owner=Owner("small")), 1)
+    scheduler.schedule(LATER)
+    assert [held.job.job_id for held in scheduler.schedule(LATER) if held.job.owner.name == "small"] == [5003, 5002]
+
+
+def test_what_is_made_in_the_background_has_no_share() -> None:
+    scheduler = _scheduler(8, large=(100, HERO, 1.0))
+    for number in range(20):
+        scheduler.add(replace(_job(5000 + number, CROWD), owner=Owner("clips"), background=True), 1)
+    rows = _rows_by_owner(scheduler, 100)
+    assert rows["clips"] < 0.15 * rows.total()  # the share of the class alone
+
+
+def test_what_an_owner_did_not_ask_for_is_not_kept_for_later() -> None:
+    scheduler = _scheduler(4, large=(50, HERO, 1.0), small=(1, NEAR, 1.0))
+    _rows_by_owner(scheduler, 1000)
+    for number in range(20):
+        scheduler.add(replace(_job(5000 + number, NEAR), owner=Owner("small")), 1)
+    assert _rows_by_owner(scheduler, 10)["small"] <= 22
+
+
+@given(
+    st.integers(1, 40),
+    st.lists(st.tuples(st.integers(1, 40), st.sampled_from([HERO, NEAR, CROWD])), min_size=2, max_size=6),
+)
+def test_no_owner_waits_longer_than_its_share_says(max_rows: int, crowds: list[tuple[int, Priority]]) -> None:
+    """A job of an owner that has only this one waits for one step of each other owner at most, and the classes'."""
+    scheduler = _scheduler(max_rows, **{f"o{n}": (*crowd, 1.0) for n, crowd in enumerate(crowds)})
+    scheduler.add(replace(_job(999_999, CROWD), owner=Owner("small")), 1)
+    waited = longest = 0
+    for _ in range(100):
+        batch = scheduler.schedule(LATER)
+        waited = 0 if any(held.job.owner.name == "small" for held in batch) else waited + 1
+        longest = max(longest, waited)
+    owners = len(crowds) + 1
+    assert longest <= 2 * owners / min(max_rows, owners) + 4

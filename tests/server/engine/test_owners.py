@@ -1,0 +1,65 @@
+"""Owners in virtual time: whoever overloads the machine, others keep their share, and quotas hold."""
+
+import pytest
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.scheduling.owner_shares import OwnerShares
+from motiongen_server.engine.types import Code, Owner, Priority
+from tests.server.engine.stage import Stage, prompt
+from tests.server.engine.viewer import Viewer
+
+EVERYBODY = EngineConfig(admit_load=(9.0, 9.0, 9.0, 9.0), degrade=False, max_sessions=1000)
+LARGE, SMALL = Owner("large"), Owner("small")
+
+
+def _contest() -> tuple[list[Viewer], list[Viewer]]:
+    """Nearly twice what the machine can do, most all of it one owner's, whose class comes first besides."""
+    stage = Stage(EVERYBODY)
+    stage.runner.step_s = lambda rows: 0.002 + 0.004 * rows
+    large = [stage.open(n, seed=n, priority=Priority.HERO, owner=LARGE) for n in range(1, 201)]
+    small = [stage.open(n, seed=n, priority=Priority.CROWD, owner=SMALL) for n in range(301, 325)]
+    stage.run(20.0)
+    return large, small
+
+
+def test_who_overloads_the_machine_is_late_alone() -> None:
+    large, small = _contest()
+    assert sum(viewer.underruns for viewer in large) > 100
+    assert [viewer.underruns for viewer in small] == [0] * 24
+
+
+def test_without_shares_others_would_be_late_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(OwnerShares, "reserved", lambda self, may_run: iter(()))
+    _, small = _contest()
+    assert sum(viewer.underruns for viewer in small) > 0
+
+
+def _steered(owner: Owner) -> Stage:
+    """Six heroes, edited as fast as they may be for 10 s."""
+    stage = Stage(EVERYBODY)
+    viewers = [stage.open(n, seed=n, priority=Priority.HERO, owner=owner) for n in range(1, 7)]
+    for marker in range(200):
+        stage.run(0.05)
+        for viewer in viewers:
+            stage.set_prompts(viewer, prompt(marker))
+    assert all(viewer.underruns == 0 for viewer in viewers)
+    stage.run(5.0)
+    stage.check_finished()
+    return stage
+
+
+def test_replans_wait_for_their_owners_quota_and_frames_do_not() -> None:
+    freely, held = _steered(Owner("studio")), _steered(Owner("studio", steps_per_s=60.0))
+    steps_freely, steps_held = (sum(len(batch) for batch in stage.runner.batches) for stage in (freely, held))
+    assert steps_freely > 1500
+    assert steps_held <= 60 * (15 + 1)
+
+
+def test_a_clip_waits_for_its_owners_quota_too() -> None:
+    stage = Stage(EVERYBODY)
+    clip = stage.open_clip(1, 400, owner=Owner("studio", steps_per_s=8.0))
+    stage.run(1.0)
+    assert sum(len(batch) for batch in stage.runner.batches) <= 16
+    stage.run_until(lambda: clip.closed is not None, limit_s=20.0)
+    assert clip.closed is not None
+    assert clip.closed.code is Code.OK

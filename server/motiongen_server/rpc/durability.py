@@ -119,8 +119,8 @@ class Durability:
     def lost(self, leases: Iterable[Lease]) -> None:
         """These are not."""
         for lease in leases:
-            self._count("lost")
-            self._tell(lease, 0, is_kept=False)
+            if self._tell(lease, 0, is_kept=False):
+                self._count("lost")
 
     def failed(self) -> None:
         """None is to be relied upon."""
@@ -138,15 +138,18 @@ class Durability:
                     Close(entry.key, entry.last_seq + 1, self._loop.time(), CloseReason.TAKEN_OVER)
                 )
 
-    def _tell(self, lease: Lease, taken_seq: int, *, is_kept: bool) -> None:
+    def _tell(self, lease: Lease, taken_seq: int, *, is_kept: bool) -> bool:
+        """Tell a client what is new of what is kept. False: nothing is."""
         entry = self._entries.get(lease)
         if entry is None or entry.closed is not None:
-            return
+            return False
         before = entry.durable
         now = Durable(entry.key, max(taken_seq, 0 if before is None else before.durable_seq), is_kept)
-        if now != before:
-            entry.durable = now
-            entry.carrier.take(now)
+        if now == before:
+            return False
+        entry.durable = now
+        entry.carrier.take(now)
+        return True
 
 
 def _record_of(entry: SessionEntry, taken: SnapshotTaken) -> SessionRecord:

@@ -184,7 +184,7 @@ class SnapshotWriter:
 
     def _renew(self) -> None:
         with self._lock:
-            leases = list(self._leases)
+            leases = [lease for lease in self._leases if lease not in self._waiting]  # writing tells of the others
         answers: list[Renewal] = []
         for begin in range(0, len(leases), MOST_AT_ONCE):
             answers += self._store.renew(leases[begin : begin + MOST_AT_ONCE])

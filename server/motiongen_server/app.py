@@ -7,7 +7,6 @@ import contextlib
 import json
 import logging
 import signal
-import socket
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -24,16 +23,14 @@ from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import Output
 from motiongen_server.engine_process.connection import EngineLost
 from motiongen_server.engine_process.pool import start_engine_processes
-from motiongen_server.errors import StreamRefused
-from motiongen_server.identity.caller import Role
-from motiongen_server.identity.callers import AUTHORIZATION
-from motiongen_server.identity.setup import listen, make_callers, make_credentials, warn_of_exposure
+from motiongen_server.identity.setup import listen, make_callers, make_credentials, make_ops_context, warn_of_exposure
 from motiongen_server.models.admin import AdminService, add_admin
 from motiongen_server.models.factory import Engines, ModelFactory, make_limits
 from motiongen_server.models.manager import ModelManager
-from motiongen_server.ops.http import OpsServer, ops_app
+from motiongen_server.ops.http import ops_app
 from motiongen_server.ops.memory import FreedMemory, give_back_freed_memory, settled_objects
 from motiongen_server.ops.metrics import Metrics
+from motiongen_server.ops.port import OpsPort
 from motiongen_server.rpc.handlers import SERVICE_NAME, add_methods
 from motiongen_server.rpc.reflection import add_reflection
 from motiongen_server.rpc.service import MotionService
@@ -75,6 +72,7 @@ class Application:
         self._engines: Engines | None = None
         self._factory = ModelFactory(config, self.metrics)
         self._manager = ModelManager(self._factory.load, self._factory.forget)
+        self._server: grpc.aio.Server | None = None
         self._admin: grpc.aio.Server | None = None
         self._health = health.aio.HealthServicer()
         self._stop = asyncio.Event()
@@ -96,14 +94,16 @@ class Application:
         credentials, self._callers = make_credentials(self._config), make_callers(self._config)
         warn_of_exposure(self._config)
         await self._start_ops()
-        await self._start_grpc(credentials)
-        await self._start_admin()
         try:
+            await self._start_grpc(credentials)
+            await self._start_admin()
             await self._open()
         except Exception:
-            await self._server.stop(None)
+            if self._server is not None:
+                await self._server.stop(None)
             await self._stop_admin()
             await self._stop_engines()
+            await self.stop_ops()
             raise
 
     async def _open(self) -> None:
@@ -160,30 +160,13 @@ class Application:
 
     async def _start_ops(self) -> None:
         app = ops_app(self.metrics.registry, self._is_alive, self._is_ready, self._metrics_refusal)
-        host, port = self._config.ops_host, self._config.ops_port
-        try:
-            # Bound here, because uvicorn ends the process when it cannot.
-            listener = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
-        except OSError as error:
-            address = join_address(host, port)
-            raise SettingError(f"cannot listen on {address} (ops); choose another port, or 0: {error}") from error
-        self._ops = OpsServer(app, host, port)
-        self._ops_task = asyncio.create_task(self._ops.serve([listener]))
-        while not self._ops.started:
-            if self._ops_task.done():
-                self._ops_task.result()
-            await asyncio.sleep(0.01)
+        context = make_ops_context(self._config)
+        self._ops = OpsPort(app, self._config.ops_host, self._config.ops_port, context)
+        await self._ops.start()
         self.ops_port = self._ops.port
 
     def _metrics_refusal(self, authorization: str) -> str | None:
-        if is_local(self._config.ops_host):
-            return None
-        self._callers.wanted(((AUTHORIZATION, authorization),))  # a key that is new is known at the next scrape
-        try:
-            self._callers.of_header(authorization, Role.METRICS)
-        except StreamRefused as refusal:
-            return str(refusal)
-        return None
+        return None if is_local(self._config.ops_host) else self._callers.metrics_refusal(authorization)
 
     async def _start_grpc(self, credentials: grpc.ServerCredentials | None) -> None:
         config = self._config
@@ -260,6 +243,7 @@ class Application:
         self._service.close_all()
         await asyncio.wait({finished}, timeout=STOP_GRACE_S)
         hurry.cancel()
+        assert self._server is not None
         # A client that does not read keeps its stream from ending; nothing more can be told to it.
         await self._server.stop(LAST_CALLS_S if finished.done() else None)
         finished.cancel()
@@ -274,8 +258,7 @@ class Application:
 
     async def stop_ops(self) -> None:
         """End the HTTP server."""
-        self._ops.should_exit = True
-        await self._ops_task
+        await self._ops.stop()
 
 
 def stop_on_signals(application: Application) -> None:

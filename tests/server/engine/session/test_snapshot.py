@@ -153,7 +153,7 @@ def test_what_the_client_was_promised_or_shows_is_never_replaced() -> None:
     stage.run(2.0)
     end = len(viewer.rows)
     other, _ = go_on(snapshots(stage)[-1], viewer, committed_to=end, playhead=end - 5)
-    state = other.engine._sessions[ELSEWHERE]
+    state = other.engine.sessions[ELSEWHERE]
     assert state.delivery.committed_to >= end
     assert state.clock.reported == end - 5
 

@@ -46,7 +46,7 @@ ROOMS = (
     # the model library: core knows only itself, model knows core, checkpoint both
     room(f"{ARDY}/core", f"motiongen_ardy.core {NUMBERS}"),
     room(f"{ARDY}/locomotion", "motiongen_ardy.locomotion numpy"),
-    room(f"{ARDY}/model", f"motiongen_ardy.core motiongen_ardy.model {NUMBERS}"),
+    room(f"{ARDY}/model", f"motiongen_ardy.core motiongen_ardy.locomotion motiongen_ardy.model {NUMBERS}"),
     room(f"{ARDY}/checkpoint", f"motiongen_ardy.core motiongen_ardy.model motiongen_ardy.checkpoint {NUMBERS} {FILES}"),
     room(
         f"{ARDY}/data {ARDY}/train {ARDY}/evaluate",
@@ -104,7 +104,7 @@ ROOMS = (
     room(f"{SERVER}/identity", "grpc jwt ~.identity ~.errors ~.settings ~.addresses", never="asyncio"),
     room(f"{SERVER}/errors.py", "grpc grpc_status google ~.engine.types"),
     room(f"{SERVER}/transport.py", "grpc ~.config ~.settings"),
-    room(f"{SERVER}/app.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
+    room(f"{SERVER}/app.py {SERVER}/run.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
     room(SERVER, ""),
     # the clients
     room("client/python/motiongen_client", "google grpc motiongen numpy motiongen_client"),

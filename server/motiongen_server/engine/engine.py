@@ -17,7 +17,7 @@ from motiongen_server.engine.scheduling.load_monitor import LoadMonitor
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.session import emission, events, planning
-from motiongen_server.engine.session.beginning import begun, resume_of
+from motiongen_server.engine.session.beginning import begun, first_words
 from motiongen_server.engine.session.snapshot import news_of
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.types import (
@@ -219,9 +219,7 @@ class Engine:
             self._report.opens.append(self._refuse(event, failed))
             return
         self.sessions.add(state)
-        self._send_queue.append(state.greeting())
-        if event.going_on is not None:
-            self._send_queue += events.apply(state, resume_of(event, event.going_on), now, self._report)
+        self._send_queue += first_words(state, event, now, self._report)
         self._report.opens.append(Code.OK)
         if spec.is_clip:  # it gets all it asked for, late if need be, and says nothing until it ends
             return
@@ -260,8 +258,7 @@ class Engine:
         now = self._clock.now()
         for state in self.sessions.take_touched():
             self._send_queue += emission.emit(state, now, self._report)
-            if self._config.snapshots and (news := news_of(state)) is not None:
-                self._send_queue.append(news)
+            self._send_queue += news_of(state)
             if state.complete:
                 self._close(state, CloseReason.CLIENT, Code.OK, "")
             elif not self._stopping:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.session.events import apply
 from motiongen_server.engine.session.opening import open_session
 from motiongen_server.engine.session.snapshot import check_going_on, going_on
 from motiongen_server.engine.session.state import SessionState
-from motiongen_server.engine.types import Code, EventRefused, Float32Array, GoingOn, ModelFacts, Open, Resume
+from motiongen_server.engine.types import Code, EventRefused, Float32Array, ModelFacts, Open, Output, Resume
+from motiongen_server.engine.types.report import StepReport
 
 MakeFeatures = Callable[[Float32Array], Float32Array | None]
 """Rows (T, row_width) as features (T, D); None where the model can make nothing of them."""
@@ -33,6 +35,10 @@ def begun(
     return going_on(event, asked, ordinal, facts, config, now, features)
 
 
-def resume_of(event: Open, asked: GoingOn) -> Resume:
-    """What the client of a session that is gone on with says first."""
-    return Resume(event.session, 0, event.received_at, asked.attempt, asked.next_frame, asked.plan)
+def first_words(state: SessionState, event: Open, now: float, report: StepReport) -> list[Output]:
+    """What its client is told first; that of a session that is gone on with, as if it had resumed it here."""
+    asked = event.going_on
+    if asked is None:
+        return [state.greeting()]
+    resume = Resume(event.session, 0, event.received_at, asked.attempt, asked.next_frame, asked.plan)
+    return [state.greeting(), *apply(state, resume, now, report)]

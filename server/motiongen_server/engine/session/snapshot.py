@@ -32,13 +32,15 @@ from motiongen_server.engine.types import (
 )
 
 
-def news_of(state: SessionState) -> SnapshotTaken | None:
-    """A snapshot, where its client was told of a plan or given an answer that the last one does not hold."""
+def news_of(state: SessionState) -> list[SnapshotTaken]:
+    """A snapshot, where one is wanted and its client was told of a plan or an answer that the last one does not hold."""
+    if not state.config.snapshots or not state.plan or state.spec.is_clip:
+        return []
     holds = state.plan, state.last_seq - len(_unanswered(state))
-    if not state.plan or holds == state.saved or state.spec.is_clip:
-        return None
+    if holds == state.saved:
+        return []
     state.saved = holds
-    return SnapshotTaken(state.key, snapshot_of(state))
+    return [SnapshotTaken(state.key, snapshot_of(state))]
 
 
 def snapshot_of(state: SessionState) -> SessionSnapshot:
@@ -52,7 +54,9 @@ def snapshot_of(state: SessionState) -> SessionSnapshot:
         spec=replace(state.spec, prompts=(), constraints=(), prior_rows=None, gaits=()),
         plan=state.plan,
         last_seq=state.last_seq,
-        unanswered=tuple(UnansweredEdit(edit.event_seq, edit.kind, edit.dirty_from) for edit in _unanswered(state)),
+        unanswered=tuple(
+            UnansweredEdit(edit.event_seq, edit.kind, edit.dirty_from, edit.placements) for edit in _unanswered(state)
+        ),
         prompts=conditions.prompts,
         constraints=conditions.constraints,
         velocity=None if velocity is None else _held(velocity),
@@ -125,7 +129,8 @@ def going_on(
     state.plan, state.last_seq, state.underruns = held.plan, held.last_seq, held.underruns
     state.saved = held.plan, held.last_seq - len(held.unanswered)
     for edit in held.unanswered:
-        state.edits.add(PendingEdit(edit.event_seq, edit.kind, event.received_at, edit.dirty_from))
+        waiting = PendingEdit(edit.event_seq, edit.kind, event.received_at, edit.dirty_from, edit.placements)
+        state.edits.add(waiting)
     delivery = state.delivery
     delivery.sent_to = end
     delivery.promise(min(max(held.committed_to, asked.committed_to), end))

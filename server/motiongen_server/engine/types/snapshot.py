@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from motiongen_server.engine.types.arrays import Float32Array
-from motiongen_server.engine.types.conditions import Constraint, Prompt
+from motiongen_server.engine.types.conditions import Constraint, Placement, Prompt
 from motiongen_server.engine.types.locomotion import Gait
 from motiongen_server.engine.types.names import PlayState, SessionKey
 from motiongen_server.engine.types.spec import SessionSpec
@@ -13,11 +13,15 @@ from motiongen_server.engine.types.spec import SessionSpec
 
 @dataclass(frozen=True, slots=True)
 class UnansweredEdit:
-    """An edit that no plan has answered yet; the conditions hold it already. dirty_from: the first frame it changes."""
+    """An edit that no plan has answered yet; the conditions hold it already. dirty_from: the first frame it changes.
+
+    placements: where its constraints were put that left that to the engine.
+    """
 
     event_seq: int
     kind: str
     dirty_from: int
+    placements: tuple[Placement, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

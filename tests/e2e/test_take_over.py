@@ -16,8 +16,8 @@ from motiongen_server.snapshots import writer
 from motiongen_server.snapshots.sqlite_store import SqliteStore
 from motiongen_server.snapshots.store import Held, Lease, Renewal, StoreFailed
 from tests.contract.local import LocalServer
+from tests.e2e.lost_line import FACTS_AS_SERVED
 from tests.e2e.tcp_proxy import TcpProxy
-from tests.e2e.test_lost_lines import FACTS_AS_SERVED
 from tests.server.engine.fakes import FRAME, PLAN, PROMPT
 from tests.waiting import until_true
 

@@ -33,7 +33,7 @@ from motiongen_server.engine.types import (
 
 
 def news_of(state: SessionState) -> list[SnapshotTaken]:
-    """A snapshot, where one is wanted and its client was told of a plan or an answer that the last one does not hold."""
+    """A snapshot, where one is wanted and the client was told of a plan or an answer that the last one lacks."""
     if not state.config.snapshots or not state.plan or state.spec.is_clip:
         return []
     holds = state.plan, state.last_seq - len(_unanswered(state))

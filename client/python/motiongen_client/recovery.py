@@ -19,10 +19,11 @@ from motiongen.v1 import session_pb2
 from motiongen_client import convert
 from motiongen_client.backoff import Backoff
 from motiongen_client.direction import PRESENT_PROMPT_ID, Carrier, Direction
+from motiongen_client.edit import Edit
 from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolation, SessionEnded, UnknownName
 from motiongen_client.frame_shift import shifted
 from motiongen_client.motion import Motion
-from motiongen_client.types import Catalog, Opened, Reopened, SessionOptions, StartPose
+from motiongen_client.types import Catalog, Opened, Priority, Reopened, SessionOptions, StartPose
 from motiongen_client.wishes import Wishes
 
 _log = logging.getLogger(__name__)
@@ -74,6 +75,35 @@ class Recovery(Direction):
         self._unanswered.clear()
         self._edits.fail(failure)
         self._changed.set()
+
+    def set_options(
+        self,
+        *,
+        priority: Priority | None = None,
+        lookahead_frames: int | None = None,
+        denoise_steps: int | None = None,
+        guidance: tuple[float | None, float | None] | None = None,
+        history_frames: int | None = None,
+    ) -> Edit:
+        """Change what the session was opened with, from the next window on; None leaves it.
+
+        guidance: of text and of constraints, both set anew, None within it for the model's own. The server may refuse
+        more than there is room for. A session that is opened anew after a loss has what was accepted last.
+        """
+        text, constraint = guidance or (self._options.text_guidance, self._options.constraint_guidance)
+        changed = replace(
+            self._options,
+            priority=priority or self._options.priority,
+            lookahead_frames=self._options.lookahead_frames if lookahead_frames is None else lookahead_frames,
+            denoise_steps=self._options.denoise_steps if denoise_steps is None else denoise_steps,
+            history_frames=self._options.history_frames if history_frames is None else history_frames,
+            text_guidance=text,
+            constraint_guidance=constraint,
+        )
+        message = convert.set_options(priority, lookahead_frames, denoise_steps, guidance, history_frames)
+        sent = self._send_edit("the options", session_pb2.SessionEvent(set_options=message))
+        sent.when_accepted(lambda: setattr(self, "_options", changed))
+        return sent
 
     # ---- for the stream
 

@@ -18,6 +18,7 @@ from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.session import emission, events, planning
 from motiongen_server.engine.session.beginning import begun, first_words
+from motiongen_server.engine.session.opening import change_options
 from motiongen_server.engine.session.snapshot import news_of
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.types import (
@@ -31,6 +32,7 @@ from motiongen_server.engine.types import (
     Output,
     Playhead,
     Resume,
+    SetOptions,
     SetPlayState,
 )
 from motiongen_server.engine.types.refusals import handle_in_use, session_not_open
@@ -192,8 +194,11 @@ class Engine:
             elif isinstance(event, Close):
                 self._close(state, event.reason, Code.OK, "")
             else:
+                state.last_seq = max(state.last_seq, event.event_seq)
                 job = state.running.job if state.running else None
-                if isinstance(event, SetPlayState):
+                if isinstance(event, SetOptions):
+                    self._send_queue += self._change(state, event)
+                elif isinstance(event, SetPlayState):
                     self.sessions.count(state, -1)
                     self._send_queue += events.apply(state, event, now, self._report)
                     self.sessions.count(state, 1)
@@ -225,6 +230,20 @@ class Engine:
             return
         self.sessions.watch_silence(state, now + self._config.idle_timeout_s)
         self._send_queue += state.set_tier(self._load_monitor.level(spec.priority))
+
+    def _change(self, state: SessionState, event: SetOptions) -> list[Output]:
+        """Give a session other options, where there is room for what they ask."""
+        changed = event.changed(state.spec)
+        refusal = self._admission.change(state.spec, changed)
+        if refusal is not None:
+            return [refusal.outcome(event.session, event.event_seq)]
+        self.sessions.leave_class(state)
+        change_options(state, changed)
+        self.sessions.join_class(state)
+        return [
+            Outcome(event.session, event.event_seq, Code.OK),
+            *state.set_tier(self._load_monitor.level(changed.priority)),
+        ]
 
     def _refuse(self, event: Event, refusal: EventRefused) -> Code:
         """Answer an event that does not reach a session."""

@@ -80,11 +80,11 @@ def peer_sessions(most: int, kind: str) -> EventRefused:
     return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, "open", allowed)
 
 
-def peer_class(quota: str, most: int, priority: Priority, kind: str) -> EventRefused:
+def peer_class(quota: str, most: int, priority: Priority, kind: str, field: str = "open.priority") -> EventRefused:
     """Of one class. quota: its name, as in `rpc.limits.PeerLimits`."""
     message = f"your {kind} holds {most} sessions of the class {priority.name}, its quota ({quota})"
     allowed = f"at most {most} of one {kind}; open it in another class"
-    return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, "open.priority", allowed)
+    return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, field, allowed)
 
 
 def peer_steps(asked_hz: float, most_hz: float, kind: str) -> EventRefused:

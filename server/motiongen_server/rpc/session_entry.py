@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import secrets
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -22,6 +22,7 @@ from motiongen_server.engine.types import (
     PlanNotice,
     ServiceLevel,
     SessionKey,
+    SetOptions,
     Warned,
 )
 from motiongen_server.models.registry import LoadedModel
@@ -62,7 +63,8 @@ class SessionEntry:
     event number, of events that have not been answered. token: by which it can be resumed, "" while it cannot. attempt:
     the last one to resume it; is_resuming: until the engine has taken that up, and nothing is told. opened, level,
     closed: the last of each kind that the engine has said. answers: outcomes that the client may not have heard, by
-    number. reached: what became of constraints that the client may not have heard of, oldest first. lease: to write its
+    number. asked_options: by event number, those that the engine has not answered, and what gives their place back.
+    reached: what became of constraints that the client may not have heard of, oldest first. lease: to write its
     record in the store, None where nothing is kept of it; durable: the last that was said of what is kept.
     """
 
@@ -89,6 +91,7 @@ class SessionEntry:
     level: ServiceLevel | None = None
     closed: Closed | None = None
     answers: dict[int, Outcome] = field(default_factory=dict)
+    asked_options: dict[int, tuple[SetOptions, Callable[[], None]]] = field(default_factory=dict)
     reached: deque[ConstraintReached] = field(default_factory=lambda: deque(maxlen=MAX_KEPT_ANSWERS))
     lease: Lease | None = None
     durable: Durable | None = None
@@ -121,6 +124,8 @@ class SessionEntry:
             if warnings and said.code is Code.OK:
                 said = replace(said, warnings=warnings)
             self._answer(said.event_seq)
+            if self.asked_options:
+                self._hear_options(said)
             if self.token:
                 self.answers[said.event_seq] = said
                 if len(self.answers) > MAX_KEPT_ANSWERS:
@@ -136,6 +141,19 @@ class SessionEntry:
                 said = replace(said, code=Code.UNAVAILABLE, message=message)
             self.closed = said
         return said
+
+    def _hear_options(self, said: Outcome) -> None:
+        """The engine may have answered options: keep what the session is now, or give back the place it was to have."""
+        options, undo = self.asked_options.pop(said.event_seq, (None, None))
+        if options is None or undo is None:
+            return
+        if said.code is not Code.OK:
+            undo()
+        elif self.opened is not None:
+            lookahead, steps = options.lookahead or self.opened.lookahead, options.denoise_steps
+            self.opened = replace(
+                self.opened, lookahead=lookahead, denoise_steps=self.opened.denoise_steps if steps is None else steps
+            )
 
     def _answer(self, event_seq: int) -> None:
         """Note that an event has been answered, and move applied_seq over all that are."""

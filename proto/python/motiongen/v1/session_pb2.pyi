@@ -240,16 +240,18 @@ class Seek(_message.Message):
     def __init__(self, frame: _Optional[int] = ...) -> None: ...
 
 class SetOptions(_message.Message):
-    __slots__ = ("priority", "lookahead_frames", "denoise_steps", "guidance")
+    __slots__ = ("priority", "lookahead_frames", "denoise_steps", "guidance", "history_frames")
     PRIORITY_FIELD_NUMBER: _ClassVar[int]
     LOOKAHEAD_FRAMES_FIELD_NUMBER: _ClassVar[int]
     DENOISE_STEPS_FIELD_NUMBER: _ClassVar[int]
     GUIDANCE_FIELD_NUMBER: _ClassVar[int]
+    HISTORY_FRAMES_FIELD_NUMBER: _ClassVar[int]
     priority: PriorityClass
     lookahead_frames: int
     denoise_steps: int
     guidance: Guidance
-    def __init__(self, priority: _Optional[_Union[PriorityClass, str]] = ..., lookahead_frames: _Optional[int] = ..., denoise_steps: _Optional[int] = ..., guidance: _Optional[_Union[Guidance, _Mapping]] = ...) -> None: ...
+    history_frames: int
+    def __init__(self, priority: _Optional[_Union[PriorityClass, str]] = ..., lookahead_frames: _Optional[int] = ..., denoise_steps: _Optional[int] = ..., guidance: _Optional[_Union[Guidance, _Mapping]] = ..., history_frames: _Optional[int] = ...) -> None: ...
 
 class TakeSnapshot(_message.Message):
     __slots__ = ()

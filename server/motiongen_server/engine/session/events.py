@@ -25,7 +25,6 @@ def apply(
     state: SessionState, event: EditEvent | Playhead | SetPlayState | Resume, now: float, report: StepReport
 ) -> list[Output]:
     """Take in one event. If this ends the running window (`running` becomes None), its job is to be discarded."""
-    state.last_seq = max(state.last_seq, event.event_seq)
     if isinstance(event, Playhead):
         _report_playhead(state, event, now, report)
         return []

@@ -66,7 +66,7 @@ class Cast:
             await client.connect()
         for index in range(self._count):
             client = self._clients[index % CLIENTS]
-            options = SessionOptions(lookahead_frames=40, priority="near")
+            options = SessionOptions(lookahead_frames=40)
             session = await client.open(PROMPTS[index % len(PROMPTS)], options=options, keep_s=5.0)
             self.characters.append(Character(session))
         self._tasks = [asyncio.create_task(self._live(each, index)) for index, each in enumerate(self.characters)]

@@ -15,8 +15,19 @@ from tests.scale.proxies import Behind, free_port
 from tests.system.real_redis import start_redis, url_in
 from tests.waiting import until
 
-SMALL = ("--devices", "cpu:1", "--profile-s", "1", "--log-level", "WARNING", "--drain-grace-s", "1")
-"""Of a server that shares a small machine with others."""
+SMALL = (
+    "--devices",
+    "cpu:1",
+    "--profile-s",
+    "1",
+    "--log-level",
+    "WARNING",
+    "--drain-grace-s",
+    "1",
+    "--admit-load",
+    "100",
+)
+"""Of a server that shares a small machine with others: it lets in whoever comes."""
 
 
 class Replica:

@@ -6,8 +6,6 @@ import asyncio
 import contextlib
 import json
 import logging
-import signal
-import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -21,14 +19,13 @@ from motiongen_server.background import start_in_background
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import Output
-from motiongen_server.engine_process.connection import EngineLost
 from motiongen_server.engine_process.pool import start_engine_processes
 from motiongen_server.identity.setup import listen, make_callers, make_credentials, make_ops_context, warn_of_exposure
 from motiongen_server.models.admin import AdminService, add_admin
 from motiongen_server.models.factory import Engines, ModelFactory, make_limits
 from motiongen_server.models.manager import ModelManager
 from motiongen_server.ops.http import ops_app
-from motiongen_server.ops.memory import FreedMemory, give_back_freed_memory, settled_objects
+from motiongen_server.ops.memory import FreedMemory, give_back_freed_memory
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.ops.port import OpsPort
 from motiongen_server.rpc.handlers import SERVICE_NAME, add_methods
@@ -36,6 +33,7 @@ from motiongen_server.rpc.reflection import add_reflection
 from motiongen_server.rpc.service import MotionService
 from motiongen_server.rpc.starting import StartingService
 from motiongen_server.settings import SettingError
+from motiongen_server.snapshots.stores import open_snapshot_store
 from motiongen_server.transport import make_grpc_server
 
 _log = logging.getLogger("motiongen_server")
@@ -48,8 +46,6 @@ STOP_GRACE_S = 2.0
 """For each of the last words: to streams after the drain's grace, and to the engine's thread."""
 LAST_CALLS_S = 0.5
 """For calls that have been answered to be told so; one that only watches the health does not hold the end up longer."""
-SIGNALS = (signal.SIGTERM, signal.SIGINT)
-
 
 T = TypeVar("T")
 
@@ -115,9 +111,12 @@ class Application:
             if model.model_id in self._manager:
                 raise SettingError(f"model is {config.model!r}, and two of these are {model.model_id}; give one")
             self._manager.adopt(model)
+        snapshots = open_snapshot_store(config.snapshot_store, config.snapshot_keep_s)
         self._service = MotionService(
-            self._manager.models, config.flush_ms / 1000, self.metrics, make_limits(config), self._callers
+            self._manager.models, config.flush_ms / 1000, self.metrics, make_limits(config), self._callers, snapshots
         )
+        if (durability := self._service.durability) is not None:
+            self.metrics.watch_snapshots(durability.writer)
         self._manager.open(self._service)
         self._door.open(self._service)
         self.metrics.heartbeat_age.set_function(self._heartbeat_age_s)
@@ -245,6 +244,7 @@ class Application:
         finished.cancel()
         failed = self._manager.failure is not None
         await self._manager.stop()
+        await asyncio.to_thread(self._service.write_last_snapshots)
         await self._stop_engines()
         await self.stop_ops()
         self._factory.close()
@@ -254,40 +254,3 @@ class Application:
     async def stop_ops(self) -> None:
         """End the HTTP server."""
         await self._ops.stop()
-
-
-def stop_on_signals(application: Application) -> None:
-    """Drain on the first signal, without waiting for clients on the second; a third one ends the process at once."""
-    loop, asked_before = asyncio.get_running_loop(), 0
-
-    def asked() -> None:
-        nonlocal asked_before
-        asked_before += 1
-        application.ask_to_stop()
-        if asked_before > 1:
-            for number in SIGNALS:
-                loop.remove_signal_handler(number)
-                signal.signal(number, signal.SIG_DFL)
-
-    for number in SIGNALS:
-        loop.add_signal_handler(number, asked)
-
-
-async def run(config: ServerConfig, make_engines: MakeEngines = start_engine_processes) -> int:
-    """Start, serve until SIGTERM or SIGINT, drain. Returns the process's exit code."""
-    application = Application(config, make_engines)
-    stop_on_signals(application)
-    try:
-        await application.start()
-    except SettingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except EngineLost as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except StoppedEarly:
-        _log.info("stopped before it was ready")
-        return 0
-    with settled_objects():
-        await application.serve()
-        return await application.drain()

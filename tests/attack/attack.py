@@ -6,8 +6,8 @@ import asyncio
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,7 +31,8 @@ class Attack:
     """What hostile clients do, and what neighbours must not notice more of than this.
 
     kind: of `tests.attack.hostile`, "" for none. missed: share of frames; edit_ms: the 95th percentile; grown_mib:
-    memory, of all processes of the server. log_mib: of its log.
+    memory, of all processes of the server. log_mib: of its log. at_ops: on the port of operations. to_the_end: the
+    clients go on while the server is asked to end.
     """
 
     name: str
@@ -40,15 +41,20 @@ class Attack:
     built_in: bool = False
     settings: tuple[str, ...] = ()
     most_files: int | None = None
+    at_ops: bool = False
     missed: float = 0.01
     edit_ms: float = 1_000.0
     grown_mib: float = 200.0
     log_mib: float = 1.0
+    to_the_end: bool = False
 
 
 @dataclass(frozen=True)
 class Result:
-    """Of one attack. grown_mib: while it went on; left_mib: after it; health_ms: of a health check meanwhile."""
+    """Of one attack. grown_mib: while it went on; left_mib: after it; health_ms: of a health check meanwhile.
+
+    errors: in its log, of its own.
+    """
 
     attack: Attack
     noticed: Noticed
@@ -58,6 +64,7 @@ class Result:
     gateway_cpu: float
     log_mib: float
     exit_code: int | None
+    errors: int = 0
 
     @property
     def faults(self) -> list[str]:
@@ -70,6 +77,7 @@ class Result:
             f"sessions ended: {noticed.closed}": bool(noticed.closed),
             f"memory grew by {self.grown_mib:.0f} MiB": self.grown_mib > attack.grown_mib,
             f"the log grew by {self.log_mib:.1f} MiB": self.log_mib > attack.log_mib,
+            f"{self.errors} errors inside the server are in its log": bool(self.errors),
             "health was not answered": self.health_ms > 1000 * HEALTH_S,
             f"the server ended with {self.exit_code}": self.exit_code != 0,
         }
@@ -79,7 +87,8 @@ class Result:
 @contextmanager
 def hostile(attack: Attack, server: Attacked) -> Iterator[None]:
     """The clients, until the end of the block."""
-    command = [sys.executable, "-m", "tests.attack.hostile", attack.kind, server.address]
+    at = f"127.0.0.1:{server.ops_port}" if attack.at_ops else server.address
+    command = [sys.executable, "-m", "tests.attack.hostile", attack.kind, at]
     processes = [
         subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         for _ in range(attack.clients if attack.kind else 0)
@@ -133,29 +142,32 @@ async def suffer(attack: Attack, server: Attacked, seconds: float) -> tuple[Noti
 async def run(attack: Attack, seconds: float, log: Path) -> Result:
     """A fresh server, attacked."""
     module = BUILT_IN if attack.built_in else NULL
-    with attacked(log, attack.settings, attack.most_files, module) as server:
+    with ExitStack() as still_there, attacked(log, attack.settings, attack.most_files, module) as server:
         noticed, grown, left, health, share = await suffer(attack, server, seconds)
-    return Result(attack, noticed, grown, left, health, share, server.log_mib(), server.exit_code)
+        if attack.to_the_end:
+            still_there.enter_context(hostile(attack, server))
+            await asyncio.sleep(2 * WARM_S)
+    errors = server.log.read_text(encoding="utf-8", errors="replace").count("error id")
+    return Result(attack, noticed, grown, left, health, share, server.log_mib(), server.exit_code, errors)
 
 
-def table(results: list[Result]) -> str:
+def row(result: Result) -> str:
+    """Of the table."""
+    noticed, attack = result.noticed, result.attack
+    tier = "FULL" if noticed.lowest_tier == TIER_FULL else str(noticed.lowest_tier)
+    verdict = "; ".join(result.faults) or "held"
+    health = "none" if result.health_ms > 1000 * HEALTH_S else f"{result.health_ms:.0f} ms"
+    return (
+        f"| {attack.name} | {attack.clients if attack.kind else 0} | {noticed.missed:.1%} "
+        f"| {noticed.edit_p95_ms:.0f} ms | {noticed.ping_p95_ms:.0f} ms | {tier} "
+        f"| {result.grown_mib:.0f} / {result.left_mib:.0f} MiB | {health} | {result.gateway_cpu:.0%} | {verdict} |"
+    )
+
+
+def table(rows: Iterable[str]) -> str:
     """A row an attack, in Markdown."""
-    lines = [
-        "| attack | clients | frames missed | edits p95 | pings p95 | tier | memory grown / left | health | gateway "
-        "| verdict |",
-        "|---|---:|---:|---:|---:|---|---:|---:|---:|---|",
-    ]
-    for each in results:
-        noticed = each.noticed
-        tier = "FULL" if noticed.lowest_tier == TIER_FULL else str(noticed.lowest_tier)
-        verdict = "; ".join(each.faults) or "held"
-        health = "none" if each.health_ms > 1000 * HEALTH_S else f"{each.health_ms:.0f} ms"
-        lines.append(
-            f"| {each.attack.name} | {each.attack.clients if each.attack.kind else 0} | {noticed.missed:.1%} "
-            f"| {noticed.edit_p95_ms:.0f} ms | {noticed.ping_p95_ms:.0f} ms | {tier} "
-            f"| {each.grown_mib:.0f} / {each.left_mib:.0f} MiB | {health} | {each.gateway_cpu:.0%} | {verdict} |"
-        )
-    return "\n".join(lines) + "\n"
+    head = "| attack | clients | frames missed | edits p95 | pings p95 | tier | memory grown / left | health | gateway "
+    return "\n".join([head + "| verdict |", "|---|---:|---:|---:|---:|---|---:|---:|---:|---|", *rows]) + "\n"
 
 
 def machine() -> str:

@@ -46,7 +46,7 @@ ROOMS = (
     # the model library: core knows only itself, model knows core, checkpoint both
     room(f"{ARDY}/core", f"motiongen_ardy.core {NUMBERS}"),
     room(f"{ARDY}/locomotion", "motiongen_ardy.locomotion numpy"),
-    room(f"{ARDY}/model", f"motiongen_ardy.core motiongen_ardy.model {NUMBERS}"),
+    room(f"{ARDY}/model", f"motiongen_ardy.core motiongen_ardy.locomotion motiongen_ardy.model {NUMBERS}"),
     room(f"{ARDY}/checkpoint", f"motiongen_ardy.core motiongen_ardy.model motiongen_ardy.checkpoint {NUMBERS} {FILES}"),
     room(
         f"{ARDY}/data {ARDY}/train {ARDY}/evaluate",
@@ -74,7 +74,12 @@ ROOMS = (
     room(
         f"{SERVER}/rpc",
         "grpc google motiongen numpy ~.rpc ~.text ~.errors ~.config"
-        " ~.engine.types ~.engine.engine_port ~.models.registry ~.identity",
+        " ~.engine.types ~.engine.engine_port ~.models.registry ~.identity ~.snapshots",
+    ),
+    room(
+        f"{SERVER}/snapshots",
+        "numpy redis ~.snapshots ~.engine.types ~.engine_process.codec ~.settings",
+        never="asyncio",
     ),
     room(f"{SERVER}/text/presets.py", "~.engine.types"),
     room(f"{SERVER}/text/event_errors.py", "~.engine.types ~.errors"),
@@ -99,13 +104,17 @@ ROOMS = (
     room(f"{SERVER}/identity", "grpc jwt ~.identity ~.errors ~.settings ~.addresses", never="asyncio"),
     room(f"{SERVER}/errors.py", "grpc grpc_status google ~.engine.types"),
     room(f"{SERVER}/transport.py", "grpc ~.config ~.settings"),
-    room(f"{SERVER}/app.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
+    room(f"{SERVER}/app.py {SERVER}/run.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
     room(SERVER, ""),
     # the clients
     room("client/python/motiongen_client", "google grpc motiongen numpy motiongen_client"),
     room(
         "client/tools/motiongen_tools/bench",
         "google grpc motiongen numpy motiongen_client motiongen_tools hdrh matplotlib psutil rich yaml",
+    ),
+    room(
+        "client/tools/motiongen_tools/view client/tools/motiongen_tools/cli_view.py",
+        "grpc numpy motiongen_client motiongen_tools rich starlette uvicorn",
     ),
     room("client/tools", "google grpc motiongen numpy motiongen_client motiongen_tools matplotlib rich"),
     # the compliance suite; its conftest.py brings the servers of this repository

@@ -132,6 +132,9 @@ class Conversation(Recovery):
                 reached = convert.constraint_reached(update.constraint_reached, self._offset)
                 if self._reached.note(reached) and self.on_constraint_reached is not None:
                     self.on_constraint_reached(reached)
+            case "durability":
+                self.durable_seq = max(update.durable_seq, self.durable_seq)
+                self._set_durable(update.durability.is_kept)
             case "service_level":
                 self._set_level(convert.service_level(update.service_level))
             case "closed":
@@ -155,6 +158,7 @@ class Conversation(Recovery):
         self._line, self.opened, self._token = Line.OPEN, opened, token
         del self._unanswered[1]
         self._log_warnings(opened.warnings)
+        self._wishes.place(opened.placements)
         self.service_level = ServiceLevel("full", opened.denoise_steps)
         try:
             self.rig = self._catalog.rig(opened.rig_id)
@@ -192,7 +196,7 @@ class Conversation(Recovery):
             if event is not None:
                 playhead = self.playback.playhead
                 effective = playhead if answer.effective_frame is None else answer.effective_frame
-                self._wishes.take(event, effective, playhead)
+                self._wishes.take(event, effective, playhead, answer.placements)
         if edit is not None:
             self._edits.answer(edit, answer)
 

@@ -14,7 +14,8 @@ import grpc.aio
 import pytest
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
-from motiongen_compliance.talk import RuleBroken, Talk
+from motiongen_compliance.heard import RuleBroken
+from motiongen_compliance.talk import Talk
 from motiongen_server.identity.tokens import new_token
 from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
 from motiongen_server.rpc.peers import Peers
@@ -94,6 +95,7 @@ async def test_a_tenant_has_its_own_quota_over_all_its_streams(tenants: TenantsF
         with pytest.raises(grpc.aio.AioRpcError) as refused:
             await line.talk(token)
         assert refused.value.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
+        assert "your tenant has as many streams as it may (quota streams), 2" in str(refused.value.details())
 
 
 async def test_a_tenant_cannot_resume_what_another_has_opened(tenants: TenantsFile) -> None:

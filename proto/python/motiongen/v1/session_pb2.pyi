@@ -150,16 +150,20 @@ class OpenSession(_message.Message):
     def __init__(self, request_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., seed: _Optional[int] = ..., priority: _Optional[_Union[PriorityClass, str]] = ..., lookahead_frames: _Optional[int] = ..., prior_frames: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., prompts: _Optional[_Iterable[_Union[_motion_pb2.PromptSpan, _Mapping]]] = ..., constraints: _Optional[_Iterable[_Union[_motion_pb2.Constraint, _Mapping]]] = ..., start_pose: _Optional[_Union[StartPose, _Mapping]] = ..., denoise_steps: _Optional[int] = ..., guidance: _Optional[_Union[Guidance, _Mapping]] = ..., history_frames: _Optional[int] = ..., resume_token: _Optional[str] = ..., snapshot: _Optional[bytes] = ..., outputs: _Optional[_Iterable[str]] = ..., keep_prompts: bool = ..., resume_point: _Optional[_Union[ResumePoint, _Mapping]] = ...) -> None: ...
 
 class ResumePoint(_message.Message):
-    __slots__ = ("next_frame", "plan", "answered_seq", "attempt")
+    __slots__ = ("next_frame", "plan", "answered_seq", "attempt", "playhead", "committed_to")
     NEXT_FRAME_FIELD_NUMBER: _ClassVar[int]
     PLAN_FIELD_NUMBER: _ClassVar[int]
     ANSWERED_SEQ_FIELD_NUMBER: _ClassVar[int]
     ATTEMPT_FIELD_NUMBER: _ClassVar[int]
+    PLAYHEAD_FIELD_NUMBER: _ClassVar[int]
+    COMMITTED_TO_FIELD_NUMBER: _ClassVar[int]
     next_frame: int
     plan: int
     answered_seq: int
     attempt: int
-    def __init__(self, next_frame: _Optional[int] = ..., plan: _Optional[int] = ..., answered_seq: _Optional[int] = ..., attempt: _Optional[int] = ...) -> None: ...
+    playhead: int
+    committed_to: int
+    def __init__(self, next_frame: _Optional[int] = ..., plan: _Optional[int] = ..., answered_seq: _Optional[int] = ..., attempt: _Optional[int] = ..., playhead: _Optional[int] = ..., committed_to: _Optional[int] = ...) -> None: ...
 
 class StartPose(_message.Message):
     __slots__ = ("x", "z", "heading")
@@ -236,16 +240,18 @@ class Seek(_message.Message):
     def __init__(self, frame: _Optional[int] = ...) -> None: ...
 
 class SetOptions(_message.Message):
-    __slots__ = ("priority", "lookahead_frames", "denoise_steps", "guidance")
+    __slots__ = ("priority", "lookahead_frames", "denoise_steps", "guidance", "history_frames")
     PRIORITY_FIELD_NUMBER: _ClassVar[int]
     LOOKAHEAD_FRAMES_FIELD_NUMBER: _ClassVar[int]
     DENOISE_STEPS_FIELD_NUMBER: _ClassVar[int]
     GUIDANCE_FIELD_NUMBER: _ClassVar[int]
+    HISTORY_FRAMES_FIELD_NUMBER: _ClassVar[int]
     priority: PriorityClass
     lookahead_frames: int
     denoise_steps: int
     guidance: Guidance
-    def __init__(self, priority: _Optional[_Union[PriorityClass, str]] = ..., lookahead_frames: _Optional[int] = ..., denoise_steps: _Optional[int] = ..., guidance: _Optional[_Union[Guidance, _Mapping]] = ...) -> None: ...
+    history_frames: int
+    def __init__(self, priority: _Optional[_Union[PriorityClass, str]] = ..., lookahead_frames: _Optional[int] = ..., denoise_steps: _Optional[int] = ..., guidance: _Optional[_Union[Guidance, _Mapping]] = ..., history_frames: _Optional[int] = ...) -> None: ...
 
 class TakeSnapshot(_message.Message):
     __slots__ = ()
@@ -256,7 +262,7 @@ class CloseSession(_message.Message):
     def __init__(self) -> None: ...
 
 class SessionUpdate(_message.Message):
-    __slots__ = ("session", "applied_seq", "durable_seq", "opened", "chunk", "plan", "outcome", "service_level", "closed", "constraint_reached", "snapshot")
+    __slots__ = ("session", "applied_seq", "durable_seq", "opened", "chunk", "plan", "outcome", "service_level", "closed", "constraint_reached", "snapshot", "durability")
     SESSION_FIELD_NUMBER: _ClassVar[int]
     APPLIED_SEQ_FIELD_NUMBER: _ClassVar[int]
     DURABLE_SEQ_FIELD_NUMBER: _ClassVar[int]
@@ -268,6 +274,7 @@ class SessionUpdate(_message.Message):
     CLOSED_FIELD_NUMBER: _ClassVar[int]
     CONSTRAINT_REACHED_FIELD_NUMBER: _ClassVar[int]
     SNAPSHOT_FIELD_NUMBER: _ClassVar[int]
+    DURABILITY_FIELD_NUMBER: _ClassVar[int]
     session: int
     applied_seq: int
     durable_seq: int
@@ -279,10 +286,11 @@ class SessionUpdate(_message.Message):
     closed: SessionClosed
     constraint_reached: ConstraintReached
     snapshot: SessionSnapshot
-    def __init__(self, session: _Optional[int] = ..., applied_seq: _Optional[int] = ..., durable_seq: _Optional[int] = ..., opened: _Optional[_Union[SessionOpened, _Mapping]] = ..., chunk: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., plan: _Optional[_Union[PlanNotice, _Mapping]] = ..., outcome: _Optional[_Union[EditOutcome, _Mapping]] = ..., service_level: _Optional[_Union[ServiceLevel, _Mapping]] = ..., closed: _Optional[_Union[SessionClosed, _Mapping]] = ..., constraint_reached: _Optional[_Union[ConstraintReached, _Mapping]] = ..., snapshot: _Optional[_Union[SessionSnapshot, _Mapping]] = ...) -> None: ...
+    durability: SessionDurability
+    def __init__(self, session: _Optional[int] = ..., applied_seq: _Optional[int] = ..., durable_seq: _Optional[int] = ..., opened: _Optional[_Union[SessionOpened, _Mapping]] = ..., chunk: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., plan: _Optional[_Union[PlanNotice, _Mapping]] = ..., outcome: _Optional[_Union[EditOutcome, _Mapping]] = ..., service_level: _Optional[_Union[ServiceLevel, _Mapping]] = ..., closed: _Optional[_Union[SessionClosed, _Mapping]] = ..., constraint_reached: _Optional[_Union[ConstraintReached, _Mapping]] = ..., snapshot: _Optional[_Union[SessionSnapshot, _Mapping]] = ..., durability: _Optional[_Union[SessionDurability, _Mapping]] = ...) -> None: ...
 
 class SessionOpened(_message.Message):
-    __slots__ = ("session_id", "seed", "start_frame", "rig_id", "model_id", "frame_rate", "lookahead_frames", "committed_horizon_frames", "denoise_steps", "scalar_type", "warnings", "session_token")
+    __slots__ = ("session_id", "seed", "start_frame", "rig_id", "model_id", "frame_rate", "lookahead_frames", "committed_horizon_frames", "denoise_steps", "scalar_type", "warnings", "session_token", "placements")
     SESSION_ID_FIELD_NUMBER: _ClassVar[int]
     SEED_FIELD_NUMBER: _ClassVar[int]
     START_FRAME_FIELD_NUMBER: _ClassVar[int]
@@ -295,6 +303,7 @@ class SessionOpened(_message.Message):
     SCALAR_TYPE_FIELD_NUMBER: _ClassVar[int]
     WARNINGS_FIELD_NUMBER: _ClassVar[int]
     SESSION_TOKEN_FIELD_NUMBER: _ClassVar[int]
+    PLACEMENTS_FIELD_NUMBER: _ClassVar[int]
     session_id: str
     seed: int
     start_frame: int
@@ -307,7 +316,8 @@ class SessionOpened(_message.Message):
     scalar_type: _motion_pb2.ScalarType
     warnings: _containers.RepeatedCompositeFieldContainer[EventWarning]
     session_token: str
-    def __init__(self, session_id: _Optional[str] = ..., seed: _Optional[int] = ..., start_frame: _Optional[int] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., frame_rate: _Optional[int] = ..., lookahead_frames: _Optional[int] = ..., committed_horizon_frames: _Optional[int] = ..., denoise_steps: _Optional[int] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., warnings: _Optional[_Iterable[_Union[EventWarning, _Mapping]]] = ..., session_token: _Optional[str] = ...) -> None: ...
+    placements: _containers.RepeatedCompositeFieldContainer[_motion_pb2.ConstraintPlacement]
+    def __init__(self, session_id: _Optional[str] = ..., seed: _Optional[int] = ..., start_frame: _Optional[int] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., frame_rate: _Optional[int] = ..., lookahead_frames: _Optional[int] = ..., committed_horizon_frames: _Optional[int] = ..., denoise_steps: _Optional[int] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., warnings: _Optional[_Iterable[_Union[EventWarning, _Mapping]]] = ..., session_token: _Optional[str] = ..., placements: _Optional[_Iterable[_Union[_motion_pb2.ConstraintPlacement, _Mapping]]] = ...) -> None: ...
 
 class PlanNotice(_message.Message):
     __slots__ = ("plan", "valid_from", "cause", "event_seqs")
@@ -322,7 +332,7 @@ class PlanNotice(_message.Message):
     def __init__(self, plan: _Optional[int] = ..., valid_from: _Optional[int] = ..., cause: _Optional[_Union[PlanCause, str]] = ..., event_seqs: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class EditOutcome(_message.Message):
-    __slots__ = ("event_seq", "code", "reason", "message", "effective_frame", "field", "allowed", "retry_after", "warnings", "spare_sessions")
+    __slots__ = ("event_seq", "code", "reason", "message", "effective_frame", "field", "allowed", "retry_after", "warnings", "spare_sessions", "placements")
     EVENT_SEQ_FIELD_NUMBER: _ClassVar[int]
     CODE_FIELD_NUMBER: _ClassVar[int]
     REASON_FIELD_NUMBER: _ClassVar[int]
@@ -333,6 +343,7 @@ class EditOutcome(_message.Message):
     RETRY_AFTER_FIELD_NUMBER: _ClassVar[int]
     WARNINGS_FIELD_NUMBER: _ClassVar[int]
     SPARE_SESSIONS_FIELD_NUMBER: _ClassVar[int]
+    PLACEMENTS_FIELD_NUMBER: _ClassVar[int]
     event_seq: int
     code: int
     reason: str
@@ -343,7 +354,8 @@ class EditOutcome(_message.Message):
     retry_after: _duration_pb2.Duration
     warnings: _containers.RepeatedCompositeFieldContainer[EventWarning]
     spare_sessions: int
-    def __init__(self, event_seq: _Optional[int] = ..., code: _Optional[int] = ..., reason: _Optional[str] = ..., message: _Optional[str] = ..., effective_frame: _Optional[int] = ..., field: _Optional[str] = ..., allowed: _Optional[str] = ..., retry_after: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., warnings: _Optional[_Iterable[_Union[EventWarning, _Mapping]]] = ..., spare_sessions: _Optional[int] = ...) -> None: ...
+    placements: _containers.RepeatedCompositeFieldContainer[_motion_pb2.ConstraintPlacement]
+    def __init__(self, event_seq: _Optional[int] = ..., code: _Optional[int] = ..., reason: _Optional[str] = ..., message: _Optional[str] = ..., effective_frame: _Optional[int] = ..., field: _Optional[str] = ..., allowed: _Optional[str] = ..., retry_after: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., warnings: _Optional[_Iterable[_Union[EventWarning, _Mapping]]] = ..., spare_sessions: _Optional[int] = ..., placements: _Optional[_Iterable[_Union[_motion_pb2.ConstraintPlacement, _Mapping]]] = ...) -> None: ...
 
 class EventWarning(_message.Message):
     __slots__ = ("reason", "message", "field")
@@ -376,6 +388,12 @@ class SessionSnapshot(_message.Message):
     snapshot: bytes
     start_frame: int
     def __init__(self, snapshot: _Optional[bytes] = ..., start_frame: _Optional[int] = ...) -> None: ...
+
+class SessionDurability(_message.Message):
+    __slots__ = ("is_kept",)
+    IS_KEPT_FIELD_NUMBER: _ClassVar[int]
+    is_kept: bool
+    def __init__(self, is_kept: bool = ...) -> None: ...
 
 class ServiceLevel(_message.Message):
     __slots__ = ("tier", "denoise_steps")

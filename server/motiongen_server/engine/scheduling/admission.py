@@ -113,6 +113,25 @@ class Admission:
                 del self._places[session]
                 self._count(held, -1)
 
+    def change(self, spec: SessionSpec, changed: SessionSpec) -> EventRefused | None:
+        """Let a session ask for something else. A refusal where it asks for more than there is; it keeps its place."""
+        with self._lock:
+            before = self._share(spec.priority, spec.denoise_steps, 1)
+            more = self._share(changed.priority, changed.denoise_steps, 1) - before
+            most = self._config.admit_load[changed.priority - 1]
+            if (more > 0 or changed.priority < spec.priority) and self.load + more > most and self._num_sessions > 1:
+                return self._full(
+                    "OVERLOADED",
+                    f"the machine would be {self.load + more:.0%} busy; try again later, or ask for less",
+                    f"sessions of class {changed.priority.name} up to a load of {most:.0%}",
+                    "set_options",
+                )
+            if self._places.get(spec.session) is spec:
+                self._count(spec, -1)
+                self._places[spec.session] = changed
+                self._count(changed, 1)
+            return None
+
     def _count(self, spec: SessionSpec, change: int) -> None:
         if spec.is_clip:
             self._clips += change
@@ -149,8 +168,8 @@ class Admission:
             f"sessions of class {spec.priority.name} up to a load of {most:.0%}",
         )
 
-    def _full(self, reason: str, message: str, allowed: str) -> EventRefused:
-        return EventRefused(Code.RESOURCE_EXHAUSTED, reason, message, "open", allowed, self._retry_after_s())
+    def _full(self, reason: str, message: str, allowed: str, field: str = "open") -> EventRefused:
+        return EventRefused(Code.RESOURCE_EXHAUSTED, reason, message, field, allowed, self._retry_after_s())
 
     def _retry_after_s(self) -> float:
         """Those who are sent away together should not come back together: hints are spread over as much again."""

@@ -9,11 +9,8 @@ from motiongen_server.engine.types import Code
 from motiongen_server.errors import EventRefused
 
 UNSERVED_FIELDS: dict[str, tuple[str, ...]] = {
-    "Constraint": (
-        "last_frame", "frames_from_effect", "at_any_frame", "weight",
-    ),
     "OpenSession": ("snapshot", "outputs"),
-    "SessionEvent": ("seek", "set_options", "take_snapshot"),
+    "SessionEvent": ("seek", "take_snapshot"),
 }  # fmt: skip
 """By message. Their comments in the protos begin with "Not served": a test compares."""
 UNSERVED_SCALARS = (motion_pb2.SCALAR_TYPE_F16_LE,)

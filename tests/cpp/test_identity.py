@@ -14,7 +14,7 @@ from motiongen_server.identity.tls import TlsFiles, server_credentials
 from motiongen_server.identity.tokens import new_token
 from tests.contract.local import LocalServer
 from tests.cpp.test_client import Character, character
-from tests.e2e.test_lost_lines import FACTS_AS_SERVED
+from tests.e2e.lost_line import FACTS_AS_SERVED
 from tests.server.identity.files import AUTHORITY, CERTIFICATES, TenantsFile, copy_pair
 
 LIMIT_S = 60.0

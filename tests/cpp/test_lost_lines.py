@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from tests.contract.local import LocalServer
-from tests.e2e.tcp_proxy import TcpProxy
 from tests.e2e.lost_line import FACTS_AS_SERVED, Taken
+from tests.e2e.tcp_proxy import TcpProxy
 from tests.server.engine.fakes import FRAME, PROMPT
 from tests.waiting import until_true
 

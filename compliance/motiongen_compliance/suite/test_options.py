@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from motiongen.v1 import session_pb2
-from motiongen_compliance.talk import edit_constraints, waypoint
+from motiongen_compliance.messages import edit_constraints, waypoint
 from motiongen_compliance.target import Target
 
 

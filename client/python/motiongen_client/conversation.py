@@ -118,7 +118,8 @@ class Conversation(Recovery):
                 self._hear_opened(convert.opened(update.opened), update.opened.session_token)
             case "plan":
                 valid_from = update.plan.valid_from + self._offset
-                self.playback.announce_plan(update.plan.plan, valid_from)
+                is_cut = update.plan.cause == session_pb2.PLAN_CAUSE_CUT
+                self.playback.announce_plan(update.plan.plan, valid_from, is_cut=is_cut)
                 self._num_plans += 1
                 self._edits.plan(update.plan.event_seqs, valid_from)
             case "chunk":

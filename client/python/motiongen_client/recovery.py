@@ -159,7 +159,9 @@ class Recovery(Direction):
             patch = max(model.patch_frames, 1)
             asked = self._options.history_frames or model.default_history_frames
             wanted = max(asked // patch, 1) * patch
-        rows = self.playback.rows(max(end_frame - wanted, self.playback.first_kept), end_frame)
+        cut = self.playback.last_cut
+        first = max(end_frame - wanted, self.playback.first_kept, 0 if cut is None or cut >= end_frame else cut)
+        rows = self.playback.rows(first, end_frame)
         missing = wanted - len(rows)
         if missing > 0:
             rows = np.concatenate((np.repeat(rows[:1], missing, axis=0), rows))

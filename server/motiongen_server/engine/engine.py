@@ -30,10 +30,11 @@ from motiongen_server.engine.types import (
     Output,
     Playhead,
     Resume,
+    Seek,
     SetOptions,
     SetPlayState,
 )
-from motiongen_server.engine.types.refusals import handle_in_use, session_not_open
+from motiongen_server.engine.types.refusals import handle_in_use, prior_frames_failed, session_not_open
 from motiongen_server.engine.types.report import StepReport
 
 # The longest sleep: it keeps the heartbeat fresh.
@@ -195,6 +196,8 @@ class Engine:
                 job = state.running.job if state.running else None
                 if isinstance(event, SetOptions):
                     self._send_queue += self._change(state, event)
+                elif isinstance(event, Seek):
+                    self._send_queue += self._cut(state, event, now)
                 elif isinstance(event, SetPlayState):
                     self.sessions.count(state, -1)
                     self._send_queue += events.apply(state, event, now, self._report)
@@ -217,9 +220,7 @@ class Engine:
         features = None if spec.prior_rows is None else self.windows.features(spec.prior_rows)
         if spec.prior_rows is not None and features is None:
             self._admission.release(spec.session, spec)
-            given, allowed = "the model can make nothing of the prior frames", "other frames, or none"
-            failed = EventRefused(Code.INTERNAL, "PRIOR_FRAMES_FAILED", given, "open.prior_frames", allowed)
-            self._report.opens.append(self._refuse(event, failed))
+            self._report.opens.append(self._refuse(event, prior_frames_failed("open.prior_frames")))
             return
         now = self._clock.now()
         try:
@@ -237,6 +238,12 @@ class Engine:
             return
         self.sessions.watch_silence(state, now + self._config.idle_timeout_s)
         self._send_queue += state.set_tier(self._load_monitor.level(spec.priority))
+
+    def _cut(self, state: SessionState, event: Seek, now: float) -> list[Output]:
+        features = None if event.prior_rows is None else self.windows.features(event.prior_rows)
+        if event.prior_rows is not None and features is None:
+            return [prior_frames_failed("seek.prior_frames").outcome(event.session, event.event_seq)]
+        return events.cut(state, event, features, now, self._report)
 
     def _change(self, state: SessionState, event: SetOptions) -> list[Output]:
         """Give a session other options, where there is room for what they ask."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.session.windows import RunningWindow, WindowSite
@@ -50,9 +51,11 @@ def next_window(state: SessionState, now: float, predicted_s: float, job_id: int
     """Start the window that is due. predicted_s: how long it will take from now."""
     assert window_due(state, now)
     first_frame, cause = _next_start(state, now, predicted_s)
-    site = WindowSite(
-        state.spec, state.facts, state.config, state.drift_state.guard, state.level, state.conditions, state.timeline
-    )
+    cut, spec, timeline = state.cut, state.spec, state.timeline
+    if cut is not None:
+        cause, spec = PlanCause.CUT, replace(spec, start_pose=cut.start_pose)
+        timeline, state.drift_state.correction = cut.timeline_at(first_frame, state.facts), None
+    site = WindowSite(spec, state.facts, state.config, state.drift_state.guard, state.level, state.conditions, timeline)
     state.predicted_s = predicted_s
     correction = state.drift_state.correction_from(first_frame)
     job = site.job(first_frame, correction, job_id, state.plan + 1, cause, now, deadline(state, now))
@@ -63,6 +66,7 @@ def next_window(state: SessionState, now: float, predicted_s: float, job_id: int
     if cause is PlanCause.CONTINUE and state.clock.running:
         end, state.cut_frames = end - state.cut_frames, 0
     state.running = RunningWindow(job, end, state.edits.take(), state.conditions.velocity, state.drift_state.correction)
+    state.running.cut, state.cut = cut, None
     change = state.conditions.prompt_change_after(first_frame, end)
     state.running.accept_to = max(change, state.least_start(state.running))
     state.drift_state.correction = None
@@ -121,7 +125,7 @@ def accept(state: SessionState, result: WindowResult, now: float, report: StepRe
     state.restarts, state.extra_lead_s = 0, 0.0
     state.drift_state.judge(rows, first_frame)
     state.conditions = state.conditions.with_velocity_landed(running.velocity, first_frame)
-    state.delivery.first_chunk_due |= running.job.cause is PlanCause.EDIT
+    state.delivery.first_chunk_due |= running.job.cause in (PlanCause.EDIT, PlanCause.CUT)
     report.windows.append((state.spec.priority, running.job.cause))
     report.soft_resets += running.correction is not None
     sent_to = state.delivery.sent_to

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import FULL, Level
 from motiongen_server.engine.session.conditions import Conditions
+from motiongen_server.engine.session.cutting import Cut
 from motiongen_server.engine.session.delivery import Delivery
 from motiongen_server.engine.session.drift import DriftState
 from motiongen_server.engine.session.edits import EditQueue
@@ -38,7 +39,7 @@ class SessionState:
 
     cut_frames: by which the first window that is made while the client plays is cut, so that sessions spread out.
     restarts, extra_lead_s: of windows in a row that did not land. predicted_s: how long the last one was to take.
-    placements: of the constraints that it was opened with.
+    placements: of the constraints that it was opened with. cut: what its next window goes on from, if not from itself.
     """
 
     spec: SessionSpec
@@ -64,6 +65,7 @@ class SessionState:
     predicted_s: float = 0.0
     underruns: int = 0
     placements: tuple[Placement, ...] = ()
+    cut: Cut | None = None
 
     @property
     def key(self) -> SessionKey:
@@ -156,6 +158,7 @@ class SessionState:
         report.steps_discarded += running.steps_done
         self.edits.put_back(running.answers)
         self.drift_state.correction = running.correction
+        self.cut = self.cut or running.cut
         self.running = None
 
     def advance(self, steps_done: int) -> None:

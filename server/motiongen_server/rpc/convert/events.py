@@ -13,6 +13,7 @@ from motiongen_server.engine.types import (
     Open,
     Playhead,
     PlayState,
+    Seek,
     SessionKey,
     SessionSpec,
     SetConstraints,
@@ -85,6 +86,8 @@ def engine_event(
         return SetPlayState(key, sequence, received_at, PlayState(event.set_play_state.state))
     if name == "set_options":
         return set_options_of(event.set_options, key, sequence, received_at, catalog)
+    if name == "seek":
+        return _seek(event.seek, key, sequence, received_at, catalog)
     if name == "close":
         return Close(key, sequence, received_at)
     raise EventRefused(
@@ -92,7 +95,8 @@ def engine_event(
         "UNKNOWN_EVENT",
         "this server does not know the event, or none was set",
         field="event",
-        allowed="open, edit_prompts, edit_constraints, set_velocity, playhead, set_play_state, set_options, close",
+        allowed="open, edit_prompts, edit_constraints, set_velocity, playhead, set_play_state, set_options, seek "
+        "or close",
     )
 
 
@@ -162,7 +166,7 @@ def _session_spec(
         lookahead=lookahead_of(message.lookahead_frames, "open", catalog),
         denoise_steps=steps_of(steps, "open", catalog),
         guidance=guidance_of(message.guidance, catalog.guidance, "open"),
-        start_pose=_start_pose(message.start_pose),
+        start_pose=_start_pose(message.start_pose, "open"),
         prompts=prompts_of(message.prompts, "open.prompts", embeddings, catalog),
         constraints=constraints_of(message.constraints, "open.constraints", catalog),
         history_frames=history_frames_of(message, catalog.facts, "open"),
@@ -172,8 +176,17 @@ def _session_spec(
     )
 
 
-def _start_pose(message: session_pb2.StartPose) -> StartPose:
-    check_coordinates((message.x,), "open.start_pose.x")
-    check_coordinates((message.z,), "open.start_pose.z")
-    heading = heading_of(message, "open.start_pose")
+def _seek(message: session_pb2.Seek, key: SessionKey, sequence: int, received_at: float, catalog: Catalog) -> Seek:
+    check_served(message, "seek")
+    if not message.HasField("start_pose") and not message.HasField("prior_frames"):
+        given, allowed = "it is not said where the character is", "start_pose or prior_frames"
+        raise refuse("AMBIGUOUS_START", "seek", given, allowed)
+    pose, rows = _start_pose(message.start_pose, "seek"), prior_rows_of(message, catalog, "seek")
+    return Seek(key, sequence, received_at, pose, rows)
+
+
+def _start_pose(message: session_pb2.StartPose, name: str) -> StartPose:
+    check_coordinates((message.x,), f"{name}.start_pose.x")
+    check_coordinates((message.z,), f"{name}.start_pose.z")
+    heading = heading_of(message, f"{name}.start_pose")
     return StartPose(message.x, message.z, 0.0 if heading is None else heading)

@@ -10,7 +10,8 @@ from motiongen_server.errors import EventRefused
 
 UNSERVED_FIELDS: dict[str, tuple[str, ...]] = {
     "OpenSession": ("snapshot", "outputs"),
-    "SessionEvent": ("seek", "take_snapshot"),
+    "SessionEvent": ("take_snapshot",),
+    "Seek": ("frame",),
 }  # fmt: skip
 """By message. Their comments in the protos begin with "Not served": a test compares."""
 UNSERVED_SCALARS = (motion_pb2.SCALAR_TYPE_F16_LE,)

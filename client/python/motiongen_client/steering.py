@@ -30,9 +30,9 @@ def stick_velocity(
 ) -> tuple[float, float]:
     """World x and z in metres a second, for `Session.set_velocity`, of a stick as the player sees it.
 
-    right, forward: -1 to 1; pushed into a corner it is no faster than along an axis. camera_heading_rad: where the camera
-    looks over the ground, 0 toward +Z. speed_mps: of a stick pushed all the way. dead_zone: what counts as let go; beyond
-    it speed begins at 0, so that nobody jumps into a walk. Raises InvalidInput.
+    right, forward: -1 to 1; pushed into a corner it is no faster than along an axis. camera_heading_rad: where the
+    camera looks over the ground, 0 toward +Z. speed_mps: of a stick pushed all the way. dead_zone: what counts as let
+    go; beyond it speed begins at 0, so that nobody jumps into a walk. Raises InvalidInput.
     """
     for name, value in (("right", right), ("forward", forward), ("camera_heading_rad", camera_heading_rad)):
         check_finite(name, value)
@@ -57,8 +57,8 @@ def camera_relative(right_m: float, forward_m: float, camera_heading_rad: float)
 def drawn_corners(points_m: ArrayLike, *, within_m: float = 0.1) -> Float32:
     """Corners (K, 2), K at most 256, of a line that was drawn through points_m (N, 2), world x, z in metres.
 
-    No point is farther than within_m from the line through them (Ramer 1972, Douglas and Peucker 1973); where that takes
-    more corners than a path may have, it is twice as far, and so on.
+    No point is farther than within_m from the line through them (Ramer 1972, Douglas and Peucker 1973); where that
+    takes more corners than a path may have, it is twice as far, and so on.
     """
     points = as_array("points_m", points_m, (None, 2))
     if len(points) == 0:

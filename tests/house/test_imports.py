@@ -107,6 +107,10 @@ ROOMS = (
         "client/tools/motiongen_tools/bench",
         "google grpc motiongen numpy motiongen_client motiongen_tools hdrh matplotlib psutil rich yaml",
     ),
+    room(
+        "client/tools/motiongen_tools/view client/tools/motiongen_tools/cli_view.py",
+        "grpc numpy motiongen_client motiongen_tools rich starlette uvicorn",
+    ),
     room("client/tools", "google grpc motiongen numpy motiongen_client motiongen_tools matplotlib rich"),
     # the compliance suite; its conftest.py brings the servers of this repository
     room(

@@ -130,10 +130,12 @@ class MotionService:
 
         Raises StreamRefused for who may not call, and while that owes: there is nothing to be read later.
         """
-        metadata = context.invocation_metadata() or ()
+        metadata, now = context.invocation_metadata() or (), time.monotonic()
+        address = self._peers.find(context.peer(), now)
+        if self._callers.is_dear(metadata):
+            _check_paid(address, now)  # signatures are checked, and keys waited for, on credit of nobody
         await keys_for(self._callers, metadata)
         now = time.monotonic()
-        address = self._peers.find(context.peer(), now)
         try:
             caller = self._callers.identify(metadata, context.auth_context())
         except StreamRefused:
@@ -156,8 +158,10 @@ class MotionService:
 
     def _begin(self, peer: Peer, caller: Caller) -> Stream:
         """Raises StreamRefused where there is no place for one more stream."""
-        if len(self._streams) >= self._limits.max_streams or peer.num_streams >= peer.limits.streams:
-            raise too_many_streams(min(self._limits.max_streams, peer.limits.streams))
+        if len(self._streams) >= self._limits.max_streams:
+            raise too_many_streams(self._limits.max_streams)
+        if peer.num_streams >= peer.limits.streams:
+            raise too_many_streams(peer.limits.streams, peer.kind)
         stream = Stream(next(self._numbers), self._models, self._stream_metrics, self._kept, peer)
         stream.flush_s = self._flush_s
         stream.caller = caller
@@ -238,6 +242,10 @@ class MotionService:
 
 
 def _charge(peer: Peer, cost: float, now: float) -> None:
+    _check_paid(peer, now)
+    peer.calls.charge(cost, now)
+
+
+def _check_paid(peer: Peer, now: float) -> None:
     if (owed_s := peer.calls.owed_s(now)) > 0:
         raise too_many_calls(owed_s, peer.kind)
-    peer.calls.charge(cost, now)

@@ -103,7 +103,7 @@ def test_a_cut_is_said_by_a_pose_or_by_frames(stick_motion: Motion) -> None:
     seek = convert.seek(None, stick_motion)
     assert not seek.HasField("start_pose")
     assert seek.prior_frames.frame_count == len(stick_motion)
-    assert convert.chunk_rows(seek.prior_frames, stick_motion.rig.row_width) == pytest.approx(stick_motion.rows)
+    assert convert.FrameReader(stick_motion.rig).rows(seek.prior_frames) == pytest.approx(stick_motion.rows)
 
 
 def test_options_leave_what_is_not_said() -> None:

@@ -124,7 +124,9 @@ class Conversation(Recovery):
                 self._edits.plan(update.plan.event_seqs, valid_from)
             case "chunk":
                 chunk, offset = update.chunk, self._offset
-                rows = convert.chunk_rows(chunk, self.rig.row_width)
+                first = chunk.first_frame + offset
+                held = self.playback.held_rows(first - 1, first)
+                rows = self._reader.rows(chunk, held[0] if held else None)
                 self.playback.add_chunk(chunk.plan, chunk.first_frame + offset, rows, chunk.committed_to + offset)
                 self._note_frames(len(rows), chunk.first_frame + offset + len(rows))
             case "outcome":
@@ -168,6 +170,7 @@ class Conversation(Recovery):
             start_frame=opened.start_frame,
             keep_frames=None if self._keep_s is None else self.rig.frames_in(self._keep_s),
         )
+        self._reader = convert.FrameReader(self.rig, self._options.frame_format)
         self._opened_s = self._clock() - self._opened_at_s
         if not self._opening.done():
             self._opening.set_result(opened)

@@ -16,7 +16,14 @@ def response_of(waiting: Iterable[Run | Said]) -> bytes:
     for item in waiting:
         if isinstance(item, Run):
             append_frames(
-                response, item.handle, item.applied_seq, item.plan, item.first_frame, item.parts, item.committed_to
+                response,
+                item.handle,
+                item.applied_seq,
+                item.plan,
+                item.first_frame,
+                item.parts,
+                item.committed_to,
+                item.coding,
             )
             continue
         # The number as of then: since, later events may have been answered in later updates.

@@ -14,7 +14,7 @@ from motiongen_server.rpc.convert.unserved import UNSERVED_FIELDS, check_served
 
 PROTOS = Path(__file__).resolve().parents[3] / "proto" / "motiongen" / "v1"
 # sent by servers alone, so there is nothing to refuse
-TOLD = {"durable_seq", "spare_sessions", "SCALAR_TYPE_F16_LE"}
+TOLD = {"durable_seq", "spare_sessions"}
 TOLD_IN = {("SessionUpdate", "snapshot")}
 
 EXAMPLES = [

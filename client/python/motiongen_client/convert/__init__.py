@@ -12,7 +12,7 @@ from motiongen_client.convert.answers import (
     warnings,
 )
 from motiongen_client.convert.catalogs import catalog, rig
-from motiongen_client.convert.frames import chunk_rows
+from motiongen_client.convert.frames import FrameReader
 from motiongen_client.convert.requests import (
     constraint,
     generate_clip,
@@ -24,7 +24,7 @@ from motiongen_client.convert.requests import (
 )
 
 __all__ = [
-    "catalog", "chunk_rows", "code_name", "constraint", "constraint_reached", "generate_clip", "open_session",
+    "FrameReader", "catalog", "code_name", "constraint", "constraint_reached", "generate_clip", "open_session",
     "opened", "outcome", "ping", "prompt_span", "residual", "rig", "seconds", "seek", "service_level",
     "session_end", "set_options", "warnings",
 ]  # fmt: skip

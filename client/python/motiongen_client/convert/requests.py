@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
+from motiongen_client.convert.frames import SCALAR_TYPES
 from motiongen_client.motion import Motion
 from motiongen_client.prompts import Preset, Prompt, TextEmbedding
 from motiongen_client.types import (
@@ -42,7 +43,7 @@ def open_session(
         seed=options.seed,
         priority=_PRIORITIES[options.priority],
         lookahead_frames=options.lookahead_frames or 0,
-        scalar_type=motion_pb2.SCALAR_TYPE_F32_LE,
+        scalar_type=SCALAR_TYPES[options.frame_format],
         prompts=prompts,
         constraints=constraints,
         denoise_steps=options.denoise_steps,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from motiongen_server.engine.session.kinematics import continued
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.session.windows import RunningWindow, WindowSite
 from motiongen_server.engine.types import (
@@ -117,6 +118,9 @@ def accept(state: SessionState, result: WindowResult, now: float, report: StepRe
     first_frame, num_frames = running.first_frame, running.accept_to - running.first_frame
     # A runner may give fewer: from the next frame on it would tell the model something else.
     rows = result.frames[:num_frames]
+    if len(rows) and first_frame > state.timeline.first:
+        before = state.timeline.rows_between(first_frame - 1, first_frame)[0]
+        rows = continued(state.facts.rig, rows, before)
     state.timeline = state.timeline.spliced(
         first_frame, rows, result.features[:num_frames], result.tokens, anew=running.fresh
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import secrets
 
-from motiongen.v1 import motion_pb2, service_pb2, session_pb2
+from motiongen.v1 import service_pb2, session_pb2
 from motiongen_server.engine.types import (
     Close,
     Code,
@@ -36,6 +36,7 @@ from motiongen_server.rpc.convert.constraints import constraints_of
 from motiongen_server.rpc.convert.forms import check_forms
 from motiongen_server.rpc.convert.history import history_frames_of, prior_rows_of
 from motiongen_server.rpc.convert.options import (
+    coding_of,
     guidance_of,
     lookahead_of,
     priority_of,
@@ -44,7 +45,7 @@ from motiongen_server.rpc.convert.options import (
 )
 from motiongen_server.rpc.convert.prompts import Embeddings, prompts_of
 from motiongen_server.rpc.convert.resuming import check_no_resume
-from motiongen_server.rpc.convert.unserved import UNSERVED_SCALARS, check_served, not_served
+from motiongen_server.rpc.convert.unserved import check_served
 from motiongen_server.rpc.limits import MAX_FRAME, MAX_REQUEST_ID_CHARACTERS, MAX_SPEED_MPS
 
 MAX_ROUND_TRIP_S = 1.0
@@ -151,12 +152,7 @@ def _session_spec(
         )
     if message.rig_id not in ("", facts.rig.rig_id):
         raise refuse("UNKNOWN_RIG", "open.rig_id", f"no rig {message.rig_id[:80]!r}", facts.rig.rig_id, Code.NOT_FOUND)
-    if message.scalar_type in UNSERVED_SCALARS:
-        raise not_served("open.scalar_type", "F32_LE")
-    if message.scalar_type not in (motion_pb2.SCALAR_TYPE_UNSPECIFIED, motion_pb2.SCALAR_TYPE_F32_LE):
-        raise refuse(
-            "INVALID_SCALAR_TYPE", "open.scalar_type", f"scalar type {message.scalar_type} is not offered", "F32_LE"
-        )
+    coding_of(message, catalog)
     steps = message.denoise_steps if message.HasField("denoise_steps") else facts.default_steps
     return SessionSpec(
         session=key,

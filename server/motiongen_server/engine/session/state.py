@@ -40,6 +40,7 @@ class SessionState:
     cut_frames: by which the first window that is made while the client plays is cut, so that sessions spread out.
     restarts, extra_lead_s: of windows in a row that did not land. predicted_s: how long the last one was to take.
     placements: of the constraints that it was opened with. cut: what its next window goes on from, if not from itself.
+    last_seq: of the last event that was taken. saved: what the last snapshot holds, see `snapshot.news_of`.
     """
 
     spec: SessionSpec
@@ -64,6 +65,8 @@ class SessionState:
     extra_lead_s: float = 0.0
     predicted_s: float = 0.0
     underruns: int = 0
+    last_seq: int = 1
+    saved: tuple[int, int] = (0, 0)
     placements: tuple[Placement, ...] = ()
     cut: Cut | None = None
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from motiongen_server.engine.types import Code, PlanCause, StartPose, Waypoint
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.types import Code, PlanCause, SnapshotTaken, StartPose, Waypoint
 from tests.server.engine.fakes import FEATURE_DIM, FRAME, ROW_WIDTH
 from tests.server.engine.session.playing import playing, start_job
 from tests.server.engine.stage import Stage
@@ -104,3 +105,16 @@ def test_frames_that_the_model_cannot_read_are_refused() -> None:
     seq = stage.seek(viewer, prior_rows=np.zeros((8, ROW_WIDTH), np.float32))
     stage.run(0.5)
     assert (viewer.outcomes[seq].reason, viewer.outcomes[seq].field) == ("PRIOR_FRAMES_FAILED", "seek.prior_frames")
+
+
+def test_no_snapshot_is_taken_while_a_cut_waits() -> None:
+    stage, viewer = playing(EngineConfig(snapshots=True))
+    stage.runner.rights = True
+    seq = stage.seek(viewer, THERE)
+    told = len(stage.outputs)
+    stage.run(3.0)
+    taken = [each for each in stage.outputs[told:] if isinstance(each, SnapshotTaken)]
+    assert taken
+    for each in taken:
+        before = each.snapshot.last_seq < seq
+        assert before or each.snapshot.end_frame > (viewer.outcomes[seq].effective_frame or 0)

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import PlanNotice
 from motiongen_server.rpc.convert import Parts, append_frames, append_plan, append_update, write_update
+from motiongen_server.rpc.convert.frames import PLAIN, FrameCoding
 from motiongen_server.rpc.send_queue import Run, Said
 
 
@@ -23,7 +24,7 @@ def response_of(waiting: Iterable[Run | Said]) -> bytes:
                 item.first_frame,
                 item.parts,
                 item.committed_to,
-                item.coding,
+                item.coding if isinstance(item.coding, FrameCoding) else PLAIN,
             )
             continue
         # The number as of then: since, later events may have been answered in later updates.

@@ -16,8 +16,8 @@ class Run:
     """Neighbouring chunks of one session and plan, to be sent as one.
 
     parts: their rows, (T, row_width) float32 each, in order. fixed: something was said of the session after it, so that
-    later frames must not join it. coding: how they are to be stored, None for plainly. num_bytes: the most that it takes on
-    the wire; 0 when nothing is left of it.
+    later frames must not join it. coding: how they are to be stored, None for plainly. num_bytes: the most that it
+    takes on the wire; 0 when nothing is left of it.
     """
 
     __slots__ = (

@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from motiongen.v1 import session_pb2
 from motiongen_client import convert
-from motiongen_client.direction import PRESENT_PROMPT_ID, Carrier
+from motiongen_client.carrier import Carrier
+from motiongen_client.direction import PRESENT_PROMPT_ID
 from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolation, SessionEnded, UnknownName
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Prompt

@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
-from typing import Protocol
 
 from numpy.typing import ArrayLike
 
 from motiongen.v1 import session_pb2
 from motiongen_client import convert
+from motiongen_client.carrier import Carrier
 from motiongen_client.edit import Edit, EditBook
 from motiongen_client.errors import InvalidInput, MotiongenError
 from motiongen_client.frame_shift import shifted
@@ -32,31 +32,6 @@ from motiongen_client.types import (
 )
 
 PRESENT_PROMPT_ID = 1  # the prompt set without a frame; scheduled prompts take the ids above it
-
-
-class Carrier(Protocol):
-    """What a session needs of the stream that carries it."""
-
-    @property
-    def call_number(self) -> int:
-        """Rises with each call that takes the place of a lost one."""
-
-    @property
-    def draining(self) -> bool:
-        """Whether the server has said goodbye."""
-
-    @property
-    def recovers(self) -> bool:
-        """Whether a lost call is followed by another."""
-
-    def check(self, event: session_pb2.SessionEvent) -> None:
-        """Raise InvalidInput for an event that is too big to be sent."""
-
-    def send(self, event: session_pb2.SessionEvent) -> None:
-        """Queue an event; it goes out with the next message."""
-
-    def report_soon(self) -> None:
-        """Report playheads without waiting for the next regular report."""
 
 
 class Direction(ABC):

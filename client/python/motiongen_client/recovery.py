@@ -18,7 +18,8 @@ import numpy as np
 from motiongen.v1 import session_pb2
 from motiongen_client import convert
 from motiongen_client.backoff import Backoff
-from motiongen_client.direction import PRESENT_PROMPT_ID, Carrier, Direction
+from motiongen_client.carrier import Carrier
+from motiongen_client.direction import PRESENT_PROMPT_ID, Direction
 from motiongen_client.edit import Edit
 from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolation, SessionEnded, UnknownName
 from motiongen_client.frame_shift import shifted

@@ -16,6 +16,14 @@ ROOT = Path(__file__).resolve().parents[1]
 TINY_MODEL = ROOT / "tests" / "data" / "golden" / "tiny-core27" / "checkpoint"
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """Give each process whole files, and one process what is built once for a folder."""
+    from tests.scheduling import FileScheduling
+
+    return FileScheduling(config, log)
+
+
 @dataclass(frozen=True)
 class LiveServer:
     """A server on free ports of this machine. address: of gRPC; ops_url: of health checks and metrics."""

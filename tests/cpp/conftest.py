@@ -24,7 +24,7 @@ def program() -> Callable[[str], Path]:
     folder = build("test", "-DMOTIONGEN_TESTS=ON", "-DMOTIONGEN_EXAMPLES=ON")
 
     def find(name: str) -> Path:
-        found = [path for path in (folder / "tests" / name, folder / "examples" / name) if path.is_file()]
+        found = [path for path in (folder / part / name for part in ("tests", "examples", "load")) if path.is_file()]
         assert found, f"client/cpp builds no program called {name}"
         return found[0]
 

@@ -1,7 +1,5 @@
 // A crowd on one stream, drawn sixty times a second: crowd [HOST:PORT] [CHARACTERS] [SECONDS]
 // Every character gets another prompt now and then. Prints what a game would ask of it: frames held, and what it cost.
-#include <sys/resource.h>
-
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -9,21 +7,13 @@
 #include <vector>
 
 #include "motiongen/client/client.hpp"
+#include "processor_time.hpp"
 
 namespace {
 
 constexpr int kFramesPerSecond = 60;
 constexpr const char* kPrompts[] = {"a person walks forward", "a person runs forward", "a person stands still",
                                     "a person waves with the right hand"};
-
-double cpu_s() {
-  rusage used{};
-  getrusage(RUSAGE_SELF, &used);
-  const auto seconds = [](const timeval& time) {
-    return static_cast<double>(time.tv_sec) + static_cast<double>(time.tv_usec) / 1e6;
-  };
-  return seconds(used.ru_utime) + seconds(used.ru_stime);
-}
 
 }  // namespace
 
@@ -62,7 +52,7 @@ int main(int argc, char** argv) {
   }
   std::vector<float> pose(crowd.front().rig().row_width);
   const auto start = std::chrono::steady_clock::now();
-  const double cpu_before_s = cpu_s();
+  const double cpu_before_s = processor_time_s();
   const std::uint64_t chunks_before = client->stats().chunks;
   const int frames = static_cast<int>(seconds * kFramesPerSecond);
   std::uint64_t poses = 0;
@@ -81,7 +71,7 @@ int main(int argc, char** argv) {
     }
     std::this_thread::sleep_until(start + std::chrono::microseconds(1'000'000LL * (frame + 1) / kFramesPerSecond));
   }
-  const double used_s = cpu_s() - cpu_before_s;
+  const double used_s = processor_time_s() - cpu_before_s;
   const auto chunks = client->stats().chunks - chunks_before;
   std::uint64_t held = 0;
   for (const motiongen::Session& each : crowd) held += each.stats().underruns;

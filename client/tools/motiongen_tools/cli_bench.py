@@ -46,6 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--processes", type=_whole(1), metavar="N", help="that make the load (default: by characters and cores)"
     )
+    parser.add_argument(
+        "--program",
+        type=Path,
+        metavar="PATH",
+        help="a motiongen-load (client/cpp) to make the load, for thousands a core",
+    )
     parser.add_argument("--find", action="store_true", help="find the most characters that are served in full")
     parser.add_argument(
         "--max-misses",
@@ -77,6 +83,7 @@ async def bench(options: argparse.Namespace) -> int:
     """Run, print, write. Returns 3 when the figures do not count, else 0."""
     console = make_console()
     _check_report(options.out)
+    _check_program(options.program)
     standard = Standard(options.max_misses / 100, options.max_lag_ms)
     scenario = load_scenario(options.scenario)
     load = Load(
@@ -86,6 +93,7 @@ async def bench(options: argparse.Namespace) -> int:
         seconds=options.seconds,
         seed=secrets.randbits(32) if options.seed is None else options.seed,
         denoise_steps=options.steps,
+        program=options.program,
     )
     with contextlib.ExitStack() as stack:
         pid = None
@@ -95,7 +103,8 @@ async def bench(options: argparse.Namespace) -> int:
         console.print(terminal.describe(load), soft_wrap=True)
 
         async def run(load: Load) -> Result:
-            load = replace(load, processes=options.processes or num_processes(load.characters))
+            alone = 1 if load.program is not None else num_processes(load.characters)
+            load = replace(load, processes=options.processes or alone)
             with terminal.showing(console, load) as tell:
                 return await run_load(load, tell, standard, pid)
 
@@ -134,6 +143,14 @@ def _check_report(out: Path) -> None:
         raise InvalidInput("--out", str(out), f"a folder that can be made and written ({error.strerror})") from None
     if not os.access(out, os.W_OK):
         raise InvalidInput("--out", str(out), "a folder that can be written")
+
+
+def _check_program(program: Path | None) -> None:
+    """Raises InvalidInput for one that cannot be run."""
+    if program is not None and not (program.is_file() and os.access(program, os.X_OK)):
+        raise InvalidInput(
+            "--program", str(program), "a motiongen-load, which `make cpp` builds in out/cpp/release/load"
+        )
 
 
 def num_processes(characters: int) -> int:

@@ -11,8 +11,10 @@ void Outbox::set_limit(std::uint32_t max_request_bytes) {
 
 void Outbox::put(const std::string& entry) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (!can_append_ || messages_.empty() || messages_.back().size() + entry.size() > limit_) messages_.emplace_back();
-  messages_.back() += entry;
+  if (!can_append_ || messages_.empty() || messages_.back().message.size() + entry.size() > limit_) {
+    messages_.emplace_back();
+  }
+  messages_.back().message += entry;
   can_append_ = true;
 }
 
@@ -24,16 +26,21 @@ void Outbox::put(const v1::SessionEvent& event) {
 
 void Outbox::put_alone(const v1::StreamMotionRequest& message) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  messages_.push_back(message.SerializeAsString());
+  messages_.push_back({message.SerializeAsString()});
   can_append_ = false;
 }
 
 bool Outbox::take(std::string& message) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  if (messages_.empty()) return false;
-  message = std::move(messages_.front());
-  messages_.pop_front();
-  if (messages_.empty()) can_append_ = false;
+  std::chrono::steady_clock::time_point since;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (messages_.empty()) return false;
+    message = std::move(messages_.front().message);
+    since = messages_.front().since;
+    messages_.pop_front();
+    if (messages_.empty()) can_append_ = false;
+  }
+  if (on_taken_) on_taken_(std::chrono::duration<double>(std::chrono::steady_clock::now() - since).count());
   return true;
 }
 

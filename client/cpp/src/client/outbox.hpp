@@ -1,9 +1,11 @@
 // Requests that wait for the stream: events gathered into messages that the server takes.
 #pragma once
 
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <mutex>
 #include <string>
 
@@ -13,6 +15,9 @@ namespace motiongen {
 
 class Outbox {
  public:
+  // on_taken: hears of each message for how many seconds it waited since its first entry came.
+  explicit Outbox(std::function<void(double waited_s)> on_taken = nullptr) : on_taken_(std::move(on_taken)) {}
+
   // Bytes of an event that still fit into a message of the server's limit.
   static std::size_t most_event_bytes(std::uint32_t max_request_bytes) {
     return max_request_bytes / 10 * std::size_t{9};
@@ -30,8 +35,14 @@ class Outbox {
   void clear();
 
  private:
+  struct Waiting {
+    std::string message;
+    std::chrono::steady_clock::time_point since = std::chrono::steady_clock::now();
+  };
+
+  const std::function<void(double waited_s)> on_taken_;
   std::mutex mutex_;
-  std::deque<std::string> messages_;
+  std::deque<Waiting> messages_;
   bool can_append_ = false;
   std::size_t limit_ = 64 * 1024;
 };

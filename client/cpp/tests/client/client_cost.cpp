@@ -1,8 +1,6 @@
 // What a client costs: client_cost HOST:PORT CHARACTERS SECONDS POSES_HZ. Prints one line of JSON.
 // All characters are on one stream; each is drawn POSES_HZ times a second (0: never) and gets a prompt every five
 // seconds.
-#include <sys/resource.h>
-
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -11,6 +9,7 @@
 #include <vector>
 
 #include "motiongen/client/client.hpp"
+#include "processor_time.hpp"
 
 namespace {
 
@@ -21,15 +20,6 @@ int failed(const char* what, const motiongen::Status& status) {
 
 constexpr double kEditPeriodS = 5;
 constexpr int kTicksPerSecond = 20;  // where nothing is drawn
-
-double cpu_s() {
-  rusage used{};
-  getrusage(RUSAGE_SELF, &used);
-  const auto seconds = [](const timeval& time) {
-    return static_cast<double>(time.tv_sec) + static_cast<double>(time.tv_usec) / 1e6;
-  };
-  return seconds(used.ru_utime) + seconds(used.ru_stime);
-}
 
 }  // namespace
 
@@ -61,7 +51,7 @@ int main(int argc, char** argv) {
   }
   std::this_thread::sleep_for(std::chrono::seconds(2));  // to where chunks come evenly
   std::vector<float> pose(crowd.front().rig().row_width);
-  const double cpu_before_s = cpu_s();
+  const double cpu_before_s = processor_time_s();
   const motiongen::ClientStats before = client->stats();
   const auto start = std::chrono::steady_clock::now();
   const int ticks_hz = poses_hz > 0 ? poses_hz : kTicksPerSecond;
@@ -89,7 +79,7 @@ int main(int argc, char** argv) {
   for (const motiongen::Session& each : crowd) held += each.stats().underruns;
   std::printf(
       "{\"cpu_s\": %.6f, \"wall_s\": %.6f, \"chunks\": %llu, \"messages\": %llu, \"edits\": %zu, \"held\": %llu}\n",
-      cpu_s() - cpu_before_s, wall_s, static_cast<unsigned long long>(after.chunks - before.chunks),
+      processor_time_s() - cpu_before_s, wall_s, static_cast<unsigned long long>(after.chunks - before.chunks),
       static_cast<unsigned long long>(after.messages - before.messages), edits, static_cast<unsigned long long>(held));
   return 0;
 }

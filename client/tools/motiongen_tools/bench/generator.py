@@ -43,9 +43,7 @@ class Generator:
     def _make_lanes(self) -> None:
         """Characters go round all streams of all processes; this process has every processes-th stream."""
         load, schedule = self._load, self._schedule
-        most = max(schedule.most_at_once(), 1)
-        at_once = min(load.scenario.characters_per_stream, self._catalog.limits.max_sessions_per_stream)
-        num_lanes = max(math.ceil(most / at_once), load.processes)
+        num_lanes = load.num_streams(schedule, self._catalog.limits.max_sessions_per_stream)
         fps, jitter = self._catalog.rigs[0].frame_rate_hz, make_jitter()
         max_bytes = self._catalog.limits.max_request_bytes
         self._lanes: list[StreamClient] = []

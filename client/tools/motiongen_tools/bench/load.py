@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
+from motiongen_client.errors import MotiongenError
 from motiongen_tools.bench.recorder import PackedBook, Recorder
 from motiongen_tools.bench.scenario import Scenario
 from motiongen_tools.bench.schedule import Phases, Schedule, make_schedule
+
+
+class GeneratorFailed(MotiongenError):
+    """A generator process ended without its report."""
 
 
 @dataclass(frozen=True)
 class Load:
     """What is to be played, the same for all processes.
 
-    seconds: of measuring, after ramp and settling. denoise_steps: None leaves them to the server.
+    seconds: of measuring, after ramp and settling. denoise_steps: None leaves them to the server. program: a
+    motiongen-load that plays it; None: processes of this one's kind.
     """
 
     address: str
@@ -24,9 +31,15 @@ class Load:
     seed: int
     denoise_steps: int | None = None
     processes: int = 1
+    program: Path | None = None
 
     def schedule(self) -> Schedule:
         return make_schedule(self.scenario, self.characters, self.seconds, self.seed)
+
+    def num_streams(self, schedule: Schedule, max_sessions_per_stream: int) -> int:
+        """Of all processes; characters go round them."""
+        at_once = min(self.scenario.characters_per_stream, max_sessions_per_stream)
+        return max(math.ceil(max(schedule.most_at_once(), 1) / at_once), self.processes)
 
     def new_book(self, phases: Phases) -> Recorder:
         return Recorder(tuple(group.name for group in self.scenario.groups), math.ceil(phases.end_s))
@@ -46,9 +59,10 @@ class Progress:
 
 @dataclass(frozen=True)
 class Report:
-    """What one process brings home. cpu_s: its own, while measuring. streams: calls it held."""
+    """What one process brings home. cpu_s: its own, while measuring. streams: calls it held. program: what played."""
 
     process: int
     recorder: PackedBook
     cpu_s: float
     streams: int
+    program: str = "motiongen_tools"

@@ -58,7 +58,10 @@ class Figures:
 
 @dataclass(frozen=True)
 class Result:
-    """One run. generator_cores: of each process, processor seconds a second. server_use: None for another's server."""
+    """One run. generator_cores: of each process, processor seconds a second. server_use: None for another's server.
+
+    program: what played the load.
+    """
 
     started_at: str
     load: Load
@@ -71,6 +74,7 @@ class Result:
     generator_cores: tuple[float, ...]
     server_use: ServerUse | None
     standard: Standard
+    program: str = "motiongen_tools"
 
     def figures(self, group: str = ALL) -> Figures:
         sums = {name: self.recorder.total(name, *self._measured, group) for name in BY_SECOND}
@@ -158,6 +162,7 @@ class Result:
             "server_use": None if self.server_use is None else asdict(self.server_use),
             "machine": self.machine,
             "generator": {
+                "program": self.program,
                 "cores": list(self.generator_cores),
                 "max_lag_ms": self.standard.max_lag_ms,
                 **{f"{what}_ms": self.latency_ms(what, GENERATOR) for what in GENERATOR_LAGS},

@@ -10,6 +10,7 @@ from motiongen_client.client import MotionClient
 from motiongen_client.errors import InvalidInput
 from motiongen_client.types import Model
 from motiongen_tools.bench.load import Load, Progress
+from motiongen_tools.bench.programs import Programs
 from motiongen_tools.bench.result import Result, Standard, machine_facts, merge_reports
 from motiongen_tools.bench.server_use import ServerUse, ServerWatch
 from motiongen_tools.bench.workers import Workers
@@ -27,10 +28,10 @@ async def run_load(
     _check_steps(load, catalog.models[0])
     schedule = load.schedule()
     watch = None if server_pid is None else ServerWatch(server_pid)
-    async with Workers(load) as workers:
+    async with Workers(load) if load.program is None else Programs(load, catalog) as workers:
         await workers.ready()
         started_at = datetime.now(UTC)
-        start_at_s = workers.go()
+        start_at_s = await workers.go()
         watching = _nothing() if watch is None else watch.follow(start_at_s, schedule.phases)
         reports, use = await asyncio.gather(workers.reports(tell), watching)
     return Result(
@@ -45,6 +46,7 @@ async def run_load(
         generator_cores=tuple(report.cpu_s / schedule.phases.measure_s for report in reports),
         server_use=use,
         standard=standard,
+        program=reports[0].program,
     )
 
 

@@ -15,16 +15,12 @@ from typing import Any
 from motiongen_client.client import MotionClient
 from motiongen_client.errors import MotiongenError
 from motiongen_tools.bench.generator import Generator
-from motiongen_tools.bench.load import Load, Progress, Report
+from motiongen_tools.bench.load import GeneratorFailed, Load, Progress, Report
 
 _HEAD_START_S = 0.3  # from "go" to the run's start, so that all processes have heard it
 _READY_TIMEOUT_S = 60.0
 _SILENCE_TIMEOUT_S = 60.0  # a process tells its progress every second
 _END_TIMEOUT_S = 10.0
-
-
-class GeneratorFailed(MotiongenError):
-    """A generator process ended without its report."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +73,7 @@ class Workers:
         async for process, _ in self._messages(waiting, _READY_TIMEOUT_S):
             waiting.remove(process)
 
-    def go(self) -> float:
+    async def go(self) -> float:
         """Set them off. Returns the moment at which the run starts, on time.monotonic."""
         start_at_s = time.monotonic() + _HEAD_START_S
         for connection in self._connections:

@@ -1,0 +1,18 @@
+// The messages of what is intended: opens, edits, closes, as motiongen_tools.bench.edits makes them.
+#pragma once
+
+#include "character.hpp"
+#include "load.pb.h"
+#include "motiongen/v1/session.pb.h"
+
+namespace motiongen::load {
+
+v1::SessionEvent open_event(PlayedCharacter& character, const Load& load);
+
+// value: which prompt, or the number of the edit by its rule.
+v1::SessionEvent edit_event(PlayedCharacter& character, const Load& load, const Rule& rule, std::uint32_t value,
+                            double intended_s, double now_s);
+
+v1::SessionEvent close_event(PlayedCharacter& character);
+
+}  // namespace motiongen::load

@@ -1,0 +1,75 @@
+// Plays one process's part of a load: its streams, what is due when, and the watch over its own punctuality.
+#pragma once
+
+#include <atomic>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "character.hpp"
+#include "load.pb.h"
+#include "recorder.hpp"
+#include "stream.hpp"
+
+namespace motiongen::load {
+
+class Player {
+ public:
+  // load: checked, and there as long as this.
+  explicit Player(const Load& load);
+
+  // Open the streams. Returns why they cannot be, or nothing.
+  std::string connect();
+  // From the moment start_at_s of CLOCK_MONOTONIC on. tell: called once a second, without locks.
+  void play(double start_at_s, const std::function<void(const Progress&)>& tell);
+  // End the streams. Returns what was measured.
+  Book finish();
+
+ private:
+  struct Intent {  // what is to be sent; rule: of the group, or one of those below
+    double at_s = 0;
+    std::uint32_t character = 0;
+    int rule = 0;
+    std::uint32_t value = 0;
+  };
+  static constexpr int kOpen = -1;
+  static constexpr int kClose = -2;
+
+  void make_streams();
+  void draw_up();
+  Stream& stream_of(std::uint32_t character) { return *streams_[stream_index(character)]; }
+  std::size_t stream_index(std::uint32_t character) const;
+  double now_s() const;
+  // Do what is due. Returns when something is again.
+  double act(double now_s);
+  void act_on(const Intent& intent, double now_s);
+  void report(double now_s);
+  void note_lag(Lag what, double now_s, double lag_s);
+  void note_cpu(double now_s);
+  Progress progress(double now_s) const;
+
+  const Load& load_;
+  Recorder recorder_;
+  Run run_;
+  Stage stage_;
+  std::vector<std::shared_ptr<Stream>> streams_;
+  std::deque<PlayedCharacter> characters_;
+  std::vector<PlayedCharacter*> by_number_;  // nullptr: another process's
+  std::vector<Intent> intents_;
+  std::size_t next_intent_ = 0;
+  std::size_t num_slices_ = 1;  // playheads are reported a slice a tick
+  std::vector<std::vector<std::uint32_t>> slices_;
+  std::atomic<double> start_at_s_{0};
+  std::size_t ticks_ = 0;
+  double next_probe_s_ = 0;
+  double next_ping_s_ = 0;
+  double cpu_from_s_ = -1;
+  double cpu_to_s_ = -1;
+};
+
+// What makes a load unplayable, or nothing.
+std::string find_fault(const Load& load);
+
+}  // namespace motiongen::load

@@ -1,0 +1,134 @@
+"""motiongen-load: the load of `motiongen bench`, played by the C++ program and told in the same report."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from motiongen_tools.cli import run
+from tests.bench.service_cost import NULL_SERVER, SETTINGS, server_process
+
+SCENARIO = """
+format: 1
+name: short
+revision: 1
+description: Everything that a character may be told, by those who stay and those who pass.
+characters: 24
+characters_per_stream: 10
+ramp_s: 0.5
+settle_s: 0.5
+tail_s: 1
+groups:
+  - name: hero
+    share: 0.25
+    priority: HERO
+    prompts: [walk, run away]
+    edits:
+      - {kind: velocity, every_s: 0.2, speed_m_s: 1.4}
+      - {kind: prompt, every_s: 0.5, timing: together}
+  - name: passing
+    share: 0.75
+    priority: CROWD
+    life: {median_s: 1.5, sigma: 0.5}
+    prompts: [walk, stand]
+    edits:
+      - {kind: constraints, every_s: 0.5, timing: random, waypoints: 3}
+      - {kind: prompt, every_s: 0.7}
+"""
+TIMED = ("counts", "figures", "latencies_ms", "by_second", "histograms")
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    with server_process(NULL_SERVER, *SETTINGS) as server:
+        yield server.address
+
+
+def play(address: str, tmp_path: Path, name: str, *more: str) -> dict[str, Any]:
+    scenario = tmp_path / "short.yaml"
+    scenario.write_text(SCENARIO, encoding="utf-8")
+    load = ["--server", address, "--scenario", str(scenario), "--seconds", "3", "--seed", "4", "--max-lag-ms", "60000"]
+    assert run(["bench", *load, "--out", str(tmp_path / name), *more]) == 0
+    document: dict[str, Any] = json.loads((tmp_path / name / "result.json").read_text())["result"]
+    return document
+
+
+def test_both_play_the_same_load_and_tell_it_alike(
+    program: Callable[[str], Path], address: str, tmp_path: Path
+) -> None:
+    in_cpp = play(address, tmp_path, "cpp", "--program", str(program("motiongen-load")), "--processes", "2")
+    in_python = play(address, tmp_path, "python", "--processes", "2")
+    assert in_cpp["generator"]["program"].startswith("motiongen-load ")
+    assert in_python["generator"]["program"] == "motiongen_tools"
+    assert list(in_cpp) == list(in_python)
+    for name in in_cpp:
+        if isinstance(in_cpp[name], dict) and name not in TIMED:
+            assert list(in_cpp[name]) == list(in_python[name])
+    for name in ("scenario", "load", "phases", "server", "machine"):
+        assert in_cpp[name] == in_python[name]
+    for name in ("opens", "edits"):  # what was intended: the same to the last edit
+        assert in_cpp["by_second"][name] == in_python["by_second"][name]
+    for group, figures in in_cpp["figures"].items():
+        assert list(figures) == list(in_python["figures"][group])
+    for what, latencies in in_cpp["latencies_ms"].items():
+        for group, summary in latencies.items():
+            theirs = in_python["latencies_ms"][what][group]
+            assert not (summary["count"] and theirs["count"]) or list(summary) == list(theirs)
+    # how fast it went is the machine's affair: as much, within what others leave of it
+    for what in ("open_to_first_frame", "event_to_first_frame", "event_to_answer"):
+        counts = [each["latencies_ms"][what]["all"]["count"] for each in (in_cpp, in_python)]
+        assert min(counts) > max(counts) / 2 > 10
+    due = [sum(each["by_second"]["due"]) for each in (in_cpp, in_python)]
+    assert min(due) > max(due) / 2 > 100
+    against_us = ("refused", "stream", "protocol", "sessions_lost")
+    assert not [name for name in in_cpp["counts"] if name.startswith(against_us)]
+    assert {"chunk_slack/hero", "event_to_screen/passing", "write_wait/generator"} <= in_cpp["histograms"].keys()
+
+
+def test_a_server_that_goes_is_in_the_report(program: Callable[[str], Path]) -> None:
+    command = [program("motiongen-load")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as load:
+        assert load.stdin is not None
+        assert load.stdout is not None
+        with server_process(NULL_SERVER, *SETTINGS) as server:
+            message = {"address": server.address, "num_processes": 1, "num_streams": 1, "max_request_bytes": 65536}
+            message |= {"frame_rate": 20, "patch_frames": 4, "report_hz": 4, "measure_to_s": 4, "end_s": 4}
+            message |= {"groups": [{"name": "g", "prompts": ["walk"]}], "jitter_s": [0]}
+            message |= {"characters": [{"open_s": 0, "seed": "7"}]}
+            load.stdin.write(json.dumps(message) + "\n")
+            load.stdin.flush()
+            assert "ready" in json.loads(load.stdout.readline())
+            load.stdin.write(json.dumps({"start_at_s": time.monotonic()}) + "\n")
+            load.stdin.flush()
+            while not json.loads(load.stdout.readline())["progress"]["playing"]:
+                pass
+        *_, last = load.stdout
+    counts = json.loads(last)["book"]["counts"]
+    assert counts["sessions_opened"] == "1"
+    assert sum(int(count) for name, count in counts.items() if name.startswith("sessions_lost: ")) == 1
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        ("walk", "is no load"),
+        ('{"num_processes": 1}', "0 streams"),
+        ('{"address": "localhost:1", "num_processes": 1, "num_streams": 1, "max_request_bytes": 9, "frame_rate": 20,'
+         '"report_hz": 4, "end_s": 1, "jitter_s": [0], "edit_at_s": [1], "edit_character": [3], "edit_rule": [0],'
+         '"edit_value": [0]}', "edit 0 is of character 3, which is not there"),
+        ('{"address": "localhost:1", "num_processes": 1, "num_streams": 1, "max_request_bytes": 9, "frame_rate": 20,'
+         '"report_hz": 4, "end_s": 1, "jitter_s": [0]}', "no motiongen server answers at localhost:1"),
+    ],
+)  # fmt: skip
+def test_a_load_that_cannot_be_played_is_said_to_be(program: Callable[[str], Path], line: str, why: str) -> None:
+    done = subprocess.run(
+        [program("motiongen-load")], input=line + "\n", stdout=subprocess.PIPE, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert why in json.loads(done.stdout.splitlines()[-1])["failed"]

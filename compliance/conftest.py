@@ -47,3 +47,9 @@ async def server_address(request: pytest.FixtureRequest) -> AsyncIterator[str]:
 @pytest.fixture
 def server_credentials() -> None:
     """Plain text is spoken."""
+
+
+@pytest.fixture
+def server_token() -> str:
+    """Nobody is asked who he is."""
+    return ""

@@ -21,6 +21,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("address", metavar="HOST:PORT", help="of the server")
     parser.add_argument("--ca", type=Path, metavar="FILE", help="certificates to trust, PEM: speak TLS, not plain text")
+    parser.add_argument("--certificate", type=Path, metavar="FILE", help="PEM file of a certificate to show, with --ca")
+    parser.add_argument("--key", type=Path, metavar="FILE", help="PEM file of its key")
+    parser.add_argument("--token-file", type=Path, metavar="FILE", help="file with the token that says who calls")
     parser.add_argument("-k", metavar="WORDS", help="only tests whose names have these words: 'resume and not lost'")
     return parser
 
@@ -32,11 +35,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     host, _, port = asked.address.rpartition(":")
     if not host or not port.isdigit():
         parser.error(f"{asked.address!r} is no address; give HOST:PORT, for example localhost:50051")
-    if asked.ca is not None and not asked.ca.is_file():
-        parser.error(f"there is no file {asked.ca}; give --ca a file of certificates, PEM")
+    files = {name: getattr(asked, name) for name in ("ca", "certificate", "key", "token_file")}
+    for name, path in files.items():
+        if path is not None and not path.is_file():
+            parser.error(f"there is no file {path}; give --{name.replace('_', '-')} one that can be read")
+    if (asked.certificate is None) != (asked.key is None) or (asked.key is not None and asked.ca is None):
+        parser.error("--certificate and --key are given together, and with --ca")
     command = ["-c", str(SUITE.with_name("suite.ini")), "--rootdir", str(SUITE), "-p", "motiongen_compliance.plugin"]
     command += ["--server-address", asked.address]
-    command += [] if asked.ca is None else ["--server-ca", str(asked.ca)]
+    for name, path in files.items():
+        command += [] if path is None else [f"--server-{name.replace('_', '-')}", str(path)]
     command += [] if asked.k is None else ["-k", asked.k]
     return int(pytest.main([*command, str(SUITE), *others]))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
+from functools import partial
 
 import grpc.aio
 
@@ -42,8 +43,10 @@ class Scene:
         await self.other.plays_on(1)
 
 
-async def connect(address: str, credentials: grpc.ChannelCredentials | None = None) -> AsyncIterator[Target]:
-    """A connection for as long as it is iterated. credentials: None speaks plain text."""
+async def connect(
+    address: str, credentials: grpc.ChannelCredentials | None = None, token: str = ""
+) -> AsyncIterator[Target]:
+    """A connection for as long as it is iterated. credentials: None speaks plain text. token: "" for none."""
     options = (("grpc.max_receive_message_length", 8 << 20), ("grpc.use_local_subchannel_pool", 1))
     if credentials is None:
         channel = grpc.aio.insecure_channel(address, options)
@@ -51,5 +54,8 @@ async def connect(address: str, credentials: grpc.ChannelCredentials | None = No
         channel = grpc.aio.secure_channel(address, credentials, options)
     async with channel:
         stub = service_pb2_grpc.MotionServiceStub(channel)
+        if token:
+            for name in ("GetCatalog", "GenerateClip", "StreamMotion"):
+                setattr(stub, name, partial(getattr(stub, name), metadata=(("authorization", f"Bearer {token}"),)))
         request = service_pb2.GetCatalogRequest()
         yield Target(stub, await stub.GetCatalog(request, timeout=LIMIT_S))

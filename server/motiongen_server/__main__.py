@@ -21,10 +21,10 @@ def main() -> int:
     # Only now, because they take a second: who is asked to stop meanwhile ends as at any other time.
     import asyncio
 
-    from motiongen_server.app import run
     from motiongen_server.config import parse_config
     from motiongen_server.ops.logs import configure_logs
     from motiongen_server.ops.memory import keep_freed_memory
+    from motiongen_server.run import run
     from motiongen_server.settings import SettingError
 
     try:

@@ -6,9 +6,6 @@ import asyncio
 import contextlib
 import json
 import logging
-import signal
-import socket
-import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -22,18 +19,15 @@ from motiongen_server.background import start_in_background
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import Output
-from motiongen_server.engine_process.connection import EngineLost
 from motiongen_server.engine_process.pool import start_engine_processes
-from motiongen_server.errors import StreamRefused
-from motiongen_server.identity.caller import Role
-from motiongen_server.identity.callers import AUTHORIZATION
-from motiongen_server.identity.setup import listen, make_callers, make_credentials, warn_of_exposure
+from motiongen_server.identity.setup import listen, make_callers, make_credentials, make_ops_context, warn_of_exposure
 from motiongen_server.models.admin import AdminService, add_admin
 from motiongen_server.models.factory import Engines, ModelFactory, make_limits
 from motiongen_server.models.manager import ModelManager
-from motiongen_server.ops.http import OpsServer, ops_app
-from motiongen_server.ops.memory import FreedMemory, give_back_freed_memory, settled_objects
+from motiongen_server.ops.http import ops_app
+from motiongen_server.ops.memory import FreedMemory, give_back_freed_memory
 from motiongen_server.ops.metrics import Metrics
+from motiongen_server.ops.port import OpsPort
 from motiongen_server.rpc.handlers import SERVICE_NAME, add_methods
 from motiongen_server.rpc.reflection import add_reflection
 from motiongen_server.rpc.service import MotionService
@@ -51,8 +45,6 @@ STOP_GRACE_S = 2.0
 """For each of the last words: to streams after the drain's grace, and to the engine's thread."""
 LAST_CALLS_S = 0.5
 """For calls that have been answered to be told so; one that only watches the health does not hold the end up longer."""
-SIGNALS = (signal.SIGTERM, signal.SIGINT)
-
 
 T = TypeVar("T")
 
@@ -74,6 +66,7 @@ class Application:
         self._engines: Engines | None = None
         self._factory = ModelFactory(config, self.metrics)
         self._manager = ModelManager(self._factory.load, self._factory.forget)
+        self._server: grpc.aio.Server | None = None
         self._admin: grpc.aio.Server | None = None
         self._health = health.aio.HealthServicer()
         self._stop = asyncio.Event()
@@ -95,14 +88,16 @@ class Application:
         credentials, self._callers = make_credentials(self._config), make_callers(self._config)
         warn_of_exposure(self._config)
         await self._start_ops()
-        await self._start_grpc(credentials)
-        await self._start_admin()
         try:
+            await self._start_grpc(credentials)
+            await self._start_admin()
             await self._open()
         except Exception:
-            await self._server.stop(None)
+            if self._server is not None:
+                await self._server.stop(None)
             await self._stop_admin()
             await self._stop_engines()
+            await self.stop_ops()
             raise
 
     async def _open(self) -> None:
@@ -156,30 +151,13 @@ class Application:
 
     async def _start_ops(self) -> None:
         app = ops_app(self.metrics.registry, self._is_alive, self._is_ready, self._metrics_refusal)
-        host, port = self._config.ops_host, self._config.ops_port
-        try:
-            # Bound here, because uvicorn ends the process when it cannot.
-            listener = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
-        except OSError as error:
-            address = join_address(host, port)
-            raise SettingError(f"cannot listen on {address} (ops); choose another port, or 0: {error}") from error
-        self._ops = OpsServer(app, host, port)
-        self._ops_task = asyncio.create_task(self._ops.serve([listener]))
-        while not self._ops.started:
-            if self._ops_task.done():
-                self._ops_task.result()
-            await asyncio.sleep(0.01)
+        context = make_ops_context(self._config)
+        self._ops = OpsPort(app, self._config.ops_host, self._config.ops_port, context)
+        await self._ops.start()
         self.ops_port = self._ops.port
 
     def _metrics_refusal(self, authorization: str) -> str | None:
-        if is_local(self._config.ops_host):
-            return None
-        self._callers.wanted(((AUTHORIZATION, authorization),))  # a key that is new is known at the next scrape
-        try:
-            self._callers.of_header(authorization, Role.METRICS)
-        except StreamRefused as refusal:
-            return str(refusal)
-        return None
+        return None if is_local(self._config.ops_host) else self._callers.metrics_refusal(authorization)
 
     async def _start_grpc(self, credentials: grpc.ServerCredentials | None) -> None:
         config = self._config
@@ -256,6 +234,7 @@ class Application:
         self._service.close_all()
         await asyncio.wait({finished}, timeout=STOP_GRACE_S)
         hurry.cancel()
+        assert self._server is not None
         # A client that does not read keeps its stream from ending; nothing more can be told to it.
         await self._server.stop(LAST_CALLS_S if finished.done() else None)
         finished.cancel()
@@ -269,42 +248,4 @@ class Application:
 
     async def stop_ops(self) -> None:
         """End the HTTP server."""
-        self._ops.should_exit = True
-        await self._ops_task
-
-
-def stop_on_signals(application: Application) -> None:
-    """Drain on the first signal, without waiting for clients on the second; a third one ends the process at once."""
-    loop, asked_before = asyncio.get_running_loop(), 0
-
-    def asked() -> None:
-        nonlocal asked_before
-        asked_before += 1
-        application.ask_to_stop()
-        if asked_before > 1:
-            for number in SIGNALS:
-                loop.remove_signal_handler(number)
-                signal.signal(number, signal.SIG_DFL)
-
-    for number in SIGNALS:
-        loop.add_signal_handler(number, asked)
-
-
-async def run(config: ServerConfig, make_engines: MakeEngines = start_engine_processes) -> int:
-    """Start, serve until SIGTERM or SIGINT, drain. Returns the process's exit code."""
-    application = Application(config, make_engines)
-    stop_on_signals(application)
-    try:
-        await application.start()
-    except SettingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except EngineLost as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except StoppedEarly:
-        _log.info("stopped before it was ready")
-        return 0
-    with settled_objects():
-        await application.serve()
-        return await application.drain()
+        await self._ops.stop()

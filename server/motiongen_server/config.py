@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from motiongen_server.addresses import UNIX, check_exposure, is_local
+from motiongen_server.addresses import UNIX, is_local
 from motiongen_server.devices import check_devices
+from motiongen_server.protection import check_protection
 from motiongen_server.settings import ENVIRONMENT_PREFIX, Program, SettingError, check_settings, setting
 
 DEFAULT_LOOKAHEAD_FRAMES = 40
@@ -15,7 +16,10 @@ TEXT_PRECISIONS = ("float32", "bfloat16")
 LOG_LEVELS = ("DEBUG", "INFO", "WARNING", "ERROR")
 ENCODER_PREFIX = f"{ENVIRONMENT_PREFIX}ENCODER_"
 """Of the environment of `python -m motiongen_server.text.encoder`, which may be that of this program too."""
-ENCODERS = "static (built in), hashed (knows no meaning), llm2vec, grpc:HOST:PORT, gradio:URL, prompts:FILE, a folder"
+ENCODERS = (
+    "static (built in), hashed (knows no meaning), llm2vec, grpc:HOST:PORT, grpcs:HOST:PORT (TLS), gradio:URL, "
+    "prompts:FILE, a folder"
+)
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,7 @@ class ServerConfig:
     )
     tls_key: str = setting("", "PEM file of its key")
     tls_client_ca: str = setting("", "PEM file of authorities; clients must show a certificate that one of them signed")
+    ops_tls: bool = setting(False, "serve health checks and metrics by https, with the same certificate")
     tenants: str = setting("", "TOML file of who may call, by which tokens and certificates; none: everybody")
     insecure: bool = setting(False, "listen where other machines reach it, without TLS or without asking who calls")
     model: str = setting(
@@ -41,6 +46,8 @@ class ServerConfig:
         many=True,
     )
     text_encoder: str = setting("static", ENCODERS)
+    text_encoder_ca: str = setting("", "PEM file of authorities, of an encoder at grpcs:; none: those of the system")
+    text_encoder_token: str = setting("", "file with the token that an encoder at grpc: or grpcs: asks for")
     text_device: str = setting("cpu", "device of llm2vec", choices=("cpu", "cuda"))
     text_precision: str = setting("bfloat16", "precision of llm2vec", choices=TEXT_PRECISIONS)
     devices: str = setting(
@@ -116,28 +123,8 @@ class ServerConfig:
             raise SettingError(f"model is {self.model!r}; give each model once, with commas between them")
         if self.admin_listen:
             check_admin_address(self.admin_listen)
-        self._check_protection()
+        check_protection(self)
         check_devices(self.devices)
-
-    def _check_protection(self) -> None:
-        if bool(self.tls_certificate) != bool(self.tls_key):
-            raise SettingError("tls_certificate and tls_key must be given together")
-        if self.tls_client_ca and not self.tls_certificate:
-            raise SettingError("tls_client_ca is given, and no tls_certificate; clients show theirs within TLS only")
-        check_exposure("host", self.host, self.lacks, self.insecure)
-        check_exposure("ops_host", self.ops_host, self.ops_lacks, self.insecure)
-
-    @property
-    def lacks(self) -> tuple[str, ...]:
-        """What would protect the gateway's port and is not there, in words."""
-        asks = self.tenants or self.tls_client_ca
-        tls = () if self.tls_certificate else ("TLS (--tls-certificate, --tls-key)",)
-        return tls if asks else (*tls, "asking who calls (--tenants or --tls-client-ca)")
-
-    @property
-    def ops_lacks(self) -> tuple[str, ...]:
-        """The same of the port of health checks and metrics."""
-        return () if self.tenants else ("asking who reads the metrics (--tenants)",)
 
     @property
     def models(self) -> tuple[str, ...]:

@@ -11,13 +11,14 @@ import json
 import sys
 import threading
 
-from motiongen_server.app import Application, stop_on_signals
+from motiongen_server.app import Application
 from motiongen_server.config import ServerConfig, parse_config
 from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import ModelFacts
 from motiongen_server.engine_process.pool import EnginePool, start_engine_processes
 from motiongen_server.ops.memory import keep_freed_memory, settled_objects
 from motiongen_server.ops.metrics import Metrics
+from motiongen_server.run import stop_on_signals
 from motiongen_server.text.prompts import TextEncoder
 from tests.bench.null_runner import NullEncoder
 

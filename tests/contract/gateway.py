@@ -6,12 +6,13 @@ import asyncio
 import sys
 from functools import partial
 
-from motiongen_server.app import Application, stop_on_signals
+from motiongen_server.app import Application
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import ModelFacts
 from motiongen_server.engine_process.pool import EnginePool, start_engine_processes
 from motiongen_server.ops.metrics import Metrics
+from motiongen_server.run import stop_on_signals
 from motiongen_server.text.prompts import TextEncoder
 from tests.contract.local import LengthEncoder
 from tests.server.engine_process.audience import command

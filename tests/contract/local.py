@@ -23,6 +23,7 @@ from motiongen_server.rpc.handlers import add_methods
 from motiongen_server.rpc.limits import Limits, PeerLimits, ServiceLimits
 from motiongen_server.rpc.service import MotionService
 from motiongen_server.text.prompts import PromptEncoder
+from tests.server.engine.engine_thread import EngineThread
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
 
 JOIN_S = 10.0
@@ -94,15 +95,15 @@ class LocalServer:
         add_methods(self.service, self._server)
         self.address = f"127.0.0.1:{listen(self._server, '127.0.0.1:0', '', self._credentials)}"
         await self._server.start()
-        self.engine.start()
+        self._thread = EngineThread(self.engine)
         return self
 
     async def __aexit__(self, *_: object) -> None:
         await self._server.stop(None)
         self.engine.stop()
-        assert await asyncio.to_thread(self.engine.join, JOIN_S)
+        assert await asyncio.to_thread(self._thread.join, JOIN_S)
         self.prompts.close()
-        assert self.engine.failure is None
+        assert self._thread.failure is None
         assert self.runner.breaches == []
 
     def _deliver(self, outputs: object) -> None:

@@ -11,9 +11,11 @@ from pathlib import Path
 import pytest
 
 from motiongen_compliance.__main__ import main
+from motiongen_server.identity.tls import TlsFiles, server_credentials
 from tests.client.fake_server import FakeServer
 from tests.conftest import ROOT
 from tests.contract.local import LocalServer
+from tests.server.identity.files import AUTHORITY, CERTIFICATES, TenantsFile, copy_pair
 
 ROOMS = (ROOT / "compliance", ROOT / "proto" / "python")
 
@@ -46,12 +48,28 @@ def test_a_server_that_does_not_is_told_which_rule_it_breaks(tmp_path: Path) -> 
     assert "test_unknown_names_are_answered_with_those_there_are" in done.stdout
 
 
+async def test_a_server_that_asks_who_calls_is_tested_over_tls_with_a_token(tmp_path: Path) -> None:
+    tenants = TenantsFile(tmp_path)
+    (tmp_path / "token").write_text(tenants.one())
+    credentials = server_credentials(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
+    async with LocalServer(callers=tenants.callers(), credentials=credentials) as server:
+        words = [server.address, "-k", "windows_follow", "--ca", AUTHORITY]
+        words += ["--certificate", str(CERTIFICATES / "client.pem"), "--key", str(CERTIFICATES / "client.key")]
+        refused = await asyncio.to_thread(command, tmp_path, *words)
+        done = await asyncio.to_thread(command, tmp_path, *words, "--token-file", str(tmp_path / "token"))
+    assert refused.returncode == 1, "the certificate is of an authority, and of no tenant"
+    assert "not known to this server" in refused.stdout
+    assert done.returncode == 0, done.stdout
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (["localhost"], "give HOST:PORT"),
         ([":50051"], "give HOST:PORT"),
         (["localhost:50051", "--ca", "no/such.pem"], "no file no/such.pem"),
+        (["localhost:50051", "--token-file", "no/token"], "give --token-file one that can be read"),
+        (["localhost:50051", "--key", AUTHORITY], "are given together, and with --ca"),
     ],
 )
 def test_a_wrong_argument_is_named(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:

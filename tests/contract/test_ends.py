@@ -8,7 +8,7 @@ import grpc
 import pytest
 
 from motiongen.v1 import service_pb2, session_pb2
-from motiongen_compliance.talk import span
+from motiongen_compliance.messages import span
 from motiongen_compliance.target import Target, connect
 from motiongen_server.rpc.limits import Limits
 from tests.contract.local import LocalServer

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from motiongen.v1 import session_pb2
-from motiongen_compliance.talk import waypoint
+from motiongen_compliance.messages import waypoint
 from motiongen_compliance.target import Target, connect
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.rpc.limits import Limits

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from motiongen.v1 import service_pb2, session_pb2
-from motiongen_compliance.talk import edit_constraints, edit_prompts, span, waypoint
+from motiongen_compliance.messages import edit_constraints, edit_prompts, span, waypoint
 from motiongen_compliance.target import Target, connect
 from motiongen_server.engine.types import Direction, Gait
 from motiongen_server.rpc.abilities import Abilities, FormSupport, PromptDomain

@@ -82,22 +82,24 @@ ROOMS = (
     room(
         f"{SERVER}/text/encoder",
         f"{GRPC} google motiongen motiongen_ardy.text numpy prometheus_client torch"
-        " ~.text ~.ops ~.errors ~.addresses ~.config ~.settings ~.background ~.engine.types ~.rpc.token_bucket",
+        " ~.text ~.ops ~.errors ~.addresses ~.config ~.settings ~.background ~.engine.types ~.rpc.token_bucket"
+        " ~.identity ~.protection ~.rpc.issuer_keys",
     ),
     room(f"{SERVER}/models/loader.py", "motiongen_ardy.text ~"),
     room(f"{SERVER}/models/repertoire.py", "numpy motiongen_ardy.capabilities ~"),
     room(f"{SERVER}/models", "grpc google motiongen numpy ~"),
     room(f"{SERVER}/ops/http.py", "starlette uvicorn prometheus_client"),
+    room(f"{SERVER}/ops/port.py", "starlette ~.ops ~.addresses ~.settings"),
     room(f"{SERVER}/ops", "prometheus_client ~.ops ~.engine"),
     room(
-        f"{SERVER}/config.py {SERVER}/devices.py {SERVER}/settings.py {SERVER}/addresses.py",
-        "_typeshed ~.addresses ~.devices ~.settings",
+        f"{SERVER}/config.py {SERVER}/devices.py {SERVER}/settings.py {SERVER}/addresses.py {SERVER}/protection.py",
+        "_typeshed ~.addresses ~.devices ~.protection ~.settings",
     ),
-    room(f"{SERVER}/identity/setup.py", "grpc ~.identity ~.addresses ~.config ~.settings", never="asyncio"),
+    room(f"{SERVER}/identity/setup.py", "grpc ~.identity ~.addresses ~.protection ~.settings", never="asyncio"),
     room(f"{SERVER}/identity", "grpc jwt ~.identity ~.errors ~.settings ~.addresses", never="asyncio"),
     room(f"{SERVER}/errors.py", "grpc grpc_status google ~.engine.types"),
     room(f"{SERVER}/transport.py", "grpc ~.config ~.settings"),
-    room(f"{SERVER}/app.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
+    room(f"{SERVER}/app.py {SERVER}/run.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
     room(SERVER, ""),
     # the clients
     room("client/python/motiongen_client", "google grpc motiongen numpy motiongen_client"),

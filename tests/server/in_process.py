@@ -15,6 +15,7 @@ from motiongen_server.engine_process.model_loading import build_engine
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.text.prompts import TextEncoder
+from tests.server.engine.engine_thread import EngineThread
 
 ENGINE = "0"
 """The name of the one engine, in metrics."""
@@ -25,6 +26,7 @@ class InProcessModel:
     """A model's engine, with what it says of itself."""
 
     engine: Engine
+    thread: EngineThread
     facts: ModelFacts
     licence: str
     abilities: Abilities = NOTHING_CLAIMED
@@ -39,7 +41,7 @@ class InProcessModel:
 
     @property
     def failure(self) -> BaseException | None:
-        return self.engine.failure
+        return self.thread.failure
 
     def submit(self, event: Event) -> Outcome | None:
         return self.engine.submit(event)
@@ -54,7 +56,7 @@ class InProcessModel:
         self.engine.stop()
 
     def join(self, timeout_s: float | None = None) -> bool:
-        return self.engine.join(timeout_s)
+        return self.thread.join(timeout_s)
 
 
 class InProcessEngines:
@@ -85,8 +87,7 @@ class InProcessEngines:
         engine = build_engine(
             config, runner, self._deliver, lambda report: observe.observe(report), device=self._device
         )
-        engine.start()
-        return InProcessModel(engine, runner.facts, "CC0-1.0")
+        return InProcessModel(engine, EngineThread(engine), runner.facts, "CC0-1.0")
 
     def load_text(self, facts: ModelFacts) -> TextEncoder:
         return self._encoder

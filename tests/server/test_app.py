@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import threading
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -156,6 +157,15 @@ async def test_one_stream_too_many_is_refused() -> None:
         second = Talk(stub, catalog)  # type: ignore[arg-type]
         assert await second.to_the_end() is grpc.StatusCode.RESOURCE_EXHAUSTED
         await first.open(1)
+
+
+async def test_a_start_that_fails_leaves_no_port_open() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        application = application_of(config(port=taken.getsockname()[1]))
+        with pytest.raises(SettingError, match="cannot listen"):
+            await application.start()
+    with pytest.raises(ConnectionRefusedError):
+        await asyncio.open_connection("127.0.0.1", application.ops_port)
 
 
 async def test_asked_to_stop_it_ends_with_0_and_tells_health() -> None:

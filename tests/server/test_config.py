@@ -7,6 +7,8 @@ from dataclasses import fields
 import pytest
 
 from motiongen_server.config import SERVER, ServerConfig, parse_config
+from motiongen_server.protection import lacks as lacks_of
+from motiongen_server.protection import ops_lacks
 from motiongen_server.settings import SettingError
 from motiongen_server.text.encoder.config import ENCODER
 
@@ -179,18 +181,18 @@ def test_what_other_machines_reach_needs_tls_and_callers_that_are_known(
 ) -> None:
     with pytest.raises(SettingError, match=f"^host is {host!r}.*{lacks}.*--insecure"):
         ServerConfig(host=host, **protection)  # type: ignore[arg-type]
-    assert ServerConfig(host=host, insecure=True, **protection).lacks  # type: ignore[arg-type]
+    assert lacks_of(ServerConfig(host=host, insecure=True, **protection))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("who", [{"tenants": "tenants.toml"}, {"tls_client_ca": "ca.pem"}])
 def test_what_other_machines_reach_may_be_served_to_those_that_are_known(who: dict[str, str]) -> None:
-    assert ServerConfig(host="0.0.0.0", **TLS, **who).lacks == ()  # type: ignore[arg-type]
+    assert lacks_of(ServerConfig(host="0.0.0.0", **TLS, **who)) == ()  # type: ignore[arg-type]
 
 
 def test_metrics_that_other_machines_reach_need_tenants() -> None:
     with pytest.raises(SettingError, match=r"^ops_host is '0\.0\.0\.0'.*without asking who reads the metrics"):
         ServerConfig(ops_host="0.0.0.0")
-    assert ServerConfig(ops_host="0.0.0.0", tenants="tenants.toml").ops_lacks == ()
+    assert ops_lacks(ServerConfig(ops_host="0.0.0.0", tenants="tenants.toml")) == ()
 
 
 @pytest.mark.parametrize(
@@ -199,6 +201,7 @@ def test_metrics_that_other_machines_reach_need_tenants() -> None:
         ({"tls_certificate": "a.pem"}, "must be given together"),
         ({"tls_key": "a.key"}, "must be given together"),
         ({"tls_client_ca": "ca.pem"}, "no tls_certificate"),
+        ({"ops_tls": True}, "no tls_certificate"),
     ],
 )
 def test_tls_settings_that_do_not_fit_together_are_refused(settings: dict[str, str], said: str) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
-from motiongen_compliance.talk import edit_constraints, edit_prompts, span, waypoint
+from motiongen_compliance.messages import edit_constraints, edit_prompts, span, waypoint
 from motiongen_server.engine.types import (
     Constraint,
     Guidance,

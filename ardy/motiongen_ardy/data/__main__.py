@@ -17,7 +17,8 @@ from motiongen_ardy.data.dataset import DatasetError, MotionDataset, skipped_cli
 from motiongen_ardy.data.figures import figures_table, measure
 from motiongen_ardy.data.kinds import kinds_table
 from motiongen_ardy.data.labels import LabelsError, read_labels
-from motiongen_ardy.data.retarget_file import RetargetError, built_in_retargets, read_retarget
+from motiongen_ardy.data.retarget_file import built_in_retargets, read_retarget
+from motiongen_ardy.data.retarget_rules import RetargetError
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -20,7 +20,7 @@ from motiongen_ardy.data.derive import derived_spans, standing_clips, turning_sp
 from motiongen_ardy.data.labels import Label, read_labels
 from motiongen_ardy.data.recipes import make
 from motiongen_ardy.data.retarget import RetargetedClip, apply_retarget, choose_retarget
-from motiongen_ardy.data.retarget_file import Retarget, RetargetError
+from motiongen_ardy.data.retarget_rules import Retarget, RetargetError
 
 # No captured joint moves this fast; a file in which one does has a jump in it.
 MAX_JOINT_SPEED_M_S = 25.0

@@ -17,15 +17,8 @@ from motiongen_ardy.core.rotation import matrix_to_quaternion, quaternion_to_mat
 from motiongen_ardy.core.skeleton import global_to_local, positions_from_global
 from motiongen_ardy.data.bvh import Bvh, axis_rotation
 from motiongen_ardy.data.resample import resample
-from motiongen_ardy.data.retarget_file import (
-    DIRECTIONS,
-    FixedGround,
-    JointRule,
-    LegScale,
-    MeasuredGround,
-    Retarget,
-    RetargetError,
-)
+from motiongen_ardy.data.retarget_file import DIRECTIONS
+from motiongen_ardy.data.retarget_rules import FixedGround, JointRule, LegScale, MeasuredGround, Retarget, RetargetError
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""The retarget description: which source joint drives which joint of our skeleton, read from a small YAML file.
+"""Reads a retarget description from a small YAML file.
 
 The keys are explained in docs/data.md. Reading checks everything that can be checked without motion, so that a mistake
 is reported once, by its place in the file, and not for every clip.
@@ -7,7 +7,6 @@ is reported once, by its place in the file, and not for every clip.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -17,6 +16,15 @@ import numpy as np
 import yaml
 
 from motiongen_ardy.core.skeleton import Skeleton, UnknownSkeleton, load_skeleton
+from motiongen_ardy.data.retarget_rules import (
+    FillRule,
+    FixedGround,
+    JointRule,
+    LegScale,
+    MeasuredGround,
+    Retarget,
+    RetargetError,
+)
 
 DIRECTIONS: dict[str, tuple[int, int, int]] = {
     "left": (1, 0, 0),
@@ -26,91 +34,6 @@ DIRECTIONS: dict[str, tuple[int, int, int]] = {
     "forward": (0, 0, 1),
     "back": (0, 0, -1),
 }
-
-
-class RetargetError(ValueError):
-    """Raised for a retarget file that cannot be used. The message names the file, the place and what is allowed."""
-
-
-@dataclass(frozen=True)
-class JointRule:
-    """A target joint takes the global rotation of `source`, whose own axes in the neutral pose are `axes`.
-
-    turn: an optional further rotation of those axes, (direction, degrees or the name of a value).
-    """
-
-    source: str
-    axes: tuple[str, str, str]
-    turn: tuple[str, float | str] | None
-
-
-@dataclass(frozen=True)
-class FillRule:
-    """A target joint without a source: its global rotation lies at `fraction` between those of two others."""
-
-    start: str
-    end: str
-    fraction: float
-
-
-@dataclass(frozen=True)
-class LegScale:
-    """The scale is the length of `target` chains divided by that of `source` chains, both averaged."""
-
-    source: tuple[tuple[str, ...], ...]
-    target: tuple[tuple[str, ...], ...]
-
-
-@dataclass(frozen=True)
-class FixedGround:
-    """The source height (a number or the name of a value) comes to lie at `height_m`."""
-
-    source_height: float | str
-    height_m: float
-
-
-@dataclass(frozen=True)
-class MeasuredGround:
-    """One shift for the clip: the percentile over frames of the lowest of `joints` comes to lie at `height_m`."""
-
-    joints: tuple[str, ...]
-    percentile: float
-    height_m: float
-
-
-@dataclass(frozen=True)
-class Retarget:
-    """A checked retarget description. `identity`: target joints that keep the identity relative to their parent.
-
-    The middle of the `root_target` joints comes to lie where the scaled middle of the `root_source` joints is.
-    feet: pairs (source joint, target joint), for measuring how well planted feet stay planted.
-    """
-
-    name: str
-    skeleton: Skeleton
-    metres_per_unit: float
-    values: Mapping[str, float]
-    groups: Mapping[str, Mapping[str, float]]
-    joints: Mapping[str, JointRule]
-    between: Mapping[str, FillRule]
-    identity: frozenset[str]
-    root_source: tuple[str, ...]
-    root_target: tuple[str, ...]
-    scale: float | LegScale
-    ground: FixedGround | MeasuredGround
-    feet: tuple[tuple[str, str], ...]
-
-    @property
-    def source_joints(self) -> frozenset[str]:
-        """Every source joint that a clip must have."""
-        names = {rule.source for rule in self.joints.values()} | set(self.root_source)
-        if isinstance(self.scale, LegScale):
-            names.update(name for chain in self.scale.source for name in chain)
-        return frozenset(names | {source for source, _ in self.feet})
-
-    def values_for(self, group: str) -> dict[str, float]:
-        """The named values for a rest group ("" and groups without a section have the default ones)."""
-        return {**self.values, **self.groups.get(group, {})}
 
 
 def built_in_retargets() -> tuple[Retarget, ...]:

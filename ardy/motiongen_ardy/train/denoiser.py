@@ -23,7 +23,8 @@ from motiongen_ardy.model.tokenizer.model import Tokenizer
 from motiongen_ardy.text import load_text_encoder
 from motiongen_ardy.train.denoiser_loss import DenoiserLoss
 from motiongen_ardy.train.feature_bank import build_feature_bank, natural_layout
-from motiongen_ardy.train.loop import LoopSettings, Trainer, add_loop_arguments, distributed, loop_settings
+from motiongen_ardy.train.loop import Trainer, distributed
+from motiongen_ardy.train.loop_settings import LoopSettings, add_loop_arguments, loop_settings
 from motiongen_ardy.train.recipe import Recipe, read_recipe
 from motiongen_ardy.train.windows import OwnHistory, TrainingWindows, WindowSampler, WindowShape
 

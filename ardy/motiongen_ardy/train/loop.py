@@ -6,7 +6,6 @@ replayed from then on: these networks are so small that launching their kernels 
 
 from __future__ import annotations
 
-import argparse
 import atexit
 import contextlib
 import copy
@@ -14,7 +13,6 @@ import os
 import signal
 import time
 from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -28,11 +26,19 @@ from torch.nn.parallel import DistributedDataParallel
 from torch.optim.lr_scheduler import LambdaLR
 from torch.utils.tensorboard import SummaryWriter
 
+from motiongen_ardy.train.loop_settings import LoopSettings
+from motiongen_ardy.train.moving_average import MovingAverage
 from motiongen_ardy.train.optimizer import AdamAtan2, warmup_cosine
 
 STATE_FILE = "state.pt"
+
+
 WARM_UP_UPDATES = 3
+
+
 AVERAGE_EVERY = 5
+
+
 Batch = Any
 
 
@@ -49,81 +55,6 @@ class Task(Protocol):
 
     def export(self, averaged: nn.Module, folder: Path) -> None:
         """Write what training has reached, from the averaged weights, into `folder`."""
-
-
-@dataclass(frozen=True)
-class LoopSettings:
-    """How long, how fast and where to. minutes: stop after so much time in this call, 0 = never."""
-
-    out: Path
-    steps: int
-    learning_rate: float
-    warmup_steps: int = 500
-    minutes: float = 0.0
-    save_minutes: float = 5.0
-    ema_decay: float = 0.999
-    clip_norm: float = 1.0
-    bfloat16: bool = True
-    seed: int = 0
-    log_every: int = 100
-
-
-def add_loop_arguments(parser: argparse.ArgumentParser, steps: int, learning_rate: float, batch: int) -> None:
-    """Add the flags that every training command has."""
-    parser.add_argument("data", type=Path, help="training set made by `python -m motiongen_ardy.data build`")
-    parser.add_argument("out", type=Path, help="run folder: state to resume from, logs, exported weights")
-    parser.add_argument("--steps", type=int, default=steps, help="length of the schedule (default %(default)s)")
-    parser.add_argument("--batch", type=int, default=batch, help="windows a step and process (default %(default)s)")
-    parser.add_argument("--lr", type=float, default=learning_rate, help="peak learning rate (default %(default)s)")
-    parser.add_argument("--warmup", type=int, default=500, help="steps of rising rate (default %(default)s)")
-    parser.add_argument("--minutes", type=float, default=0.0, help="stop, saved, after so many minutes; 0 = never")
-    parser.add_argument("--save-minutes", type=float, default=5.0, help="minutes between saves (default %(default)s)")
-    parser.add_argument("--float32", action="store_true", help="no bfloat16 mixed precision")
-    parser.add_argument("--seed", type=int, default=0, help="seed of weights, windows and noise")
-    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
-
-
-def loop_settings(arguments: argparse.Namespace) -> LoopSettings:
-    """The settings that parsed flags of `add_loop_arguments` ask for."""
-    return LoopSettings(
-        out=arguments.out,
-        steps=arguments.steps,
-        learning_rate=arguments.lr,
-        warmup_steps=arguments.warmup,
-        minutes=arguments.minutes,
-        save_minutes=arguments.save_minutes,
-        bfloat16=not arguments.float32,
-        seed=arguments.seed,
-    )
-
-
-class MovingAverage:
-    """Exponential moving average of a module's weights, whose memory grows from nothing to 1 / (1 - decay) updates.
-
-    With a constant decay, the untrained weights would still weigh in after thousands of steps.
-    """
-
-    def __init__(self, module: nn.Module, decay: float) -> None:
-        self.module = copy.deepcopy(module).requires_grad_(False)
-        self.decay = decay
-        self.count = torch.zeros((), device=next(module.parameters()).device)
-
-    @torch.no_grad()
-    def update(self, module: nn.Module, steps: int = 1) -> None:
-        """Move towards the module's present weights, as far as in so many single updates."""
-        share = 1 - torch.clamp((1 + self.count) / (10 + self.count), max=self.decay) ** steps
-        averaged = list(self.module.parameters())
-        moves = torch._foreach_sub([parameter.detach() for parameter in module.parameters()], averaged)
-        torch._foreach_mul_(moves, share)
-        torch._foreach_add_(averaged, moves)
-        self.count.add_(steps)
-
-    def state_dict(self) -> dict[str, Any]:
-        return {"module": self.module.state_dict(), "count": self.count}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        self.module.load_state_dict(state["module"])
-        self.count.copy_(state["count"])
 
 
 @contextlib.contextmanager

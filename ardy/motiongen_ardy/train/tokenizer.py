@@ -22,7 +22,8 @@ from motiongen_ardy.data.dataset import MotionDataset
 from motiongen_ardy.model.config import TokenizerConfig
 from motiongen_ardy.model.tokenizer import Tokenizer, build_tokenizer
 from motiongen_ardy.train.feature_bank import FeatureBank, build_feature_bank, measure_stats, natural_layout
-from motiongen_ardy.train.loop import STATE_FILE, LoopSettings, Trainer, add_loop_arguments, distributed, loop_settings
+from motiongen_ardy.train.loop import STATE_FILE, Trainer, distributed
+from motiongen_ardy.train.loop_settings import LoopSettings, add_loop_arguments, loop_settings
 from motiongen_ardy.train.losses import captured_kinematics, consistency, kinematic_errors, kinematics, skate, smooth_l1
 from motiongen_ardy.train.recipe import read_recipe
 

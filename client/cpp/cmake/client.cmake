@@ -29,13 +29,19 @@ add_library(motiongen_client
   src/client/book.cpp
   src/client/call.cpp
   src/client/client.cpp
+  src/client/clip.cpp
   src/client/connection.cpp
   src/client/convert.cpp
+  src/client/convert_targets.cpp
   src/client/core.cpp
   src/client/events.cpp
   src/client/outbox.cpp
   src/client/session.cpp
+  src/client/session_frames.cpp
+  src/client/session_opening.cpp
   src/client/session_state.cpp
+  src/client/session_waiting.cpp
+  src/client/short_call.cpp
   src/client/status_details.cpp
   src/client/wire.cpp
   src/client/worker.cpp

@@ -17,6 +17,10 @@ int main(int argc, char** argv) {
   motiongen_client* client = NULL;
   motiongen_session* walker = NULL;
   motiongen_rig rig = {.struct_size = sizeof rig};
+  motiongen_clip_options wanted;
+  motiongen_waypoint goal;
+  motiongen_clip* clip = NULL;
+  motiongen_residual residual;
   uint64_t frame;
   float* row;
 
@@ -48,6 +52,22 @@ int main(int argc, char** argv) {
     }
   }
   free(row);
+
+  memset(&wanted, 0, sizeof wanted);
+  wanted.struct_size = sizeof wanted;
+  wanted.num_frames = 60;
+  wanted.prompt = "a person walks forward";
+  memset(&goal, 0, sizeof goal);
+  goal.frame = 50;
+  goal.z_m = 2.0F;
+  wanted.waypoints = &goal;
+  wanted.num_waypoints = 1;
+  residual.struct_size = sizeof residual;
+  if (motiongen_client_generate_clip(client, &wanted, &clip, &error) != MOTIONGEN_OK) return failed(&error);
+  if (motiongen_clip_residual(clip, 0, 0, &residual, &error) != MOTIONGEN_OK) return failed(&error);
+  printf("a clip of %u frames: %.2f m from its waypoint\n", motiongen_clip_num_frames(clip),
+         (double)residual.position_m);
+  motiongen_clip_destroy(clip);
   motiongen_session_destroy(walker);
   motiongen_client_destroy(client);
   return 0;

@@ -36,8 +36,8 @@ std::string find_fault(const Load& load) {
     return "it is for process " + std::to_string(load.process()) + " of " + std::to_string(load.num_processes()) +
            " with " + std::to_string(load.num_streams()) + " streams";
   }
-  if (load.frame_rate() == 0 || load.jitter_s_size() == 0 || load.max_request_bytes() == 0 ||
-      !(load.report_hz() > 0) || !(load.end_s() > 0 && load.end_s() < 1e6)) {
+  if (load.frame_rate() == 0 || load.jitter_s_size() == 0 || load.max_request_bytes() == 0 || !(load.report_hz() > 0) ||
+      !(load.end_s() > 0 && load.end_s() < 1e6)) {
     return "frame_rate, jitter_s, max_request_bytes, report_hz and end_s must be above 0, end_s below 1e6";
   }
   for (const Group& group : load.groups()) {

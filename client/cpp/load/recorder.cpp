@@ -9,12 +9,10 @@ namespace {
 
 constexpr double kMostUs = 600'000'000;
 constexpr std::uint32_t kExactTo = 2048;  // values below it have a bucket each: 2 * 10 ^ 3, up to a power of two
-constexpr std::array<const char*, 6> kLatencies = {
-    "open_to_first_frame", "event_to_first_frame", "event_to_screen", "event_to_answer", "chunk_lateness",
-    "chunk_slack"};
+constexpr std::array<const char*, 6> kLatencies = {"open_to_first_frame", "event_to_first_frame", "event_to_screen",
+                                                   "event_to_answer",     "chunk_lateness",       "chunk_slack"};
 constexpr std::array<const char*, 3> kLags = {"send_lag", "loop_lag", "write_wait"};
-constexpr std::array<const char*, 7> kFigures = {"frames", "due",   "missed", "underruns",
-                                                 "edits",  "opens", "refused"};
+constexpr std::array<const char*, 7> kFigures = {"frames", "due", "missed", "underruns", "edits", "opens", "refused"};
 constexpr char kGenerator[] = "generator";
 
 }  // namespace

@@ -177,8 +177,7 @@ void Stream::take_outcome(PlayedCharacter& character, const v1::EditOutcome& out
   if (outcome.code() != 0) {
     const bool is_open = outcome.event_seq() == 1;
     const bool known = outcome.code() > 0 && outcome.code() <= static_cast<int>(Code::unauthenticated);
-    const std::string code =
-        known ? name_of(static_cast<Code>(outcome.code())) : std::to_string(outcome.code());
+    const std::string code = known ? name_of(static_cast<Code>(outcome.code())) : std::to_string(outcome.code());
     run_.recorder.count(std::string("refused ") + (is_open ? "open" : "edit") + ": " +
                         (outcome.reason().empty() ? code : outcome.reason()));
     run_.recorder.add(Figure::refused, character.plan().group(), now_s);

@@ -158,6 +158,7 @@ def _parser() -> argparse.ArgumentParser:
     bound = "what a waypoint may be missed by (default: %(default)s)"
     show.add_argument("--bound", type=_positive, default=PLACE_BOUND_M, metavar="METRES", help=bound)
     show.add_argument("--server", metavar="HOST:PORT", help="use this server instead of starting one")
+    add_connection(show)
 
     bench = commands.add_parser(
         "bench",
@@ -172,6 +173,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_server(which)
     which.add_argument("--start-server", action="store_true", help="start one for this, and measure what it uses")
     cli_bench.add_arguments(bench)
+    add_connection(bench)
 
     admin = commands.add_parser(
         "admin",

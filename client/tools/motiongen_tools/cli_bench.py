@@ -21,6 +21,7 @@ from motiongen_tools.bench.result import Result, Standard
 from motiongen_tools.bench.run import run_load
 from motiongen_tools.bench.scenario import BUILT_IN, load_scenario
 from motiongen_tools.bench.search import Found, find_most
+from motiongen_tools.connection import connection_of
 from motiongen_tools.console import make_console
 from motiongen_tools.server_process import ServerProcess
 
@@ -93,6 +94,7 @@ async def bench(options: argparse.Namespace) -> int:
         seconds=options.seconds,
         seed=secrets.randbits(32) if options.seed is None else options.seed,
         denoise_steps=options.steps,
+        connection=connection_of(options),
         program=options.program,
     )
     with contextlib.ExitStack() as stack:
@@ -160,6 +162,8 @@ def num_processes(characters: int) -> int:
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """Exit with 2, and say why, where options make no sense together."""
+    if options.program is not None and (options.tls or options.tls_ca or options.token_file or options.tls_key):
+        parser.error("--program speaks plain text and sends no token; leave it out, or the options of the connection")
     if options.server_arguments and not options.start_server:
         parser.error(f"{options.server_arguments[0]!r} is for a server that this starts: give --start-server too")
 

@@ -3,41 +3,103 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import grpc
+import grpc.aio
 
 from motiongen_client.client import MotionClient
 from motiongen_client.errors import InvalidInput
 
 
+@dataclass(frozen=True)
+class Connection:
+    """How a server is reached, but for its address; crosses to other processes. The default is plain text, no token.
+
+    authorities: PEM file of those that are trusted, None for those of the system. certificate, key: PEM files of what
+    the client shows. token_file: read anew for every call, so that one that expires is followed by the next.
+    """
+
+    tls: bool = False
+    authorities: Path | None = None
+    certificate: Path | None = None
+    key: Path | None = None
+    token_file: Path | None = None
+
+    def client(self, address: str) -> MotionClient:
+        """A client for a server, not connected yet. Raises InvalidInput."""
+        token = None
+        if self.token_file is not None:
+            self.token()  # a file that is not there is told now
+            token = self.token
+        return MotionClient(address, credentials=self.credentials(), token=token)
+
+    def channel(self, address: str, options: Sequence[tuple[str, int]]) -> grpc.aio.Channel:
+        """A channel of gRPC's own, whose calls need `metadata`. Raises InvalidInput."""
+        credentials = self.credentials()
+        if credentials is None:
+            return grpc.aio.insecure_channel(address, options=options)
+        return grpc.aio.secure_channel(address, credentials, options=options)
+
+    def metadata(self) -> tuple[tuple[str, str], ...]:
+        """What a call carries. Raises InvalidInput."""
+        return () if self.token_file is None else (("authorization", f"Bearer {self.token()}"),)
+
+    def credentials(self) -> grpc.ChannelCredentials | None:
+        """None: plain text. Raises InvalidInput."""
+        if not self.tls:
+            return None
+        authorities, key, certificate = (
+            None if path is None else _read(name, path)
+            for name, path in (
+                ("tls-ca", self.authorities), ("tls-key", self.key), ("tls-certificate", self.certificate),
+            )
+        )  # fmt: skip
+        return grpc.ssl_channel_credentials(authorities, key, certificate)
+
+    def token(self) -> str:
+        """What its file holds, less the space around it. Raises InvalidInput."""
+        assert self.token_file is not None
+        return _read("token-file", self.token_file).decode(errors="replace").strip()
+
+
+PLAIN = Connection()
+
+
 def add_connection(parser: argparse.ArgumentParser) -> None:
-    """--tls-ca and --token-file."""
-    parser.add_argument(
-        "--tls-ca",
-        type=Path,
-        metavar="FILE",
-        help="speak TLS, and trust the authorities in this PEM file (default: plain text)",
-    )
-    add_token(parser)
+    """The options of TLS and of the token."""
+    group = parser.add_argument_group("connection", "for a server that speaks TLS, or asks who calls")
+    group.add_argument("--tls", action="store_true", help="speak TLS, and trust the authorities of this system")
+    group.add_argument("--tls-ca", type=Path, metavar="FILE", help="speak TLS, and trust those of this PEM file")
+    group.add_argument("--tls-certificate", type=Path, metavar="FILE", help="PEM file of the certificate to show")
+    group.add_argument("--tls-key", type=Path, metavar="FILE", help="PEM file of its key")
+    add_token(group)
 
 
-def add_token(parser: argparse.ArgumentParser) -> None:
+def add_token(parser: argparse._ActionsContainer) -> None:
     """--token-file."""
     parser.add_argument("--token-file", type=Path, metavar="FILE", help="file with the token that says who calls")
 
 
+def connection_of(options: argparse.Namespace) -> Connection:
+    """What the options say. Raises InvalidInput where they do not fit together."""
+    certificate, key = options.tls_certificate, options.tls_key
+    if (certificate is None) != (key is None):
+        raise InvalidInput("tls-certificate", str(certificate), "it and --tls-key together")
+    tls = options.tls or options.tls_ca is not None or certificate is not None
+    return Connection(tls, options.tls_ca, certificate, key, options.token_file)
+
+
 def client_of(options: argparse.Namespace, address: str) -> MotionClient:
     """A client for a server, not connected yet. Raises InvalidInput."""
-    credentials = None
-    if options.tls_ca is not None:
-        credentials = grpc.ssl_channel_credentials(_read("tls-ca", options.tls_ca))
-    return MotionClient(address, credentials=credentials, token=read_token(options.token_file))
+    return connection_of(options).client(address)
 
 
 def read_token(path: Path | None) -> str | None:
     """What the file holds, less the space around it. Raises InvalidInput."""
-    return None if path is None else _read("token-file", path).decode(errors="replace").strip()
+    return None if path is None else Connection(token_file=path).token()
 
 
 def _read(name: str, path: Path) -> bytes:

@@ -11,8 +11,10 @@ from motiongen_compliance.target import Scene, Target, connect
 
 
 @pytest.fixture
-async def target(server_address: str, server_credentials: grpc.ChannelCredentials | None) -> AsyncIterator[Target]:
-    async for connected in connect(server_address, server_credentials):
+async def target(
+    server_address: str, server_credentials: grpc.ChannelCredentials | None, server_token: str
+) -> AsyncIterator[Target]:
+    async for connected in connect(server_address, server_credentials, server_token):
         yield connected
 
 

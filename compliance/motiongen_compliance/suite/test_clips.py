@@ -11,7 +11,7 @@ from google.rpc import error_details_pb2
 from grpc_status import rpc_status
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from motiongen_compliance.talk import waypoint
+from motiongen_compliance.messages import waypoint
 from motiongen_compliance.target import Target
 
 LIMIT_S = 30.0

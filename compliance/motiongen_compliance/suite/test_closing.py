@@ -5,7 +5,7 @@ from __future__ import annotations
 import grpc
 
 from motiongen.v1 import session_pb2
-from motiongen_compliance.talk import addressed, close, edit_prompts, span
+from motiongen_compliance.messages import addressed, close, edit_prompts, span
 from motiongen_compliance.target import Target
 
 

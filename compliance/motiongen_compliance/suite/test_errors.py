@@ -5,16 +5,8 @@ from __future__ import annotations
 import pytest
 
 from motiongen.v1 import session_pb2
+from motiongen_compliance.messages import PAUSE, RESUME, addressed, edit_constraints, edit_prompts, span, waypoint
 from motiongen_compliance.mistakes import Event, Mistake, Status, check, opening
-from motiongen_compliance.talk import (
-    PAUSE,
-    RESUME,
-    addressed,
-    edit_constraints,
-    edit_prompts,
-    span,
-    waypoint,
-)
 from motiongen_compliance.target import Scene, Target
 
 PROMPT, CONSTRAINT = "edit_prompts.upsert[0]", "edit_constraints.upsert[0]"

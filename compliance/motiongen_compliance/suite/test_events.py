@@ -5,7 +5,7 @@ from __future__ import annotations
 import grpc
 
 from motiongen.v1 import service_pb2, session_pb2
-from motiongen_compliance.talk import (
+from motiongen_compliance.messages import (
     PAUSE,
     RESUME,
     addressed,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from motiongen.v1 import session_pb2
-from motiongen_compliance.talk import PAUSE, RESUME, edit_prompts, span
+from motiongen_compliance.messages import PAUSE, RESUME, edit_prompts, span
 from motiongen_compliance.target import Target
 
 

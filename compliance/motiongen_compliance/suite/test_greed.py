@@ -6,7 +6,7 @@ import grpc
 import pytest
 
 from motiongen.v1 import service_pb2
-from motiongen_compliance.talk import PAUSE, addressed, close
+from motiongen_compliance.messages import PAUSE, addressed, close
 from motiongen_compliance.target import Scene, Target
 
 

@@ -8,7 +8,7 @@ from google.rpc import error_details_pb2
 from grpc_status import rpc_status
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from motiongen_compliance.talk import addressed, close, span, waypoint
+from motiongen_compliance.messages import addressed, close, span, waypoint
 from motiongen_compliance.target import Target
 
 HELLO = service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello())

@@ -8,7 +8,9 @@ import grpc
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_compliance.talk import PAUSE, Heard, Talk, addressed, edit_prompts, span
+from motiongen_compliance.heard import Heard
+from motiongen_compliance.messages import PAUSE, addressed, edit_prompts, span
+from motiongen_compliance.talk import Talk
 from motiongen_compliance.target import Target
 
 

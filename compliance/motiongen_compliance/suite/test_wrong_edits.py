@@ -5,14 +5,8 @@ from __future__ import annotations
 import pytest
 
 from motiongen.v1 import motion_pb2
+from motiongen_compliance.messages import edit_constraints, edit_prompts, play_state, span, waypoint
 from motiongen_compliance.mistakes import INF, NAN, Catalog, Event, Mistake, Status, check, long_text
-from motiongen_compliance.talk import (
-    edit_constraints,
-    edit_prompts,
-    play_state,
-    span,
-    waypoint,
-)
 from motiongen_compliance.target import Scene
 
 

@@ -5,12 +5,8 @@ from __future__ import annotations
 import pytest
 
 from motiongen.v1 import session_pb2
+from motiongen_compliance.messages import addressed, span, waypoint
 from motiongen_compliance.mistakes import INF, NAN, Mistake, Status, check, long_text, opening
-from motiongen_compliance.talk import (
-    addressed,
-    span,
-    waypoint,
-)
 from motiongen_compliance.target import Scene
 
 REFUSED_OPENS = [

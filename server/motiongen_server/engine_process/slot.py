@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.loop import run as run_loop
 from motiongen_server.engine.mailbox import Mailbox
 from motiongen_server.engine.ports import Deliver, Inbox, Observe
 from motiongen_server.engine.types import ModelFacts
@@ -48,8 +49,7 @@ class Slot:
         """Run the engine until it is stopped or fails. ended: is told, on the engine's thread."""
 
         def run() -> None:
-            engine.run()
-            ended(self, engine.failure)
+            ended(self, run_loop(engine))
 
         self._engine = engine
         self._thread = threading.Thread(target=run, name=f"engine-{self.number}", daemon=True)

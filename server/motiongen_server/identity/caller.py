@@ -20,6 +20,8 @@ class Role(StrEnum):
     """Load and unload models."""
     METRICS = "metrics"
     """Read the metrics."""
+    TEXT = "text"
+    """Have texts encoded, by the encoder service."""
 
 
 CREDENTIALS_EXPIRED = "CREDENTIALS_EXPIRED"

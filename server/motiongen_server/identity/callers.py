@@ -71,6 +71,15 @@ class Callers:
             raise role_missing(role)
         return caller
 
+    def metrics_refusal(self, authorization: str) -> str | None:
+        """Why who sends that header may not read the metrics, in words; None: he may."""
+        self.wanted(((AUTHORIZATION, authorization),))  # a key that is new is known at the next scrape
+        try:
+            self.of_header(authorization, Role.METRICS)
+        except StreamRefused as refusal:
+            return str(refusal)
+        return None
+
     def _find(self, authorization: str, certificates: Sequence[str], tenants: Tenants) -> Caller:
         if authorization:
             return self._of_token(authorization, tenants)

@@ -3,30 +3,36 @@
 from __future__ import annotations
 
 import logging
+import ssl
 
 import grpc
 import grpc.aio
 
 from motiongen_server.addresses import UNIX, is_local
-from motiongen_server.config import ServerConfig
 from motiongen_server.identity.callers import Callers
 from motiongen_server.identity.keys import KeyRings
 from motiongen_server.identity.tenants import Tenants, read_tenants
-from motiongen_server.identity.tls import TlsFiles, server_credentials
+from motiongen_server.identity.tls import TlsFiles, server_context, server_credentials
 from motiongen_server.identity.watched import Watched
+from motiongen_server.protection import Protection, lacks, ops_lacks
 from motiongen_server.settings import SettingError
 
 _log = logging.getLogger(__name__)
 
 
-def make_credentials(config: ServerConfig) -> grpc.ServerCredentials | None:
+def make_credentials(config: Protection) -> grpc.ServerCredentials | None:
     """What the gateway's port is served with; None: plain text. Raises SettingError."""
     if not config.tls_certificate:
         return None
     return server_credentials(TlsFiles(config.tls_certificate, config.tls_key, config.tls_client_ca))
 
 
-def make_callers(config: ServerConfig) -> Callers:
+def make_ops_context(config: Protection) -> ssl.SSLContext | None:
+    """What the port of operations is served with; None: plain text. Raises SettingError."""
+    return server_context(TlsFiles(config.tls_certificate, config.tls_key)) if config.ops_tls else None
+
+
+def make_callers(config: Protection) -> Callers:
     """Raises SettingError."""
     if not config.tenants:
         return Callers()
@@ -46,11 +52,14 @@ def make_callers(config: ServerConfig) -> Callers:
         raise SettingError(f"tenants cannot be read: {error}") from error
 
 
-def warn_of_exposure(config: ServerConfig) -> None:
+def warn_of_exposure(config: Protection) -> None:
     """Say in the log what other machines reach unprotected, which `insecure` has allowed."""
-    for name, host, lacks in (("gRPC", config.host, config.lacks), ("ops", config.ops_host, config.ops_lacks)):
-        if lacks and not is_local(host):
-            _log.warning("%s is served to other machines on %s without %s", name, host, " and without ".join(lacks))
+    for name, host, lacking in (("gRPC", config.host, lacks(config)), ("ops", config.ops_host, ops_lacks(config))):
+        if lacking and not is_local(host):
+            _log.warning("%s is served to other machines on %s without %s", name, host, " and without ".join(lacking))
+    if config.tenants and not config.ops_tls and not is_local(config.ops_host):
+        _log.warning("tokens for the metrics cross the network to %s in plain text; --ops-tls hides them",
+                     config.ops_host)  # fmt: skip
 
 
 def listen(server: grpc.aio.Server, address: str, what: str, credentials: grpc.ServerCredentials | None = None) -> int:

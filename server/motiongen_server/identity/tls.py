@@ -58,6 +58,30 @@ def server_credentials(files: TlsFiles) -> grpc.ServerCredentials:
     )
 
 
+def server_context(files: TlsFiles) -> ssl.SSLContext:
+    """The same for what is not gRPC: the pair is looked at in each handshake. Raises SettingError."""
+
+    def read() -> ssl.SSLContext:
+        check_pair(files.certificate, files.key)
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.minimum_version = ssl.TLSVersion.TLSv1_2
+        context.load_cert_chain(files.certificate, files.key)
+        return context
+
+    try:
+        watched = Watched("certificates of operations", (files.certificate, files.key), read)
+    except (ValueError, OSError) as error:
+        raise SettingError(f"TLS cannot be served: {error}") from error
+    first = watched.value
+
+    def renew(handshake: ssl.SSLObject | ssl.SSLSocket, _name: str | None, _context: ssl.SSLContext) -> None:
+        watched.look()
+        handshake.context = watched.value
+
+    first.sni_callback = renew  # which is called whether a name was sent or not
+    return first
+
+
 def check_pair(certificate: str, key: str) -> None:
     """Raise ValueError unless a certificate and a key belong together, OSError where one cannot be read."""
     try:

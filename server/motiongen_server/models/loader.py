@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-REMOTE_ENCODER = "grpc:"
+REMOTE_ENCODERS = ("grpc:", "grpcs:")
 WITH_TORCH = ("llm2vec",)
 """Encoders that need torch, which the gateway never loads: an engine process has them."""
 
@@ -41,7 +41,7 @@ def load_encoder(
     name, width = config.text_encoder, facts.embedding_dim
     timeout_s = 2 * config.prompt_timeout_s  # longer than anybody waits, so that it is there for the next who asks
     try:
-        if name.startswith(REMOTE_ENCODER):
+        if name.startswith(REMOTE_ENCODERS):
             remote = _remote_encoder(config, timeout_s)
             check_width(name, remote.width, width)
             return remote
@@ -58,17 +58,20 @@ def _remote_encoder(config: ServerConfig, timeout_s: float) -> RemoteEncoder:
     """The encoder at an address; if it is away and the prompt store knows what it was, that, and it may come later."""
     from motiongen_ardy.text import TextEncoderUnavailable
     from motiongen_ardy.text.store import known_encoder
+    from motiongen_server.text.encoder.access import encoder_credentials, encoder_token
     from motiongen_server.text.encoder.client import RemoteEncoder
 
-    address = config.text_encoder.removeprefix(REMOTE_ENCODER)
+    kind, _, address = config.text_encoder.partition(":")
+    credentials = encoder_credentials(config) if kind == "grpcs" else None
+    token = encoder_token(config, address, credentials is not None)
     try:
-        return RemoteEncoder(address, timeout_s)
+        return RemoteEncoder(address, timeout_s, None, credentials, token)
     except TextEncoderUnavailable as error:
         known = known_encoder(Path(config.prompt_store), config.text_encoder) if config.prompt_store else None
         if known is None:
             raise
         _log.warning("%s; until it does, only prompts are served that %s has kept", error, config.prompt_store)
-        return RemoteEncoder(address, timeout_s, known)
+        return RemoteEncoder(address, timeout_s, known, credentials, token)
 
 
 def load_presets(config: ServerConfig, text_encoder: str, facts: ModelFacts) -> tuple[Preset, ...]:

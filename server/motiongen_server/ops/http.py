@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import ssl
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from typing import ClassVar
@@ -85,7 +86,8 @@ class BoundedConnection(H11Protocol):
 class OpsServer(uvicorn.Server):
     """uvicorn inside the application's event loop, which keeps its own signal handlers."""
 
-    def __init__(self, app: Starlette, host: str, port: int) -> None:
+    def __init__(self, app: Starlette, host: str, port: int, context: ssl.SSLContext | None = None) -> None:
+        """context: of TLS; None: plain text."""
         super().__init__(
             uvicorn.Config(
                 app,
@@ -97,6 +99,7 @@ class OpsServer(uvicorn.Server):
                 lifespan="off",
                 access_log=False,
                 timeout_graceful_shutdown=END_S,
+                ssl_context_factory=None if context is None else lambda *_: context,
             )
         )
 

@@ -18,36 +18,26 @@ from motiongen_server.errors import StreamRefused
 from motiongen_server.identity.caller import Caller
 from motiongen_server.identity.callers import Callers
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
-from motiongen_server.rpc.budget import BYTES_A_CALL, CALL_COST, EVENT_COST
+from motiongen_server.rpc.budget import BYTES_A_CALL, CALL_COST
 from motiongen_server.rpc.clip import ClipService, clip_request
-from motiongen_server.rpc.convert import round_trip_s
 from motiongen_server.rpc.goodbye import say_draining
 from motiongen_server.rpc.handlers import AnyContext, CatalogContext, ClipContext, StreamContext
 from motiongen_server.rpc.issuer_keys import keys_for
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import ServiceLimits
 from motiongen_server.rpc.peers import Peer, Peers
-from motiongen_server.rpc.request_parts import SMALL_BYTES, Malformed, RequestParts, parsed
 from motiongen_server.rpc.session_entry import Carrier
 from motiongen_server.rpc.stream import Stream
 from motiongen_server.rpc.stream_errors import (
-    client_agent_too_long,
-    hello_expected,
-    hello_repeated,
-    malformed,
     too_many_calls,
     too_many_streams,
 )
 from motiongen_server.rpc.stream_metrics import StreamMetrics
+from motiongen_server.rpc.stream_reader import StreamReader
 from motiongen_server.rpc.stream_watch import StreamWatch
+from motiongen_server.rpc.stream_writer import write
 
 _log = logging.getLogger(__name__)
-
-FLUSH_RANGE_S = (0.005, 0.1)
-MAX_AGENT_CHARACTERS = 128
-EVENTS_A_TURN = 64
-EVENTS_A_WALK = 1024
-"""Of a long message, counted before others have a turn."""
 
 
 class MotionService:
@@ -68,14 +58,13 @@ class MotionService:
         self._peers = Peers(self._limits.peer)
         self._flush_s = flush_s
         self._stream_metrics = stream_metrics
-        self._replica_id = secrets.token_hex(4)
+        self._reader = StreamReader(models, secrets.token_hex(4))
         self._numbers = itertools.count(1)
         self._kept = KeptSessions(models.limits.resume_grace_s, stream_metrics)
         self._streams: dict[int, Stream] = {}
         self.clips = ClipService(models, self._numbers, stream_metrics, self._limits)
         self._watch = StreamWatch(self._limits, self._streams, self._callers)
         self._loop = asyncio.get_running_loop()
-        self._ends_at: float | None = None  # monotonic seconds, known once the server drains
         self._all_ended = asyncio.Event()
         self._all_ended.set()
 
@@ -172,7 +161,7 @@ class MotionService:
         stream = Stream(next(self._numbers), self._models, self._stream_metrics, self._kept, peer)
         stream.flush_s = self._flush_s
         stream.caller = caller
-        stream.accepts_opens = self._ends_at is None
+        stream.accepts_opens = self._reader.ends_at is None
         peer.num_streams += 1
         self._streams[stream.number] = stream
         self._all_ended.clear()
@@ -187,8 +176,8 @@ class MotionService:
             self._all_ended.set()
 
     async def _serve(self, stream: Stream, context: StreamContext) -> None:
-        reader = asyncio.create_task(self._read(stream, context))
-        writer = asyncio.create_task(self._write(stream, context))
+        reader = asyncio.create_task(self._reader.read(stream, context))
+        writer = asyncio.create_task(write(stream, context))
         stream.cut = writer.cancel
         try:
             await asyncio.wait({reader, writer}, return_when=asyncio.FIRST_COMPLETED)
@@ -218,105 +207,11 @@ class MotionService:
             for task in (reader, writer):
                 task.cancel()
 
-    async def _read(self, stream: Stream, context: StreamContext) -> None:
-        while True:
-            await stream.room()
-            data = await context.read()
-            if not isinstance(data, bytes):  # grpc.aio.EOF
-                return
-            stream.budget.charge_message(len(data), time.monotonic())
-            try:
-                await self._take(stream, data)
-            except Malformed as error:
-                raise malformed(str(error)) from error
-
-    async def _take(self, stream: Stream, data: bytes) -> None:
-        """Take one message. Raises Malformed, and StreamRefused for what is not allowed on the stream now."""
-        if len(data) <= SMALL_BYTES:
-            request = parsed(data)
-            stream.budget.charge(EVENT_COST * len(request.events), time.monotonic())
-            self._control(stream, request)
-            await self._events(stream, request)
-            return
-        parts = RequestParts(data)
-        while not parts.is_done:
-            stream.budget.charge(EVENT_COST * parts.walk(EVENTS_A_WALK), time.monotonic())
-            await stream.room()
-        self._control(stream, parts.control())
-        for request in parts.events():
-            await stream.room()
-            await self._events(stream, request)
-
-    def _control(self, stream: Stream, request: service_pb2.StreamMotionRequest) -> None:
-        """What a message says of the stream itself."""
-        kind = request.WhichOneof("stream_event")
-        if stream.greeted == (kind == "hello"):
-            raise hello_expected() if not stream.greeted else hello_repeated()
-        if kind == "hello":
-            self._greet(stream, request.hello)
-        elif kind == "ping":
-            stream.rtt_s = round_trip_s(request.ping)
-            pong = service_pb2.Pong(client_time_ns=request.ping.client_time_ns, server_time_ns=time.time_ns())
-            stream.reply(service_pb2.StreamMotionResponse(pong=pong))
-
-    @staticmethod
-    async def _events(stream: Stream, request: service_pb2.StreamMotionRequest) -> None:
-        now = time.monotonic()
-        for number, event in enumerate(request.events, 1):
-            stream.receive(event, now)
-            if number % EVENTS_A_TURN == 0:
-                await stream.room()
-
-    def _greet(self, stream: Stream, hello: service_pb2.ClientHello) -> None:
-        if len(hello.client_agent) > MAX_AGENT_CHARACTERS:
-            raise client_agent_too_long(len(hello.client_agent), MAX_AGENT_CHARACTERS)
-        _log.info("stream %d begins, client %r", stream.number, hello.client_agent)
-        if hello.HasField("flush_interval"):
-            # Not by ToTimedelta, which cannot hold every Duration that fits into a message.
-            asked = hello.flush_interval.seconds + hello.flush_interval.nanos / 1e9
-            stream.flush_s = min(max(asked, FLUSH_RANGE_S[0]), FLUSH_RANGE_S[1])
-        answer = service_pb2.ServerHello(
-            replica_id=self._replica_id, limits=self._models.limits_message, server_time_ns=time.time_ns()
-        )
-        stream.reply(service_pb2.StreamMotionResponse(hello=answer))
-        stream.greeted = True
-        if self._ends_at is not None:
-            say_draining(stream, self._ends_at - time.monotonic())
-
-    async def _write(self, stream: Stream, context: StreamContext) -> None:
-        """Write what waits until the stream ends and all is written.
-
-        What comes after a quiet time is written at once; what comes within the flush interval of the last message is
-        gathered into the next.
-        """
-        loop, next_at = self._loop, 0.0
-        while True:
-            await stream.ready.wait()
-            if loop.time() < next_at:
-                timer = loop.call_at(next_at, stream.urgent.set)
-                await stream.urgent.wait()
-                timer.cancel()
-            if not stream.ended:
-                stream.urgent.clear()
-            stream.ready.clear()
-            next_at = loop.time() + stream.flush_s
-            while (response := stream.next_response()) is not None:
-                stream.writing_since = time.monotonic()
-                try:
-                    await context.write(response)
-                    stream.note_written()
-                except (grpc.aio.AioRpcError, grpc.aio.UsageError, asyncio.InvalidStateError):
-                    stream.lose()  # the client has gone; its cancellation may not have been seen yet
-                    return
-                stream.writing_since = None
-            if stream.ended and not stream.num_sessions and not len(stream.send_queue):
-                return
-
     # ---- the server's end -------------------------------------------------------------------------------------------
 
     def goodbye(self, grace_s: float) -> None:
         """Open nothing more, and tell every client that the server goes away in grace_s seconds."""
-        self._ends_at = time.monotonic() + grace_s
+        self._reader.ends_at = time.monotonic() + grace_s
         for stream in self._streams.values():
             stream.accepts_opens = False
             if stream.greeted:  # else its hello, which comes first, is followed by the goodbye

@@ -15,7 +15,8 @@ from motiongen_ardy.data.captions import mirror_caption, mirror_content, paraphr
 from motiongen_ardy.data.dataset import DatasetError, MotionDataset
 from motiongen_ardy.data.mirror import mirror_clip
 from motiongen_ardy.data.resample import resample, resampled_length
-from motiongen_ardy.data.retarget_file import RetargetError, built_in_retargets, read_retarget
+from motiongen_ardy.data.retarget_file import built_in_retargets, read_retarget
+from motiongen_ardy.data.retarget_rules import RetargetError
 from tests.ardy.train.clips import swinging_dataset
 
 CORE = load_skeleton("core27")

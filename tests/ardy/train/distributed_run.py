@@ -9,7 +9,7 @@ from pathlib import Path
 from motiongen_ardy.checkpoint.checkpoint import load_tokenizer
 from motiongen_ardy.model.config import TokenizerConfig, TransformerConfig
 from motiongen_ardy.train.denoiser import denoiser_of, train_denoiser
-from motiongen_ardy.train.loop import LoopSettings
+from motiongen_ardy.train.loop_settings import LoopSettings
 from motiongen_ardy.train.recipe import MINI_DENOISER
 from motiongen_ardy.train.tokenizer import train_tokenizer
 from tests.ardy.train.clips import swinging_dataset

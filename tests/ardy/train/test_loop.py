@@ -13,7 +13,7 @@ from motiongen_ardy.model.config import TokenizerConfig, TransformerConfig
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
 from motiongen_ardy.model.rollout import RolloutRequest, rollout
 from motiongen_ardy.train.denoiser import denoiser_of, train_denoiser
-from motiongen_ardy.train.loop import LoopSettings
+from motiongen_ardy.train.loop_settings import LoopSettings
 from motiongen_ardy.train.recipe import MINI_DENOISER
 from motiongen_ardy.train.tokenizer import train_tokenizer
 from tests.ardy.train.clips import swinging_dataset

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from motiongen_ardy.train.loop import MovingAverage
+from motiongen_ardy.train.moving_average import MovingAverage
 from motiongen_ardy.train.optimizer import INNER_SCALE, AdamAtan2, warmup_cosine
 
 

@@ -17,7 +17,7 @@ from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.model.rollout import RolloutRequest, rollout
 from motiongen_ardy.train.denoiser import starting_model, train_denoiser
 from motiongen_ardy.train.feature_bank import build_feature_bank, natural_layout
-from motiongen_ardy.train.loop import LoopSettings
+from motiongen_ardy.train.loop_settings import LoopSettings
 from motiongen_ardy.train.recipe import read_recipe
 from motiongen_ardy.train.tokenizer import train_tokenizer
 from motiongen_ardy.train.windows import OwnHistory, WindowSampler

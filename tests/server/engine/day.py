@@ -141,7 +141,7 @@ class Day:
 
     def _check_jobs(self) -> None:
         """Every job that was prepared was decoded once, or discarded, or still runs."""
-        runner, owners = self.stage.runner, self.stage.engine._owners
+        runner, owners = self.stage.runner, self.stage.engine.windows.owners
         ends = Counter([*runner.decoded, *runner.discarded, *runner.jobs])
         prepared = {job.job_id for job in runner.prepared}
         assert prepared <= ends.keys()

@@ -99,7 +99,13 @@ class Stage:
         self.clock = FakeClock()
         self.clock.ticked = self._let_arrive
         self.runner = FakeRunner(self.clock)
-        self.engine = Engine(self.runner, self.clock, self._deliver, config or EngineConfig(), scheduler=scheduler)
+        self.engine = Engine(
+            self.runner,
+            self.clock,
+            lambda outputs: self.deliver(outputs),
+            config or EngineConfig(),
+            scheduler=scheduler,
+        )
         self.viewers: dict[SessionKey, Viewer] = {}
         self.reports: list[StepReport] = []
         self.outputs: list[Output] = []
@@ -219,7 +225,7 @@ class Stage:
                 self._next_report_at[key] = now + self._report_every_s
                 self.report(viewer)
 
-    def _deliver(self, outputs: Sequence[Output]) -> None:
+    def deliver(self, outputs: Sequence[Output]) -> None:
         self.outputs += outputs
         arriving = [(self._addressee(output), output) for output in outputs]
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import pytest
 
+from motiongen_server.engine import loop
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
-from motiongen_server.engine.scheduling.scheduled_job import ScheduledJob
 from motiongen_server.engine.types import (
     Close,
     Closed,
@@ -24,6 +24,8 @@ from motiongen_server.engine.types import (
     SessionKey,
     SetPrompts,
 )
+from motiongen_server.engine.types.report import StepReport
+from tests.server.engine.engine_thread import EngineThread
 from tests.server.engine.fakes import PROMPT, SEED, FakeClock, FakeRunner
 from tests.server.engine.stage import Stage, prompt, spec
 from tests.server.engine.viewer import Viewer
@@ -133,7 +135,7 @@ def test_a_handle_used_again_gets_nothing_of_the_session_before() -> None:
             viewer.take(output, stage.clock.now())
             seen.append(output)
 
-    stage.engine._deliver = deliver
+    stage.deliver = deliver  # type: ignore[method-assign]
     stage.engine.submit(Open(spec(old.key, seed=500, prompts=(prompt(2),)), 1, stage.clock.now()))
     for _ in range(8):
         stage.step()
@@ -184,7 +186,7 @@ def test_a_job_that_makes_the_runner_raise_closes_its_session_only(call: str) ->
     bad = stage.open(66, seed=666)
 
     def fails(called: str, job_ids: Sequence[int]) -> bool:
-        owners = stage.engine._owners
+        owners = stage.engine.windows.owners
         return called == call and any(owners[job_id].key == bad.key for job_id in job_ids)
 
     stage.runner.fails = fails
@@ -196,7 +198,7 @@ def test_a_job_that_makes_the_runner_raise_closes_its_session_only(call: str) ->
     for viewer in viewers:
         assert viewer.closed is None
         assert viewer.underruns == 0
-    assert stage.engine._owners.keys() == stage.runner.jobs.keys()
+    assert stage.engine.windows.owners.keys() == stage.runner.jobs.keys()
     stage.check_finished()
 
 
@@ -260,12 +262,11 @@ def test_stopping_finishes_the_running_windows_and_closes_every_session() -> Non
     stage.step()
     assert len(stage.runner.jobs) == 3
     stage.engine.stop()
-    stage.engine.run()
+    assert loop.run(stage.engine) is None
     for viewer in viewers:
         assert viewer.buffered_to == 40
         assert viewer.closed is not None
         assert (viewer.closed.reason, viewer.closed.code) == (CloseReason.DRAINED, Code.UNAVAILABLE)
-    assert stage.engine.failure is None
     assert stage.engine.num_sessions == 0
 
 
@@ -273,12 +274,11 @@ def test_an_error_of_the_loop_itself_is_kept_and_closes_every_session() -> None:
     stage, (viewer,) = _crowd(1)
     stage.step()
 
-    def broken(now: float) -> list[ScheduledJob]:
+    def broken(report: StepReport) -> list[int]:
         raise ZeroDivisionError
 
-    stage.engine._scheduler.schedule = broken  # type: ignore[method-assign]
-    stage.engine.run()
-    assert isinstance(stage.engine.failure, ZeroDivisionError)
+    stage.engine.windows.step = broken  # type: ignore[method-assign]
+    assert isinstance(loop.run(stage.engine), ZeroDivisionError)
     assert viewer.closed is not None
     assert viewer.closed.reason is CloseReason.ENGINE_FAULT
 
@@ -298,7 +298,7 @@ def test_the_thread_serves_and_ends() -> None:
             outputs.put(output)
 
     engine = Engine(runner, _RealClock(), deliver, EngineConfig(), reports.append)
-    engine.start()
+    thread = EngineThread(engine)
     key = SessionKey(1, 1)
     engine.submit(Open(spec(key), 1, time.monotonic()))
     assert isinstance(outputs.get(timeout=10.0), Opened)
@@ -307,10 +307,10 @@ def test_the_thread_serves_and_ends() -> None:
         pass
     assert output.event_seq == 2
     engine.stop()
-    assert engine.join(10.0)
+    assert thread.join(10.0)
     while not isinstance(outputs.get(timeout=10.0), Closed):
         pass
-    assert engine.failure is None
+    assert thread.failure is None
     assert runner.breaches == []
     assert sum(report.frames_sent for report in reports) > 0
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
+from motiongen_server.engine import loop
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.ports import DeviceLost, OutOfMemory
 from motiongen_server.engine.session import emission
@@ -56,7 +57,7 @@ def test_running_out_of_memory_costs_nobody_a_session(call: str) -> None:
 @pytest.mark.parametrize("call", CALLS)
 def test_a_window_that_does_not_fit_even_alone_closes_its_session_only(call: str) -> None:
     stage, viewers = _crowd(5)
-    owners = stage.engine._owners
+    owners = stage.engine.windows.owners
 
     def fails(called: str, job_ids: Sequence[int]) -> bool:
         if called == call and any(owners[job_id].key == viewers[1].key for job_id in job_ids):
@@ -83,8 +84,7 @@ def test_a_lost_device_ends_the_engine_and_closes_every_session(call: str) -> No
         return False
 
     stage.runner.fails = fails
-    stage.engine.run()
-    assert isinstance(stage.engine.failure, DeviceLost)
+    assert isinstance(loop.run(stage.engine), DeviceLost)
     for viewer in viewers:
         assert viewer.closed is not None
         assert (viewer.closed.reason, viewer.closed.code) == (CloseReason.ENGINE_FAULT, Code.INTERNAL)
@@ -200,7 +200,7 @@ def test_wake_ups_do_not_pile_up() -> None:
         stage.set_prompts(viewers[0], prompt(1))
         for viewer in viewers:
             stage.report(viewer)
-    assert len(stage.engine._timers) <= 2 * len(viewers) + 64
+    assert stage.engine.sessions.num_wake_ups <= 2 * len(viewers) + 64
 
 
 def test_sessions_are_counted_as_they_come_change_and_go() -> None:

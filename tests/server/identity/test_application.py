@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ssl
 from pathlib import Path
 
 import grpc
@@ -11,7 +12,7 @@ import pytest
 
 from motiongen.v1 import admin_pb2, admin_pb2_grpc, service_pb2, service_pb2_grpc
 from motiongen_server.settings import SettingError
-from tests.server.identity.files import TenantsFile, bearer, client_credentials, copy_pair
+from tests.server.identity.files import AUTHORITY, TenantsFile, bearer, client_credentials, copy_pair
 from tests.server.test_app import application_of, config, running
 
 
@@ -42,6 +43,48 @@ async def test_with_tls_and_tenants_each_port_has_its_rule(tenants: TenantsFile,
             assert (refused.status_code, refused.headers["WWW-Authenticate"]) == (401, "Bearer")
             shown = await client.get("/metrics", headers={"Authorization": f"Bearer {token}"})
             assert "motiongen_streams" in shown.text
+
+
+async def test_the_port_of_operations_speaks_tls_with_a_certificate_that_is_renewed(
+    tenants: TenantsFile, tmp_path: Path
+) -> None:
+    certificate, key = copy_pair("server-1", tmp_path)
+    token = tenants.one("roles = ['metrics']")
+    settings = config(
+        ops_host="0.0.0.0", ops_tls=True, tls_certificate=certificate, tls_key=key, tenants=str(tenants.path)
+    )
+    trust = ssl.create_default_context(cafile=AUTHORITY)
+    async with running(settings) as application:
+        url = f"https://localhost:{application.ops_port}/metrics"
+
+        async def shown() -> tuple[int, str]:
+            """The status, and the name in the certificate."""
+            async with (
+                httpx.AsyncClient(verify=trust) as client,
+                client.stream("GET", url, headers={"Authorization": f"Bearer {token}"}) as answer,
+            ):
+                handshake = answer.extensions["network_stream"].get_extra_info("ssl_object")
+                return answer.status_code, str(
+                    dict(part[0] for part in handshake.getpeercert()["subject"])["commonName"]
+                )
+
+        assert await shown() == (200, "server-1")
+        copy_pair("server-2", tmp_path)
+        assert await shown() == (200, "server-2")
+        async with httpx.AsyncClient() as client:
+            with pytest.raises(httpx.TransportError):
+                await client.get(url.replace("https", "http"))
+            with pytest.raises(httpx.ConnectError, match="CERTIFICATE_VERIFY_FAILED"):
+                await client.get(url)
+
+
+async def test_tokens_for_the_metrics_in_plain_text_are_warned_of(
+    tenants: TenantsFile, caplog: pytest.LogCaptureFixture
+) -> None:
+    tenants.one()
+    async with running(config(ops_host="0.0.0.0", tenants=str(tenants.path))):
+        pass
+    assert any("--ops-tls hides them" in message for message in caplog.messages)
 
 
 async def test_what_is_served_unprotected_is_warned_of(caplog: pytest.LogCaptureFixture) -> None:

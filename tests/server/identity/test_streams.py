@@ -14,7 +14,8 @@ import grpc.aio
 import pytest
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
-from motiongen_compliance.talk import RuleBroken, Talk
+from motiongen_compliance.heard import RuleBroken
+from motiongen_compliance.talk import Talk
 from motiongen_server.identity.tokens import new_token
 from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
 from motiongen_server.rpc.peers import Peers

@@ -13,6 +13,8 @@ from motiongen_tools.bench.result import Result
 from motiongen_tools.bench.scenario import load_scenario
 from motiongen_tools.cli import run
 from motiongen_tools.cli_bench import VOID, num_processes
+from tests.attack.server import attacked
+from tests.server.identity.files import AUTHORITY, CERTIFICATES, TenantsFile, copy_pair
 from tests.tools.bench.made_up import make_result
 
 NEVER_VOID = ["--max-lag-ms", "60000"]  # the machine that tests may be as slow as it likes
@@ -38,6 +40,37 @@ def test_a_run_of_two_processes(
     assert result["latencies_ms"]["open_to_first_frame"]["all"]["count"] == len(schedule.characters)
     assert "event to first changed frame" in printed
     assert sorted(path.name for path in out.iterdir()) == ["report.html", "report.png", "result.json"]
+
+
+def test_a_server_that_speaks_tls_and_asks_who_calls_is_loaded_too(
+    short_scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tenants, token = TenantsFile(tmp_path), tmp_path / "token"
+    token.write_text(tenants.one())
+    certificate, key = copy_pair("server-1", tmp_path)
+    settings = ("--tls-certificate", certificate, "--tls-key", key, "--tls-client-ca", AUTHORITY,
+                "--tenants", str(tenants.path))  # fmt: skip
+    with attacked(tmp_path / "log", settings) as server:
+        load = ["--server", server.address, "--scenario", str(short_scenario), "--seconds", "1", "--seed", "4"]
+        shown = ["--tls-certificate", str(CERTIFICATES / "client.pem"), "--tls-key", str(CERTIFICATES / "client.key")]
+        words = ["bench", *load, "--out", str(tmp_path / "out"), *NEVER_VOID, "--tls-ca", AUTHORITY, *shown]
+        assert run(words) == 1
+        assert "CREDENTIALS_INVALID" in capsys.readouterr().err, "its certificate is of an authority, and of no tenant"
+        assert run([*words, "--token-file", str(token)]) == 0
+        assert run(["catalog", "--server", server.address, "--tls-ca", AUTHORITY, "--token-file", str(token)]) == 1
+        assert run([*words, "--tls-key", str(tmp_path / "nowhere")]) == 1
+        assert "tls-key" in capsys.readouterr().err
+
+
+def test_a_program_of_ones_own_has_no_tls(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["bench", "--program", "motiongen-load", "--tls"]) == 2
+    assert "--program speaks plain text" in capsys.readouterr().err
+
+
+def test_a_certificate_needs_its_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["demo", "--server", "localhost:1", "--out", str(tmp_path), "--tls-certificate", "a.pem"]
+    assert run(words) == 1
+    assert "--tls-key together" in capsys.readouterr().err
 
 
 @pytest.fixture

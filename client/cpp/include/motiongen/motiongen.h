@@ -95,7 +95,8 @@ enum {
   MOTIONGEN_EVENT_CONNECTION_LOST = 5,
   MOTIONGEN_EVENT_CONNECTED = 6,
   MOTIONGEN_EVENT_RECOVERED = 7,
-  MOTIONGEN_EVENT_DRAINING = 8
+  MOTIONGEN_EVENT_DRAINING = 8,
+  MOTIONGEN_EVENT_REACHED = 9 /* a target was met or missed; its last frame can change no more */
 };
 
 typedef struct motiongen_event {
@@ -111,7 +112,53 @@ typedef struct motiongen_event {
   uint32_t denoise_steps;
   char reason[64];
   char message[512];
+  uint32_t target; /* REACHED: which, and the five below; its frame is in `frame` */
+  uint32_t met;    /* 1: within its tolerances */
+  uint32_t has_position_error;
+  float position_error_m;
+  uint32_t has_rotation_error;
+  float rotation_error_rad;
 } motiongen_event;
+
+/* An element of an array; never changed. */
+typedef struct motiongen_waypoint {
+  uint64_t frame;
+  float x_m;
+  float z_m;
+  float heading_rad;
+  uint32_t has_heading;
+} motiongen_waypoint;
+
+typedef struct motiongen_clip_options {
+  uint32_t struct_size;
+  uint32_t num_frames;  /* 1 or more; the server has a limit */
+  uint32_t num_samples; /* 0: one; sample n has the seed + n */
+  uint32_t denoise_steps;
+  const char* prompt; /* NULL: none */
+  const char* model_id;
+  uint64_t seed;
+  uint32_t has_seed;
+  uint32_t num_waypoints;
+  const motiongen_waypoint* waypoints;
+  double timeout_s; /* 0: 60 s */
+  float start_x_m;
+  float start_z_m;
+  float start_heading_rad;
+  uint32_t reserved;
+} motiongen_clip_options;
+
+/* How near the motion came to one waypoint, each measured alone; the greatest errors. */
+typedef struct motiongen_residual {
+  uint32_t struct_size;
+  uint32_t num_frames; /* of it that are in the clip; 0: nothing was measured */
+  uint32_t met;
+  uint32_t has_position;
+  float position_m;
+  uint32_t has_heading;
+  float heading_rad;
+} motiongen_residual;
+
+typedef struct motiongen_clip motiongen_clip;
 
 /* ---- a client: one stream to one server. Destroying it ends its sessions, whose handles stay to be destroyed. */
 MOTIONGEN_C_API motiongen_code motiongen_client_connect(const motiongen_client_options* options,
@@ -120,6 +167,19 @@ MOTIONGEN_C_API void motiongen_client_destroy(motiongen_client* client);
 MOTIONGEN_C_API int32_t motiongen_client_is_connected(const motiongen_client* client);
 /* 1 and the oldest event not taken, or 0 where there is none. */
 MOTIONGEN_C_API int32_t motiongen_client_next_event(motiongen_client* client, motiongen_event* event);
+
+/* ---- a clip: bounded motion, all samples in one call, which waits for them. Its handle outlives the client. */
+MOTIONGEN_C_API motiongen_code motiongen_client_generate_clip(motiongen_client* client,
+                                                              const motiongen_clip_options* options,
+                                                              motiongen_clip** clip, motiongen_error* error);
+MOTIONGEN_C_API void motiongen_clip_destroy(motiongen_clip* clip);
+MOTIONGEN_C_API uint32_t motiongen_clip_num_samples(const motiongen_clip* clip);
+MOTIONGEN_C_API uint32_t motiongen_clip_num_frames(const motiongen_clip* clip);
+/* Rows of num_frames times row_floats numbers, which live as long as the clip; NULL for no sample. */
+MOTIONGEN_C_API const float* motiongen_clip_rows(const motiongen_clip* clip, uint32_t sample, uint32_t* row_floats);
+MOTIONGEN_C_API uint64_t motiongen_clip_seed(const motiongen_clip* clip, uint32_t sample);
+MOTIONGEN_C_API motiongen_code motiongen_clip_residual(const motiongen_clip* clip, uint32_t sample, uint32_t waypoint,
+                                                       motiongen_residual* residual, motiongen_error* error);
 
 /* ---- a session: one character. Destroying it closes it. */
 MOTIONGEN_C_API motiongen_code motiongen_client_open(motiongen_client* client, const motiongen_session_options* options,

@@ -29,8 +29,21 @@ std::uint32_t number_of(EventKind kind) {
       return MOTIONGEN_EVENT_RECOVERED;
     case EventKind::draining:
       return MOTIONGEN_EVENT_DRAINING;
+    case EventKind::reached:
+      return MOTIONGEN_EVENT_REACHED;
   }
   return 0;
+}
+
+void put_reached(const motiongen::Reached& reached, motiongen_event& told) {
+  told.has_frame = 1;
+  told.frame = reached.frame;
+  told.target = reached.target;
+  told.met = reached.met ? 1 : 0;
+  told.has_position_error = reached.position_error_m ? 1 : 0;
+  told.position_error_m = reached.position_error_m.value_or(0);
+  told.has_rotation_error = reached.rotation_error_rad ? 1 : 0;
+  told.rotation_error_rad = reached.rotation_error_rad.value_or(0);
 }
 
 }  // namespace
@@ -74,6 +87,7 @@ int32_t motiongen_client_next_event(motiongen_client* client, motiongen_event* e
   const bool has_frame = next.kind == EventKind::recovered || next.outcome.effective_frame.has_value();
   told.has_frame = has_frame ? 1 : 0;
   if (has_frame) told.frame = next.outcome.effective_frame.value_or(next.frame);
+  if (next.kind == EventKind::reached) put_reached(next.reached, told);
   told.exact = next.exact ? 1 : 0;
   told.tier = next.level.tier;
   told.denoise_steps = next.level.denoise_steps;

@@ -1,11 +1,17 @@
 // What the opaque handles of the C interface point to.
 #pragma once
 
+#include <vector>
+
 #include "motiongen/client/client.hpp"
 #include "motiongen/motiongen.h"
 
 struct motiongen_client {
   motiongen::Client client;
+};
+
+struct motiongen_clip {
+  std::vector<motiongen::Clip> samples;
 };
 
 struct motiongen_session {

@@ -38,6 +38,8 @@ Result<Session> Client::open(const SessionOptions& options) {
   return Session(core_, std::move(state).value());
 }
 
+Result<std::vector<Clip>> Client::generate_clip(const ClipOptions& options) { return core_->generate_clip(options); }
+
 bool Client::next_event(Event& event) { return core_->events().take(event); }
 
 }  // namespace motiongen

@@ -25,11 +25,6 @@ bool is_loss(const Status& status) {
          code != Code::unimplemented && status.reason() != "PROTOCOL_VIOLATION";
 }
 
-std::chrono::system_clock::time_point in_seconds(double seconds) {
-  return std::chrono::system_clock::now() +
-         std::chrono::duration_cast<std::chrono::system_clock::duration>(std::chrono::duration<double>(seconds));
-}
-
 }  // namespace
 
 Status ClientCore::make_channel() {
@@ -69,22 +64,11 @@ Status ClientCore::make_channel() {
 }
 
 Status ClientCore::fetch_catalog(double timeout_s) {
-  grpc::ClientContext context;
-  context.set_deadline(in_seconds(timeout_s));
-  context.set_wait_for_ready(true);
-  if (!options_.token.empty()) context.AddMetadata("authorization", "Bearer " + options_.token);
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    asking_ = &context;
-    if (closing_) context.TryCancel();
-  }
+  ShortCall call(*this, timeout_s);
+  call.context.set_wait_for_ready(true);
   v1::GetCatalogRequest request;
   v1::GetCatalogResponse response;
-  const grpc::Status status = v1::MotionService::NewStub(channel_)->GetCatalog(&context, request, &response);
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    asking_ = nullptr;
-  }
+  const grpc::Status status = v1::MotionService::NewStub(channel_)->GetCatalog(&call.context, request, &response);
   if (!status.ok()) return status_of(status);
   auto made = convert::catalog(response);
   if (!made) return made.status();
@@ -215,7 +199,7 @@ void ClientCore::shut_down() {
     const std::lock_guard<std::mutex> lock(mutex_);
     call = call_;
     worker = std::move(worker_);
-    if (asking_ != nullptr) asking_->TryCancel();
+    for (grpc::ClientContext* each : short_calls_) each->TryCancel();
     woken_ = true;
     changed_.notify_all();
   }

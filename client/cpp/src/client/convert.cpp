@@ -6,84 +6,6 @@
 namespace motiongen::convert {
 namespace {
 
-bool all_finite(const std::vector<float>& values) {
-  for (const float value : values) {
-    if (!std::isfinite(value)) return false;
-  }
-  return true;
-}
-
-Status wrong_length(const char* field, std::size_t given, const std::string& allowed) {
-  return invalid(field, std::to_string(given) + " numbers", allowed);
-}
-
-Status not_finite(const char* field) { return invalid(field, "a number that is not finite", "finite numbers"); }
-
-struct Checker {
-  Status operator()(const Waypoint& target) const {
-    const bool finite =
-        std::isfinite(target.x_m) && std::isfinite(target.z_m) && std::isfinite(target.heading_rad.value_or(0));
-    return finite ? Status() : not_finite("Waypoint");
-  }
-  Status operator()(const RootTrajectory& target) const {
-    const std::size_t frames = target.positions_m.size() / 2;
-    if (frames == 0 || target.positions_m.size() % 2 != 0) {
-      return wrong_length("RootTrajectory::positions_m", target.positions_m.size(), "x and z of one frame or more");
-    }
-    if (!target.headings_rad.empty() && target.headings_rad.size() != frames) {
-      return wrong_length("RootTrajectory::headings_rad", target.headings_rad.size(),
-                          std::to_string(frames) + ", one a position, or none");
-    }
-    return all_finite(target.positions_m) && all_finite(target.headings_rad) ? Status() : not_finite("RootTrajectory");
-  }
-  Status operator()(const Keyframe& target) const {
-    if (target.positions_m.empty() || target.positions_m.size() % 3 != 0) {
-      return wrong_length("Keyframe::positions_m", target.positions_m.size(), "x, y and z of every joint");
-    }
-    return all_finite(target.positions_m) ? Status() : not_finite("Keyframe");
-  }
-  Status operator()(const JointTargets& target) const {
-    const std::size_t joints = target.joints.size();
-    if (joints == 0 || target.positions_m.size() != 3 * joints) {
-      return wrong_length("JointTargets::positions_m", target.positions_m.size(), "x, y and z of each of its joints");
-    }
-    if (!target.rotations_wxyz.empty() && target.rotations_wxyz.size() != 4 * joints) {
-      return wrong_length("JointTargets::rotations_wxyz", target.rotations_wxyz.size(),
-                          "w, x, y and z of each of its joints, or none");
-    }
-    return all_finite(target.positions_m) && all_finite(target.rotations_wxyz) ? Status() : not_finite("JointTargets");
-  }
-};
-
-struct Writer {
-  v1::Constraint* message;
-
-  void operator()(const Waypoint& target) const {
-    message->set_frame(target.frame);
-    auto* waypoint = message->mutable_waypoint();
-    waypoint->set_x(target.x_m);
-    waypoint->set_z(target.z_m);
-    if (target.heading_rad) waypoint->set_heading(*target.heading_rad);
-  }
-  void operator()(const RootTrajectory& target) const {
-    message->set_frame(target.first_frame);
-    auto* path = message->mutable_root_trajectory();
-    path->mutable_positions()->Add(target.positions_m.begin(), target.positions_m.end());
-    path->mutable_headings()->Add(target.headings_rad.begin(), target.headings_rad.end());
-  }
-  void operator()(const Keyframe& target) const {
-    message->set_frame(target.frame);
-    message->mutable_keyframe()->mutable_positions()->Add(target.positions_m.begin(), target.positions_m.end());
-  }
-  void operator()(const JointTargets& target) const {
-    message->set_frame(target.frame);
-    auto* joints = message->mutable_joint_targets();
-    joints->mutable_joints()->Add(target.joints.begin(), target.joints.end());
-    joints->mutable_positions()->Add(target.positions_m.begin(), target.positions_m.end());
-    joints->mutable_rotations()->Add(target.rotations_wxyz.begin(), target.rotations_wxyz.end());
-  }
-};
-
 Code code_of(int number) {
   return number >= 0 && number <= static_cast<int>(Code::unauthenticated) ? static_cast<Code>(number) : Code::unknown;
 }
@@ -129,15 +51,6 @@ Model model(const v1::Model& message) {
 }
 
 }  // namespace
-
-Status check(const Target& target) { return std::visit(Checker{}, target); }
-
-v1::Constraint constraint(std::uint32_t id, const Target& target) {
-  v1::Constraint message;
-  message.set_constraint_id(id);
-  std::visit(Writer{&message}, target);
-  return message;
-}
 
 v1::PromptSpan span(std::uint32_t id, const Prompt& prompt, std::uint64_t start_frame, std::uint64_t end_frame) {
   v1::PromptSpan message;
@@ -192,6 +105,8 @@ Result<std::shared_ptr<const Catalog>> catalog(const v1::GetCatalogResponse& mes
   made->limits.max_request_bytes = limits.max_request_bytes();
   made->limits.max_hold_frames = limits.max_hold_frames();
   made->limits.max_speed_mps = limits.max_speed_mps();
+  made->limits.max_clip_frames = limits.max_clip_frames();
+  made->limits.max_clip_samples = limits.max_clip_samples();
   return std::shared_ptr<const Catalog>(std::move(made));
 }
 
@@ -216,6 +131,27 @@ Outcome outcome(const v1::EditOutcome& message) {
   made.allowed = message.allowed();
   if (message.has_retry_after()) made.retry_after_s = seconds(message.retry_after());
   made.warnings = warnings(message.warnings());
+  return made;
+}
+
+Reached reached(const v1::ConstraintReached& message) {
+  Reached made;
+  made.target = message.constraint_id();
+  made.met = message.met();
+  made.frame = message.frame();
+  if (message.has_position_error_m()) made.position_error_m = message.position_error_m();
+  if (message.has_rotation_error_rad()) made.rotation_error_rad = message.rotation_error_rad();
+  return made;
+}
+
+Residual residual(const v1::ConstraintResidual& message) {
+  const auto deviation = [](const v1::Deviation& each) { return Deviation{each.mean(), each.worst()}; };
+  Residual made;
+  made.num_frames = message.frame_count();
+  if (message.has_position_m()) made.position_m = deviation(message.position_m());
+  if (message.has_heading_rad()) made.heading_rad = deviation(message.heading_rad());
+  if (message.has_rotation_rad()) made.rotation_rad = deviation(message.rotation_rad());
+  made.met = message.met();
   return made;
 }
 

@@ -4,6 +4,7 @@
 #include <memory>
 #include <string>
 
+#include "motiongen/client/clip.hpp"
 #include "motiongen/client/types.hpp"
 #include "motiongen/v1/service.pb.h"
 
@@ -24,6 +25,8 @@ v1::OpenSession open_session(const SessionOptions& options);
 // A violation when a rig contradicts itself.
 Result<std::shared_ptr<const Catalog>> catalog(const v1::GetCatalogResponse& message);
 Opened opened(const v1::SessionOpened& message);
+Reached reached(const v1::ConstraintReached& message);
+Residual residual(const v1::ConstraintResidual& message);
 Outcome outcome(const v1::EditOutcome& message);
 // Why the server ended a session.
 Status closed(const v1::SessionClosed& message);

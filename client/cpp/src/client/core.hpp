@@ -9,6 +9,7 @@
 #include <memory>
 #include <mutex>
 #include <random>
+#include <set>
 #include <string>
 #include <thread>
 #include <unordered_map>
@@ -25,6 +26,20 @@ namespace motiongen {
 // Seconds of a clock that never goes back.
 double now_s();
 
+// The context of a short call, with deadline and token; closing the client cancels it.
+class ShortCall {
+ public:
+  ShortCall(class ClientCore& core, double timeout_s);
+  ~ShortCall();
+  ShortCall(const ShortCall&) = delete;
+  ShortCall& operator=(const ShortCall&) = delete;
+
+  grpc::ClientContext context;
+
+ private:
+  ClientCore& core_;
+};
+
 class ClientCore final : public CallUser, public std::enable_shared_from_this<ClientCore> {
  public:
   explicit ClientCore(ClientOptions options);
@@ -36,6 +51,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   Result<std::shared_ptr<SessionState>> open(const SessionOptions& options);
   std::shared_ptr<const Catalog> catalog() const;
   ClientStats stats() const;
+  Result<std::vector<Clip>> generate_clip(const ClipOptions& options);
   bool is_connected() const { return connected_; }
 
   // ---- for Session
@@ -57,6 +73,8 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void on_call_ended(const grpc::Status& status, std::shared_ptr<Call> call) override;
 
  private:
+  friend class ShortCall;
+
   // connection.cpp: calls, their loss, and another one
   Status make_channel();
   Status try_connect(double deadline_s);
@@ -103,7 +121,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   std::shared_ptr<const Catalog> catalog_;
   std::shared_ptr<Call> call_;
   std::vector<std::shared_ptr<Call>> ended_calls_;  // to be let go by the next one, or with this
-  grpc::ClientContext* asking_ = nullptr;           // for the catalogue at present, so that closing need not wait
+  std::set<grpc::ClientContext*> short_calls_;      // at work, so that closing need not wait
   std::unordered_map<std::uint32_t, std::shared_ptr<SessionState>> sessions_;
   std::uint32_t next_session_ = 1;
   Status failure_;        // of the last call

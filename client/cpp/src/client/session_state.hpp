@@ -73,6 +73,8 @@ class SessionState {
 
   // The answer to an edit, if it has come.
   std::optional<Outcome> find_answer(EditId edit) const;
+  // What became of a target, if it was told.
+  std::optional<Reached> find_reached(std::uint32_t target) const;
 
  private:
   void take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events, Outbox& outbox);
@@ -81,6 +83,7 @@ class SessionState {
   void send_resume(Outbox& outbox);
   void take_outcome(const v1::EditOutcome& message, double now_s, EventQueue& events);
   void break_off(const Status& status, EventQueue& events, Outbox& outbox);
+  void note_reached(const v1::ConstraintReached& message, EventQueue& events);
   void note_answer(EditId edit, Outcome outcome, EventQueue& events);
   std::uint32_t prior_rows(const Catalog& catalog, std::string& rows) const;
 
@@ -93,6 +96,7 @@ class SessionState {
   std::string token_;          // of the present session on the server; empty: it cannot be resumed
   std::uint32_t attempt_ = 0;  // to resume it
   std::deque<std::pair<EditId, Outcome>> answers_;
+  std::deque<Reached> reached_;
 };
 
 }  // namespace motiongen

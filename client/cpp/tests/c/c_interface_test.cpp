@@ -59,6 +59,10 @@ TEST(CInterface, TakesMissingPointers) {
   EXPECT_EQ(motiongen_session_sample(nullptr, nullptr, 0), 0);
   EXPECT_EQ(motiongen_session_joint_name(nullptr, 0), nullptr);
   EXPECT_EQ(motiongen_client_next_event(nullptr, nullptr), 0);
+  EXPECT_EQ(motiongen_client_generate_clip(nullptr, nullptr, nullptr, nullptr), MOTIONGEN_INVALID_ARGUMENT);
+  EXPECT_EQ(motiongen_clip_rows(nullptr, 0, nullptr), nullptr);
+  EXPECT_EQ(motiongen_clip_residual(nullptr, 0, 0, nullptr, nullptr), MOTIONGEN_INVALID_ARGUMENT);
+  motiongen_clip_destroy(nullptr);
   motiongen_session_destroy(nullptr);
   motiongen_client_destroy(nullptr);
 }

@@ -106,6 +106,76 @@ TEST(Stream, ARefusedOpenIsToldAndTheOthersPlay) {
   EXPECT_TRUE(walker->wait_frame(10, kLimitS));
 }
 
+TEST(Stream, WhatBecameOfATargetIsTold) {
+  auto client = Client::connect(server());
+  ASSERT_TRUE(client);
+  auto walker = client->open(walking());
+  ASSERT_TRUE(walker->wait_frame(0, kLimitS));
+  ASSERT_TRUE(walker->advance_to(0));
+  Waypoint near{40, 0, 0.5F, {}};
+  near.tolerance.position_m = 1000;
+  HeadingTarget turned{40, 2.0F};
+  turned.tolerance.rotation_rad = 1e-6F;
+  const Target targets[] = {near, turned};
+  std::vector<std::uint32_t> ids;
+  const auto edit = walker->add_targets({targets, 2}, &ids);
+  ASSERT_TRUE(edit);
+  ASSERT_TRUE(walker->wait_edit(edit.value(), kLimitS).value().status);
+  for (std::uint64_t frame = 0; frame < 60; ++frame) {
+    ASSERT_TRUE(walker->wait_frame(frame, kLimitS));
+    ASSERT_TRUE(walker->advance_to(frame));
+  }
+  const auto met = walker->wait_reached(ids[0], kLimitS);
+  ASSERT_TRUE(met) << met.status().message();
+  EXPECT_TRUE(met.value().met);
+  EXPECT_EQ(met.value().frame, 40U);
+  EXPECT_TRUE(met.value().position_error_m);
+  EXPECT_FALSE(met.value().rotation_error_rad);
+  const auto missed = walker->wait_reached(ids[1], kLimitS);
+  ASSERT_TRUE(missed);
+  EXPECT_FALSE(missed.value().met);
+  EXPECT_GT(missed.value().rotation_error_rad.value_or(0), 1e-6F);
+  int told = 0;
+  for (Event event; client->next_event(event);) told += event.kind == EventKind::reached ? 1 : 0;
+  EXPECT_EQ(told, 2);
+  near.tolerance.position_m = -1;
+  const Target wrong = near;
+  EXPECT_EQ(walker->add_targets({&wrong, 1}).status().code(), Code::invalid_argument);
+}
+
+TEST(Stream, ClipsComeWholeWithWhatBecameOfTheirTargets) {
+  auto client = Client::connect(server());
+  ASSERT_TRUE(client);
+  ClipOptions options;
+  options.num_frames = 50;
+  options.num_samples = 2;
+  options.prompt = "a person walks forward";
+  options.later_prompts = {{30, "a person waves"}};
+  options.targets = {Waypoint{40, 0, 1, {}}, JointRotations{45, {5}, {1, 0, 0, 0}, {}}};
+  options.seed = 9;
+  const auto clips = client->generate_clip(options);
+  ASSERT_TRUE(clips) << clips.status().message();
+  ASSERT_EQ(clips.value().size(), 2U);
+  for (std::size_t sample = 0; sample < 2; ++sample) {
+    const Clip& clip = clips.value()[sample];
+    EXPECT_EQ(clip.opened.seed, 9 + sample);
+    EXPECT_EQ(clip.rows.size(), 50 * client->catalog()->rigs[0].row_width);
+    ASSERT_EQ(clip.residuals.size(), 2U);
+    EXPECT_TRUE(clip.residuals[0].position_m);
+    EXPECT_FALSE(clip.residuals[0].rotation_rad);
+    EXPECT_TRUE(clip.residuals[1].rotation_rad);
+  }
+  EXPECT_NE(clips.value()[0].rows, clips.value()[1].rows);
+  options.num_frames = 0;
+  EXPECT_EQ(client->generate_clip(options).status().code(), Code::invalid_argument);
+  options.num_frames = 50;
+  options.model_id = "no-such-model";
+  EXPECT_EQ(client->generate_clip(options).status().reason(), "UNKNOWN_MODEL");
+  options.model_id.clear();
+  options.timeout_s = 1e-3;
+  EXPECT_EQ(client->generate_clip(options).status().code(), Code::deadline_exceeded);
+}
+
 TEST(Stream, ManySessionsShareIt) {
   constexpr int kMany = 40;
   auto client = Client::connect(server());

@@ -50,7 +50,7 @@ class Generator:
         self._lane_of: dict[int, StreamClient] = {}
         self._character_of: dict[int, Character] = {}
         for index in range(self._process, num_lanes, load.processes):
-            stream_client = StreamClient(load.address, max_bytes, self._now_s, self._recorder)
+            stream_client = StreamClient(load.address, max_bytes, self._now_s, self._recorder, load.connection)
             self._lanes.append(stream_client)
             members = []
             for plan in schedule.characters[index::num_lanes]:

@@ -10,6 +10,7 @@ from motiongen_client.errors import MotiongenError
 from motiongen_tools.bench.recorder import PackedBook, Recorder
 from motiongen_tools.bench.scenario import Scenario
 from motiongen_tools.bench.schedule import Phases, Schedule, make_schedule
+from motiongen_tools.connection import PLAIN, Connection
 
 
 class GeneratorFailed(MotiongenError):
@@ -20,8 +21,8 @@ class GeneratorFailed(MotiongenError):
 class Load:
     """What is to be played, the same for all processes.
 
-    seconds: of measuring, after ramp and settling. denoise_steps: None leaves them to the server. program: a
-    motiongen-load that plays it; None: processes of this one's kind.
+    seconds: of measuring, after ramp and settling. denoise_steps: None leaves them to the server. connection: how the
+    server is reached. program: a motiongen-load that plays it; None: processes of this one's kind.
     """
 
     address: str
@@ -31,6 +32,7 @@ class Load:
     seed: int
     denoise_steps: int | None = None
     processes: int = 1
+    connection: Connection = PLAIN
     program: Path | None = None
 
     def schedule(self) -> Schedule:

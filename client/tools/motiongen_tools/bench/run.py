@@ -6,7 +6,6 @@ import asyncio
 from collections.abc import Callable
 from datetime import UTC, datetime
 
-from motiongen_client.client import MotionClient
 from motiongen_client.errors import InvalidInput
 from motiongen_client.types import Model
 from motiongen_tools.bench.load import Load, Progress
@@ -23,7 +22,7 @@ async def run_load(
 
     Raises InvalidInput for steps the model cannot do, ServerUnavailable, GeneratorFailed.
     """
-    async with MotionClient(load.address) as client:
+    async with load.connection.client(load.address) as client:
         catalog = client.catalog
     _check_steps(load, catalog.models[0])
     schedule = load.schedule()

@@ -15,6 +15,7 @@ from motiongen_client.convert import code_name
 from motiongen_client.errors import ServerUnavailable
 from motiongen_tools.bench.character import Character
 from motiongen_tools.bench.recorder import GENERATOR, WRITE_WAIT, Recorder
+from motiongen_tools.connection import PLAIN, Connection
 
 _CHANNEL_OPTIONS = (
     ("grpc.use_local_subchannel_pool", 1),  # a connection for each stream, as separate clients have
@@ -35,8 +36,16 @@ class StreamClient:
     clock: seconds from the start of the run. What the server refuses is counted in `recorder` and is no failure.
     """
 
-    def __init__(self, address: str, max_request_bytes: int, clock: Callable[[], float], recorder: Recorder) -> None:
+    def __init__(
+        self,
+        address: str,
+        max_request_bytes: int,
+        clock: Callable[[], float],
+        recorder: Recorder,
+        connection: Connection = PLAIN,
+    ) -> None:
         self._address = address
+        self._connection = connection
         self._max_bytes = max_request_bytes * 9 // 10
         self._clock = clock
         self._recorder = recorder
@@ -63,8 +72,8 @@ class StreamClient:
 
     async def start(self) -> None:
         """Connect and exchange hellos. Raises ServerUnavailable."""
-        self._channel = grpc.aio.insecure_channel(self._address, options=_CHANNEL_OPTIONS)
-        self._call = MotionServiceStub(self._channel).StreamMotion()
+        self._channel = self._connection.channel(self._address, _CHANNEL_OPTIONS)
+        self._call = MotionServiceStub(self._channel).StreamMotion(metadata=self._connection.metadata())
         self._reading = asyncio.create_task(self._read(), name="bench-read")
         self._writing = asyncio.create_task(self._write(), name="bench-write")
         greeted = asyncio.create_task(self._greeted.wait(), name="bench-hello")

@@ -12,7 +12,6 @@ from multiprocessing import connection as pipes
 from multiprocessing.connection import Connection
 from typing import Any
 
-from motiongen_client.client import MotionClient
 from motiongen_client.errors import MotiongenError
 from motiongen_tools.bench.generator import Generator
 from motiongen_tools.bench.load import GeneratorFailed, Load, Progress, Report
@@ -45,7 +44,7 @@ def work(load: Load, process: int, connection: Connection) -> None:
 
 
 async def _work(load: Load, process: int, connection: Connection) -> None:
-    async with MotionClient(load.address) as client:
+    async with load.connection.client(load.address) as client:
         generator = Generator(load, client.catalog, process)
     await generator.connect()
     connection.send(_Ready(process))

@@ -14,6 +14,7 @@ import numpy as np
 from motiongen_client.client import MotionClient
 from motiongen_client.errors import MissingExtra, MotiongenError
 from motiongen_tools.bvh import write_bvh
+from motiongen_tools.connection import PLAIN, connection_of
 from motiongen_tools.console import make_console, make_progress
 from motiongen_tools.demo.play import Take, close, open_cast, play
 from motiongen_tools.demo.report import missed_places, print_report
@@ -29,15 +30,15 @@ async def demo(options: argparse.Namespace) -> int:
     """Run it all. Returns 0 if every frame came, every waypoint was reached and the server behaved, else 1."""
     console = make_console()
     with contextlib.ExitStack() as stack:
-        address, problems = options.server, []
+        address, problems, connection = options.server, [], connection_of(options)
         if address is None:
             with console.status("starting the server with the built-in model"):
                 # played this fast, the cast would look like a crowd that has to make do with fewer steps
                 server = stack.enter_context(ServerProcess(["--degrade", "false", "--playback-rate", "1000"]))
             console.print(f"server ready on {server.address} after {server.ready_s:.1f} s (process {server.pid})")
-            address = server.address
+            address, connection = server.address, PLAIN
         try:
-            takes = await perform(address, options.seconds, console)
+            takes = await perform(connection.client(address), options.seconds, console)
         except MotiongenError as error:
             if options.server is None:
                 raise ServerFailed(str(error), server.log_tail()) from error
@@ -59,9 +60,9 @@ async def demo(options: argparse.Namespace) -> int:
     return 1 if problems else 0
 
 
-async def perform(address: str, seconds: float, console: Console) -> list[Take]:
-    """Play the cast on one stream for `seconds` of motion."""
-    async with MotionClient(address) as client:
+async def perform(client: MotionClient, seconds: float, console: Console) -> list[Take]:
+    """Play the cast on one stream for `seconds` of motion. client: not connected yet."""
+    async with client:
         model = client.catalog.models[0]
         console.print(
             f"{model.model_id} on {model.rig_id}, {model.default_denoise_steps} denoising steps, weights licensed "

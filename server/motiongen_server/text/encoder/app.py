@@ -7,7 +7,6 @@ import json
 import logging
 import os
 import signal
-import socket
 import sys
 from pathlib import Path
 
@@ -18,8 +17,10 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Proc
 from motiongen.v1 import encoder_pb2_grpc
 from motiongen_ardy.text import TextEncoder, load_text_encoder
 from motiongen_ardy.text.store import VectorStore
-from motiongen_server.addresses import join_address
-from motiongen_server.ops.http import OpsServer, ops_app
+from motiongen_server.addresses import is_local, join_address
+from motiongen_server.identity.setup import listen, make_callers, make_credentials, make_ops_context, warn_of_exposure
+from motiongen_server.ops.http import ops_app
+from motiongen_server.ops.port import OpsPort
 from motiongen_server.settings import SettingError
 from motiongen_server.text.encoder.config import EncoderConfig
 from motiongen_server.text.encoder.service import SERVICE_NAME, TextEncoderService
@@ -42,19 +43,23 @@ class EncoderApplication:
     async def start(self) -> None:
         """Load the encoder, then listen. Raises SettingError for settings that cannot be served."""
         config = self._config
+        credentials, self._callers = make_credentials(config), make_callers(config)
+        warn_of_exposure(config)
         encoder = await asyncio.to_thread(load, config)
         self._prompts = self._make_prompts(encoder)
         self._server = grpc.aio.server(options=[("grpc.so_reuseport", 0)])
-        service = TextEncoderService(self._prompts, encoder.width, config.max_texts, config.max_characters)
+        service = TextEncoderService(
+            self._prompts, encoder.width, config.max_texts, config.max_characters, self._callers
+        )
         encoder_pb2_grpc.add_TextEncoderServiceServicer_to_server(service, self._server)
         health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
-        address = join_address(config.host, config.port)
+        self._port = listen(self._server, join_address(config.host, config.port), "", credentials)
         try:
-            self._port = self._server.add_insecure_port(address)
-        except RuntimeError as error:
-            raise SettingError(f"cannot listen on {address}; choose another port, or 0") from error
-        await self._start_ops()
-        await self._server.start()
+            await self._start_ops()
+            await self._server.start()
+        except SettingError:
+            await self._server.stop(None)
+            raise
         await self._set_health(health_pb2.HealthCheckResponse.SERVING)
         self._is_ready = True
         _log.info("serving text encoder %s, %d numbers, on port %d", encoder.identity, encoder.width, self._port)
@@ -91,18 +96,13 @@ class EncoderApplication:
         return prompts
 
     async def _start_ops(self) -> None:
-        host, port = self._config.ops_host, self._config.ops_port
-        try:
-            listener = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
-        except OSError as error:
-            address = join_address(host, port)
-            raise SettingError(f"cannot listen on {address} (ops); choose another port, or 0: {error}") from error
-        self._ops = OpsServer(ops_app(self._registry, lambda: True, lambda: self._is_ready), host, port)
-        self._ops_task = asyncio.create_task(self._ops.serve([listener]))
-        while not self._ops.started:
-            if self._ops_task.done():
-                self._ops_task.result()
-            await asyncio.sleep(0.01)
+        config = self._config
+        app = ops_app(self._registry, lambda: True, lambda: self._is_ready, self._metrics_refusal)
+        self._ops = OpsPort(app, config.ops_host, config.ops_port, make_ops_context(config))
+        await self._ops.start()
+
+    def _metrics_refusal(self, authorization: str) -> str | None:
+        return None if is_local(self._config.ops_host) else self._callers.metrics_refusal(authorization)
 
     async def _set_health(self, status: int) -> None:
         for name in ("", SERVICE_NAME):
@@ -113,8 +113,7 @@ class EncoderApplication:
         self._is_ready = False
         await self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
         await self._server.stop(self._config.drain_grace_s)
-        self._ops.should_exit = True
-        await self._ops_task
+        await self._ops.stop()
         await asyncio.to_thread(self._prompts.close)
         _log.info("stopped")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import grpc
 import numpy as np
@@ -30,16 +30,28 @@ class RemoteEncoder:
     May be used from several threads.
     """
 
-    def __init__(self, address: str, timeout_s: float = 10.0, known: tuple[str, int] | None = None) -> None:
+    def __init__(
+        self,
+        address: str,
+        timeout_s: float = 10.0,
+        known: tuple[str, int] | None = None,
+        credentials: grpc.ChannelCredentials | None = None,
+        token: Callable[[], str] | None = None,
+    ) -> None:
         """address: host:port. timeout_s: of a call; at the start so long is waited for the service to come up.
 
-        known: identity and width that it is to have, where it is not to be asked at the start. Raises
-        UnknownTextEncoder for what cannot be an address, TextEncoderUnavailable when nobody answers there.
+        known: identity and width that it is to have, where it is not to be asked at the start. credentials: of TLS;
+        None: plain text. token: the one that says who calls, asked for before every call. Raises UnknownTextEncoder for
+        what cannot be an address, TextEncoderUnavailable when nobody answers there, or it lets nobody in.
         """
         if ":" not in address or not address.rpartition(":")[2].isdigit():
             raise UnknownTextEncoder(f"{address!r} is no address of an encoder service; such as localhost:50052")
         self._timeout_s = timeout_s
-        self._channel = grpc.insecure_channel(address, OPTIONS)
+        self._token = token
+        if credentials is None:
+            self._channel = grpc.insecure_channel(address, OPTIONS)
+        else:
+            self._channel = grpc.secure_channel(address, credentials, OPTIONS)
         describe = self._channel.unary_unary(
             PATH + "GetTextEncoder",
             request_serializer=encoder_pb2.GetTextEncoderRequest.SerializeToString,
@@ -54,7 +66,8 @@ class RemoteEncoder:
             (self._identity, self._width), self._max_texts = known, 1
             return
         try:
-            found = describe(encoder_pb2.GetTextEncoderRequest(), timeout=timeout_s, wait_for_ready=True)
+            found = describe(encoder_pb2.GetTextEncoderRequest(), timeout=timeout_s, wait_for_ready=True,
+                             metadata=self._metadata())  # fmt: skip
         except grpc.RpcError as error:
             self._channel.close()
             raise TextEncoderUnavailable(f"{NO_ANSWER} ({_reason(error)})") from error
@@ -79,10 +92,13 @@ class RemoteEncoder:
                 vectors[row] = self._vector(embedding)
         return vectors
 
+    def _metadata(self) -> tuple[tuple[str, str], ...]:
+        return () if self._token is None else (("authorization", f"Bearer {self._token()}"),)
+
     def _call(self, texts: list[str]) -> Sequence[motion_pb2.TextEmbedding]:
         request = encoder_pb2.EncodeTextsRequest(texts=texts, text_encoder=self._identity)
         try:
-            response = self._encode(request, timeout=self._timeout_s)
+            response = self._encode(request, timeout=self._timeout_s, metadata=self._metadata())
         except grpc.RpcError as error:
             if error.code() is grpc.StatusCode.FAILED_PRECONDITION:
                 raise TextEncoderChanged(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from motiongen_server.addresses import check_exposure
 from motiongen_server.config import ENCODER_PREFIX, LOG_LEVELS, TEXT_PRECISIONS
+from motiongen_server.protection import check_protection
 from motiongen_server.settings import Program, check_settings, setting
 
 
@@ -17,7 +17,12 @@ class EncoderConfig:
     port: int = setting(50052, "port to serve gRPC on; 0 picks a free one", 0, 65535)
     ops_host: str = setting("127.0.0.1", "address of health checks and metrics (HTTP)")
     ops_port: int = setting(9465, "port of health checks and metrics; 0 picks a free one", 0, 65535)
-    insecure: bool = setting(False, "listen where other machines reach it: everybody there may have texts encoded")
+    tls_certificate: str = setting("", "PEM file of the certificate to serve gRPC with; none: plain text")
+    tls_key: str = setting("", "PEM file of its key")
+    tls_client_ca: str = setting("", "PEM file of authorities; clients must show a certificate that one of them signed")
+    ops_tls: bool = setting(False, "serve health checks and metrics by https, with the same certificate")
+    tenants: str = setting("", "TOML file of who may call, with the role text; none: everybody")
+    insecure: bool = setting(False, "listen where other machines reach it, without TLS or without asking who calls")
     print_ports: bool = setting(False, "print one JSON line with both ports on standard output once ready")
     text_encoder: str = setting("llm2vec", "llm2vec, static (built in), hashed, gradio:URL, prompts:FILE, a folder")
     width: int = setting(0, "numbers in a vector; for hashed, which fits any. 0: the encoder's own", 0, 1 << 16)
@@ -38,8 +43,7 @@ class EncoderConfig:
     def __post_init__(self) -> None:
         """Raises SettingError."""
         check_settings(self)
-        for name, host in (("host", self.host), ("ops_host", self.ops_host)):
-            check_exposure(name, host, ("TLS and asking who calls, which this service cannot",), self.insecure)
+        check_protection(self)
 
 
 ENCODER = Program(

@@ -12,6 +12,9 @@ import grpc.aio
 
 from motiongen.v1 import encoder_pb2, encoder_pb2_grpc, motion_pb2
 from motiongen_server.errors import EventRefused, StreamRefused
+from motiongen_server.identity.caller import Role
+from motiongen_server.identity.callers import Callers
+from motiongen_server.rpc.issuer_keys import keys_for
 from motiongen_server.text.prompts import Embedding, PromptEncoder
 
 _log = logging.getLogger(__name__)
@@ -25,8 +28,13 @@ Encoded: TypeAlias = "grpc.aio.ServicerContext[encoder_pb2.EncodeTextsRequest, e
 class TextEncoderService(encoder_pb2_grpc.TextEncoderServiceServicer):
     """Answers with vectors of one encoder. Lives on one event loop."""
 
-    def __init__(self, prompts: PromptEncoder, width: int, max_texts: int, max_characters: int) -> None:
-        """width: numbers in a vector. max_texts, max_characters: of one request, of one text."""
+    def __init__(
+        self, prompts: PromptEncoder, width: int, max_texts: int, max_characters: int, callers: Callers | None = None
+    ) -> None:
+        """width: numbers in a vector. max_texts, max_characters: of one request, of one text. callers: who may call;
+        everybody where it is left out.
+        """
+        self._callers = callers or Callers()
         self._prompts = prompts
         self._width = width
         self._max_texts = max_texts
@@ -36,6 +44,10 @@ class TextEncoderService(encoder_pb2_grpc.TextEncoderServiceServicer):
         self, request: encoder_pb2.GetTextEncoderRequest, context: Described
     ) -> encoder_pb2.GetTextEncoderResponse:
         """Which encoder it is."""
+        try:
+            await self._check_caller(context)
+        except StreamRefused as refused:
+            await context.abort_with_status(refused.status())
         return encoder_pb2.GetTextEncoderResponse(
             text_encoder=self._prompts.identity,
             width=self._width,
@@ -48,6 +60,7 @@ class TextEncoderService(encoder_pb2_grpc.TextEncoderServiceServicer):
     ) -> encoder_pb2.EncodeTextsResponse:
         """Vectors of the texts. What is known is not encoded again, and those who ask for the same text share it."""
         try:
+            await self._check_caller(context)
             self._check(request)
             vectors = await asyncio.gather(*(self._prompts.encode(text) for text in request.texts))
         except EventRefused as refusal:
@@ -63,6 +76,11 @@ class TextEncoderService(encoder_pb2_grpc.TextEncoderServiceServicer):
 
     def _message(self, vector: Embedding) -> motion_pb2.TextEmbedding:
         return motion_pb2.TextEmbedding(text_encoder=self._prompts.identity, values=vector.tolist())
+
+    async def _check_caller(self, context: Described | Encoded) -> None:
+        metadata = context.invocation_metadata() or ()
+        await keys_for(self._callers, metadata)
+        self._callers.identify(metadata, context.auth_context(), Role.TEXT)
 
     def _check(self, request: encoder_pb2.EncodeTextsRequest) -> None:
         if request.text_encoder not in ("", self._prompts.identity):

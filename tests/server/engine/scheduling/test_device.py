@@ -12,6 +12,7 @@ from motiongen_server.engine.scheduling.admission import Admission, Prices
 from motiongen_server.engine.scheduling.device import Device, InTurns
 from motiongen_server.engine.scheduling.profile import profile
 from motiongen_server.engine.types import Code, Open, SessionKey
+from tests.server.engine.engine_thread import EngineThread
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
 from tests.server.engine.stage import spec
 
@@ -102,23 +103,15 @@ def test_an_engine_steps_in_its_turns_only_and_leaves_at_its_end() -> None:
     runner = FakeRunner(FakeClock())
     engine = Engine(runner, runner.clock, lambda _: opened.set(), EngineConfig(), lease=device.lease())
     with device.lease():
-        engine.start()
+        thread = EngineThread(engine)
         assert engine.submit(Open(spec(SessionKey(1, 1)), 1, runner.clock.now())) is None
         while not device.num_waiting:
-            assert not engine.join(0.001)
+            assert not thread.join(0.001)
         assert not opened.is_set()
     assert opened.wait(JOIN_S)
     engine.stop()
-    assert engine.join(JOIN_S)
+    assert thread.join(JOIN_S)
     assert device.num_seats == 1  # the test's own
-
-
-def test_an_engine_that_was_never_started_leaves_too() -> None:
-    device = Device()
-    runner = FakeRunner(FakeClock())
-    engine = Engine(runner, runner.clock, lambda _: None, EngineConfig(), lease=device.lease())
-    engine.stop()
-    assert device.num_seats == 0
 
 
 def test_what_is_measured_beside_the_engines_takes_a_turn_for_each_call() -> None:

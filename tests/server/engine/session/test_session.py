@@ -75,7 +75,7 @@ def test_a_longer_lookahead_is_filled() -> None:
 
 def test_old_frames_and_passed_conditions_are_let_go() -> None:
     stage, viewer = playing()
-    state = stage.engine._sessions[viewer.key]
+    state = stage.engine.sessions[viewer.key]
     for n in range(100):
         frame = viewer.buffered_to + 10
         stage.set_constraints(viewer, waypoint(frame, constraint_id=n))

@@ -22,7 +22,7 @@ def test_a_window_is_taken_up_to_the_next_prompt_and_the_next_one_starts_there()
 
 def test_a_prompt_beyond_the_plan_needs_no_replan() -> None:
     stage, viewer = playing()
-    planned = stage.engine._sessions[viewer.key].planned_to
+    planned = stage.engine.sessions[viewer.key].planned_to
     seq = stage.set_prompts(viewer, prompt(2, 2, planned + 15))
     stage.run(0.01)
     assert viewer.outcomes[seq].effective_frame == planned + 15
@@ -35,7 +35,7 @@ def test_a_prompt_beyond_the_plan_needs_no_replan() -> None:
 @pytest.mark.parametrize("offset", [-3, -1, 0, 1])
 def test_a_prompt_near_the_end_of_the_plan_starts_where_it_says(offset: int) -> None:
     stage, viewer = playing()
-    start = stage.engine._sessions[viewer.key].planned_to + offset
+    start = stage.engine.sessions[viewer.key].planned_to + offset
     seq = stage.set_prompts(viewer, prompt(2, 2, start))
     stage.run(5.0)
     assert viewer.outcomes[seq].effective_frame == start

@@ -14,7 +14,7 @@ def _window_begun(num_steps: int = 4) -> tuple[Stage, Viewer]:
     viewer = stage.open(prompts=(prompt(1),), num_steps=num_steps)
     stage.run(0.5)
     windows = len(stage.runner.prepared)
-    stage.run_until(lambda: stage.engine._sessions[viewer.key].running is not None or _more(stage, windows))
+    stage.run_until(lambda: stage.engine.sessions[viewer.key].running is not None or _more(stage, windows))
     return stage, viewer
 
 
@@ -86,9 +86,9 @@ def test_closing_while_a_window_runs_answers_what_it_was_for() -> None:
 @pytest.mark.parametrize("frame", [0, 5, 2**63 - 1, 2**63, 2**64 - 1])
 def test_a_playhead_back_or_out_of_this_world_harms_nothing(frame: int) -> None:
     stage, viewer = _window_begun()
-    reported = stage.engine._sessions[viewer.key].clock.reported
+    reported = stage.engine.sessions[viewer.key].clock.reported
     stage.engine.submit(viewer.lie(frame, stage.clock.now()))
     stage.run(5.0)
-    assert stage.engine._sessions[viewer.key].clock.reported >= reported
+    assert stage.engine.sessions[viewer.key].clock.reported >= reported
     assert viewer.shown > 100
     stage.check_finished()

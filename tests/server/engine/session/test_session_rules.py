@@ -142,9 +142,9 @@ class SessionRules(RuleBasedStateMachine):
 
     def _set_rung(self, viewer: Viewer, level: Level) -> None:
         engine = self.stage.engine
-        state = engine._sessions[viewer.key]
-        engine._send_queue += state.set_tier(level)
-        engine._touched[viewer.key] = state
+        state = engine.sessions[viewer.key]
+        self.stage.deliver(state.set_tier(level))
+        engine.sessions.touch(state)
 
     @rule(handle=HANDLES, rtt_s=st.none() | st.floats(-1, 2))
     def change_round_trip(self, handle: int, rtt_s: float | None) -> None:
@@ -192,13 +192,13 @@ class SessionRules(RuleBasedStateMachine):
         if hasattr(self, "stage"):
             assert self.stage.runner.breaches == []
             self._check_states()
-            owners = self.stage.engine._owners
+            owners = self.stage.engine.windows.owners
             assert set(self.stage.runner.jobs) <= set(owners)
             assert len(owners) <= self.stage.engine.num_sessions
 
     def _check_states(self) -> None:
         """What must hold of every session between any two events."""
-        for state in self.stage.engine._sessions.values():
+        for state in self.stage.engine.sessions:
             delivery = state.delivery
             assert delivery.sent_to <= state.planned_to
             assert delivery.sent_to <= max(delivery.clock.reported + delivery.lookahead, 0)

@@ -21,7 +21,7 @@ def _playing(config: EngineConfig | None = None, **fields: object) -> tuple[Stag
     stage = Stage(config)
     viewer = stage.open(prompts=(prompt(1),), **fields)
     stage.run(1.0)
-    return stage, viewer, stage.engine._sessions[viewer.key]
+    return stage, viewer, stage.engine.sessions[viewer.key]
 
 
 def _edits(viewer: Viewer) -> int:
@@ -214,7 +214,7 @@ def test_a_full_stride_restarts_no_window() -> None:
 def _hold(stage: Stage, state: SessionState, seconds: float) -> None:
     stage.runner.holds = True
     state.set_tier(HOLD)
-    stage.engine._touched[state.key] = state
+    stage.engine.sessions.touch(state)
     stage.run(seconds)
 
 
@@ -237,7 +237,7 @@ def test_after_a_hold_motion_goes_on_from_the_pose_that_was_held() -> None:
     held = viewer.rows[-1].copy()
     end = state.planned_to
     state.set_tier(FULL)
-    stage.engine._touched[state.key] = state
+    stage.engine.sessions.touch(state)
     stage.run(3.0)
     job = next(job for job in stage.runner.prepared if job.first_frame >= end)
     assert job.history_tokens is not None
@@ -254,7 +254,7 @@ def test_an_edit_during_a_hold_is_answered_when_it_ends() -> None:
     stage.run(2.0)
     assert seq not in viewer.outcomes
     state.set_tier(FULL)
-    stage.engine._touched[state.key] = state
+    stage.engine.sessions.touch(state)
     stage.run(2.0)
     assert viewer.outcomes[seq].code is Code.OK
     assert viewer.underruns == 0
@@ -269,7 +269,7 @@ def test_no_window_starts_inside_a_held_pose() -> None:
     stage.run_until(lambda: state.planned_to > before)
     end = state.planned_to
     state.set_tier(FULL)
-    stage.engine._touched[state.key] = state
+    stage.engine.sessions.touch(state)
     stage.run(1.0)
     assert viewer.outcomes[seq].effective_frame == end
 
@@ -278,7 +278,7 @@ def test_a_session_opened_while_others_hold_gets_its_first_window() -> None:
     stage = Stage()
     viewer = stage.open()
     stage.engine.step()
-    stage.engine._sessions[viewer.key].set_tier(HOLD)
+    stage.engine.sessions[viewer.key].set_tier(HOLD)
     stage.run(1.0)
     assert viewer.buffered_to >= 40
 

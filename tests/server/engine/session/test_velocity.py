@@ -175,7 +175,7 @@ def test_a_velocity_holds_over_windows_and_ends_by_itself() -> None:
     assert start is not None
     covered = [frame for _, path in _paths(stage) for frame in range(path.first_frame, path.last_frame + 1)]
     assert covered == list(range(start, start + 60 + SLOWING_FRAMES))
-    assert stage.engine._sessions[viewer.key].conditions.velocity is None
+    assert stage.engine.sessions[viewer.key].conditions.velocity is None
 
 
 def test_each_velocity_replaces_the_last_and_each_is_answered() -> None:

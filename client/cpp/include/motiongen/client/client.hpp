@@ -4,7 +4,9 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
+#include "motiongen/client/clip.hpp"
 #include "motiongen/client/session.hpp"
 #include "motiongen/client/types.hpp"
 
@@ -53,6 +55,10 @@ class MOTIONGEN_API Client {
 
   // Make a character. Returns at once; the event `opened` or `Session::wait_open` tells when it lives.
   Result<Session> open(const SessionOptions& options);
+
+  // Make a clip: one entry a sample. Waits for it, so not inside an event callback. A call of its own beside the
+  // stream.
+  [[nodiscard]] Result<std::vector<Clip>> generate_clip(const ClipOptions& options);
 
   // The oldest event that was not taken; false when there is none.
   [[nodiscard]] bool next_event(Event& event);

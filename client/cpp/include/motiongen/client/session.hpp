@@ -58,6 +58,8 @@ class MOTIONGEN_API Session {
   [[nodiscard]] Result<Opened> wait_open(double timeout_s);
   // Of an edit of this session. Answers are kept for the last 1,024 edits.
   [[nodiscard]] Result<Outcome> wait_edit(EditId edit, double timeout_s);
+  // What became of a target. Kept for the last 1,024 that were told.
+  [[nodiscard]] Result<Reached> wait_reached(std::uint32_t target, double timeout_s);
   // Until the frame is held.
   [[nodiscard]] Status wait_frame(std::uint64_t frame, double timeout_s);
 

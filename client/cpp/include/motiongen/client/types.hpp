@@ -4,9 +4,9 @@
 #include <cstdint>
 #include <optional>
 #include <string>
-#include <variant>
 #include <vector>
 
+#include "motiongen/client/targets.hpp"
 #include "motiongen/core/rig.hpp"
 #include "motiongen/core/status.hpp"
 
@@ -14,40 +14,6 @@ namespace motiongen {
 
 // How much a session matters when the server has to choose.
 enum class Priority { hero = 1, near = 2, crowd = 3, batch = 4 };
-
-// ---- targets. A constraint is hard in time and soft in space: the model aims for it
-
-// The root on the ground at one frame, world metres; heading in radians, 0 faces +Z, absent leaves it free.
-struct Waypoint {
-  std::uint64_t frame = 0;
-  float x_m = 0;
-  float z_m = 0;
-  std::optional<float> heading_rad;
-};
-
-// The root on the ground at consecutive frames. positions_m: (N, 2) x, z; headings_rad: N, or none.
-struct RootTrajectory {
-  std::uint64_t first_frame = 0;
-  std::vector<float> positions_m;
-  std::vector<float> headings_rad;
-};
-
-// World position of every joint of the rig at one frame. positions_m: (J, 3).
-struct Keyframe {
-  std::uint64_t frame = 0;
-  std::vector<float> positions_m;
-};
-
-// World targets for some joints at one frame, the root (0) among them. positions_m: (K, 3); rotations_wxyz: (K, 4) unit
-// quaternions, 0 0 0 0 for a free one, or none.
-struct JointTargets {
-  std::uint64_t frame = 0;
-  std::vector<std::uint32_t> joints;
-  std::vector<float> positions_m;
-  std::vector<float> rotations_wxyz;
-};
-
-using Target = std::variant<Waypoint, RootTrajectory, Keyframe, JointTargets>;
 
 // A text, a preset of the catalogue by its id, or the vector of a text encoder; one of them.
 struct Prompt {
@@ -126,6 +92,15 @@ struct Outcome {
   std::vector<Warning> warnings;
 };
 
+// What became of a target, told when its last frame can change no more.
+struct Reached {
+  std::uint32_t target = 0;               // its id
+  bool met = false;                       // within its tolerances
+  std::uint64_t frame = 0;                // at which it was measured
+  std::optional<float> position_error_m;  // absent: not asked for
+  std::optional<float> rotation_error_rad;
+};
+
 enum class EventKind {
   opened,           // of a session
   edit,             // was answered: `edit`, `outcome`
@@ -135,6 +110,7 @@ enum class EventKind {
   connected,        // again
   recovered,        // a session goes on: `exact`, and `frame`, from which on its motion is new where it is not
   draining,         // the server will end the stream: opens are refused, sessions go on until then
+  reached,          // a target was met or missed: `reached`
 };
 
 struct Event {
@@ -145,6 +121,7 @@ struct Event {
   ServiceLevel level;
   std::uint64_t frame = 0;
   bool exact = false;
+  Reached reached;
 };
 
 struct Model {
@@ -169,6 +146,8 @@ struct Limits {
   std::uint32_t max_request_bytes = 0;
   std::uint32_t max_hold_frames = 0;
   float max_speed_mps = 0;
+  std::uint32_t max_clip_frames = 0;
+  std::uint32_t max_clip_samples = 0;
 };
 
 // What a server offers; models[0] is its default.

@@ -1,0 +1,55 @@
+// Bounded motion in one call, several samples at once, as fast as the server makes it.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "motiongen/client/types.hpp"
+
+namespace motiongen {
+
+// What a clip is made of; what is empty, absent or 0 is left to the server.
+struct ClipOptions {
+  std::uint32_t num_frames = 0;   // 1 to Limits::max_clip_frames
+  std::uint32_t num_samples = 1;  // to Limits::max_clip_samples; sample n has the seed + n
+  std::string model_id;
+  Prompt prompt;
+  std::vector<std::pair<std::uint64_t, Prompt>> later_prompts;  // by the frame from which each holds
+  std::vector<Target> targets;
+  std::optional<std::uint64_t> seed;
+  std::uint32_t denoise_steps = 0;
+  std::uint32_t history_frames = 0;
+  std::optional<float> text_guidance;
+  std::optional<float> constraint_guidance;
+  float start_x_m = 0;
+  float start_z_m = 0;
+  std::optional<float> start_heading_rad;
+  double timeout_s = 60;
+};
+
+struct Deviation {
+  float mean = 0;
+  float worst = 0;
+};
+
+// How far the motion is from what one target asks for, each measured alone; absent: not asked for.
+struct Residual {
+  std::uint32_t num_frames = 0;  // of the target that are in the clip; 0: nothing was measured
+  std::optional<Deviation> position_m;
+  std::optional<Deviation> heading_rad;
+  std::optional<Deviation> rotation_rad;
+  bool met = false;
+};
+
+// One sample. rows: num_frames rows of Rig::row_width floats, one after another. residuals: one a target, in order.
+struct Clip {
+  Opened opened;
+  std::uint32_t num_frames = 0;
+  std::vector<float> rows;
+  std::vector<Residual> residuals;
+};
+
+}  // namespace motiongen

@@ -1,0 +1,108 @@
+// The frames of a session, as its timeline holds them.
+#include <algorithm>
+#include <cmath>
+
+#include "client/core.hpp"
+#include "motiongen/client/session.hpp"
+
+namespace motiongen {
+
+const Rig& Session::rig() const {
+  static const Rig none;
+  const std::lock_guard<std::mutex> lock(state_->mutex);
+  return state_->timeline ? state_->rig : none;  // which does not change any more
+}
+
+bool Session::is_open() const {
+  const std::lock_guard<std::mutex> lock(state_->mutex);
+  return state_->timeline.has_value() && state_->phase != Phase::closed;
+}
+
+bool Session::is_closed() const {
+  const std::lock_guard<std::mutex> lock(state_->mutex);
+  return state_->phase == Phase::closed || state_->phase == Phase::closing;
+}
+
+bool Session::sample(Span<float> out) {
+  bool shown = false;
+  bool began = false;
+  {
+    const std::lock_guard<std::mutex> lock(state_->mutex);
+    if (!state_->timeline || out.size() < state_->rig.row_width) return false;
+    began = !state_->timeline->started();
+    shown = state_->timeline->sample(now_s(), state_->rig, out);
+    began = began && shown;
+    if (began) state_->report(now_s(), core_->report_period_s(), core_->outbox());
+  }
+  if (began) core_->flush();  // the server's idea of our clock begins here
+  return shown;
+}
+
+std::optional<std::uint64_t> Session::frame(Span<float> out) {
+  const std::lock_guard<std::mutex> lock(state_->mutex);
+  if (!state_->timeline || out.size() < state_->rig.row_width) return std::nullopt;
+  if (state_->options.clock == Clock::real_time) state_->timeline->advance(now_s());
+  if (!state_->timeline->started()) return std::nullopt;
+  const auto row = state_->timeline->row(state_->timeline->playhead());
+  std::copy(row.value().begin(), row.value().end(), out.begin());
+  return state_->timeline->playhead();
+}
+
+Status Session::copy_frame(std::uint64_t frame, Span<float> out) const {
+  const std::lock_guard<std::mutex> lock(state_->mutex);
+  if (!state_->timeline) return {Code::failed_precondition, "NOT_OPEN", "the session has not opened yet"};
+  if (out.size() < state_->rig.row_width) {
+    return invalid("out", std::to_string(out.size()) + " floats", std::to_string(state_->rig.row_width) + " or more");
+  }
+  const auto row = state_->timeline->row(frame);
+  if (!row) return row.status();
+  std::copy(row.value().begin(), row.value().end(), out.begin());
+  return {};
+}
+
+Status Session::advance_to(std::uint64_t frame) {
+  {
+    const std::lock_guard<std::mutex> lock(state_->mutex);
+    if (!state_->timeline) return {Code::failed_precondition, "NOT_OPEN", "the session has not opened yet"};
+    if (state_->options.clock != Clock::manual) {
+      return {Code::failed_precondition, "NOT_MANUAL",
+              "the library moves the playhead; open with Clock::manual to move it"};
+    }
+    const bool began = !state_->timeline->started();
+    const auto reached = state_->timeline->advance_to(frame);
+    if (!reached) return reached.status();
+    // nothing left to show: more credit at once, or with the next tick where it was just asked for
+    if (began || frame + 1 == state_->timeline->buffered_to()) state_->next_report_s = 0;
+  }
+  core_->wake();
+  return {};
+}
+
+std::uint64_t Session::playhead() const {
+  const std::lock_guard<std::mutex> lock(state_->mutex);
+  return state_->timeline ? state_->timeline->playhead() : 0;
+}
+
+std::uint64_t Session::buffered_to() const {
+  const std::lock_guard<std::mutex> lock(state_->mutex);
+  return state_->timeline ? state_->timeline->buffered_to() : 0;
+}
+
+std::uint64_t Session::frame_in(double seconds) const {
+  const std::lock_guard<std::mutex> lock(state_->mutex);
+  if (!state_->timeline || !(seconds >= 0)) return 0;
+  return state_->timeline->playhead() +
+         static_cast<std::uint64_t>(std::llround(seconds * state_->timeline->frame_rate_hz()));
+}
+
+SessionStats Session::stats() const {
+  const std::lock_guard<std::mutex> lock(state_->mutex);
+  SessionStats stats = state_->stats;
+  if (state_->timeline) {
+    stats.underruns = state_->timeline->underruns();
+    stats.late_plans = state_->timeline->late_plans();
+  }
+  return stats;
+}
+
+}  // namespace motiongen

@@ -1,0 +1,164 @@
+// How a session begins: for the first time, resumed, or anew from the frames held; and what ends it or its stream.
+#include <algorithm>
+
+#include "client/convert.hpp"
+#include "client/session_state.hpp"
+
+namespace motiongen {
+namespace {
+
+constexpr double kRetryS = 1.0;  // after the server has given a session up
+
+const Rig* find_rig(const Catalog& catalog, const std::string& rig_id) {
+  for (const Rig& rig : catalog.rigs) {
+    if (rig.rig_id == rig_id) return &rig;
+  }
+  return nullptr;
+}
+
+const Model* find_model(const Catalog& catalog, const std::string& model_id) {
+  for (const Model& model : catalog.models) {
+    if (model.model_id == model_id || model_id.empty()) return &model;
+  }
+  return nullptr;
+}
+
+bool same_rows(const Rig& a, const Rig& b) {
+  return a.row_width == b.row_width && a.joint_names == b.joint_names && a.frame_rate_hz == b.frame_rate_hz &&
+         a.rotation_column == b.rotation_column && a.root_column == b.root_column && a.offsets_m == b.offsets_m;
+}
+
+}  // namespace
+
+std::uint32_t SessionState::prior_rows(const Catalog& catalog, std::string& rows) const {
+  const Model* model = find_model(catalog, opened.model_id);
+  if (!timeline || model == nullptr || model->patch_frames == 0) return 0;
+  std::uint64_t count = timeline->buffered_to() - timeline->first_kept();
+  count = std::min<std::uint64_t>({count, model->max_history_frames, catalog.limits.max_trajectory_frames});
+  count -= count % model->patch_frames;
+  for (std::uint64_t frame = timeline->buffered_to() - count; frame < timeline->buffered_to(); ++frame) {
+    const auto row = timeline->row(frame);
+    rows.append(reinterpret_cast<const char*>(row.value().data()), row.value().size() * sizeof(float));
+  }
+  return static_cast<std::uint32_t>(count);
+}
+
+void SessionState::send_resume(Outbox& outbox) {
+  v1::SessionEvent event;
+  event.set_session(id);
+  event.set_event_seq(1);
+  event.mutable_open()->set_resume_token(token_);
+  auto* point = event.mutable_open()->mutable_resume_point();
+  point->set_next_frame(timeline->received_to() - base_);
+  point->set_plan(timeline->plan());
+  point->set_answered_seq(book.answered_seq());
+  point->set_attempt(++attempt_);
+  can_report = false;
+  resuming_ = true;
+  phase = Phase::opening;
+  outbox.put(event);
+}
+
+void SessionState::send_open(Outbox& outbox, const Catalog& catalog) {
+  if (was_open_ && !token_.empty()) return send_resume(outbox);
+  resuming_ = false;
+  book.begin_stream();
+  last_seq = 0;
+  v1::SessionEvent event;
+  event.set_session(id);
+  event.set_event_seq(book.take_seq());
+  if (was_open_) {
+    std::string rows;
+    const std::uint32_t num_rows = prior_rows(catalog, rows);
+    base_ = timeline->buffered_to();
+    *event.mutable_open() = book.reopening(base_, num_rows, std::move(rows));
+    event.mutable_open()->set_model_id(opened.model_id);
+  } else {
+    *event.mutable_open() = book.opening();
+  }
+  can_report = false;
+  phase = Phase::opening;
+  outbox.put(event);
+  for (const v1::SessionEvent& each : book.unanswered(base_)) outbox.put(each);
+}
+
+void SessionState::take_closed(const v1::SessionClosed& message, double now_s, EventQueue& events) {
+  if (message.reason() == v1::CLOSE_REASON_CLIENT) {
+    return end(Status(Code::cancelled, "CLIENT", "the session was closed here"), events);
+  }
+  const Status why = convert::closed(message);
+  const bool gone_on_with = message.reason() == v1::CLOSE_REASON_DRAINED || why.code() == Code::unavailable;
+  if (!gone_on_with || !recovers_ || !was_open_ || phase == Phase::closing) return end(why, events);
+  token_.clear();  // the server has it no more; on this stream or the next it goes on from the frames held
+  phase = Phase::waiting;
+  retry_at_s = now_s + kRetryS;
+}
+
+void SessionState::take_resumed(const v1::SessionOpened& message, EventQueue& events, Outbox& outbox) {
+  resuming_ = false;
+  token_ = message.session_token();
+  phase = Phase::open;
+  ++stats.recoveries;
+  for (const v1::SessionEvent& each : book.repetitions(base_)) outbox.put(each);
+  Event event;
+  event.kind = EventKind::recovered;
+  event.session = id;
+  event.frame = base_ + message.start_frame();
+  event.exact = true;
+  events.push(std::move(event));
+}
+
+void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events,
+                               Outbox& outbox) {
+  if (phase != Phase::opening) return;
+  if (resuming_) return take_resumed(message, events, outbox);
+  const Rig* found = find_rig(catalog, message.rig_id());
+  if (found == nullptr) {
+    return end(violation("a session was opened on rig " + message.rig_id() + ", which the catalogue does not have"),
+               events);
+  }
+  opened = convert::opened(message);
+  token_ = message.session_token();
+  attempt_ = 0;
+  phase = Phase::open;
+  Event event;
+  event.session = id;
+  event.outcome.warnings = opened.warnings;
+  if (was_open_) {
+    if (!same_rows(rig, *found)) {
+      return end(Status(Code::failed_precondition, "RIG_CHANGED", "the server came back with another rig"), events);
+    }
+    timeline->continue_with_new_plans();
+    ++stats.recoveries;
+    event.kind = EventKind::recovered;
+    event.frame = base_;
+  } else {
+    rig = *found;
+    TimelineOptions made;
+    made.frame_rate_hz = rig.frame_rate_hz;
+    made.row_width = rig.row_width;
+    made.start_frame = message.start_frame();
+    made.keep_frames = options.keep_frames;
+    const Model* model = find_model(catalog, opened.model_id);
+    made.reserve_frames = 2 * opened.lookahead_frames + (model != nullptr ? model->horizon_frames : 0);
+    auto timeline_made = Timeline::make(made);
+    if (!timeline_made) return end(timeline_made.status(), events);
+    timeline.emplace(std::move(timeline_made).value());
+    if (book.is_paused()) timeline->pause();
+    book.opened();
+    was_open_ = true;
+    event.kind = EventKind::opened;
+  }
+  events.push(std::move(event));
+}
+
+void SessionState::lose(const Status& status, bool will_reconnect, EventQueue& events) {
+  if (phase == Phase::closed) return;
+  if (phase == Phase::closing || !will_reconnect) return end(status, events);
+  phase = Phase::waiting;
+  retry_at_s = 0;
+  can_report = false;
+  changed.notify_all();
+}
+
+}  // namespace motiongen

@@ -1,0 +1,70 @@
+// Waiting for what a session hears.
+#include <chrono>
+
+#include "client/core.hpp"
+#include "motiongen/client/session.hpp"
+
+namespace motiongen {
+namespace {
+
+const Status& in_callback() {
+  static const Status status(Code::failed_precondition, "IN_CALLBACK",
+                             "nothing can be waited for inside an event callback; wait on another thread");
+  return status;
+}
+
+Status too_long(const char* what, double timeout_s) {
+  return {Code::deadline_exceeded, "TIMEOUT",
+          std::string(what) + " took longer than " + std::to_string(timeout_s) + " s"};
+}
+
+std::chrono::duration<double> of(double seconds) { return std::chrono::duration<double>(seconds); }
+
+}  // namespace
+
+Result<Opened> Session::wait_open(double timeout_s) {
+  if (core_->events().in_callback()) return in_callback();
+  std::unique_lock<std::mutex> lock(state_->mutex);
+  const auto told = [this] { return state_->timeline.has_value() || state_->phase == Phase::closed; };
+  if (!state_->changed.wait_for(lock, of(timeout_s), told)) return too_long("opening the session", timeout_s);
+  if (!state_->timeline) return state_->ended;
+  return state_->opened;
+}
+
+Result<Outcome> Session::wait_edit(EditId edit, double timeout_s) {
+  if (core_->events().in_callback()) return in_callback();
+  std::unique_lock<std::mutex> lock(state_->mutex);
+  std::optional<Outcome> answer;
+  const auto told = [&] {
+    answer = state_->find_answer(edit);
+    return answer || state_->phase == Phase::closed;
+  };
+  if (!state_->changed.wait_for(lock, of(timeout_s), told)) return too_long("the answer", timeout_s);
+  if (!answer) return state_->ended;
+  return *answer;
+}
+
+Result<Reached> Session::wait_reached(std::uint32_t target, double timeout_s) {
+  if (core_->events().in_callback()) return in_callback();
+  std::unique_lock<std::mutex> lock(state_->mutex);
+  std::optional<Reached> found;
+  const auto told = [&] {
+    found = state_->find_reached(target);
+    return found || state_->phase == Phase::closed;
+  };
+  if (!state_->changed.wait_for(lock, of(timeout_s), told)) return too_long("reaching the target", timeout_s);
+  if (!found) return state_->ended;
+  return *found;
+}
+
+Status Session::wait_frame(std::uint64_t frame, double timeout_s) {
+  if (core_->events().in_callback()) return in_callback();
+  std::unique_lock<std::mutex> lock(state_->mutex);
+  const auto there = [&] {
+    return state_->phase == Phase::closed || (state_->timeline && state_->timeline->buffered_to() > frame);
+  };
+  if (!state_->changed.wait_for(lock, of(timeout_s), there)) return too_long("the frame", timeout_s);
+  return state_->timeline && state_->timeline->buffered_to() > frame ? Status() : state_->ended;
+}
+
+}  // namespace motiongen

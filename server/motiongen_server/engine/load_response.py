@@ -1,0 +1,63 @@
+"""LoadResponse: what an engine does about its load: sessions get less, or more again; at the worst some end."""
+
+from __future__ import annotations
+
+import logging
+import math
+
+from motiongen_server.engine.open_sessions import OpenSessions
+from motiongen_server.engine.running_windows import RunningWindows
+from motiongen_server.engine.scheduling.degradation import EXPENDABLE
+from motiongen_server.engine.scheduling.load_monitor import LoadMonitor
+from motiongen_server.engine.session.state import SessionState
+from motiongen_server.engine.types import Output, Priority
+from motiongen_server.engine.types.report import StepReport
+
+_log = logging.getLogger(__name__)
+
+# Of the sessions that may be shed, so many are, each time that the last level did not help.
+_SHED_SHARE = 0.05
+
+
+class LoadResponse:
+    """Carries out what the load monitor decides."""
+
+    def __init__(self, monitor: LoadMonitor, windows: RunningWindows, sessions: OpenSessions) -> None:
+        self._monitor = monitor
+        self._windows = windows
+        self._sessions = sessions
+
+    def measure(self, now: float) -> list[Output]:
+        """Take stock of the load, and put the classes that it moves on another level; what is said of it."""
+        windows, monitor = self._windows, self._monitor
+        said: list[Output] = []
+        moved = monitor.measure(now, windows.work_s, windows.busy_s, windows.prices(), self._sessions.present)
+        for priority in moved:
+            level = monitor.level(priority)
+            _log.warning(
+                "the load is %.0f %%: class %s is served %s now, with at most %s steps",
+                100 * monitor.load,
+                priority.name,
+                level.tier.name,
+                level.steps or "all",
+            )
+            for state in self._sessions:
+                if state.spec.priority is priority and not state.spec.is_clip:
+                    said += state.set_tier(level)
+                    self._sessions.touch(state)
+        return said
+
+    def to_shed(self) -> list[SessionState]:
+        """Some of the least urgent sessions, the newest first, where all that could be given up did not help."""
+        if not self._monitor.shed:
+            return []
+        lowest = max(priority for priority in EXPENDABLE if self._sessions.present[priority])
+        of_class = [
+            state for state in reversed(self._sessions) if state.spec.priority is lowest and not state.spec.is_clip
+        ]
+        return of_class[: math.ceil(_SHED_SHARE * len(of_class))]
+
+    def describe(self, report: StepReport) -> None:
+        """Note how loaded the machine is and what is given to whom."""
+        report.load = self._monitor.load
+        report.tiers = {priority: self._monitor.level(priority).tier for priority in Priority}

@@ -1,0 +1,31 @@
+"""The engine's loop, on whichever thread runs it."""
+
+from __future__ import annotations
+
+import logging
+
+from motiongen_server.engine.engine import Engine
+
+_log = logging.getLogger(__name__)
+
+
+def run(engine: Engine) -> BaseException | None:
+    """Go round until the engine is stopped, then leave the device.
+
+    An error of the engine itself ends the loop and closes every session; it is returned.
+    """
+    try:
+        while not engine.finished:
+            with engine.lease:
+                report = engine.step()
+            engine.observe(report)
+            if not report.rows:
+                engine.wait()
+        engine.end_drained()
+    except Exception as error:
+        _log.exception("the engine's loop failed")
+        engine.end_failed()
+        return error
+    finally:
+        engine.lease.leave()
+    return None

@@ -1,0 +1,127 @@
+"""RunningWindows: the windows that the runner works on, each for the session that asked for it."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+
+from motiongen_server.engine.ports import Clock, Runner
+from motiongen_server.engine.scheduling.admission import Prices
+from motiongen_server.engine.scheduling.device import DeviceLease
+from motiongen_server.engine.scheduling.load_monitor import LoadMonitor
+from motiongen_server.engine.scheduling.policy import SchedulingPolicy
+from motiongen_server.engine.scheduling.step_executor import StepExecutor
+from motiongen_server.engine.scheduling.step_quotas import StepQuotas
+from motiongen_server.engine.session import planning
+from motiongen_server.engine.session.state import SessionState
+from motiongen_server.engine.types import Float32Array, Output, PlanCause, WindowResult
+from motiongen_server.engine.types.report import StepReport
+
+
+class RunningWindows:
+    """From a session's next window to the plan that it becomes.
+
+    failed: told of a session whose window cannot be made, and why; it is to close it, and so to discard the window.
+    """
+
+    def __init__(
+        self,
+        runner: Runner,
+        clock: Clock,
+        scheduler: SchedulingPolicy,
+        lease: DeviceLease,
+        max_rows: int,
+        failed: Callable[[SessionState, str], None],
+    ) -> None:
+        self._scheduler = scheduler
+        self._lease = lease
+        self._passes = runner.facts.guidance_passes
+        self._quotas = StepQuotas()
+        self._owners: dict[int, SessionState] = {}
+        self._job_ids = itertools.count(1)
+        self._executor = StepExecutor(
+            runner, scheduler, clock, max_rows, lambda job_id, why: failed(self._owners[job_id], why)
+        )
+
+    def __len__(self) -> int:
+        return len(self._executor)
+
+    @property
+    def owners(self) -> Mapping[int, SessionState]:
+        """The session of each window, by its job's number."""
+        return self._owners
+
+    @property
+    def work_s(self) -> float:
+        """Seconds of the device so far, had all its steps been full."""
+        return self._executor.work_s
+
+    @property
+    def busy_s(self) -> float:
+        """Seconds of the device so far."""
+        return self._executor.busy_s
+
+    def prices(self) -> Prices:
+        """What a step and a window cost by now."""
+        return self._executor.prices()
+
+    def wake_at(self) -> float:
+        """When the scheduler wants to be asked again though nothing has come in."""
+        return self._scheduler.wake_at()
+
+    def features(self, rows: Float32Array) -> Float32Array | None:
+        """The features (H, D) of a client's frames (H, row_width); None where the model can make none of them."""
+        return self._executor.features(rows)
+
+    def ready_at(self, state: SessionState, now: float) -> float:
+        """When the quota of a session's tenant allows another window."""
+        return self._quotas.ready_at(state.spec.owner, now)
+
+    def start(self, state: SessionState, now: float) -> None:
+        """Start the window that a session is due."""
+        predicted_s = self._scheduler.predict_s(
+            state.spec.priority, planning.deadline(state, now), state.num_steps, self._passes
+        )
+        job = planning.next_window(state, now, predicted_s * self._lease.stretch, next(self._job_ids))
+        self._quotas.charge(job.owner, job.num_steps, now)
+        self._owners[job.job_id] = state
+        self._executor.add(job)
+
+    def step(self, report: StepReport) -> list[int]:
+        """One denoising step for the most urgent windows; the jobs that are ready to be decoded."""
+        statuses, finished = self._executor.step(report)
+        for status in statuses:
+            self._owners[status.job_id].advance(status.steps_done)
+        return finished
+
+    def decode(self, finished: Sequence[int], report: StepReport) -> list[WindowResult]:
+        """The frames of windows that are done."""
+        return self._executor.decode(finished, report)
+
+    def land(
+        self, results: Sequence[WindowResult], now: float, report: StepReport, load: LoadMonitor
+    ) -> list[tuple[SessionState, list[Output]]]:
+        """Give windows to their sessions; each of them, with what is said of it."""
+        said = []
+        due = late = 0
+        for result in results:
+            state = self._owners.pop(result.job_id, None)
+            if state is None:
+                continue  # closed or restarted meanwhile, and discarded
+            self._executor.finish(result.job_id)
+            job = state.running.job if state.running else None
+            misses = len(report.deadline_misses)
+            said.append((state, planning.accept(state, result, now, report)))
+            if job is not None and not job.background:
+                load.note_window(job.priority)
+            # Only who goes on shows whether the machine keeps up: edits may ask for more than it could ever do.
+            if job is not None and job.cause is PlanCause.CONTINUE and job.first_frame and not job.background:
+                due += 1
+                late += len(report.deadline_misses) - misses
+        load.note_windows(now, due, late)
+        return said
+
+    def discard(self, job_id: int) -> None:
+        """Forget a job that runs; its result can reach nobody any more."""
+        del self._owners[job_id]
+        self._executor.discard(job_id)

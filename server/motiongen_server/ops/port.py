@@ -1,0 +1,47 @@
+"""OpsPort: the HTTP port of a program, from the first connection to the last."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import ssl
+
+from starlette.applications import Starlette
+
+from motiongen_server.addresses import join_address
+from motiongen_server.ops.http import OpsServer
+from motiongen_server.settings import SettingError
+
+
+class OpsPort:
+    """port: the one that is served, once it is."""
+
+    def __init__(self, app: Starlette, host: str, port: int, context: ssl.SSLContext | None = None) -> None:
+        """context: of TLS; None: plain text."""
+        self._app = app
+        self._host = host
+        self._context = context
+        self.port = port
+
+    async def start(self) -> None:
+        """Listen. Raises SettingError where that cannot be."""
+        host = self._host
+        try:
+            # Bound here, because uvicorn ends the process when it cannot.
+            family = socket.AF_INET6 if ":" in host else socket.AF_INET
+            listener = socket.create_server((host, self.port), family=family)
+        except OSError as error:
+            address = join_address(host, self.port)
+            raise SettingError(f"cannot listen on {address} (ops); choose another port, or 0: {error}") from error
+        self._server = OpsServer(self._app, host, self.port, self._context)
+        self._serving = asyncio.create_task(self._server.serve([listener]))
+        while not self._server.started:
+            if self._serving.done():
+                self._serving.result()
+            await asyncio.sleep(0.01)
+        self.port = self._server.port
+
+    async def stop(self) -> None:
+        """End it."""
+        self._server.should_exit = True
+        await self._serving

@@ -1,0 +1,104 @@
+"""StreamReader: what a client says on a stream: hello, pings and events, as the stream can pay for them."""
+
+from __future__ import annotations
+
+import logging
+import time
+
+from motiongen.v1 import service_pb2
+from motiongen_server.models.registry import ModelRegistry
+from motiongen_server.rpc.budget import EVENT_COST
+from motiongen_server.rpc.convert import round_trip_s
+from motiongen_server.rpc.goodbye import say_draining
+from motiongen_server.rpc.handlers import StreamContext
+from motiongen_server.rpc.request_parts import SMALL_BYTES, Malformed, RequestParts, parsed
+from motiongen_server.rpc.stream import Stream
+from motiongen_server.rpc.stream_errors import (
+    client_agent_too_long,
+    hello_expected,
+    hello_repeated,
+    malformed,
+)
+
+_log = logging.getLogger(__name__)
+
+FLUSH_RANGE_S = (0.005, 0.1)
+MAX_AGENT_CHARACTERS = 128
+EVENTS_A_TURN = 64
+EVENTS_A_WALK = 1024
+"""Of a long message, counted before others have a turn."""
+
+
+class StreamReader:
+    """Reads every stream of a service. ends_at: monotonic seconds, known once the server drains."""
+
+    def __init__(self, models: ModelRegistry, replica_id: str) -> None:
+        self._models = models
+        self._replica_id = replica_id
+        self.ends_at: float | None = None
+
+    async def read(self, stream: Stream, context: StreamContext) -> None:
+        """Until its client has finished. Raises StreamRefused where it keeps to no protocol."""
+        while True:
+            await stream.room()
+            data = await context.read()
+            if not isinstance(data, bytes):  # grpc.aio.EOF
+                return
+            stream.budget.charge_message(len(data), time.monotonic())
+            try:
+                await self._take(stream, data)
+            except Malformed as error:
+                raise malformed(str(error)) from error
+
+    async def _take(self, stream: Stream, data: bytes) -> None:
+        """Take one message. Raises Malformed, and StreamRefused for what is not allowed on the stream now."""
+        if len(data) <= SMALL_BYTES:
+            request = parsed(data)
+            stream.budget.charge(EVENT_COST * len(request.events), time.monotonic())
+            self._control(stream, request)
+            await self._events(stream, request)
+            return
+        parts = RequestParts(data)
+        while not parts.is_done:
+            stream.budget.charge(EVENT_COST * parts.walk(EVENTS_A_WALK), time.monotonic())
+            await stream.room()
+        self._control(stream, parts.control())
+        for request in parts.events():
+            await stream.room()
+            await self._events(stream, request)
+
+    def _control(self, stream: Stream, request: service_pb2.StreamMotionRequest) -> None:
+        """What a message says of the stream itself."""
+        kind = request.WhichOneof("stream_event")
+        if stream.greeted == (kind == "hello"):
+            raise hello_expected() if not stream.greeted else hello_repeated()
+        if kind == "hello":
+            self._greet(stream, request.hello)
+        elif kind == "ping":
+            stream.rtt_s = round_trip_s(request.ping)
+            pong = service_pb2.Pong(client_time_ns=request.ping.client_time_ns, server_time_ns=time.time_ns())
+            stream.reply(service_pb2.StreamMotionResponse(pong=pong))
+
+    @staticmethod
+    async def _events(stream: Stream, request: service_pb2.StreamMotionRequest) -> None:
+        now = time.monotonic()
+        for number, event in enumerate(request.events, 1):
+            stream.receive(event, now)
+            if number % EVENTS_A_TURN == 0:
+                await stream.room()
+
+    def _greet(self, stream: Stream, hello: service_pb2.ClientHello) -> None:
+        if len(hello.client_agent) > MAX_AGENT_CHARACTERS:
+            raise client_agent_too_long(len(hello.client_agent), MAX_AGENT_CHARACTERS)
+        _log.info("stream %d begins, client %r", stream.number, hello.client_agent)
+        if hello.HasField("flush_interval"):
+            # Not by ToTimedelta, which cannot hold every Duration that fits into a message.
+            asked = hello.flush_interval.seconds + hello.flush_interval.nanos / 1e9
+            stream.flush_s = min(max(asked, FLUSH_RANGE_S[0]), FLUSH_RANGE_S[1])
+        answer = service_pb2.ServerHello(
+            replica_id=self._replica_id, limits=self._models.limits_message, server_time_ns=time.time_ns()
+        )
+        stream.reply(service_pb2.StreamMotionResponse(hello=answer))
+        stream.greeted = True
+        if self.ends_at is not None:
+            say_draining(stream, self.ends_at - time.monotonic())

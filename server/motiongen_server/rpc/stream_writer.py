@@ -1,0 +1,42 @@
+"""The write loop of a stream: gathers what waits into messages, no oftener than the flush interval."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+import grpc
+import grpc.aio
+
+from motiongen_server.rpc.handlers import StreamContext
+from motiongen_server.rpc.stream import Stream
+
+
+async def write(stream: Stream, context: StreamContext) -> None:
+    """Write what waits until the stream ends and all is written.
+
+    What comes after a quiet time is written at once; what comes within the flush interval of the last message is
+    gathered into the next.
+    """
+    loop, next_at = asyncio.get_running_loop(), 0.0
+    while True:
+        await stream.ready.wait()
+        if loop.time() < next_at:
+            timer = loop.call_at(next_at, stream.urgent.set)
+            await stream.urgent.wait()
+            timer.cancel()
+        if not stream.ended:
+            stream.urgent.clear()
+        stream.ready.clear()
+        next_at = loop.time() + stream.flush_s
+        while (response := stream.next_response()) is not None:
+            stream.writing_since = time.monotonic()
+            try:
+                await context.write(response)
+                stream.note_written()
+            except (grpc.aio.AioRpcError, grpc.aio.UsageError, asyncio.InvalidStateError):
+                stream.lose()  # the client has gone; its cancellation may not have been seen yet
+                return
+            stream.writing_since = None
+        if stream.ended and not stream.num_sessions and not len(stream.send_queue):
+            return

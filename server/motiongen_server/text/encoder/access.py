@@ -1,0 +1,44 @@
+"""How the gateway proves itself to an encoder service, and the service itself to the gateway."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import grpc
+
+from motiongen_server.addresses import is_local
+from motiongen_server.config import ServerConfig
+from motiongen_server.identity.tls import check_authorities
+from motiongen_server.identity.watched import Watched
+from motiongen_server.settings import SettingError
+
+
+def encoder_credentials(config: ServerConfig) -> grpc.ChannelCredentials:
+    """What an encoder service must prove itself by. Raises SettingError."""
+    if not config.text_encoder_ca:
+        return grpc.ssl_channel_credentials()
+    try:
+        check_authorities(config.text_encoder_ca)
+        return grpc.ssl_channel_credentials(Path(config.text_encoder_ca).read_bytes())
+    except (ValueError, OSError) as error:
+        raise SettingError(f"text_encoder_ca cannot be used: {error}") from error
+
+
+def encoder_token(config: ServerConfig, address: str, by_tls: bool) -> Callable[[], str] | None:
+    """The token for an encoder service, read anew when its file changes; None for none. Raises SettingError."""
+    path = config.text_encoder_token
+    if not path:
+        return None
+    if not by_tls and not is_local(address.rpartition(":")[0].strip("[]")):
+        raise SettingError("text_encoder_token would cross the network in plain text; give grpcs:HOST:PORT")
+    try:
+        watched = Watched("text encoder's token", [path], lambda: Path(path).read_text(encoding="utf-8").strip())
+    except (ValueError, OSError) as error:
+        raise SettingError(f"text_encoder_token cannot be read: {error}") from error
+
+    def present() -> str:
+        watched.look()
+        return watched.value
+
+    return present

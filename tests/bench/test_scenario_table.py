@@ -1,3 +1,5 @@
+"""The table of scenarios: its cases, its lines, and revisions beside each other."""
+
 import os
 import subprocess
 from pathlib import Path

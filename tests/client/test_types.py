@@ -37,7 +37,7 @@ from motiongen_client import (
         (lambda: RootTrajectory(0, [[1, "a"]]), "positions_m"),  # type: ignore[arg-type]
         (lambda: RootTrajectory(0, np.zeros((2, 2), np.float32), np.zeros(3, np.float32)), "headings_rad"),
         (lambda: Keyframe(0, np.zeros(3, np.float32)), "positions_m"),
-        (lambda: JointTargets(0, [1], np.zeros((1, 3), np.float32)), "joints"),
+        (lambda: JointTargets(0, [], np.zeros((0, 3), np.float32)), "joints"),
         (lambda: JointTargets(0, [0, 1], np.zeros((1, 3), np.float32)), "positions_m"),
         (lambda: JointTargets(0, [0], np.zeros((1, 3), np.float32), np.zeros((1, 3), np.float32)), "rotations"),
         (lambda: SessionOptions(seed=-1), "seed"),

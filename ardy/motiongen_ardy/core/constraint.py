@@ -180,7 +180,7 @@ class Targets:
     def fill(self, layout: Representation, first_frame: int, num_frames: int) -> tuple[Tensor, Tensor]:
         """Observed features in natural units and mask, each (num_frames, D), of frames from first_frame on.
 
-        Raises ConstraintError where joints are constrained without the root joint, or without its ground position.
+        Raises ConstraintError where joints are constrained without the ground position of the root.
         """
         observed = torch.zeros(num_frames, layout.feature_dim)
         mask = torch.zeros(num_frames, layout.feature_dim)
@@ -215,13 +215,15 @@ class Targets:
 
     def _relative_position(self, frame: int, joint: int) -> Tensor:
         """A joint's position (3) from the ground below the root."""
-        root = self.positions.get((frame, 0))
-        if root is None or frame not in self.ground:
+        if frame not in self.ground:
             raise ConstraintError(
                 f"frame {frame} constrains joint {self.skeleton.joint_names[joint]} but not where the root is;"
-                f" give the position of {self.skeleton.joint_names[0]} at that frame too"
+                f" give the position of {self.skeleton.joint_names[0]} at that frame too, or its place on the ground"
             )
-        return self.positions[frame, joint] - root * root.new_tensor([1.0, 0.0, 1.0])
+        root = self.positions.get((frame, 0))
+        place = self.positions[frame, joint].clone()
+        place[[0, 2]] -= self.ground[frame] if root is None else root[[0, 2]]
+        return place
 
     def planned_frames(self, first_frame: int, num_frames: int) -> Tensor:
         """(num_frames, 2) bool of frames from first_frame on: whose ground position, whose heading was only planned."""

@@ -36,7 +36,7 @@ def gait_of(gaits: Sequence[G], x: float, z: float, heading: float | None, held:
     angle = 0.0 if heading is None else math.remainder(math.atan2(x, z) - heading, math.tau)
     speeds = (speed, speed * (1 - SPEED_MARGIN), speed * (1 + SPEED_MARGIN))
     angles = (angle, angle - ANGLE_MARGIN_RAD, angle + ANGLE_MARGIN_RAD)
-    near = [_gait_at(gaits, each, quarter_of(turn)) for each in speeds for turn in angles]
+    near = [gait_at(gaits, each, quarter_of(turn)) for each in speeds for turn in angles]
     return held if any(gait is held for gait in near) else near[0]
 
 
@@ -45,7 +45,7 @@ def quarter_of(angle: float) -> int:
     return round(angle / (math.pi / 2)) % 4
 
 
-def _gait_at(gaits: Sequence[G], speed: float, quarter: int) -> G | None:
+def gait_at(gaits: Sequence[G], speed: float, quarter: int) -> G | None:
     """The fastest one that a speed reaches, of the quarter if there is one, else of those forward."""
     reached = [gait for gait in gaits if gait.from_mps <= speed]
     own = [gait for gait in reached if gait.quarter == quarter]

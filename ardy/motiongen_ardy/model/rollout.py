@@ -18,6 +18,7 @@ from motiongen_ardy.model.generation import WindowRequest, commit_window, denois
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.noise import window_noise
 from motiongen_ardy.model.sampling.plan import plan_targets, plan_text
+from motiongen_ardy.model.sampling.window_end import frames_to_keep
 from motiongen_ardy.model.token_history import TokenHistory
 from motiongen_ardy.model.window import WindowError
 
@@ -92,18 +93,19 @@ class RolloutRequest:
 
 
 def next_window(model: Model, request: RolloutRequest, features: Tensor, index: int) -> tuple[WindowRequest, int]:
-    """Window `index` of a rollout, a batch of one, and the frame from which something else is told, to which its frames
-    count. features: (T, D) normalised, all frames before it.
+    """Window `index` of a rollout, a batch of one, and the frame to which its frames count: something else is told from
+    there on, or a goal needs room. features: (T, D) normalised, all frames before it.
     """
     layout, done = model.representation, len(features)
     device, x, z, heading = features.device, *request.start
     history_len = request.history_at(done, model.config.patch)
     first_frame = done - history_len
-    text, text_end = request.prompt_at(done)
+    text, end = request.prompt_at(done)
+    end = min(end, done + frames_to_keep(request.targets, done, model.config.horizon, model.sampling))
     targets = plan_targets(model, request.targets, features[first_frame:], done, request.start)
     if not request.keep_prompts:
         text, led_to = plan_text(model, text, targets, features[first_frame:], done, request.start)
-        text_end = text_end if led_to is None else min(text_end, led_to)
+        end = end if led_to is None else min(end, led_to)
     span = visible_frames(model, history_len, targets, first_frame)
     observed, mask, planned = None, None, None
     if targets is not None:
@@ -123,7 +125,7 @@ def next_window(model: Model, request: RolloutRequest, features: Tensor, index: 
         mask=mask,
         planned=planned,
     )
-    return window, text_end
+    return window, end
 
 
 @torch.no_grad()

@@ -155,6 +155,7 @@ class Conversation(Recovery):
         self._line, self.opened, self._token = Line.OPEN, opened, token
         del self._unanswered[1]
         self._log_warnings(opened.warnings)
+        self._wishes.place(opened.placements)
         self.service_level = ServiceLevel("full", opened.denoise_steps)
         try:
             self.rig = self._catalog.rig(opened.rig_id)
@@ -192,7 +193,7 @@ class Conversation(Recovery):
             if event is not None:
                 playhead = self.playback.playhead
                 effective = playhead if answer.effective_frame is None else answer.effective_frame
-                self._wishes.take(event, effective, playhead)
+                self._wishes.take(event, effective, playhead, answer.placements)
         if edit is not None:
             self._edits.answer(edit, answer)
 

@@ -20,7 +20,9 @@ from motiongen_client.prompts import Prompt, prompt_name
 from motiongen_client.reached import ReachedBook
 from motiongen_client.types import (
     Constraint,
+    Flexible,
     HeadingTarget,
+    RootPath,
     RootTrajectory,
     Waypoint,
     as_array,
@@ -127,9 +129,32 @@ class Direction(ABC):
             self._scheduled_prompts.pop(key, None)
         return sent
 
-    def add_waypoint(self, x_m: float, z_m: float, *, frame: int, heading_rad: float | None = None) -> Edit:
-        """Be at a ground position (world metres) at a frame; `frame_in` turns seconds from now into one."""
-        return self.add_constraints([Waypoint(frame, x_m, z_m, heading_rad)])
+    def add_waypoint(
+        self, x_m: float, z_m: float, *, frame: int, last_frame: int | None = None, heading_rad: float | None = None
+    ) -> Edit:
+        """Be at a ground position (world metres) at a frame; `frame_in` turns seconds from now into one.
+
+        With last_frame: at any frame from the one to the other.
+        """
+        return self.add_constraints([Flexible(Waypoint(frame, x_m, z_m, heading_rad), last_frame)])
+
+    def go_to(self, x_m: float, z_m: float, *, heading_rad: float | None = None, is_relative: bool = False) -> Edit:
+        """Walk to a ground position, however far, and be there as soon as a person can: `Outcome.placements` says when.
+
+        is_relative: x_m to the left of the character and z_m ahead of it, and heading_rad from where it faces.
+        """
+        return self.add_constraints(
+            [Flexible(Waypoint(0, x_m, z_m, heading_rad), at_any_frame=True, is_relative=is_relative)]
+        )
+
+    def follow_path(
+        self, corners_m: ArrayLike, *, speed_mps: float | None = None, smoothing_m: float | None = None
+    ) -> Edit:
+        """Walk from here along lines through corners_m (N, 2), world x, z in metres, and stand at the last.
+
+        speed_mps: 1.2 unless given; slower in bends. smoothing_m: how far corners are cut, 0.3 m unless given.
+        """
+        return self.add_constraints([RootPath(as_array("corners_m", corners_m, (None, 2)), speed_mps, smoothing_m)])
 
     def add_trajectory(
         self, positions_m: ArrayLike, *, first_frame: int, headings_rad: ArrayLike | None = None

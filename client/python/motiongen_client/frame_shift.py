@@ -51,14 +51,22 @@ def shifted_span(span: motion_pb2.PromptSpan, offset: int) -> motion_pb2.PromptS
 
 
 def shifted_constraint(target: motion_pb2.Constraint, offset: int) -> motion_pb2.Constraint | None:
-    """None where it has passed; of a trajectory that has begun, what is left."""
+    """None where it has passed; of a trajectory that has begun, what is left. One without frames stays as it is."""
     moved = motion_pb2.Constraint()
     moved.CopyFrom(target)
+    kind = target.WhichOneof("target")
+    if target.at_any_frame or target.frames_from_effect or kind == "root_path":
+        return moved
     behind = offset - target.frame
+    if target.HasField("last_frame"):
+        if target.last_frame < offset:
+            return None
+        moved.frame, moved.last_frame = max(-behind, 0), target.last_frame - offset
+        return moved
     if behind <= 0:
         moved.frame = -behind
         return moved
-    if target.WhichOneof("target") != "root_trajectory" or 2 * behind >= len(target.root_trajectory.positions):
+    if kind != "root_trajectory" or 2 * behind >= len(target.root_trajectory.positions):
         return None
     moved.frame = 0
     del moved.root_trajectory.positions[: 2 * behind]

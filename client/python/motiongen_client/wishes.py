@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_client.frame_shift import shifted_constraint, shifted_span
+from motiongen_client.placing import path_left, placed
+from motiongen_client.types import Placement
 
 PLAYING = session_pb2.PLAY_STATE_PLAYING
 
@@ -14,6 +18,7 @@ class Wishes:
     def __init__(self) -> None:
         self._prompts: dict[int, motion_pb2.PromptSpan] = {}  # in the order they were set
         self._constraints: dict[int, motion_pb2.Constraint] = {}
+        self._placements: dict[int, Placement] = {}
         self._velocity: tuple[session_pb2.SetVelocity, int] | None = None  # with the frame at which it ends
         self._play_state: session_pb2.PlayState = PLAYING
 
@@ -22,8 +27,25 @@ class Wishes:
         self._prompts = {span.prompt_id: span for span in opening.prompts}
         self._constraints = {target.constraint_id: target for target in opening.constraints}
 
-    def take(self, event: session_pb2.SessionEvent, effective_frame: int, playhead: int) -> None:
-        """The server has taken an event. effective_frame: the first that shows it; what is past at playhead goes."""
+    def place(self, placements: Iterable[Placement]) -> None:
+        """The server has said where constraints were put: from now on they mean those frames and places."""
+        for placement in placements:
+            key = placement.constraint_id
+            if key in self._constraints:
+                self._constraints[key] = placed(self._constraints[key], placement)
+                self._placements[key] = placement
+
+    def take(
+        self,
+        event: session_pb2.SessionEvent,
+        effective_frame: int,
+        playhead: int,
+        placements: Iterable[Placement] = (),
+    ) -> None:
+        """The server has taken an event. effective_frame: the first that shows it; what is past at playhead goes.
+
+        placements: where those of its constraints were put that left that to the server.
+        """
         match event.WhichOneof("event"):
             case "edit_prompts":
                 for prompt_id in event.edit_prompts.remove:
@@ -39,13 +61,14 @@ class Wishes:
                 for constraint_id in event.edit_constraints.remove:
                     self._constraints.pop(constraint_id, None)
                 self._constraints = {
-                    key: target
-                    for key, target in self._constraints.items()
-                    if shifted_constraint(target, playhead) is not None
+                    key: target for key, target in self._constraints.items() if self._left(key, playhead) is not None
                 }
                 for target in event.edit_constraints.upsert:
                     self._constraints.pop(target.constraint_id, None)
+                    self._placements.pop(target.constraint_id, None)
                     self._constraints[target.constraint_id] = target
+                self.place(placements)
+                self._placements = {key: held for key, held in self._placements.items() if key in self._constraints}
             case "set_velocity":
                 velocity = event.set_velocity
                 self._velocity = (velocity, effective_frame + velocity.hold_frames)
@@ -61,8 +84,17 @@ class Wishes:
 
     def constraints_from(self, frame: int) -> list[motion_pb2.Constraint]:
         """Those that a session which begins at a frame can still meet."""
-        shifted = (shifted_constraint(target, frame) for target in self._constraints.values())
-        return [target for target in shifted if target is not None]
+        left = (self._left(key, frame) for key in self._constraints)
+        return [target for target in left if target is not None]
+
+    def _left(self, constraint_id: int, frame: int) -> motion_pb2.Constraint | None:
+        """What is left of a constraint for a session that begins at a frame; None where it has passed."""
+        target, placement = self._constraints[constraint_id], self._placements.get(constraint_id)
+        if placement is not None and placement.last_frame < frame:
+            return None
+        if placement is not None and target.HasField("root_path"):
+            return path_left(target, placement, frame)
+        return shifted_constraint(target, frame)
 
     def events_from(self, frame: int) -> list[session_pb2.SessionEvent]:
         """What a session that begins at a frame is to be told besides, without numbers."""

@@ -14,7 +14,17 @@ from typing import Any
 
 from motiongen_client.errors import InvalidInput
 from motiongen_client.motion import Motion, Rig
-from motiongen_client.types import Clip, Constraint, Deviation, Keyframe, Model, RootTrajectory, SessionOptions
+from motiongen_client.types import (
+    Clip,
+    Constraint,
+    Deviation,
+    Flexible,
+    Keyframe,
+    Model,
+    RootPath,
+    RootTrajectory,
+    SessionOptions,
+)
 from motiongen_tools.ardy_npz import read_ardy_npz, write_ardy_npz
 from motiongen_tools.bvh import write_bvh
 from motiongen_tools.cli_stream import parse_seconds, parse_waypoint
@@ -228,6 +238,10 @@ def _worst(deviations: Sequence[Deviation | None]) -> float | None:
 
 def describe(constraint: Constraint) -> str:
     """A constraint in a few words."""
+    if isinstance(constraint, Flexible):
+        constraint = constraint.target
+    if isinstance(constraint, RootPath):
+        return f"path through {len(constraint.corners_m)} corners"
     if isinstance(constraint, RootTrajectory):
         last = constraint.first_frame + len(constraint.positions_m) - 1
         what = "waypoint" if last == constraint.first_frame else "path"

@@ -156,11 +156,11 @@ REFUSED_EDITS = [
         "finite radians",
     ),
     Mistake(
-        "no root joint",
+        "no joint",
         lambda c: joints([], [], []),
-        "ROOT_JOINT_MISSING",
+        "INVALID_JOINTS",
         f"{JOINTS}.joints",
-        "0 and",
+        "one or more",
     ),
     Mistake(
         "joint beyond the rig",

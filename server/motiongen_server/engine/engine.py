@@ -219,7 +219,14 @@ class Engine:
             self._report.opens.append(self._refuse(event, failed))
             return
         now = self._clock.now()
-        state = open_session(spec, event.received_at, next(self._ordinals), self._facts, self._config, now, features)
+        try:
+            state = open_session(
+                spec, event.received_at, next(self._ordinals), self._facts, self._config, now, features
+            )
+        except EventRefused as refused:
+            self._admission.release(spec.session, spec)
+            self._report.opens.append(self._refuse(event, refused))
+            return
         self.sessions.add(state)
         self._send_queue.append(state.greeting())
         self._report.opens.append(Code.OK)

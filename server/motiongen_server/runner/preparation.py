@@ -19,6 +19,7 @@ from motiongen_ardy.model.packed import PackedDenoiser, RowRequest
 from motiongen_ardy.model.rollout import visible_frames
 from motiongen_ardy.model.sampling.plan import plan_targets, plan_text
 from motiongen_ardy.model.sampling.projection import RootProjection, make_projection
+from motiongen_ardy.model.sampling.window_end import frames_to_keep
 from motiongen_ardy.model.tokenizer.explicit import ExplicitBody
 from motiongen_ardy.model.tokenizer.model import Tokenizer
 from motiongen_server.engine.types import WindowJob
@@ -36,7 +37,7 @@ class _Shape(NamedTuple):
 
 
 class _Member(NamedTuple):
-    """A job with what its window is told. text: (n, W), zeros for no prompt; num_frames: of its new ones, told so."""
+    """A job with what its window is told. text: (n, W), zeros for no prompt; num_frames: new ones that count."""
 
     job: WindowJob
     targets: Targets | None
@@ -81,11 +82,12 @@ class Preparation:
         history = torch.from_numpy(job.history) if len(job.history) else None
         pose = job.start_pose
         start = (pose.x, pose.z, pose.heading) if pose else (0.0, 0.0, 0.0)
+        kept = frames_to_keep(targets, job.first_frame, horizon, options)
         targets = plan_targets(self._model, targets, history, job.first_frame, start)
         text, led_to = self._text(job), None
         if not job.keep_prompt:
             text, led_to = plan_text(self._model, text, targets, history, job.first_frame, start)
-        return _Member(job, targets, text, horizon if led_to is None else led_to - job.first_frame)
+        return _Member(job, targets, text, kept if led_to is None else min(kept, led_to - job.first_frame))
 
     def _group(self, shape: _Shape, members: list[_Member]) -> list[Row]:
         jobs = [member.job for member in members]

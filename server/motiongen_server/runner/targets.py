@@ -30,6 +30,8 @@ def job_targets(skeleton: Skeleton, job: WindowJob, stride_frames: int = 1) -> T
         if isinstance(constraint, Waypoint):
             heading = None if constraint.heading is None else torch.tensor([constraint.heading])
             targets.add_waypoints([constraint.frame], torch.tensor([[constraint.x, constraint.z]]), heading)
+            if constraint.constraint_id == VELOCITY_ID:
+                targets.planned.add(constraint.frame)  # nobody asked for the place itself
         elif isinstance(constraint, RootTrajectory):
             headings = None if constraint.heading is None else torch.from_numpy(constraint.heading)
             stride = stride_frames if constraint.constraint_id == VELOCITY_ID else 1

@@ -135,10 +135,19 @@ def test_joints_without_the_root_are_refused(layout: Any, pose: Any) -> None:
     targets.add_joints(3, [5], pose[1][0, [5]])
     with pytest.raises(ConstraintError, match=r"frame 3 .*where the root is"):
         targets.fill(layout, 0, 8)
-    limb_only = Targets(layout.skeleton)
-    limb_only.add_end_effectors([1], ["LeftHand"], pose[1], pose[0])
-    with pytest.raises(ConstraintError, match="position of"):
-        limb_only.fill(layout, 0, 8)
+
+
+def test_joints_without_the_root_are_seen_from_its_place_on_the_ground(layout: Any, pose: Any) -> None:
+    whole, alone = Targets(layout.skeleton), Targets(layout.skeleton)
+    whole.add_joints(3, [0, 5], pose[1][0, [0, 5]])
+    alone.add_joints(3, [5], pose[1][0, [5]])
+    alone.add_waypoints([3], pose[1][0, 0, [0, 2]][None])
+    first = layout.position_block.start + 3 * 4
+    columns = slice(first, first + 3)
+    (seen, asked), (expected, _) = alone.fill(layout, 0, 8), whole.fill(layout, 0, 8)
+    assert torch.equal(seen[3, columns], expected[3, columns])
+    assert asked[3, columns].all()
+    assert not asked[3, 1], "the root's height stays free"
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.locomotion import gait_of
 from motiongen_server.engine.session.conditions import Conditions, edit_prompts
 from motiongen_server.engine.session.edits import edited
+from motiongen_server.engine.session.placing import Anchor
 from motiongen_server.engine.session.velocity import Velocity
 from motiongen_server.engine.types import Direction, Gait, SessionKey, SetPrompts, SetVelocity
 from tests.server.engine.stage import Stage, prompt
@@ -32,6 +33,10 @@ STAND, WALK, RUN = _gait(1, "stand", 0.0), _gait(2, "walk", 0.15), _gait(3, "run
 BACK = _gait(4, "back", 0.15, Direction.BACKWARD)
 LEFT = _gait(5, "left", 0.15, Direction.LEFT)
 GAITS = (STAND, WALK, RUN, BACK, LEFT)
+
+
+def _unasked() -> Anchor:
+    raise AssertionError("a velocity does not ask where the character is")
 
 
 def _event(
@@ -126,7 +131,7 @@ def test_prompts_set_meanwhile_show_when_the_velocity_ends() -> None:
 def test_an_edit_changes_frames_from_where_the_path_or_the_prompt_does(
     event: SetVelocity, changed_from: int, marker: int
 ) -> None:
-    after, kind, found = edited(HELD, event, 120, 200, EngineConfig(), GAITS)
+    after, kind, found, _ = edited(HELD, event, 120, 200, EngineConfig(), _unasked, GAITS)
     assert (kind, found) == ("velocity", changed_from)
     assert _marker(after, 130) == marker
 

@@ -18,10 +18,6 @@ TOLD = {"durable_seq", "spare_sessions", "SCALAR_TYPE_F16_LE"}
 TOLD_IN = {("SessionUpdate", "snapshot")}
 
 EXAMPLES = [
-    (motion_pb2.Constraint(last_frame=0), "upsert[0]", "upsert[0].last_frame"),
-    (motion_pb2.Constraint(frames_from_effect=True), "upsert[0]", "upsert[0].frames_from_effect"),
-    (motion_pb2.Constraint(at_any_frame=True), "upsert[0]", "upsert[0].at_any_frame"),
-    (motion_pb2.Constraint(weight=1), "upsert[0]", "upsert[0].weight"),
     (session_pb2.OpenSession(snapshot=b"x"), "open", "open.snapshot"),
     (session_pb2.OpenSession(outputs=["joint_positions_m"]), "open", "open.outputs"),
     (session_pb2.SessionEvent(seek=session_pb2.Seek()), "", "seek"),

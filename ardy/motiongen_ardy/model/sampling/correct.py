@@ -11,6 +11,7 @@ from motiongen_ardy.model.sampling.cleanup import clean_feet
 from motiongen_ardy.model.sampling.facing import face_root
 from motiongen_ardy.model.sampling.joins import HISTORY_FRAMES, join_tokens
 from motiongen_ardy.model.sampling.joint_goals import joint_goals
+from motiongen_ardy.model.sampling.knees import hinge_knees
 from motiongen_ardy.model.sampling.options import SamplingOptions
 from motiongen_ardy.model.sampling.pose import Poses
 from motiongen_ardy.model.sampling.reach import reach_joints
@@ -40,9 +41,11 @@ def correct_window(
     if options.join_tokens:
         none = torch.zeros(new.shape[:2], dtype=torch.bool, device=new.device)
         held = none if asked is None else asked.root_met(frames[..., layout.root_position_block])
+        frames = hinge_knees(layout, frames)
         frames = settle_seam(layout, history, frames, options.joins)
         frames = join_tokens(layout, history, frames, options.joins, held, patch)
-    before = history[:, -1:] if history.shape[1] else frames[:, :1]
+    goes_on = bool(history.shape[1])
+    before = history[:, -1:] if goes_on else frames[:, :1]
     natural = torch.cat([before, frames], dim=1)
     poses = Poses(layout, natural)
     pinned = torch.zeros(*natural.shape[:2], 2, dtype=torch.bool, device=new.device)
@@ -50,10 +53,10 @@ def correct_window(
     if options.face_root:
         face_root(poses, natural[..., layout.heading_block])
     if asked is not None:
-        asked = asked.after_history()
+        asked = asked.after_history(goes_on)
         height_held = asked.has_height
         if options.reach_joints and asked.any:
-            pinned = reach_joints(poses, asked, options.reach)
+            pinned = reach_joints(poses, asked, options.reach, goes_on)
     if options.clean_feet:
         clean_feet(poses, options.feet, pinned, height_held)
     return layout.normalize(poses.features(natural))[:, 1:]

@@ -34,10 +34,12 @@ class JointGoals:
         distance = (root - self.positions[:, :, 0])[..., [0, 2]].norm(dim=-1)
         return self.has_ground & (distance < MET_M)
 
-    def after_history(self) -> JointGoals:
-        """The same after one frame more, which has no goals."""
+    def after_history(self, known: bool) -> JointGoals:
+        """The same after one frame more: a known one, which has no goals, or a copy of the first, which has its."""
         parts = [getattr(self, one.name) for one in fields(self)]
-        return JointGoals(*(torch.cat([_without_goals(part[:, :1]), part], dim=1) for part in parts))
+        return JointGoals(
+            *(torch.cat([_without_goals(part[:, :1]) if known else part[:, :1], part], dim=1) for part in parts)
+        )
 
     @property
     def any(self) -> bool:

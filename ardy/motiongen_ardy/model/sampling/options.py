@@ -167,7 +167,8 @@ class SamplingOptions(CheckedOptions):
     get a path laid under them. clean_feet: feet in contact are held in place. reach_joints: joints are brought onto
     their goals. join_tokens: jumps between one token's frames and the next's are smoothed. face_root: a body that parts
     from its root's heading is turned to it. fit_prompts: a gait's prompt is told where the root is to go at a pace that
-    the prompt's motion does not have; which those are, the checkpoint says.
+    the prompt's motion does not have; which those are, the checkpoint says. approach_frames: where a goal follows on
+    a window within fewer frames than these, the window is kept only so far that the goal has as many of the next.
     """
 
     guidance: GuidanceOptions = GuidanceOptions()
@@ -178,6 +179,7 @@ class SamplingOptions(CheckedOptions):
     join_tokens: bool = False
     face_root: bool = False
     fit_prompts: bool = False
+    approach_frames: int = option(12, 0, 100)
     projection: ProjectionOptions = ProjectionOptions()
     plan: PlanOptions = PlanOptions()
     feet: FeetOptions = FeetOptions()

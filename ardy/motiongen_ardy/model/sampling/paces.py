@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.locomotion.gait import gait_at, quarter_of
 from motiongen_ardy.model.sampling.options import PaceOptions
 
 SPEED_FRAMES = 10  # that a speed is taken over: about a step
@@ -51,12 +52,18 @@ class PromptPaces:
 
     def gait(self, speed: float, angle: float) -> Tensor | None:
         """The gait's text (W) for a speed, in a direction in radians to the left of where the body faces."""
-        reached = self.from_mps <= speed
-        own = reached & (self.quarters == round(angle / (math.pi / 2)) % 4)
-        fit = own if bool(own.any()) else reached & (self.quarters == 0)
-        if not bool(fit.any()):
-            return None
-        return self.gaits[int(torch.where(fit, self.from_mps, -1.0).argmax())]
+        rows = zip(self.from_mps.tolist(), self.quarters.int().tolist(), self.gaits, strict=True)
+        known = [_GaitText(from_mps, quarter, text) for from_mps, quarter, text in rows]
+        gait = gait_at(known, speed, quarter_of(angle))
+        return None if gait is None else gait.text
+
+
+class _GaitText(NamedTuple):
+    """A gait with its text (W). quarter: of a turn to the left of where the body faces that it goes, 0 to 3."""
+
+    from_mps: float
+    quarter: int
+    text: Tensor
 
 
 class Told(NamedTuple):

@@ -2,6 +2,7 @@
 
 The correction that a goal needs at its frame comes and goes smoothly over the frames around it. Frame 0, the last of
 the history, does not change, and close behind it a goal is corrected only as far as a bounded acceleration allows.
+Where a motion begins nothing is before it: frame 0 is a copy of the first, and its goals are those of the first.
 """
 
 from __future__ import annotations
@@ -21,8 +22,15 @@ ROOT_SHARE = 0.25  # of the acceleration that a joint may get
 LEVER_M = 0.5  # how far from its axis a turned joint moves what hangs on it
 
 
-def over_time(values: Tensor, known: Tensor, most_acceleration: float, fps: int, options: ReachOptions) -> Tensor:
-    """Corrections (B, T, C, k), known at some frames (B, T, C), at all frames; smaller where they come too early."""
+def over_time(
+    values: Tensor, known: Tensor, most_acceleration: float, fps: int, options: ReachOptions, goes_on: bool = True
+) -> Tensor:
+    """Corrections (B, T, C, k), known at some frames (B, T, C), at all frames; smaller where they come too early.
+
+    goes_on: frame 0 is of the history and gets no correction.
+    """
+    if not goes_on:
+        return spread(torch.where(known[..., None], values, 0.0), known, options.fade_frames)
     frames = torch.arange(values.shape[1], device=values.device, dtype=values.dtype)
     room = (frames.clamp(max=options.fade_frames) / fps).square() * most_acceleration / PEAK_ACCELERATION
     unlimited = frames >= options.fade_frames
@@ -34,18 +42,25 @@ def over_time(values: Tensor, known: Tensor, most_acceleration: float, fps: int,
     return spread(values, known, options.fade_frames)
 
 
-def reach_joints(poses: Poses, goals: JointGoals, options: ReachOptions) -> Tensor:
-    """Bring poses (B, T) onto their goals. Returns where (B, T, 2) the left and the right foot had one."""
+def reach_joints(poses: Poses, goals: JointGoals, options: ReachOptions, goes_on: bool = True) -> Tensor:
+    """Bring poses (B, T) onto their goals. Returns where (B, T, 2) the left and the right foot had one.
+
+    goes_on: frame 0 is of the history and does not change; else it is a copy of the first, goals and all.
+    """
     layout, skeleton = poses.layout, poses.layout.skeleton
-    most, fps = options.acceleration_m_s2, layout.fps
+
+    def spread_out(values: Tensor, known: Tensor, share: float) -> Tensor:
+        return over_time(values, known, share * options.acceleration_m_s2, layout.fps, options, goes_on)
+
     if bool(goals.has_height.any()):
-        _set_height(poses, goals, options)
+        off = torch.where(goals.has_height, goals.height - poses.root[..., 1], 0.0)[..., None, None]
+        _raise_root(poses, spread_out(off, goals.has_height[..., None], ROOT_SHARE)[:, :, 0])
     turns, known = pose_turns(skeleton, goals, poses.rotations, poses.positions())
-    poses.turn(range(skeleton.num_joints), axis_angle_to_matrix(over_time(turns, known, most / LEVER_M, fps, options)))
+    poses.turn(range(skeleton.num_joints), axis_angle_to_matrix(spread_out(turns, known, 1 / LEVER_M)))
     limbs = (*legs(skeleton), *arms(skeleton))
     turns, known = middle_turns(skeleton, goals, poses.positions())
     if bool(known.any()):
-        turned = axis_angle_to_matrix(over_time(turns, known, most / LEVER_M, fps, options))
+        turned = axis_angle_to_matrix(spread_out(turns, known, 1 / LEVER_M))
         poses.turn([limb.upper for limb in limbs], turned)
     ends, tips = [limb.end for limb in limbs], [limb.tip for limb in limbs]
     at_end, at_tip = goals.has_position[:, :, ends], goals.has_position[:, :, tips]
@@ -53,17 +68,14 @@ def reach_joints(poses: Poses, goals: JointGoals, options: ReachOptions) -> Tens
         positions = poses.positions()
         to_end, to_tip = ((goals.positions - positions)[:, :, joints] for joints in (ends, tips))
         offset = torch.where(at_end[..., None], to_end, to_tip)
-        moved = over_time(offset, at_end | at_tip, most, fps, options)
+        moved = spread_out(offset, at_end | at_tip, 1.0)
         poses.bend_limbs(limbs, positions, positions[:, :, ends] + moved, (moved != 0).any(dim=-1))
     return (at_end | at_tip | goals.has_rotation[:, :, ends])[:, :, :2]
 
 
-def _set_height(poses: Poses, goals: JointGoals, options: ReachOptions) -> None:
-    """Raise or lower the root onto its goals while the feet stay where they are."""
+def _raise_root(poses: Poses, rise: Tensor) -> None:
+    """Raise the root by (B, T, 1) metres while the feet stay where they are."""
     positions = poses.positions()
-    off = torch.where(goals.has_height, goals.height - poses.root[..., 1], 0.0)[..., None, None]
-    most = ROOT_SHARE * options.acceleration_m_s2
-    rise = over_time(off, goals.has_height[..., None], most, poses.layout.fps, options)[:, :, 0]
     rise = rise * rise.new_tensor([0.0, 1.0, 0.0])
     poses.root += rise
     limbs = legs(poses.layout.skeleton)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from google.protobuf.duration_pb2 import Duration
 
-from motiongen.v1 import service_pb2, session_pb2
+from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_client.errors import EventRefused
 from motiongen_client.types import (
     ConstraintReached,
@@ -14,6 +14,7 @@ from motiongen_client.types import (
     ModelWarning,
     Opened,
     Outcome,
+    Placement,
     Residual,
     ServiceLevel,
     SessionEnd,
@@ -32,6 +33,24 @@ def opened(message: session_pb2.SessionOpened) -> Opened:
         committed_horizon_frames=message.committed_horizon_frames,
         denoise_steps=message.denoise_steps,
         warnings=warnings(message.warnings),
+        placements=placements(message.placements),
+    )
+
+
+def placements(messages: Iterable[motion_pb2.ConstraintPlacement], offset: int = 0) -> tuple[Placement, ...]:
+    """Where constraints were put. offset: of the client's frame numbers over the server's."""
+    return tuple(
+        Placement(
+            constraint_id=each.constraint_id,
+            first_frame=each.first_frame + offset,
+            last_frame=each.last_frame + offset,
+            arrival_frame=each.arrival_frame + offset,
+            anchor_frame=each.anchor_frame + offset,
+            anchor_x_m=each.anchor_x,
+            anchor_z_m=each.anchor_z,
+            anchor_heading_rad=each.anchor_heading,
+        )
+        for each in messages
     )
 
 
@@ -43,7 +62,8 @@ def outcome(message: session_pb2.EditOutcome, event: str, offset: int = 0) -> Ou
     """What became of an event; `event` says in words what it was, `offset` which of our frames is the server's 0."""
     if message.code == 0:
         effective_frame = message.effective_frame + offset if message.HasField("effective_frame") else None
-        return Outcome(message.event_seq, effective_frame, warnings(message.warnings))
+        placed = placements(message.placements, offset)
+        return Outcome(message.event_seq, effective_frame, warnings(message.warnings), placed)
     retry_after_s = seconds(message.retry_after) if message.HasField("retry_after") else None
     code = code_name(message.code)
     return EventRefused(event, code, message.reason, message.message, message.field, message.allowed, retry_after_s)

@@ -10,11 +10,13 @@ from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_client.prompts import Preset, Prompt, TextEmbedding
 from motiongen_client.types import (
     Constraint,
+    Flexible,
     HeadingTarget,
     JointRotations,
     JointTargets,
     Keyframe,
     Priority,
+    RootPath,
     RootTrajectory,
     SessionOptions,
     StartPose,
@@ -86,12 +88,21 @@ def prompt_span(
     return span
 
 
-def constraint(constraint_id: int, target: Constraint) -> motion_pb2.Constraint:
+def constraint(constraint_id: int, asked: Constraint) -> motion_pb2.Constraint:
     """A constraint with the id that replaces or removes it later."""
+    target = asked.target if isinstance(asked, Flexible) else asked
     message = motion_pb2.Constraint(
         constraint_id=constraint_id, tolerance_m=target.tolerance_m, tolerance_rad=target.tolerance_rad
     )
-    message.frame = target.first_frame if isinstance(target, RootTrajectory) else target.frame
+    if isinstance(asked, Flexible):
+        message.at_any_frame, message.frames_from_effect = asked.at_any_frame, asked.frames_from_effect
+        message.relative_to_character = asked.is_relative
+        if asked.last_frame is not None:
+            message.last_frame = asked.last_frame
+        if asked.weight is not None:
+            message.weight = asked.weight
+    if not isinstance(target, RootPath):
+        message.frame = target.first_frame if isinstance(target, RootTrajectory) else target.frame
     match target:
         case Waypoint():
             message.waypoint.CopyFrom(motion_pb2.Waypoint(x=target.x_m, z=target.z_m, heading=target.heading_rad))
@@ -99,6 +110,10 @@ def constraint(constraint_id: int, target: Constraint) -> motion_pb2.Constraint:
             message.root_trajectory.positions.extend(target.positions_m.ravel().tolist())
             if target.headings_rad is not None:
                 message.root_trajectory.headings.extend(target.headings_rad.tolist())
+        case RootPath():
+            path = motion_pb2.RootPath(speed_mps=target.speed_mps, smoothing_m=target.smoothing_m)
+            path.positions.extend(target.corners_m.ravel().tolist())
+            message.root_path.CopyFrom(path)
         case Keyframe():
             message.keyframe.positions.extend(target.positions_m.ravel().tolist())
         case HeadingTarget():

@@ -5,6 +5,7 @@ from motiongen_client.types.answers import (
     ModelWarning,
     Opened,
     Outcome,
+    Placement,
     Reopened,
     ServiceLevel,
     SessionEnd,
@@ -14,18 +15,22 @@ from motiongen_client.types.checks import as_array, check_finite, check_frame, c
 from motiongen_client.types.clips import Clip, Deviation, Residual
 from motiongen_client.types.constraints import (
     Constraint,
+    Flexible,
     HeadingTarget,
     JointRotations,
     JointTargets,
     Keyframe,
+    RootPath,
     RootTrajectory,
+    Target,
     Waypoint,
 )
 from motiongen_client.types.options import NO_PROMPTS, Priority, SessionOptions, StartPose
 
 __all__ = [
-    "NO_PROMPTS", "Catalog", "Clip", "Constraint", "ConstraintReached", "Deviation", "HeadingTarget", "JointRotations",
-    "JointTargets", "Keyframe", "Limits", "LocomotionPreset", "Model", "ModelWarning", "Opened", "Outcome", "Priority",
-    "Reopened", "Residual", "RootTrajectory", "ServiceLevel", "SessionEnd", "SessionOptions", "StartPose", "Waypoint",
-    "as_array", "check_finite", "check_frame", "check_tolerance",
+    "NO_PROMPTS", "Catalog", "Clip", "Constraint", "ConstraintReached", "Deviation", "Flexible", "HeadingTarget",
+    "JointRotations", "JointTargets", "Keyframe", "Limits", "LocomotionPreset", "Model", "ModelWarning", "Opened",
+    "Outcome", "Placement", "Priority", "Reopened", "Residual", "RootPath", "RootTrajectory", "ServiceLevel",
+    "SessionEnd", "SessionOptions", "StartPose", "Target", "Waypoint", "as_array", "check_finite", "check_frame",
+    "check_tolerance",
 ]  # fmt: skip

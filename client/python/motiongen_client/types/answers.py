@@ -18,8 +18,26 @@ class ModelWarning:
 
 
 @dataclass(frozen=True)
+class Placement:
+    """Where a constraint was put that left that to the server.
+
+    arrival_frame: the one that is aimed for, between the first and the last at which it may be met. anchor_frame: when
+    it takes effect; anchor_x_m, anchor_z_m, anchor_heading_rad: the character just before.
+    """
+
+    constraint_id: int
+    first_frame: int
+    last_frame: int
+    arrival_frame: int
+    anchor_frame: int
+    anchor_x_m: float
+    anchor_z_m: float
+    anchor_heading_rad: float
+
+
+@dataclass(frozen=True)
 class Opened:
-    """What the server chose for a session. warnings: of its first prompts and constraints."""
+    """What the server chose for a session. warnings: of its first prompts and constraints; placements: of these."""
 
     session_id: str
     seed: int
@@ -31,18 +49,20 @@ class Opened:
     committed_horizon_frames: int
     denoise_steps: int
     warnings: tuple[ModelWarning, ...] = ()
+    placements: tuple[Placement, ...] = ()
 
 
 @dataclass(frozen=True)
 class Outcome:
     """The answer to an accepted event. effective_frame: first frame it shows at; None when it alters no frame.
 
-    warnings: of what was taken, but may not come out as asked.
+    warnings: of what was taken, but may not come out as asked. placements: of constraints that are `Flexible`.
     """
 
     event_seq: int
     effective_frame: int | None
     warnings: tuple[ModelWarning, ...] = ()
+    placements: tuple[Placement, ...] = ()
 
 
 @dataclass(frozen=True)

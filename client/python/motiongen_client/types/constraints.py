@@ -77,7 +77,7 @@ class Keyframe:
 
 @dataclass(frozen=True, eq=False)
 class JointTargets:
-    """World targets for some joints (hands, feet) at one frame; the root, joint 0, must be among them.
+    """World targets for some joints (hands, feet) at one frame. Without joint 0, the root, that comes along as needed.
 
     joints: K indices into the rig; positions_m: (K, 3) metres; rotations_quat_wxyz: (K, 4) unit quaternions or None.
     """
@@ -93,8 +93,8 @@ class JointTargets:
         check_tolerance(self.tolerance_m, self.tolerance_rad)
         check_frame("frame", self.frame)
         object.__setattr__(self, "joints", tuple(self.joints))
-        if 0 not in self.joints:
-            raise InvalidInput("joints", self.joints, "indices of the rig's joints, the root (0) among them")
+        if not self.joints:
+            raise InvalidInput("joints", self.joints, "one index of the rig's joints or more")
         positions = as_array("positions_m", self.positions_m, (len(self.joints), 3))
         object.__setattr__(self, "positions_m", positions)
         if self.rotations_quat_wxyz is not None:
@@ -140,4 +140,55 @@ class JointRotations:
         object.__setattr__(self, "rotations_quat_wxyz", rotations)
 
 
-Constraint = Waypoint | RootTrajectory | Keyframe | JointTargets | HeadingTarget | JointRotations
+@dataclass(frozen=True, eq=False)
+class RootPath:
+    """Corners of a way over the ground, to be walked from where the character is when it takes effect.
+
+    corners_m: (N, 2) world x, z in metres. speed_mps: where it is straight. smoothing_m: corners are cut so far.
+    """
+
+    corners_m: NDArray[np.float32]
+    speed_mps: float | None = None
+    smoothing_m: float | None = None
+    tolerance_m: float | None = None
+    tolerance_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        check_tolerance(self.tolerance_m, self.tolerance_rad)
+        corners = as_array("corners_m", self.corners_m, (None, 2))
+        if len(corners) == 0:
+            raise InvalidInput("corners_m", "no corner", "one x, z pair or more")
+        object.__setattr__(self, "corners_m", corners)
+        for name in ("speed_mps", "smoothing_m"):
+            if getattr(self, name) is not None:
+                check_finite(name, getattr(self, name))
+
+
+Target = Waypoint | RootTrajectory | Keyframe | JointTargets | HeadingTarget | JointRotations | RootPath
+
+
+@dataclass(frozen=True)
+class Flexible:
+    """A target that leaves something to the server; `Outcome.placements` tells where it was put.
+
+    last_frame: it may be met at any frame from the target's own to this one. at_any_frame: as soon as a person can be
+    there, and the target's frame is 0. frames_from_effect: frames count from when the change takes effect. is_relative:
+    places and angles are seen from the character then, x to its left, z ahead. weight: above 0, at most 10; 1 is what
+    must be, and less is what should be where nothing heavier stands against it.
+    """
+
+    target: Target
+    last_frame: int | None = None
+    at_any_frame: bool = False
+    frames_from_effect: bool = False
+    is_relative: bool = False
+    weight: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.last_frame is not None:
+            check_frame("last_frame", self.last_frame)
+        if self.weight is not None and not 0 < self.weight <= 10:
+            raise InvalidInput("weight", self.weight, "a number above 0, at most 10, or None for 1")
+
+
+Constraint = Target | Flexible

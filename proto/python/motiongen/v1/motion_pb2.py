@@ -24,7 +24,7 @@ _sym_db = _symbol_database.Default()
 
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x19motiongen/v1/motion.proto\x12\x0cmotiongen.v1\"\xc8\x01\n\x03Rig\x12\x0e\n\x06rig_id\x18\x01 \x01(\t\x12\x0e\n\x06joints\x18\x02 \x03(\t\x12\x0f\n\x07parents\x18\x03 \x03(\x11\x12\x12\n\nframe_rate\x18\x04 \x01(\r\x12*\n\x06\x62locks\x18\x05 \x03(\x0b\x32\x1a.motiongen.v1.ChannelBlock\x12\x19\n\x11neutral_offsets_m\x18\x06 \x03(\x02\x12\x12\n\nhip_joints\x18\x07 \x03(\r\x12!\n\x05limbs\x18\x08 \x03(\x0b\x32\x12.motiongen.v1.Limb\"$\n\x04Limb\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0e\n\x06joints\x18\x02 \x03(\r\"+\n\x0c\x43hannelBlock\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\r\n\x05width\x18\x02 \x01(\r\"\x98\x01\n\nPromptSpan\x12\x11\n\tprompt_id\x18\x01 \x01(\r\x12\x13\n\x0bstart_frame\x18\x02 \x01(\x04\x12\x11\n\tend_frame\x18\x03 \x01(\x04\x12\x0c\n\x04text\x18\x04 \x01(\t\x12\x11\n\tpreset_id\x18\x05 \x01(\t\x12.\n\tembedding\x18\x06 \x01(\x0b\x32\x1b.motiongen.v1.TextEmbedding\"5\n\rTextEmbedding\x12\x14\n\x0ctext_encoder\x18\x01 \x01(\t\x12\x0e\n\x06values\x18\x02 \x03(\x02\"\xc3\x04\n\nConstraint\x12\x15\n\rconstraint_id\x18\x01 \x01(\r\x12\r\n\x05\x66rame\x18\x02 \x01(\x04\x12\x17\n\nlast_frame\x18\x03 \x01(\x04H\x01\x88\x01\x01\x12\x1a\n\x12\x66rames_from_effect\x18\x04 \x01(\x08\x12\x14\n\x0c\x61t_any_frame\x18\x05 \x01(\x08\x12\x13\n\x06weight\x18\x06 \x01(\x02H\x02\x88\x01\x01\x12\x18\n\x0btolerance_m\x18\x07 \x01(\x02H\x03\x88\x01\x01\x12\x1a\n\rtolerance_rad\x18\x08 \x01(\x02H\x04\x88\x01\x01\x12*\n\x08waypoint\x18\n \x01(\x0b\x32\x16.motiongen.v1.WaypointH\x00\x12\x33\n\rjoint_targets\x18\x0b \x01(\x0b\x32\x1a.motiongen.v1.JointTargetsH\x00\x12*\n\x08keyframe\x18\x0c \x01(\x0b\x32\x16.motiongen.v1.KeyframeH\x00\x12\x37\n\x0froot_trajectory\x18\r \x01(\x0b\x32\x1c.motiongen.v1.RootTrajectoryH\x00\x12.\n\x07heading\x18\x0e \x01(\x0b\x32\x1b.motiongen.v1.HeadingTargetH\x00\x12\x37\n\x0fjoint_rotations\x18\x0f \x01(\x0b\x32\x1c.motiongen.v1.JointRotationsH\x00\x42\x08\n\x06targetB\r\n\x0b_last_frameB\t\n\x07_weightB\x0e\n\x0c_tolerance_mB\x10\n\x0e_tolerance_radJ\x04\x08\t\x10\n\"B\n\x08Waypoint\x12\t\n\x01x\x18\x01 \x01(\x02\x12\t\n\x01z\x18\x02 \x01(\x02\x12\x14\n\x07heading\x18\x03 \x01(\x02H\x00\x88\x01\x01\x42\n\n\x08_heading\"D\n\x0cJointTargets\x12\x0e\n\x06joints\x18\x01 \x03(\r\x12\x11\n\tpositions\x18\x02 \x03(\x02\x12\x11\n\trotations\x18\x03 \x03(\x02\"\x1d\n\x08Keyframe\x12\x11\n\tpositions\x18\x01 \x03(\x02\"5\n\x0eRootTrajectory\x12\x11\n\tpositions\x18\x01 \x03(\x02\x12\x10\n\x08headings\x18\x02 \x03(\x02\" \n\rHeadingTarget\x12\x0f\n\x07heading\x18\x01 \x01(\x02\"3\n\x0eJointRotations\x12\x0e\n\x06joints\x18\x01 \x03(\r\x12\x11\n\trotations\x18\x02 \x03(\x02\"\x97\x01\n\nFrameChunk\x12\x0c\n\x04plan\x18\x01 \x01(\r\x12\x13\n\x0b\x66irst_frame\x18\x02 \x01(\x04\x12\x13\n\x0b\x66rame_count\x18\x03 \x01(\r\x12\x14\n\x0c\x63ommitted_to\x18\x04 \x01(\x04\x12\x0c\n\x04\x64\x61ta\x18\x05 \x01(\x0c\x12-\n\x0bscalar_type\x18\x06 \x01(\x0e\x32\x18.motiongen.v1.ScalarType*Y\n\nScalarType\x12\x1b\n\x17SCALAR_TYPE_UNSPECIFIED\x10\x00\x12\x16\n\x12SCALAR_TYPE_F32_LE\x10\x01\x12\x16\n\x12SCALAR_TYPE_F16_LE\x10\x02\x42<\n\x0cmotiongen.v1P\x01Z\x18motiongen/v1;motiongenv1\xf8\x01\x01\xaa\x02\x0cMotiongen.V1b\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x19motiongen/v1/motion.proto\x12\x0cmotiongen.v1\"\xc8\x01\n\x03Rig\x12\x0e\n\x06rig_id\x18\x01 \x01(\t\x12\x0e\n\x06joints\x18\x02 \x03(\t\x12\x0f\n\x07parents\x18\x03 \x03(\x11\x12\x12\n\nframe_rate\x18\x04 \x01(\r\x12*\n\x06\x62locks\x18\x05 \x03(\x0b\x32\x1a.motiongen.v1.ChannelBlock\x12\x19\n\x11neutral_offsets_m\x18\x06 \x03(\x02\x12\x12\n\nhip_joints\x18\x07 \x03(\r\x12!\n\x05limbs\x18\x08 \x03(\x0b\x32\x12.motiongen.v1.Limb\"$\n\x04Limb\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0e\n\x06joints\x18\x02 \x03(\r\"+\n\x0c\x43hannelBlock\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\r\n\x05width\x18\x02 \x01(\r\"\x98\x01\n\nPromptSpan\x12\x11\n\tprompt_id\x18\x01 \x01(\r\x12\x13\n\x0bstart_frame\x18\x02 \x01(\x04\x12\x11\n\tend_frame\x18\x03 \x01(\x04\x12\x0c\n\x04text\x18\x04 \x01(\t\x12\x11\n\tpreset_id\x18\x05 \x01(\t\x12.\n\tembedding\x18\x06 \x01(\x0b\x32\x1b.motiongen.v1.TextEmbedding\"5\n\rTextEmbedding\x12\x14\n\x0ctext_encoder\x18\x01 \x01(\t\x12\x0e\n\x06values\x18\x02 \x03(\x02\"\x8f\x05\n\nConstraint\x12\x15\n\rconstraint_id\x18\x01 \x01(\r\x12\r\n\x05\x66rame\x18\x02 \x01(\x04\x12\x17\n\nlast_frame\x18\x03 \x01(\x04H\x01\x88\x01\x01\x12\x1a\n\x12\x66rames_from_effect\x18\x04 \x01(\x08\x12\x14\n\x0c\x61t_any_frame\x18\x05 \x01(\x08\x12\x13\n\x06weight\x18\x06 \x01(\x02H\x02\x88\x01\x01\x12\x18\n\x0btolerance_m\x18\x07 \x01(\x02H\x03\x88\x01\x01\x12\x1a\n\rtolerance_rad\x18\x08 \x01(\x02H\x04\x88\x01\x01\x12*\n\x08waypoint\x18\n \x01(\x0b\x32\x16.motiongen.v1.WaypointH\x00\x12\x33\n\rjoint_targets\x18\x0b \x01(\x0b\x32\x1a.motiongen.v1.JointTargetsH\x00\x12*\n\x08keyframe\x18\x0c \x01(\x0b\x32\x16.motiongen.v1.KeyframeH\x00\x12\x37\n\x0froot_trajectory\x18\r \x01(\x0b\x32\x1c.motiongen.v1.RootTrajectoryH\x00\x12.\n\x07heading\x18\x0e \x01(\x0b\x32\x1b.motiongen.v1.HeadingTargetH\x00\x12\x37\n\x0fjoint_rotations\x18\x0f \x01(\x0b\x32\x1c.motiongen.v1.JointRotationsH\x00\x12+\n\troot_path\x18\x11 \x01(\x0b\x32\x16.motiongen.v1.RootPathH\x00\x12\x1d\n\x15relative_to_character\x18\x10 \x01(\x08\x42\x08\n\x06targetB\r\n\x0b_last_frameB\t\n\x07_weightB\x0e\n\x0c_tolerance_mB\x10\n\x0e_tolerance_radJ\x04\x08\t\x10\n\"B\n\x08Waypoint\x12\t\n\x01x\x18\x01 \x01(\x02\x12\t\n\x01z\x18\x02 \x01(\x02\x12\x14\n\x07heading\x18\x03 \x01(\x02H\x00\x88\x01\x01\x42\n\n\x08_heading\"D\n\x0cJointTargets\x12\x0e\n\x06joints\x18\x01 \x03(\r\x12\x11\n\tpositions\x18\x02 \x03(\x02\x12\x11\n\trotations\x18\x03 \x03(\x02\"\x1d\n\x08Keyframe\x12\x11\n\tpositions\x18\x01 \x03(\x02\"5\n\x0eRootTrajectory\x12\x11\n\tpositions\x18\x01 \x03(\x02\x12\x10\n\x08headings\x18\x02 \x03(\x02\" \n\rHeadingTarget\x12\x0f\n\x07heading\x18\x01 \x01(\x02\"3\n\x0eJointRotations\x12\x0e\n\x06joints\x18\x01 \x03(\r\x12\x11\n\trotations\x18\x02 \x03(\x02\"m\n\x08RootPath\x12\x11\n\tpositions\x18\x01 \x03(\x02\x12\x16\n\tspeed_mps\x18\x02 \x01(\x02H\x00\x88\x01\x01\x12\x18\n\x0bsmoothing_m\x18\x03 \x01(\x02H\x01\x88\x01\x01\x42\x0c\n\n_speed_mpsB\x0e\n\x0c_smoothing_m\"\xbe\x01\n\x13\x43onstraintPlacement\x12\x15\n\rconstraint_id\x18\x01 \x01(\r\x12\x13\n\x0b\x66irst_frame\x18\x02 \x01(\x04\x12\x12\n\nlast_frame\x18\x03 \x01(\x04\x12\x15\n\rarrival_frame\x18\x04 \x01(\x04\x12\x14\n\x0c\x61nchor_frame\x18\x05 \x01(\x04\x12\x10\n\x08\x61nchor_x\x18\x06 \x01(\x02\x12\x10\n\x08\x61nchor_z\x18\x07 \x01(\x02\x12\x16\n\x0e\x61nchor_heading\x18\x08 \x01(\x02\"\x97\x01\n\nFrameChunk\x12\x0c\n\x04plan\x18\x01 \x01(\r\x12\x13\n\x0b\x66irst_frame\x18\x02 \x01(\x04\x12\x13\n\x0b\x66rame_count\x18\x03 \x01(\r\x12\x14\n\x0c\x63ommitted_to\x18\x04 \x01(\x04\x12\x0c\n\x04\x64\x61ta\x18\x05 \x01(\x0c\x12-\n\x0bscalar_type\x18\x06 \x01(\x0e\x32\x18.motiongen.v1.ScalarType*Y\n\nScalarType\x12\x1b\n\x17SCALAR_TYPE_UNSPECIFIED\x10\x00\x12\x16\n\x12SCALAR_TYPE_F32_LE\x10\x01\x12\x16\n\x12SCALAR_TYPE_F16_LE\x10\x02\x42<\n\x0cmotiongen.v1P\x01Z\x18motiongen/v1;motiongenv1\xf8\x01\x01\xaa\x02\x0cMotiongen.V1b\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -32,8 +32,8 @@ _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'motiongen.v1.motion_pb2', _
 if not _descriptor._USE_C_DESCRIPTORS:
   _globals['DESCRIPTOR']._loaded_options = None
   _globals['DESCRIPTOR']._serialized_options = b'\n\014motiongen.v1P\001Z\030motiongen/v1;motiongenv1\370\001\001\252\002\014Motiongen.V1'
-  _globals['_SCALARTYPE']._serialized_start=1586
-  _globals['_SCALARTYPE']._serialized_end=1675
+  _globals['_SCALARTYPE']._serialized_start=1966
+  _globals['_SCALARTYPE']._serialized_end=2055
   _globals['_RIG']._serialized_start=44
   _globals['_RIG']._serialized_end=244
   _globals['_LIMB']._serialized_start=246
@@ -45,19 +45,23 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_TEXTEMBEDDING']._serialized_start=484
   _globals['_TEXTEMBEDDING']._serialized_end=537
   _globals['_CONSTRAINT']._serialized_start=540
-  _globals['_CONSTRAINT']._serialized_end=1119
-  _globals['_WAYPOINT']._serialized_start=1121
-  _globals['_WAYPOINT']._serialized_end=1187
-  _globals['_JOINTTARGETS']._serialized_start=1189
-  _globals['_JOINTTARGETS']._serialized_end=1257
-  _globals['_KEYFRAME']._serialized_start=1259
-  _globals['_KEYFRAME']._serialized_end=1288
-  _globals['_ROOTTRAJECTORY']._serialized_start=1290
-  _globals['_ROOTTRAJECTORY']._serialized_end=1343
-  _globals['_HEADINGTARGET']._serialized_start=1345
-  _globals['_HEADINGTARGET']._serialized_end=1377
-  _globals['_JOINTROTATIONS']._serialized_start=1379
-  _globals['_JOINTROTATIONS']._serialized_end=1430
-  _globals['_FRAMECHUNK']._serialized_start=1433
-  _globals['_FRAMECHUNK']._serialized_end=1584
+  _globals['_CONSTRAINT']._serialized_end=1195
+  _globals['_WAYPOINT']._serialized_start=1197
+  _globals['_WAYPOINT']._serialized_end=1263
+  _globals['_JOINTTARGETS']._serialized_start=1265
+  _globals['_JOINTTARGETS']._serialized_end=1333
+  _globals['_KEYFRAME']._serialized_start=1335
+  _globals['_KEYFRAME']._serialized_end=1364
+  _globals['_ROOTTRAJECTORY']._serialized_start=1366
+  _globals['_ROOTTRAJECTORY']._serialized_end=1419
+  _globals['_HEADINGTARGET']._serialized_start=1421
+  _globals['_HEADINGTARGET']._serialized_end=1453
+  _globals['_JOINTROTATIONS']._serialized_start=1455
+  _globals['_JOINTROTATIONS']._serialized_end=1506
+  _globals['_ROOTPATH']._serialized_start=1508
+  _globals['_ROOTPATH']._serialized_end=1617
+  _globals['_CONSTRAINTPLACEMENT']._serialized_start=1620
+  _globals['_CONSTRAINTPLACEMENT']._serialized_end=1810
+  _globals['_FRAMECHUNK']._serialized_start=1813
+  _globals['_FRAMECHUNK']._serialized_end=1964
 # @@protoc_insertion_point(module_scope)

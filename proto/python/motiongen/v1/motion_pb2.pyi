@@ -76,7 +76,7 @@ class TextEmbedding(_message.Message):
     def __init__(self, text_encoder: _Optional[str] = ..., values: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Constraint(_message.Message):
-    __slots__ = ("constraint_id", "frame", "last_frame", "frames_from_effect", "at_any_frame", "weight", "tolerance_m", "tolerance_rad", "waypoint", "joint_targets", "keyframe", "root_trajectory", "heading", "joint_rotations")
+    __slots__ = ("constraint_id", "frame", "last_frame", "frames_from_effect", "at_any_frame", "weight", "tolerance_m", "tolerance_rad", "waypoint", "joint_targets", "keyframe", "root_trajectory", "heading", "joint_rotations", "root_path", "relative_to_character")
     CONSTRAINT_ID_FIELD_NUMBER: _ClassVar[int]
     FRAME_FIELD_NUMBER: _ClassVar[int]
     LAST_FRAME_FIELD_NUMBER: _ClassVar[int]
@@ -91,6 +91,8 @@ class Constraint(_message.Message):
     ROOT_TRAJECTORY_FIELD_NUMBER: _ClassVar[int]
     HEADING_FIELD_NUMBER: _ClassVar[int]
     JOINT_ROTATIONS_FIELD_NUMBER: _ClassVar[int]
+    ROOT_PATH_FIELD_NUMBER: _ClassVar[int]
+    RELATIVE_TO_CHARACTER_FIELD_NUMBER: _ClassVar[int]
     constraint_id: int
     frame: int
     last_frame: int
@@ -105,7 +107,9 @@ class Constraint(_message.Message):
     root_trajectory: RootTrajectory
     heading: HeadingTarget
     joint_rotations: JointRotations
-    def __init__(self, constraint_id: _Optional[int] = ..., frame: _Optional[int] = ..., last_frame: _Optional[int] = ..., frames_from_effect: bool = ..., at_any_frame: bool = ..., weight: _Optional[float] = ..., tolerance_m: _Optional[float] = ..., tolerance_rad: _Optional[float] = ..., waypoint: _Optional[_Union[Waypoint, _Mapping]] = ..., joint_targets: _Optional[_Union[JointTargets, _Mapping]] = ..., keyframe: _Optional[_Union[Keyframe, _Mapping]] = ..., root_trajectory: _Optional[_Union[RootTrajectory, _Mapping]] = ..., heading: _Optional[_Union[HeadingTarget, _Mapping]] = ..., joint_rotations: _Optional[_Union[JointRotations, _Mapping]] = ...) -> None: ...
+    root_path: RootPath
+    relative_to_character: bool
+    def __init__(self, constraint_id: _Optional[int] = ..., frame: _Optional[int] = ..., last_frame: _Optional[int] = ..., frames_from_effect: bool = ..., at_any_frame: bool = ..., weight: _Optional[float] = ..., tolerance_m: _Optional[float] = ..., tolerance_rad: _Optional[float] = ..., waypoint: _Optional[_Union[Waypoint, _Mapping]] = ..., joint_targets: _Optional[_Union[JointTargets, _Mapping]] = ..., keyframe: _Optional[_Union[Keyframe, _Mapping]] = ..., root_trajectory: _Optional[_Union[RootTrajectory, _Mapping]] = ..., heading: _Optional[_Union[HeadingTarget, _Mapping]] = ..., joint_rotations: _Optional[_Union[JointRotations, _Mapping]] = ..., root_path: _Optional[_Union[RootPath, _Mapping]] = ..., relative_to_character: bool = ...) -> None: ...
 
 class Waypoint(_message.Message):
     __slots__ = ("x", "z", "heading")
@@ -154,6 +158,36 @@ class JointRotations(_message.Message):
     joints: _containers.RepeatedScalarFieldContainer[int]
     rotations: _containers.RepeatedScalarFieldContainer[float]
     def __init__(self, joints: _Optional[_Iterable[int]] = ..., rotations: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class RootPath(_message.Message):
+    __slots__ = ("positions", "speed_mps", "smoothing_m")
+    POSITIONS_FIELD_NUMBER: _ClassVar[int]
+    SPEED_MPS_FIELD_NUMBER: _ClassVar[int]
+    SMOOTHING_M_FIELD_NUMBER: _ClassVar[int]
+    positions: _containers.RepeatedScalarFieldContainer[float]
+    speed_mps: float
+    smoothing_m: float
+    def __init__(self, positions: _Optional[_Iterable[float]] = ..., speed_mps: _Optional[float] = ..., smoothing_m: _Optional[float] = ...) -> None: ...
+
+class ConstraintPlacement(_message.Message):
+    __slots__ = ("constraint_id", "first_frame", "last_frame", "arrival_frame", "anchor_frame", "anchor_x", "anchor_z", "anchor_heading")
+    CONSTRAINT_ID_FIELD_NUMBER: _ClassVar[int]
+    FIRST_FRAME_FIELD_NUMBER: _ClassVar[int]
+    LAST_FRAME_FIELD_NUMBER: _ClassVar[int]
+    ARRIVAL_FRAME_FIELD_NUMBER: _ClassVar[int]
+    ANCHOR_FRAME_FIELD_NUMBER: _ClassVar[int]
+    ANCHOR_X_FIELD_NUMBER: _ClassVar[int]
+    ANCHOR_Z_FIELD_NUMBER: _ClassVar[int]
+    ANCHOR_HEADING_FIELD_NUMBER: _ClassVar[int]
+    constraint_id: int
+    first_frame: int
+    last_frame: int
+    arrival_frame: int
+    anchor_frame: int
+    anchor_x: float
+    anchor_z: float
+    anchor_heading: float
+    def __init__(self, constraint_id: _Optional[int] = ..., first_frame: _Optional[int] = ..., last_frame: _Optional[int] = ..., arrival_frame: _Optional[int] = ..., anchor_frame: _Optional[int] = ..., anchor_x: _Optional[float] = ..., anchor_z: _Optional[float] = ..., anchor_heading: _Optional[float] = ...) -> None: ...
 
 class FrameChunk(_message.Message):
     __slots__ = ("plan", "first_frame", "frame_count", "committed_to", "data", "scalar_type")

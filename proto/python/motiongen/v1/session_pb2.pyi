@@ -282,7 +282,7 @@ class SessionUpdate(_message.Message):
     def __init__(self, session: _Optional[int] = ..., applied_seq: _Optional[int] = ..., durable_seq: _Optional[int] = ..., opened: _Optional[_Union[SessionOpened, _Mapping]] = ..., chunk: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., plan: _Optional[_Union[PlanNotice, _Mapping]] = ..., outcome: _Optional[_Union[EditOutcome, _Mapping]] = ..., service_level: _Optional[_Union[ServiceLevel, _Mapping]] = ..., closed: _Optional[_Union[SessionClosed, _Mapping]] = ..., constraint_reached: _Optional[_Union[ConstraintReached, _Mapping]] = ..., snapshot: _Optional[_Union[SessionSnapshot, _Mapping]] = ...) -> None: ...
 
 class SessionOpened(_message.Message):
-    __slots__ = ("session_id", "seed", "start_frame", "rig_id", "model_id", "frame_rate", "lookahead_frames", "committed_horizon_frames", "denoise_steps", "scalar_type", "warnings", "session_token")
+    __slots__ = ("session_id", "seed", "start_frame", "rig_id", "model_id", "frame_rate", "lookahead_frames", "committed_horizon_frames", "denoise_steps", "scalar_type", "warnings", "session_token", "placements")
     SESSION_ID_FIELD_NUMBER: _ClassVar[int]
     SEED_FIELD_NUMBER: _ClassVar[int]
     START_FRAME_FIELD_NUMBER: _ClassVar[int]
@@ -295,6 +295,7 @@ class SessionOpened(_message.Message):
     SCALAR_TYPE_FIELD_NUMBER: _ClassVar[int]
     WARNINGS_FIELD_NUMBER: _ClassVar[int]
     SESSION_TOKEN_FIELD_NUMBER: _ClassVar[int]
+    PLACEMENTS_FIELD_NUMBER: _ClassVar[int]
     session_id: str
     seed: int
     start_frame: int
@@ -307,7 +308,8 @@ class SessionOpened(_message.Message):
     scalar_type: _motion_pb2.ScalarType
     warnings: _containers.RepeatedCompositeFieldContainer[EventWarning]
     session_token: str
-    def __init__(self, session_id: _Optional[str] = ..., seed: _Optional[int] = ..., start_frame: _Optional[int] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., frame_rate: _Optional[int] = ..., lookahead_frames: _Optional[int] = ..., committed_horizon_frames: _Optional[int] = ..., denoise_steps: _Optional[int] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., warnings: _Optional[_Iterable[_Union[EventWarning, _Mapping]]] = ..., session_token: _Optional[str] = ...) -> None: ...
+    placements: _containers.RepeatedCompositeFieldContainer[_motion_pb2.ConstraintPlacement]
+    def __init__(self, session_id: _Optional[str] = ..., seed: _Optional[int] = ..., start_frame: _Optional[int] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., frame_rate: _Optional[int] = ..., lookahead_frames: _Optional[int] = ..., committed_horizon_frames: _Optional[int] = ..., denoise_steps: _Optional[int] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., warnings: _Optional[_Iterable[_Union[EventWarning, _Mapping]]] = ..., session_token: _Optional[str] = ..., placements: _Optional[_Iterable[_Union[_motion_pb2.ConstraintPlacement, _Mapping]]] = ...) -> None: ...
 
 class PlanNotice(_message.Message):
     __slots__ = ("plan", "valid_from", "cause", "event_seqs")
@@ -322,7 +324,7 @@ class PlanNotice(_message.Message):
     def __init__(self, plan: _Optional[int] = ..., valid_from: _Optional[int] = ..., cause: _Optional[_Union[PlanCause, str]] = ..., event_seqs: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class EditOutcome(_message.Message):
-    __slots__ = ("event_seq", "code", "reason", "message", "effective_frame", "field", "allowed", "retry_after", "warnings", "spare_sessions")
+    __slots__ = ("event_seq", "code", "reason", "message", "effective_frame", "field", "allowed", "retry_after", "warnings", "spare_sessions", "placements")
     EVENT_SEQ_FIELD_NUMBER: _ClassVar[int]
     CODE_FIELD_NUMBER: _ClassVar[int]
     REASON_FIELD_NUMBER: _ClassVar[int]
@@ -333,6 +335,7 @@ class EditOutcome(_message.Message):
     RETRY_AFTER_FIELD_NUMBER: _ClassVar[int]
     WARNINGS_FIELD_NUMBER: _ClassVar[int]
     SPARE_SESSIONS_FIELD_NUMBER: _ClassVar[int]
+    PLACEMENTS_FIELD_NUMBER: _ClassVar[int]
     event_seq: int
     code: int
     reason: str
@@ -343,7 +346,8 @@ class EditOutcome(_message.Message):
     retry_after: _duration_pb2.Duration
     warnings: _containers.RepeatedCompositeFieldContainer[EventWarning]
     spare_sessions: int
-    def __init__(self, event_seq: _Optional[int] = ..., code: _Optional[int] = ..., reason: _Optional[str] = ..., message: _Optional[str] = ..., effective_frame: _Optional[int] = ..., field: _Optional[str] = ..., allowed: _Optional[str] = ..., retry_after: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., warnings: _Optional[_Iterable[_Union[EventWarning, _Mapping]]] = ..., spare_sessions: _Optional[int] = ...) -> None: ...
+    placements: _containers.RepeatedCompositeFieldContainer[_motion_pb2.ConstraintPlacement]
+    def __init__(self, event_seq: _Optional[int] = ..., code: _Optional[int] = ..., reason: _Optional[str] = ..., message: _Optional[str] = ..., effective_frame: _Optional[int] = ..., field: _Optional[str] = ..., allowed: _Optional[str] = ..., retry_after: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., warnings: _Optional[_Iterable[_Union[EventWarning, _Mapping]]] = ..., spare_sessions: _Optional[int] = ..., placements: _Optional[_Iterable[_Union[_motion_pb2.ConstraintPlacement, _Mapping]]] = ...) -> None: ...
 
 class EventWarning(_message.Message):
     __slots__ = ("reason", "message", "field")

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from motiongen_server.engine.locomotion import gait_prompt
+from motiongen_server.engine.session.placing import Anchor, placed
 from motiongen_server.engine.session.velocity import Velocity
 from motiongen_server.engine.types import (
+    Asked,
     Code,
     Constraint,
     EventRefused,
     Gait,
+    Placement,
     Prompt,
+    RootTrajectory,
     SetConstraints,
     SetPrompts,
+    Unplaced,
 )
 
 
@@ -102,6 +107,12 @@ class Conditions:
         """The constraints with a frame in begin <= frame < end."""
         return tuple(item for item in self.constraints if item.last_frame >= begin and item.first_frame < end)
 
+    def without_told(self, told: Collection[Constraint]) -> Conditions:
+        """Forget constraints that have been answered before their last frame: they were met at an earlier one."""
+        gone = {id(item) for item in told}
+        left = tuple(item for item in self.constraints if id(item) not in gone)
+        return self if len(left) == len(self.constraints) else replace(self, constraints=left)
+
     def with_velocity_landed(self, obeyed: Velocity | None, frame: int) -> Conditions:
         """A window from `frame` on that obeys a velocity has landed: if it is the newest, its time begins there."""
         if obeyed is None or obeyed is not self.velocity or obeyed.steers_from is not None:
@@ -145,12 +156,12 @@ def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) ->
 
 
 def edit_constraints(
-    held: Conditions, event: SetConstraints, floor: int, limit: int
-) -> tuple[Conditions, tuple[Constraint, ...]]:
-    """Apply an edit of constraints. floor: the first frame that can still change.
+    held: Conditions, event: SetConstraints, floor: int, limit: int, anchor: Callable[[], Anchor]
+) -> tuple[Conditions, tuple[Constraint, ...], tuple[Placement, ...]]:
+    """Apply an edit of constraints. floor: the first frame that can still change; anchor: for what asks "from here".
 
-    Returns the new conditions and every constraint that came, went or was replaced.
-    Raises EventRefused for an unknown id, a target that has passed, or more than `limit` constraints.
+    Returns the new conditions, every constraint that came, went or was replaced, and where those that left it open
+    were put. Raises EventRefused for an unknown id, a target that has passed, or more than `limit` constraints.
     """
     constraints = {item.constraint_id: item for item in held.constraints}
     changed: list[Constraint] = []
@@ -161,16 +172,40 @@ def edit_constraints(
         if constraint_id not in constraints:
             raise _unknown("constraint", constraint_id, index, constraints)
         changed.append(constraints.pop(constraint_id))
-    for index, item in enumerate(event.upsert):
-        if item.first_frame < floor:
+    upserts, placements = place_all(event.upsert, anchor, "edit_constraints.upsert")
+    for index, item in enumerate(upserts):
+        # Of several frames at which it may be met one that still can be is enough.
+        latest = item.first_frame if isinstance(item, RootTrajectory) else item.last_frame
+        if latest < floor:
             field = f"edit_constraints.upsert[{index}].frame"
-            raise _passed("constraint", item.constraint_id, item.first_frame, floor, field)
+            raise _passed("constraint", item.constraint_id, latest, floor, field)
         replaced = constraints.pop(item.constraint_id, None)
         changed.extend([item] if replaced is None else [item, replaced])
         constraints[item.constraint_id] = item
     if len(constraints) > limit:
         raise _too_many("constraints", len(constraints), limit)
-    return replace(held, constraints=tuple(constraints.values())), tuple(changed)
+    return replace(held, constraints=tuple(constraints.values())), tuple(changed), placements
+
+
+def place_all(
+    asked: Sequence[Asked], anchor: Callable[[], Anchor], field: str
+) -> tuple[tuple[Constraint, ...], tuple[Placement, ...]]:
+    """Constraints as they are asked for, in frames and in the world; and where those were put that left it open.
+
+    field: the path of their list. Raises EventRefused for one that cannot be placed.
+    """
+    constraints: list[Constraint] = []
+    placements: list[Placement] = []
+    here: Anchor | None = None  # most edits need none, and it costs a pose
+    for index, item in enumerate(asked):
+        if isinstance(item, Unplaced):
+            here = here or anchor()
+            constraint, placement = placed(item, here, f"{field}[{index}]")
+            constraints.append(constraint)
+            placements.append(placement)
+        else:
+            constraints.append(item)
+    return tuple(constraints), tuple(placements)
 
 
 def _start(prompt: Prompt) -> int:

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.locomotion import gait_of
 from motiongen_server.engine.session.conditions import Conditions, edit_constraints, edit_prompts
+from motiongen_server.engine.session.placing import Anchor
 from motiongen_server.engine.session.velocity import changed_velocity
-from motiongen_server.engine.types import Gait, SetConstraints, SetPrompts, SetVelocity
+from motiongen_server.engine.types import (
+    Code,
+    Gait,
+    Outcome,
+    Placement,
+    SessionKey,
+    SetConstraints,
+    SetPrompts,
+    SetVelocity,
+)
 from motiongen_server.engine.types.refusals import too_many_pending
 
 EditEvent: TypeAlias = SetPrompts | SetConstraints | SetVelocity
@@ -19,36 +29,59 @@ EditEvent: TypeAlias = SetPrompts | SetConstraints | SetVelocity
 
 @dataclass(frozen=True, slots=True)
 class PendingEdit:
-    """An edit that waits for the plan that answers it. dirty_from: the first frame it wants changed."""
+    """An edit that waits for the plan that answers it. dirty_from: the first frame it wants changed.
+
+    placements: where its constraints were put that left that to the engine.
+    """
 
     event_seq: int
     kind: str
     received_at: float
     dirty_from: int
+    placements: tuple[Placement, ...] = ()
+
+    def done(self, session: SessionKey, frame: int) -> Outcome:
+        """The answer that it is in effect from a frame on."""
+        return Outcome(session, self.event_seq, Code.OK, frame, placements=self.placements)
+
+
+class Edited(NamedTuple):
+    """What an event makes of conditions. kind: of edit; dirty_from: the first frame to change, None for none."""
+
+    conditions: Conditions
+    kind: str
+    dirty_from: int | None
+    placements: tuple[Placement, ...] = ()
 
 
 def edited(
-    held: Conditions, event: EditEvent, floor: int, reach: int, config: EngineConfig, gaits: Sequence[Gait] = ()
-) -> tuple[Conditions, str, int | None]:
+    held: Conditions,
+    event: EditEvent,
+    floor: int,
+    reach: int,
+    config: EngineConfig,
+    anchor: Callable[[], Anchor],
+    gaits: Sequence[Gait] = (),
+) -> Edited:
     """Apply an event. floor: the first frame that can still change; reach: the frames a window from there on sees;
-    gaits: prompts that hold while a velocity leads.
+    anchor: for constraints that ask "from here"; gaits: prompts that hold while a velocity leads.
 
-    Returns the new conditions, the kind of edit, and the first frame that is to change, None if none is.
     Raises EventRefused for what cannot be done.
     """
     match event:
         case SetPrompts():
             conditions, dirty_from = edit_prompts(held, event, floor, config.max_prompts)
-            return conditions, "prompts", dirty_from
+            return Edited(conditions, "prompts", dirty_from)
         case SetVelocity():
             velocity, dirty_from = changed_velocity(held.velocity, event, floor)
             conditions = replace(held, velocity=velocity, gait=gait_of(gaits, event, held.gait_at(floor)))
-            return conditions, "velocity", conditions.first_change(held, floor, dirty_from)
+            return Edited(conditions, "velocity", conditions.first_change(held, floor, dirty_from))
         case SetConstraints():
-            conditions, changed = edit_constraints(held, event, floor, config.max_constraints)
+            conditions, changed, placements = edit_constraints(held, event, floor, config.max_constraints, anchor)
             # What lies beyond the reach waits until a later window sees it.
             first = min((item.first_frame for item in changed if item.last_frame >= floor), default=None)
-            return conditions, "constraints", None if first is None else max(floor, first - reach + 1)
+            dirty_from = None if first is None else max(floor, first - reach + 1)
+            return Edited(conditions, "constraints", dirty_from, placements)
 
 
 @dataclass(slots=True)

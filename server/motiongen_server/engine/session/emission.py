@@ -27,7 +27,10 @@ def emit(state: SessionState, now: float, report: StepReport) -> list[Output]:
     if not chunks:
         return outputs
     outputs += chunks
-    outputs += state.reach.reached(state.facts.rig, state.conditions, state.timeline, state.delivery.committed_to)
+    told = state.reach.reached(state.facts.rig, state.conditions, state.timeline, state.delivery.committed_to)
+    if told:
+        state.conditions = state.conditions.without_told([constraint for constraint, _ in told])
+        outputs += [reached for _, reached in told]
     report.frames_sent += state.delivery.sent_to - sent_before
     if opening:
         report.event_latencies.append(EventLatency(state.spec.priority, "open", now - state.opened_at))

@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.session.conditions import Conditions
+from motiongen_server.engine.session.conditions import Conditions, place_all
 from motiongen_server.engine.session.delivery import Delivery
 from motiongen_server.engine.session.drift import DriftGuard, DriftState
 from motiongen_server.engine.session.edits import EditQueue
+from motiongen_server.engine.session.placing import Anchor
 from motiongen_server.engine.session.playback import PlaybackClock, RoundTrip
 from motiongen_server.engine.session.pose import PoseReader
 from motiongen_server.engine.session.reach import ReachWatch
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.session.timeline import first_timeline
+from motiongen_server.engine.session.windows import root_before
 from motiongen_server.engine.spread import spread
 from motiongen_server.engine.types import Float32Array, ModelFacts, SessionSpec
 
@@ -29,8 +31,16 @@ def open_session(
 ) -> SessionState:
     """A new session. ordinal: how many were opened before it; it spreads the start times of later windows.
 
-    prior_features: (H, D), those of spec.prior_rows, None where there are none.
+    prior_features: (H, D), those of spec.prior_rows, None where there are none. Raises EventRefused for a constraint
+    that cannot be placed.
     """
+    timeline = first_timeline(facts, spec.prior_rows, prior_features)
+    reader = PoseReader.of(facts.rig)
+    last_frame = None if spec.clip_frames is None else spec.clip_frames - 1
+    start = root_before(0, timeline, reader, spec.start_pose, facts.fps)
+    constraints, placements = place_all(
+        spec.constraints, lambda: Anchor(0, start, facts.fps, facts.rig, last_frame), "open.constraints"
+    )
     clock = PlaybackClock(facts.fps, rate=config.playback_rate, slack=spec.lookahead)
     stride = spread(ordinal) * (config.stride_jitter // facts.patch + 1)
     jitter = math.floor(stride % 1.0 * (config.continue_jitter + 1))
@@ -41,13 +51,14 @@ def open_session(
         # A client that asks for a longer lookahead wants it filled.
         continue_threshold=max(config.continue_threshold, spec.lookahead - facts.horizon) + jitter,
         cut_frames=math.floor(stride) * facts.patch,
-        conditions=Conditions(spec.prompts, spec.constraints),
+        conditions=Conditions(spec.prompts, constraints),
         delivery=Delivery(spec.session, spec.lookahead, config, clock, RoundTrip(config.rtt_s)),
-        timeline=first_timeline(facts, spec.prior_rows, prior_features),
+        timeline=timeline,
         edits=EditQueue(config.max_waiting_edits),
-        drift_state=DriftState(DriftGuard(PoseReader.of(facts.rig), config)),
+        drift_state=DriftState(DriftGuard(reader, config)),
         reach=ReachWatch(spec.session),
         opened_at=received_at,
         last_playhead_at=now,
         moved_at=now,
+        placements=placements,
     )

@@ -7,8 +7,6 @@ import math
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.session.windows import RunningWindow, WindowSite
 from motiongen_server.engine.types import (
-    Code,
-    Outcome,
     Output,
     PlanCause,
     PlanNotice,
@@ -55,6 +53,7 @@ def next_window(state: SessionState, now: float, predicted_s: float, job_id: int
     site = WindowSite(
         state.spec, state.facts, state.config, state.drift_state.guard, state.level, state.conditions, state.timeline
     )
+    state.predicted_s = predicted_s
     correction = state.drift_state.correction_from(first_frame)
     job = site.job(first_frame, correction, job_id, state.plan + 1, cause, now, deadline(state, now))
     if state.replan_wanted:
@@ -133,7 +132,7 @@ def accept(state: SessionState, result: WindowResult, now: float, report: StepRe
     state.delivery.plan_log.note(notice, sent_to)
     return [
         notice,
-        *(Outcome(state.key, edit.event_seq, Code.OK, frame) for edit, frame in answered),
+        *(edit.done(state.key, frame) for edit, frame in answered),
         *state.settle(),
     ]
 

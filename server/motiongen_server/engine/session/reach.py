@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from motiongen_server.engine.session.conditions import Conditions
-from motiongen_server.engine.session.residuals import Residual
+from motiongen_server.engine.session.residuals import Nearest, Residual, nearest_frame
 from motiongen_server.engine.session.timeline import Timeline
-from motiongen_server.engine.types import Constraint, ConstraintReached, RigLayout, SessionKey
+from motiongen_server.engine.types import Constraint, ConstraintReached, RigLayout, RootTrajectory, SessionKey
 
 
 @dataclass(slots=True)
@@ -15,41 +16,71 @@ class ReachWatch:
     """Measures the constraints of one session, each frame once, as frames are committed.
 
     measured_to: frames below it have been measured. partial: the constraints of which only the first frames have been,
-    with the errors there: later their rows may not be held any more.
+    with the errors there: later their rows may not be held any more. nearest: those that may be met at one of several
+    frames, with the frame that came nearest so far.
     """
 
     session: SessionKey
     measured_to: int = 0
     partial: list[tuple[Constraint, Residual]] = field(default_factory=list)
+    nearest: list[tuple[Constraint, Nearest]] = field(default_factory=list)
 
     def reached(
         self, rig: RigLayout, conditions: Conditions, timeline: Timeline, committed_to: int
-    ) -> list[ConstraintReached]:
-        """The constraints whose last frame is below committed_to and was not before, in the order of their ends."""
+    ) -> list[tuple[Constraint, ConstraintReached]]:
+        """The constraints whose last frame is below committed_to and was not before, in the order of their ends.
+
+        One that may be met at several frames is told of once the frame that it aims for is committed, if it was met at
+        any until then.
+        """
         begin, self.measured_to = self.measured_to, max(committed_to, self.measured_to)
         if not conditions.constraints or committed_to <= begin:
             return []
-        done: list[tuple[Constraint, Residual]] = []
+        seen = conditions.constraints_within(begin, committed_to)
+        told = [*self._ended(rig, seen, timeline, begin, committed_to), *self._met(rig, seen, timeline, begin)]
+        told.sort(key=lambda each: each[0].last_frame)
+        return told
+
+    def _ended(
+        self, rig: RigLayout, seen: tuple[Constraint, ...], timeline: Timeline, begin: int, committed_to: int
+    ) -> Iterator[tuple[Constraint, ConstraintReached]]:
+        """Those of whose frames each counts."""
         before, self.partial = self.partial, []
-        for constraint in conditions.constraints_within(begin, committed_to):
+        for constraint in seen:
+            if _is_of_any_frame(constraint):
+                continue
             # By identity, not by id: one that took the place of another is measured anew.
             residual = next((errors for held, errors in before if held is constraint), None) or Residual()
             first, end = max(constraint.first_frame, begin), min(constraint.last_frame + 1, committed_to)
             residual.add(rig, constraint, first, timeline.rows_between(first, end))
-            (done if constraint.last_frame < committed_to else self.partial).append((constraint, residual))
-        done.sort(key=lambda each: each[0].last_frame)
-        return [self._told(constraint, residual) for constraint, residual in done]
+            if constraint.last_frame < committed_to:
+                yield constraint, self._told(constraint, residual, constraint.last_frame)
+            else:
+                self.partial.append((constraint, residual))
 
-    def _told(self, constraint: Constraint, residual: Residual) -> ConstraintReached:
+    def _met(
+        self, rig: RigLayout, seen: tuple[Constraint, ...], timeline: Timeline, begin: int
+    ) -> Iterator[tuple[Constraint, ConstraintReached]]:
+        """Those of whose frames one is enough."""
+        before, self.nearest = self.nearest, []
+        for constraint in seen:
+            if isinstance(constraint, RootTrajectory) or constraint.span is None:
+                continue
+            first, end = max(constraint.first_frame, begin), min(constraint.last_frame + 1, self.measured_to)
+            now = nearest_frame(rig, constraint, first, timeline.rows_between(first, end))
+            held = next((each for held, each in before if held is constraint), now)
+            best = now if now.excess < held.excess else held
+            is_over = constraint.last_frame < self.measured_to
+            if is_over or (constraint.frame < self.measured_to and best.excess <= 1.0):
+                yield constraint, self._told(constraint, best.residual, best.frame)
+            else:
+                self.nearest.append((constraint, best))
+
+    def _told(self, constraint: Constraint, residual: Residual, frame: int) -> ConstraintReached:
         position, heading, rotation = residual.position_m, residual.heading_rad, residual.rotation_rad
-        tolerance = constraint.tolerance
-        met = all(
-            deviation is None or deviation.worst <= most
-            for deviation, most in (
-                (position, tolerance.position_m),
-                (heading, tolerance.angle_rad),
-                (rotation, tolerance.angle_rad),
-            )
-        )
-        identifier, frame = constraint.constraint_id, constraint.last_frame
+        met, identifier = residual.is_within(constraint.tolerance), constraint.constraint_id
         return ConstraintReached(self.session, identifier, met, frame, residual.num_frames, position, heading, rotation)
+
+
+def _is_of_any_frame(constraint: Constraint) -> bool:
+    return not isinstance(constraint, RootTrajectory) and constraint.span is not None

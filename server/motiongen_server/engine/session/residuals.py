@@ -18,6 +18,7 @@ from motiongen_server.engine.types import (
     Keyframe,
     RigLayout,
     RootTrajectory,
+    Tolerance,
     Waypoint,
 )
 
@@ -83,6 +84,17 @@ class Residual:
         found = np.stack([posed.rotations[joint] for joint in joints], axis=1)
         self.rotations.append(_angles(found, goals))
 
+    def is_within(self, tolerance: Tolerance) -> bool:
+        """Whether every error is within the tolerance of its kind."""
+        return all(
+            deviation is None or deviation.worst <= most
+            for deviation, most in (
+                (self.position_m, tolerance.position_m),
+                (self.heading_rad, tolerance.angle_rad),
+                (self.rotation_rad, tolerance.angle_rad),
+            )
+        )
+
     @property
     def position_m(self) -> Deviation | None:
         return _deviation(self.positions)
@@ -94,6 +106,35 @@ class Residual:
     @property
     def rotation_rad(self) -> Deviation | None:
         return _deviation(self.rotations)
+
+
+@dataclass(frozen=True, slots=True)
+class Nearest:
+    """The frame of several that comes nearest to a constraint. excess: its worst error in tolerances, met up to 1."""
+
+    frame: int
+    excess: float
+    residual: Residual
+
+
+def nearest_frame(rig: RigLayout, constraint: Constraint, first_frame: int, rows: Float32Array) -> Nearest:
+    """Of rows (T, row_width), T at least 1, of the frames from first_frame on, the one that comes nearest."""
+    every, tolerance = Residual(), constraint.tolerance
+    every.add(rig, constraint, first_frame, rows)
+    excess = np.zeros(len(rows))
+    for errors, most in (
+        (every.positions, tolerance.position_m),
+        (every.headings, tolerance.angle_rad),
+        (every.rotations, tolerance.angle_rad),
+    ):
+        for each in errors:
+            worst = np.broadcast_to(each.reshape(len(each), -1).max(axis=1), len(rows))
+            # No error is within a tolerance of none.
+            excess = np.maximum(excess, np.where(worst <= most, worst / max(most, 1e-9), 1.0 + worst - most))
+    best = int(excess.argmin())
+    residual = Residual()
+    residual.add(rig, constraint, first_frame + best, rows[best : best + 1])
+    return Nearest(first_frame + best, float(excess[best]), residual)
 
 
 def _turned(found: Float64, asked: NDArray[np.floating]) -> Float64:

@@ -21,8 +21,8 @@ from motiongen_server.engine.types import (
     Code,
     ModelFacts,
     Opened,
-    Outcome,
     Output,
+    Placement,
     PlayState,
     ServiceLevel,
     SessionKey,
@@ -37,7 +37,8 @@ class SessionState:
     """All that is known of a session. plan: the newest plan's number; holding: it repeats a pose.
 
     cut_frames: by which the first window that is made while the client plays is cut, so that sessions spread out.
-    restarts, extra_lead_s: of windows in a row that did not land.
+    restarts, extra_lead_s: of windows in a row that did not land. predicted_s: how long the last one was to take.
+    placements: of the constraints that it was opened with.
     """
 
     spec: SessionSpec
@@ -60,7 +61,9 @@ class SessionState:
     holding: bool = False
     restarts: int = 0
     extra_lead_s: float = 0.0
+    predicted_s: float = 0.0
     underruns: int = 0
+    placements: tuple[Placement, ...] = ()
 
     @property
     def key(self) -> SessionKey:
@@ -108,6 +111,7 @@ class SessionState:
             model_id=self.facts.model_id,
             rig_id=self.facts.rig.rig_id,
             fps=self.facts.fps,
+            placements=self.placements,
         )
 
     def close(self, reason: CloseReason, code: Code, message: str) -> list[Output]:
@@ -145,7 +149,7 @@ class SessionState:
             return []  # it may hold its pose right over those frames
         untouched_from = max(self.planned_to, self.running.accept_to if self.running else 0)
         settled = self.edits.settle(untouched_from)
-        return [Outcome(self.key, edit.event_seq, Code.OK, edit.dirty_from) for edit in settled]
+        return [edit.done(self.key, edit.dirty_from) for edit in settled]
 
     def withdraw(self, running: RunningWindow, report: StepReport) -> None:
         """Forget the running window; its edits wait again."""

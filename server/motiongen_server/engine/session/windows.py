@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from motiongen_ardy.locomotion.velocity import STATE_FRAMES, RootState, root_state
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import Level
+from motiongen_server.engine.session.aiming import Aiming
 from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.drift import Correction, DriftGuard
 from motiongen_server.engine.session.edits import PendingEdit
+from motiongen_server.engine.session.pose import PoseReader
+from motiongen_server.engine.session.precedence import in_force
 from motiongen_server.engine.session.timeline import Timeline
 from motiongen_server.engine.session.velocity import Velocity
 from motiongen_server.engine.types import (
@@ -97,7 +100,8 @@ class WindowSite:
             created_at=now,
             history_tokens=self.timeline.tokens_before(first_frame, length) if self.config.reuse_tokens else None,
             background=self.spec.is_clip,
-            keep_prompt=self.spec.keep_prompts or path is not None,  # a velocity has chosen its prompt already
+            # a velocity has chosen its prompt already
+            keep_prompt=self.spec.keep_prompts or any(each is path for each in constraints),
             owner=self.spec.owner,
         )
 
@@ -112,10 +116,16 @@ class WindowSite:
     def _constraints(
         self, first_frame: int, history_length: int, path: RootTrajectory | None
     ) -> tuple[Constraint, ...]:
-        """The constraints that a window sees. Of two the later one holds: those of the client over a velocity."""
+        """The constraints that a window sees. Those of the client hold over a velocity, heavier over lighter ones."""
         end = first_frame - history_length + self.facts.max_window_frames
-        seen = self.conditions.constraints_within(first_frame, end)
-        return seen if path is None else (path, *seen)
+        held = self.conditions.constraints_within(first_frame, end)
+        if not held:
+            return () if path is None else (path,)
+        aiming = Aiming(self.facts.rig, self.facts.fps, self.timeline, range(first_frame, end), self.root_before)
+        seen = in_force(aiming.aimed(held), range(first_frame, end), self.facts.fps)
+        lead = aiming.lead(held, first_frame + self.facts.horizon)
+        leads = path if lead is None else lead
+        return (*(() if leads is None else (leads,)), *aiming.free_roots(seen), *seen)
 
     def _velocity_path(self, first_frame: int) -> RootTrajectory | None:
         """Where a velocity leads through a window; None where none does."""
@@ -123,15 +133,19 @@ class WindowSite:
         if velocity is None:
             return None
         end = first_frame + self.facts.horizon
-        return velocity.path(first_frame, end, self._root_before(first_frame), self.facts.fps)
+        return velocity.path(first_frame, end, self.root_before(first_frame), self.facts.fps)
 
-    def _root_before(self, first_frame: int) -> RootState:
-        """What the root does just before a window; it stands in the start pose before the first."""
-        reader, start = self.guard.reader, self.spec.start_pose
-        rows = self.timeline.rows_between(max(self.timeline.first, first_frame - STATE_FRAMES), first_frame)
-        if not len(rows):
-            return RootState(start.x, start.z, 0.0, 0.0, start.heading)
-        return root_state(reader.positions(rows)[:, [0, 2]], reader.heading(rows[-1]), self.facts.fps)
+    def root_before(self, frame: int) -> RootState:
+        """What the root does just before a frame that is held, or the end; before the first it is in the start pose."""
+        return root_before(frame, self.timeline, self.guard.reader, self.spec.start_pose, self.facts.fps)
+
+
+def root_before(frame: int, timeline: Timeline, reader: PoseReader, start: StartPose, fps: int) -> RootState:
+    """What the root does just before a frame; where nothing is held before it, it stands at `start`."""
+    rows = timeline.rows_between(max(timeline.first, frame - STATE_FRAMES), frame)
+    if not len(rows):
+        return RootState(start.x, start.z, 0.0, 0.0, start.heading)
+    return root_state(reader.positions(rows)[:, [0, 2]], reader.heading(rows[-1]), fps)
 
 
 def history_crop(spec: SessionSpec, config: EngineConfig) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 from motiongen_server.engine.types.arrays import Float32Array
 
@@ -39,20 +39,39 @@ class Tolerance:
 DEFAULT_TOLERANCE = Tolerance()
 
 
+@dataclass(frozen=True, slots=True)
+class Span:
+    """The frames at any of which a constraint may be met. is_led: its place is walked to from however far away."""
+
+    first: int
+    last: int
+    is_led: bool = False
+
+
+class _Spanned(Protocol):
+    @property
+    def frame(self) -> int: ...
+    @property
+    def span(self) -> Span | None: ...
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class AtFrame:
-    """A constraint of a single frame."""
+    """A constraint of a single frame, or of any one within a span; then `frame` is the one that is aimed for.
+
+    weight, of every constraint: of two that give the same feature at a frame the heavier one holds, then the later one.
+    """
 
     constraint_id: int
     frame: int
 
     @property
-    def first_frame(self) -> int:
-        return self.frame
+    def first_frame(self: _Spanned) -> int:
+        return self.frame if self.span is None else self.span.first
 
     @property
-    def last_frame(self) -> int:
-        return self.frame
+    def last_frame(self: _Spanned) -> int:
+        return self.frame if self.span is None else self.span.last
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +82,8 @@ class Waypoint(AtFrame):
     z: float
     heading: float | None = None
     tolerance: Tolerance = DEFAULT_TOLERANCE
+    weight: float = 1.0
+    span: Span | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,6 +95,7 @@ class RootTrajectory:
     xz: Float32Array
     heading: Float32Array | None = None
     tolerance: Tolerance = DEFAULT_TOLERANCE
+    weight: float = 1.0
 
     @property
     def last_frame(self) -> int:
@@ -82,8 +104,9 @@ class RootTrajectory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointTargets(AtFrame):
-    """World targets of some joints at one frame. positions: (K, 3); rotations: (K, 3, 3) global matrices, or None.
+    """World targets of some joints at one frame, the root among them or free.
 
+    positions: (K, 3); rotations: (K, 3, 3) global matrices, or None.
     rotated: which of the joints the rotations count for, all of them unless given; the other matrices say nothing.
     """
 
@@ -92,6 +115,8 @@ class JointTargets(AtFrame):
     rotations: Float32Array | None = None
     rotated: tuple[bool, ...] | None = None
     tolerance: Tolerance = DEFAULT_TOLERANCE
+    weight: float = 1.0
+    span: Span | None = None
 
     @property
     def turns(self) -> list[int]:
@@ -106,6 +131,8 @@ class Keyframe(AtFrame):
 
     positions: Float32Array
     tolerance: Tolerance = DEFAULT_TOLERANCE
+    weight: float = 1.0
+    span: Span | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,6 +141,8 @@ class HeadingTarget(AtFrame):
 
     heading: float
     tolerance: Tolerance = DEFAULT_TOLERANCE
+    weight: float = 1.0
+    span: Span | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,6 +152,60 @@ class JointRotations(AtFrame):
     joints: tuple[int, ...]
     rotations: Float32Array
     tolerance: Tolerance = DEFAULT_TOLERANCE
+    weight: float = 1.0
+    span: Span | None = None
 
 
 Constraint: TypeAlias = Waypoint | RootTrajectory | JointTargets | Keyframe | HeadingTarget | JointRotations
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RootPath:
+    """Corners (N, 2) of a way over the ground, walked at a speed, off its straight lines by smoothing_m at most."""
+
+    constraint_id: int
+    corners: Float32Array
+    speed_mps: float
+    smoothing_m: float
+    tolerance: Tolerance = DEFAULT_TOLERANCE
+    weight: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unplaced:
+    """A constraint whose frames or places depend on where the character is when it takes effect.
+
+    frames_from_effect: its frames count from then. last_frame: it may be met at any frame up to this one; at_any_frame:
+    as soon as a person can be there. is_relative: its places and angles are seen from the character.
+    """
+
+    target: Constraint | RootPath
+    frames_from_effect: bool = False
+    at_any_frame: bool = False
+    last_frame: int | None = None
+    is_relative: bool = False
+
+    @property
+    def constraint_id(self) -> int:
+        return self.target.constraint_id
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """Where an `Unplaced` was put: the frames at which it may be met, and the one that is aimed for.
+
+    anchor_frame, x, z, heading: when it takes effect, and where the root is just before.
+    """
+
+    constraint_id: int
+    first_frame: int
+    last_frame: int
+    arrival_frame: int
+    anchor_frame: int
+    x: float
+    z: float
+    heading: float
+
+
+Asked: TypeAlias = Constraint | Unplaced
+"""A constraint as a client asks for it."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
-from motiongen_server.engine.types.conditions import Constraint, Prompt
+from motiongen_server.engine.types.conditions import Asked, Prompt
 from motiongen_server.engine.types.names import CloseReason, PlayState, SessionKey
 from motiongen_server.engine.types.spec import SessionSpec
 
@@ -45,7 +45,7 @@ class SetConstraints:
     session: SessionKey
     event_seq: int
     received_at: float
-    upsert: tuple[Constraint, ...] = ()
+    upsert: tuple[Asked, ...] = ()
     remove: tuple[int, ...] = ()
     clear: bool = False
 

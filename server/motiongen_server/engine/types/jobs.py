@@ -59,7 +59,7 @@ class RowStatus:
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowResult:
     """A finished window: G frames from the job's first_frame on, the horizon, or fewer where something else is to be
-    told from the next frame on, and never fewer than a patch.
+    told from the next frame on or a goal behind the window needs room in the next, and never fewer than a patch.
 
     frames: (G, row_width) float32, rows for the wire. features: (G, D) float32, normalized, for later histories.
     tokens: (G / patch, token_width) float32, the same frames as tokens: normalized, latents on the grid, root in the

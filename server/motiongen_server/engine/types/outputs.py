@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from motiongen_server.engine.types.arrays import Float32Array
+from motiongen_server.engine.types.conditions import Placement
 from motiongen_server.engine.types.names import CloseReason, Code, PlanCause, ServiceTier, SessionKey
 
 
@@ -25,7 +26,7 @@ class Warned:
 class Opened:
     """The first output of a session. committed_horizon: least frames from the playhead to what an edit can change.
 
-    warnings, session_id, session_token: the service fills them in.
+    placements: of the constraints that it came with. warnings, session_id, session_token: the service fills them in.
     """
 
     session: SessionKey
@@ -40,6 +41,7 @@ class Opened:
     warnings: tuple[Warned, ...] = ()
     session_id: str = ""
     session_token: str = ""
+    placements: tuple[Placement, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +75,8 @@ class Outcome:
 
     effective_frame: None when refused, or when no frame is altered. reason: an UPPER_SNAKE word a program can act on;
     field: the path of the field at fault, in the protocol's words; allowed: what may stand there. All empty when OK.
-    retry_after_s: when to ask again, where that may help; None otherwise.
+    retry_after_s: when to ask again, where that may help; None otherwise. placements: of constraints that left their
+    frames or places to the engine.
     """
 
     session: SessionKey
@@ -86,6 +89,7 @@ class Outcome:
     allowed: str = ""
     retry_after_s: float | None = None
     warnings: tuple[Warned, ...] = ()
+    placements: tuple[Placement, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +104,8 @@ class Deviation:
 class ConstraintReached:
     """What became of a constraint, told once, after the chunk that promises its last frame.
 
-    met: every error is within its tolerance. frame: the last that it asks for. num_frames: those that were measured.
+    met: every error is within its tolerance. frame: the last that it asks for, or of a span the one that came nearest.
+    num_frames: those that were measured.
     position_m: metres; heading_rad, rotation_rad: radians, 0 to pi. None: it asks for nothing of that kind.
     """
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from motiongen_server.engine.types.arrays import Float32Array
-from motiongen_server.engine.types.conditions import Constraint, Prompt
+from motiongen_server.engine.types.conditions import Asked, Prompt
 from motiongen_server.engine.types.locomotion import Gait
 from motiongen_server.engine.types.names import Priority, SessionKey
 from motiongen_server.engine.types.owner import NOBODY, Owner
@@ -49,7 +49,7 @@ class SessionSpec:
     guidance: Guidance
     start_pose: StartPose = StartPose()
     prompts: tuple[Prompt, ...] = ()
-    constraints: tuple[Constraint, ...] = ()
+    constraints: tuple[Asked, ...] = ()
     history_frames: int | None = None
     prior_rows: Float32Array | None = None
     clip_frames: int | None = None

@@ -6,6 +6,7 @@ import asyncio
 import logging
 import secrets
 import time
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -33,7 +34,7 @@ from motiongen_server.engine.types import (
 from motiongen_server.engine.types.refusals import draining
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
-from motiongen_server.rpc.clip.request import check_extent, clip_specs, opening_event
+from motiongen_server.rpc.clip.request import check_extent, clip_specs, last_frame_of, opening_event
 from motiongen_server.rpc.convert import UNENCODED, prompt_texts, residual_of, warnings_of, write_update
 from motiongen_server.rpc.encoding import encoded
 from motiongen_server.rpc.event_errors import too_many_clips
@@ -64,11 +65,13 @@ class Call:
 
     def measured(self, sample: int) -> list[service_pb2.ConstraintResidual]:
         """The residuals of a sample that is complete, in the order of its constraints."""
+        told: dict[int, deque[ConstraintReached]] = {}
+        for reached in self._reached[sample]:  # those of one id in the order of their ends
+            told.setdefault(reached.constraint_id, deque()).append(reached)
         constraints = self.specs[sample].constraints
-        told = sorted(range(len(constraints)), key=lambda index: constraints[index].last_frame)  # as the engine tells
         residuals = [service_pb2.ConstraintResidual()] * len(constraints)
-        for index, reached in zip(told, self._reached[sample], strict=True):
-            residuals[index] = residual_of(reached)
+        for index in sorted(range(len(constraints)), key=lambda index: last_frame_of(constraints[index])):
+            residuals[index] = residual_of(told[constraints[index].constraint_id].popleft())
         return residuals
 
 

@@ -8,7 +8,18 @@ from dataclasses import replace
 from google.protobuf.message import DecodeError
 
 from motiongen.v1 import service_pb2, session_pb2
-from motiongen_server.engine.types import NOBODY, Float32Array, Open, Owner, Priority, SessionKey, SessionSpec
+from motiongen_server.engine.types import (
+    NOBODY,
+    Asked,
+    Float32Array,
+    Open,
+    Owner,
+    Priority,
+    RootPath,
+    SessionKey,
+    SessionSpec,
+    Unplaced,
+)
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert import engine_event
 from motiongen_server.rpc.convert.checks import check_range, refuse
@@ -44,6 +55,15 @@ def opening_event(request: service_pb2.GenerateClipRequest) -> session_pb2.Sessi
     return session_pb2.SessionEvent(event_seq=1, open=request.open)
 
 
+def last_frame_of(constraint: Asked) -> int:
+    """The last frame that a constraint of a clip names; one that is met as soon as can be names none."""
+    if not isinstance(constraint, Unplaced):
+        return constraint.last_frame
+    if isinstance(constraint.target, RootPath) or constraint.at_any_frame:
+        return 0
+    return constraint.target.last_frame if constraint.last_frame is None else constraint.last_frame
+
+
 def clip_specs(
     request: service_pb2.GenerateClipRequest,
     number: int,
@@ -60,8 +80,9 @@ def clip_specs(
     assert isinstance(event, Open)
     num_frames = request.frame_count
     for index, constraint in enumerate(event.spec.constraints):
-        if constraint.last_frame >= num_frames:
-            given = f"its last frame is {constraint.last_frame}"
+        last_frame = last_frame_of(constraint)
+        if last_frame >= num_frames:
+            given = f"its last frame is {last_frame}"
             allowed = f"frames 0 to {num_frames - 1} of the clip"
             raise refuse("CONSTRAINT_OUTSIDE_CLIP", f"open.constraints[{index}].frame", given, allowed)
     lookahead = min(num_frames, LOOKAHEAD_WINDOWS * catalog.facts.horizon)

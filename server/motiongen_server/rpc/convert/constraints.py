@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from motiongen.v1 import motion_pb2
 from motiongen_server.engine.types import (
     DEFAULT_TOLERANCE,
+    Asked,
     Constraint,
     HeadingTarget,
     JointRotations,
     JointTargets,
     Keyframe,
+    RootPath,
     RootTrajectory,
     Tolerance,
     Waypoint,
@@ -36,25 +38,25 @@ from motiongen_server.rpc.convert.checks import (
     refuse,
 )
 from motiongen_server.rpc.convert.forms import check_forms
-from motiongen_server.rpc.convert.unserved import check_served
+from motiongen_server.rpc.convert.placing import asked_of, path_of
 
 UNIT_TOLERANCE = 1e-3
 MAX_TOLERANCE_RAD = 3.15
 """No two headings or rotations are farther apart than pi; a float32 of pi is a little more."""
 
 
-def constraints_of(messages: Sequence[motion_pb2.Constraint], field: str, catalog: Catalog) -> tuple[Constraint, ...]:
+def constraints_of(messages: Sequence[motion_pb2.Constraint], field: str, catalog: Catalog) -> tuple[Asked, ...]:
     check_count(messages, catalog.limits.max_constraints, "TOO_MANY_CONSTRAINTS", field)
     constraints = []
     for index, message in enumerate(messages):
-        check_served(message, f"{field}[{index}]")
-        constraint = _constraint(message, f"{field}[{index}]", catalog)
-        constraints.append(replace(constraint, tolerance=_tolerance(message, f"{field}[{index}]")))
-        check_forms(constraints[-1], f"{field}[{index}]", catalog)
+        target = _constraint(message, f"{field}[{index}]", catalog)
+        target = replace(target, tolerance=_tolerance(message, f"{field}[{index}]"))
+        check_forms(target, f"{field}[{index}]", catalog)
+        constraints.append(asked_of(message, target, f"{field}[{index}]"))
     return tuple(constraints)
 
 
-def _constraint(message: motion_pb2.Constraint, field: str, catalog: Catalog) -> Constraint:
+def _constraint(message: motion_pb2.Constraint, field: str, catalog: Catalog) -> Constraint | RootPath:
     identifier = identifier_of(message.constraint_id, f"{field}.constraint_id")
     frame = frame_number(message.frame, f"{field}.frame")
     target = message.WhichOneof("target")
@@ -75,7 +77,9 @@ def _constraint(message: motion_pb2.Constraint, field: str, catalog: Catalog) ->
         return HeadingTarget(identifier, frame, finite_heading(message.heading.heading, f"{field}.heading"))
     if target == "joint_rotations":
         return _joint_rotations(message.joint_rotations, identifier, frame, f"{field}.joint_rotations", catalog)
-    allowed = "waypoint, joint_targets, keyframe, root_trajectory, heading or joint_rotations"
+    if target == "root_path":
+        return path_of(message.root_path, identifier, f"{field}.root_path")
+    allowed = "waypoint, joint_targets, keyframe, root_trajectory, heading, joint_rotations or root_path"
     raise refuse("NO_TARGET", f"{field}.target", "no target is set", allowed)
 
 
@@ -120,8 +124,6 @@ def _joint_targets(
     message: motion_pb2.JointTargets, identifier: int, frame: int, field: str, catalog: Catalog
 ) -> JointTargets:
     joints = _joints(message.joints, f"{field}.joints", catalog)
-    if 0 not in joints:
-        raise refuse("ROOT_JOINT_MISSING", f"{field}.joints", f"joints {joints[:40]} lack the root", "0 and others")
     positions = points(message.positions, len(joints), 3, f"{field}.positions")
     if not message.rotations:
         return JointTargets(identifier, frame, joints, positions)
@@ -141,8 +143,6 @@ def _joint_rotations(
     message: motion_pb2.JointRotations, identifier: int, frame: int, field: str, catalog: Catalog
 ) -> JointRotations:
     joints = _joints(message.joints, f"{field}.joints", catalog)
-    if not joints:
-        raise refuse("INVALID_JOINTS", f"{field}.joints", "there are none", "one joint or more")
     quaternions, norms = _quaternions(message.rotations, len(joints), f"{field}.rotations", "")
     if not np.all(np.abs(norms - 1) <= UNIT_TOLERANCE):
         given = f"quaternion lengths are {norms[:8]}"
@@ -151,10 +151,11 @@ def _joint_rotations(
 
 
 def _joints(given: Sequence[int], field: str, catalog: Catalog) -> tuple[int, ...]:
-    """Indices of the rig's joints, each at most once."""
+    """Indices of the rig's joints, one or more, each at most once."""
     joints, last = tuple(given), len(catalog.facts.rig.joint_names) - 1
-    if any(joint > last for joint in joints) or len(set(joints)) != len(joints):
-        raise refuse("INVALID_JOINTS", field, f"joints {joints[:40]}", f"0 to {last}, each at most once")
+    if not joints or any(joint > last for joint in joints) or len(set(joints)) != len(joints):
+        what = f"joints {joints[:40]}" if joints else "there are none"
+        raise refuse("INVALID_JOINTS", field, what, f"one or more of 0 to {last}, each at most once")
     return joints
 
 

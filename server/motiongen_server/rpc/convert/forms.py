@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from motiongen_server.engine.types import (
-    Constraint,
+    Asked,
     HeadingTarget,
     JointRotations,
     JointTargets,
     Keyframe,
     RigLayout,
+    RootPath,
     RootTrajectory,
     SetVelocity,
+    Unplaced,
     Waypoint,
 )
 from motiongen_server.rpc.abilities import FormSupport
@@ -23,11 +25,15 @@ HEAD = "Head"
 _LIMB_FORMS = {"LeftHand": "hands", "RightHand": "hands", "LeftFoot": "feet", "RightFoot": "feet"}
 
 
-def forms_of(item: Constraint | SetVelocity, rig: RigLayout) -> tuple[str, ...]:
+def forms_of(item: Asked | RootPath | SetVelocity, rig: RigLayout) -> tuple[str, ...]:
     """The forms that a constraint or a velocity has, by their names in ConstraintForm."""
     match item:
         case Waypoint():
             return ("waypoint",) if item.heading is None else ("waypoint", "waypoint_heading")
+        case Unplaced():
+            return forms_of(item.target, rig)
+        case RootPath():
+            return ("trajectory",)
         case RootTrajectory():
             return ("trajectory",) if item.heading is None else ("trajectory", "trajectory_heading")
         case SetVelocity():
@@ -42,7 +48,7 @@ def forms_of(item: Constraint | SetVelocity, rig: RigLayout) -> tuple[str, ...]:
             return _joint_forms(item, rig)
 
 
-def check_forms(item: Constraint | SetVelocity, field: str, catalog: Catalog) -> None:
+def check_forms(item: Asked | RootPath | SetVelocity, field: str, catalog: Catalog) -> None:
     """Raise EventRefused where the model does not take a form."""
     support = catalog.abilities.forms
     if not support:
@@ -54,7 +60,7 @@ def check_forms(item: Constraint | SetVelocity, field: str, catalog: Catalog) ->
             raise refuse("UNSUPPORTED_CONSTRAINT", field, given, f"the forms {taken}" if taken else "no constraint")
 
 
-def untrained_forms(items: Iterable[Constraint | SetVelocity], catalog: Catalog) -> dict[str, int]:
+def untrained_forms(items: Iterable[Asked | SetVelocity], catalog: Catalog) -> dict[str, int]:
     """The forms that the model was not trained for and takes nevertheless, each with the first item that has it."""
     support = catalog.abilities.forms
     found: dict[str, int] = {}

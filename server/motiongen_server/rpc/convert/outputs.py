@@ -12,6 +12,7 @@ from motiongen_server.engine.types import (
     Opened,
     Outcome,
     Output,
+    Placement,
     ServiceLevel,
     Warned,
 )
@@ -73,6 +74,7 @@ def _write_opened(opened: session_pb2.SessionOpened, output: Opened) -> None:
     opened.denoise_steps = output.denoise_steps
     opened.scalar_type = motion_pb2.SCALAR_TYPE_F32_LE
     opened.warnings.extend(_warnings(output.warnings))
+    opened.placements.extend(_placements(output.placements))
 
 
 def _write_outcome(message: session_pb2.EditOutcome, outcome: Outcome) -> None:
@@ -89,6 +91,22 @@ def _write_outcome(message: session_pb2.EditOutcome, outcome: Outcome) -> None:
         message.retry_after.FromMilliseconds(max(1, round(1000 * outcome.retry_after_s)))
     if outcome.warnings:
         message.warnings.extend(_warnings(outcome.warnings))
+    if outcome.placements:
+        message.placements.extend(_placements(outcome.placements))
+
+
+def _placements(placements: Iterable[Placement]) -> Iterable[motion_pb2.ConstraintPlacement]:
+    for each in placements:
+        yield motion_pb2.ConstraintPlacement(
+            constraint_id=each.constraint_id,
+            first_frame=each.first_frame,
+            last_frame=each.last_frame,
+            arrival_frame=each.arrival_frame,
+            anchor_frame=each.anchor_frame,
+            anchor_x=each.x,
+            anchor_z=each.z,
+            anchor_heading=each.heading,
+        )
 
 
 def _warnings(warnings: Iterable[Warned]) -> Iterable[session_pb2.EventWarning]:

@@ -9,9 +9,6 @@ from motiongen_server.engine.types import Code
 from motiongen_server.errors import EventRefused
 
 UNSERVED_FIELDS: dict[str, tuple[str, ...]] = {
-    "Constraint": (
-        "last_frame", "frames_from_effect", "at_any_frame", "weight",
-    ),
     "OpenSession": ("snapshot", "outputs"),
     "SessionEvent": ("seek", "set_options", "take_snapshot"),
 }  # fmt: skip

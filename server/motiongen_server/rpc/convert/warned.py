@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_server.engine.types import (
-    Constraint,
+    Asked,
     Event,
     Open,
     Prompt,
@@ -54,7 +54,7 @@ def _prompt_warnings(
         yield Warned("PROMPT_OUTSIDE_DOMAIN", given, f"{field}[{index}].text")
 
 
-def _form_warnings(items: Sequence[Constraint | SetVelocity], field: str, catalog: Catalog) -> Iterable[Warned]:
+def _form_warnings(items: Sequence[Asked | SetVelocity], field: str, catalog: Catalog) -> Iterable[Warned]:
     for form, index in untrained_forms(items, catalog).items():
         given = f"{catalog.facts.model_id} was not trained for constraints of the form {form}, and may miss this one"
         yield Warned("UNTRAINED_CONSTRAINT", given, field.format(index))

@@ -64,7 +64,7 @@ def test_the_built_in_models_file_can_be_read() -> None:
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ({"plan_rot": True}, "unknown keys plan_rot; known keys are clean_feet"),
+        ({"plan_rot": True}, "unknown keys plan_rot; known keys are approach_frames, clean_feet"),
         ({"plan": {"stride": 2}}, "sampling.yaml.plan has unknown keys stride; known keys are acceleration"),
         ({"plan": {"stride_frames": 2.5}}, "sampling.yaml.plan.stride_frames is 2.5; it must be a whole number from 1"),
         ({"plan": {"speed_m_s": float("nan")}}, "speed_m_s is nan"),

@@ -163,3 +163,19 @@ def test_rows_without_goals_do_not_change(layout: Representation, stand: Stand) 
     new = correct_window(layout, rows[:, :1], rows[:, 1:], goals, REACH)
     first = layout.positions(layout.denormalize(new))[0]
     assert (first - pose).norm(dim=-1).max() < 1e-4
+
+
+@pytest.mark.parametrize("frame", [0, 1, 4])
+def test_where_a_motion_begins_a_goal_is_met_at_once(layout: Representation, stand: Stand, frame: int) -> None:
+    features, pose = standing(layout, stand)
+    hand, head = layout.skeleton.index("LeftHand"), layout.skeleton.index("Head")
+    asked, turned = pose[hand] + torch.tensor([0.0, 0.3, 0.2]), axis_angle_to_matrix(torch.tensor([0.0, 0.8, 0.0]))
+    targets = Targets(layout.skeleton)
+    targets.add_joints(FIRST + frame, [0, hand], torch.stack([pose[0] - torch.tensor([0.0, 0.1, 0.0]), asked]))
+    targets.add_rotations(FIRST + frame, [head], turned[None])
+    observed, mask = (part[None] for part in targets.observe(layout, FIRST, 40))
+    natural = layout.denormalize(correct_window(layout, features[:, :0], features[:, 1:], (observed, mask), BOTH))
+    positions, rotations = layout.positions(natural)[0, frame], layout.global_rotations(natural)[0, frame]
+    assert (positions[hand] - asked).norm() < 3e-3
+    assert float(positions[0, 1]) == pytest.approx(float(pose[0, 1]) - 0.1, abs=1e-3)
+    assert rotation_vector(turned.T @ rotations[head]).norm() < 1e-3

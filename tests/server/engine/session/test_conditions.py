@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motiongen_server.engine.session.conditions import Conditions, edit_constraints, edit_prompts
+from motiongen_server.engine.session.placing import Anchor
 from motiongen_server.engine.types import (
     Code,
     EventRefused,
@@ -17,6 +18,11 @@ from motiongen_server.engine.types import (
 from tests.server.engine.stage import prompt
 
 KEY = SessionKey(1, 1)
+
+
+def here() -> Anchor:
+    """No constraint of these tests asks from where a character is."""
+    raise AssertionError
 
 
 def _prompts(*upsert: Prompt, remove: tuple[int, ...] = ()) -> SetPrompts:
@@ -102,21 +108,26 @@ def test_refused_edits_say_what_is_allowed() -> None:
             "from 20",
         ),
         (lambda: edit_prompts(held, _prompts(prompt(2, 2)), 0, 1), Code.RESOURCE_EXHAUSTED, "TOO_MANY_PROMPTS", "1"),
-        (lambda: edit_constraints(held, _constraints(remove=(6,)), 0, 9), Code.NOT_FOUND, "UNKNOWN_CONSTRAINT", "5"),
         (
-            lambda: edit_constraints(held, _constraints(Waypoint(6, 19, 0.0, 0.0)), 20, 9),
+            lambda: edit_constraints(held, _constraints(remove=(6,)), 0, 9, here),
+            Code.NOT_FOUND,
+            "UNKNOWN_CONSTRAINT",
+            "5",
+        ),
+        (
+            lambda: edit_constraints(held, _constraints(Waypoint(6, 19, 0.0, 0.0)), 20, 9, here),
             Code.FAILED_PRECONDITION,
             "FRAME_COMMITTED",
             "from 20",
         ),
         (
-            lambda: edit_constraints(held, _constraints(Waypoint(6, 20, 0.0, 0.0)), 20, 1),
+            lambda: edit_constraints(held, _constraints(Waypoint(6, 20, 0.0, 0.0)), 20, 1, here),
             Code.RESOURCE_EXHAUSTED,
             "TOO_MANY_CONSTRAINTS",
             "1",
         ),
         (
-            lambda: edit_constraints(held, _constraints(remove=(5,), clear=True), 0, 9),
+            lambda: edit_constraints(held, _constraints(remove=(5,), clear=True), 0, 9, here),
             Code.NOT_FOUND,
             "UNKNOWN_C",
             "non",
@@ -137,10 +148,10 @@ def test_an_edit_of_constraints_names_all_that_came_and_went() -> None:
     old = Waypoint(1, 50, 0.0, 0.0)
     path = RootTrajectory(2, 60, np.zeros((10, 2), np.float32))
     new = Waypoint(1, 80, 1.0, 0.0)
-    edited, changed = edit_constraints(Conditions((), (old, path)), _constraints(new, remove=(2,)), 10, 9)
+    edited, changed, _ = edit_constraints(Conditions((), (old, path)), _constraints(new, remove=(2,)), 10, 9, here)
     assert edited.constraints == (new,)
     assert set(changed) == {old, path, new}
-    edited, changed = edit_constraints(Conditions((), (old, path)), _constraints(clear=True), 10, 9)
+    edited, changed, _ = edit_constraints(Conditions((), (old, path)), _constraints(clear=True), 10, 9, here)
     assert (edited.constraints, changed) == ((), (old, path))
 
 

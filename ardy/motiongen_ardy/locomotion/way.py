@@ -1,0 +1,125 @@
+"""Ways over the ground: lines with their corners cut, walked at a speed, and the time that takes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motiongen_ardy.locomotion.velocity import RootState
+
+Float64 = NDArray[np.float64]
+
+WALK_M_S = 1.2
+"""Who is not told how fast walks at this speed, or goes on at his own where that is faster."""
+# As people do it; slower than they can, so that a body follows.
+ACCELERATION_M_S2 = 1.5
+_SIDEWAYS_M_S2 = 2.0
+_TURN_RAD_S = 2.0
+_SHORTEST_S = 0.6
+_STEP_M = 0.5
+_SAMPLE_M = 0.05
+_MOST_SAMPLES = 1500
+_SAME_M = 1e-4
+
+
+def walking_s(root: RootState, place: tuple[float, float], heading: float | None) -> float:
+    """Seconds after which a person is at a place (x, z, metres) and faces as asked: radians, None for any.
+
+    Turned to the way first where that is more than a step, and to the heading at the end.
+    """
+    away_x, away_z = place[0] - root.x, place[1] - root.z
+    distance = math.hypot(away_x, away_z)
+    facing, turns = root.heading, 0.0
+    if distance > _STEP_M:
+        way = math.atan2(away_x, away_z)
+        turns, facing = abs(math.remainder(way - facing, math.tau)), way
+    if heading is not None:
+        turns += abs(math.remainder(heading - facing, math.tau))
+    towards = (root.speed_x * away_x + root.speed_z * away_z) / max(distance, 1e-6)
+    speed = max(WALK_M_S, towards)
+    changes = abs(speed - towards) + speed
+    moving = distance / speed + 0.5 * changes / ACCELERATION_M_S2 if distance > _STEP_M else 2.0 * distance / WALK_M_S
+    return max(_SHORTEST_S, moving + turns / _TURN_RAD_S)
+
+
+def walked(corners: NDArray[Any], speed: float, smoothing_m: float, root: RootState, fps: int) -> Float64:
+    """Ground places (T, 2), one a frame after `root`, along lines from there through corners (N, 2), to a stand.
+
+    speed: metres a second where it is straight; slower in bends. The way is off its lines by smoothing_m at most.
+    """
+    places = np.concatenate([[[root.x, root.z]], np.asarray(corners, np.float64)])
+    keep = np.concatenate([[True], np.hypot(*np.diff(places, axis=0).T) > _SAME_M])
+    places = places[keep]
+    if len(places) == 1:
+        return places
+    way = _sampled(rounded(places, smoothing_m))
+    steps = np.hypot(*np.diff(way, axis=0).T)
+    first = way[1] - way[0]
+    turn = abs(math.remainder(math.atan2(first[0], first[1]) - root.heading, math.tau))
+    along = (root.speed_x * first[0] + root.speed_z * first[1]) / steps[0]
+    pace = _paces(way, steps, speed, max(0.0, min(along, speed)))
+    wait = turn / _TURN_RAD_S if turn > math.pi / 4 else 0.0
+    takes_s = 2.0 * steps / np.maximum(pace[:-1] + pace[1:], 1e-6)
+    at_s = np.concatenate([[0.0], np.cumsum(takes_s)]) + wait
+    frames = np.arange(1, math.ceil(at_s[-1] * fps) + 1) / fps
+    step = np.clip(np.searchsorted(at_s, frames, side="right") - 1, 0, len(steps) - 1)
+    # Evenly faster or slower within each step.
+    since = np.clip(frames - at_s[step], 0.0, takes_s[step])
+    gone = since * (pace[step] + 0.5 * since * (pace[step + 1] - pace[step]) / takes_s[step])
+    share = np.clip(gone / steps[step], 0.0, 1.0)[:, None]
+    return np.asarray((1.0 - share) * way[step] + share * way[step + 1])
+
+
+def rounded(places: Float64, within_m: float) -> Float64:
+    """A line (N, 2) with its corners cut by parabolas that stay within a distance of it; its ends stay.
+
+    A parabola from d before the corner to d after it passes the corner at d cos(angle / 2) / 2 where its legs meet at
+    that angle, and no point of it is farther from them.
+    """
+    if within_m <= 0 or len(places) < 3:
+        return places
+    parts = [places[:1]]
+    share = np.linspace(0.0, 1.0, 17)[:, None]
+    for before, corner, after in zip(places[:-2], places[1:-1], places[2:], strict=True):
+        back, on = before - corner, after - corner
+        back_m, on_m = float(np.hypot(*back)), float(np.hypot(*on))
+        back, on = back / back_m, on / on_m
+        half = float(np.hypot(*(back + on))) / 2.0  # cos of half the angle between the legs
+        reach = min(2.0 * within_m / max(half, 1e-6), back_m / 2.0, on_m / 2.0)
+        begin, end = corner + reach * back, corner + reach * on
+        parts.append((1 - share) ** 2 * begin + 2 * share * (1 - share) * corner + share**2 * end)
+    return np.concatenate([*parts, places[-1:]])
+
+
+def _sampled(line: Float64) -> Float64:
+    """The same line in even, short steps, its last point kept."""
+    steps = np.hypot(*np.diff(line, axis=0).T)
+    line, steps = line[np.concatenate([[True], steps > 0])], steps[steps > 0]
+    at = np.concatenate([[0.0], np.cumsum(steps)])
+    count = min(max(2, math.ceil(at[-1] / _SAMPLE_M) + 1), _MOST_SAMPLES)
+    places = np.linspace(0.0, at[-1], count)
+    return np.stack([np.interp(places, at, line[:, axis]) for axis in (0, 1)], axis=1)
+
+
+def _paces(way: Float64, steps: Float64, speed: float, first: float) -> Float64:
+    """Metres a second at each sample (T, 2): from `first` to a stand, no faster than bends and a body allow."""
+    most = np.full(len(way), speed)
+    if len(way) > 2:
+        heading = np.unwrap(np.arctan2(*np.diff(way, axis=0).T))
+        # over a step's length: sample by sample a drawn line is all corners
+        apart = max(1, round(0.3 / float(steps[0])))
+        bend = np.abs(heading[apart:] - heading[:-apart]) / (apart * float(steps[0])) if len(heading) > apart else []
+        slow = np.sqrt(_SIDEWAYS_M_S2 / np.maximum(bend, 1e-6))
+        begin = 1 + apart // 2
+        most[begin : begin + len(slow)] = np.minimum(speed, slow)
+    gains = 2.0 * ACCELERATION_M_S2 * steps
+    pace = most.copy()
+    pace[0], pace[-1] = first, 0.0
+    for index in range(1, len(pace)):
+        pace[index] = min(pace[index], math.sqrt(pace[index - 1] ** 2 + gains[index - 1]))
+    for index in range(len(pace) - 2, -1, -1):
+        pace[index] = min(pace[index], math.sqrt(pace[index + 1] ** 2 + gains[index]))
+    return pace

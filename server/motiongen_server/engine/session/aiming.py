@@ -1,0 +1,112 @@
+"""Aiming: what a window is told of constraints of several frames, of far places, and of joints without a root."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from motiongen_ardy.locomotion.velocity import RootState, lead_by
+from motiongen_ardy.locomotion.way import WALK_M_S
+from motiongen_server.engine.session.placing import Anchor, goal_of, root_for
+from motiongen_server.engine.session.residuals import nearest_frame
+from motiongen_server.engine.session.timeline import Timeline
+from motiongen_server.engine.types import (
+    VELOCITY_ID,
+    Constraint,
+    JointTargets,
+    Keyframe,
+    RigLayout,
+    RootTrajectory,
+    Waypoint,
+)
+
+FASTEST_LEAD_M_S = 3.0
+_EXPECTED_S = 1.0
+"""Nobody is taken to go straight on for longer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Aiming:
+    """One window's. window: the frames that it sees, from its first new one on. root_before: of a frame."""
+
+    rig: RigLayout
+    fps: int
+    timeline: Timeline
+    window: range
+    root_before: Callable[[int], RootState]
+
+    def aimed(self, constraints: Iterable[Constraint]) -> tuple[Constraint, ...]:
+        """The constraints at the frames that they are aimed at now; without those that are met already.
+
+        One whose frame has passed and that may be met later is aimed at the next frame at which a person is there.
+        """
+        found: list[Constraint] = []
+        for item in constraints:
+            if isinstance(item, RootTrajectory) or item.span is None or item.frame >= self.window.start:
+                found.append(item)
+            elif not self._is_met(item):
+                root = self.root_before(self.window.start)
+                anchor = Anchor(self.window.start, root, self.fps, self.rig, item.span.last)
+                found.append(replace(item, frame=anchor.first_possible(*goal_of(item, root, self.rig))))
+        return tuple(found)
+
+    def _is_met(self, item: Constraint) -> bool:
+        begin = max(item.first_frame, self.timeline.first)
+        rows = self.timeline.rows_between(begin, self.window.start)
+        return bool(len(rows)) and nearest_frame(self.rig, item, begin, rows).excess <= 1.0
+
+    def lead(self, constraints: Iterable[Constraint], end: int) -> RootTrajectory | None:
+        """The way, up to a frame, to the first of the places that are to be walked to and lie beyond the window."""
+        far = [
+            item
+            for item in constraints
+            if not isinstance(item, RootTrajectory)
+            and item.span is not None
+            and item.span.is_led
+            and item.frame >= self.window.stop
+        ]
+        if not far:
+            return None
+        goal, start = min(far, key=lambda item: item.frame), self.window.start
+        root = self.root_before(start)
+        x, z, _ = goal_of(goal, root, self.rig)
+        away = math.hypot(x - root.x, z - root.z)
+        # Half a second of what is left goes for turning and stopping.
+        left_s = max((goal.frame - start) / self.fps - 0.5, 0.5)
+        speed = min(max(away / left_s, WALK_M_S), FASTEST_LEAD_M_S)
+        asked = (x - root.x) / max(away, 1e-6) * speed, (z - root.z) / max(away, 1e-6) * speed
+        way = lead_by(asked, None, end - start, end - start, root, self.fps)
+        if away < speed * (end - start) / self.fps or way is None:
+            return None
+        heading = None if way.heading is None else way.heading.astype(np.float32)
+        return RootTrajectory(VELOCITY_ID, start, way.ground.astype(np.float32), heading)
+
+    def free_roots(self, constraints: Sequence[Constraint]) -> tuple[Waypoint, ...]:
+        """A place of the root for each of the joint targets that leave it free, where nothing else gives it then.
+
+        It is where the character is taken to go, brought to where the joints can reach their places.
+        """
+        free = [item for item in constraints if isinstance(item, JointTargets) and 0 not in item.joints]
+        if not free:
+            return ()
+        given = {frame for item in constraints for frame in _root_frame(item)}
+        paths = [item for item in constraints if isinstance(item, RootTrajectory)]
+        root = self.root_before(self.window.start)
+        found = []
+        for item in free:
+            frame = item.frame
+            if frame in given or any(path.first_frame <= frame <= path.last_frame for path in paths):
+                continue
+            seconds = min((frame - self.window.start) / self.fps, _EXPECTED_S)
+            x, z = root_for(item, root.x + root.speed_x * seconds, root.z + root.speed_z * seconds, self.rig)
+            found.append(Waypoint(VELOCITY_ID, frame, x, z))
+        return tuple(found)
+
+
+def _root_frame(item: Constraint) -> tuple[int, ...]:
+    """The frame at which it gives the root's place, if it does so at one alone."""
+    gives = isinstance(item, Waypoint | Keyframe) or (isinstance(item, JointTargets) and 0 in item.joints)
+    return () if isinstance(item, RootTrajectory) or not gives else (item.frame,)

@@ -1,0 +1,86 @@
+"""Ways: within their distance of the lines, no faster than a body can, and walked in the time that is said."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motiongen_ardy.locomotion.velocity import RootState
+from motiongen_ardy.locomotion.way import ACCELERATION_M_S2, rounded, walked, walking_s
+
+FPS = 20
+STANDING = RootState(0.0, 0.0, 0.0, 0.0, 0.0)
+coordinates = st.floats(-20, 20).map(lambda value: round(value, 2))
+lines = st.lists(st.tuples(coordinates, coordinates), min_size=1, max_size=6, unique=True)
+
+
+def distance_to(line: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(T) metres from points (T, 2) to the nearest of a line's segments."""
+    begin, along = line[:-1], np.diff(line, axis=0)
+    share = np.einsum("tsk,sk->ts", points[:, None] - begin, along) / np.maximum((along**2).sum(-1), 1e-12)
+    nearest = begin + np.clip(share, 0, 1)[..., None] * along
+    return np.hypot(*np.moveaxis(points[:, None] - nearest, -1, 0)).min(axis=1)
+
+
+@settings(max_examples=60, deadline=None)
+@given(corners=lines, smoothing=st.sampled_from([0.0, 0.05, 0.3, 2.0]), speed=st.sampled_from([0.5, 1.2, 4.0]))
+def test_a_way_keeps_to_its_lines_and_ends_at_the_last_corner(
+    corners: list[tuple[float, float]], smoothing: float, speed: float
+) -> None:
+    line = np.array([(0.0, 0.0), *corners])
+    ground = walked(np.array(corners), speed, smoothing, STANDING, FPS)
+    assert np.allclose(ground[-1], line[-1], atol=1e-6)
+    # A way of up to 140 m is sampled every 0.1 m at least, and may cut its corners by that.
+    assert distance_to(line, ground).max() <= smoothing + 0.1
+    steps = np.diff(np.concatenate([[[0.0, 0.0]], ground]), axis=0) * FPS
+    assert np.hypot(*steps.T).max(initial=0.0) <= speed * 1.02 + 1e-6
+
+
+def test_a_corner_is_cut_by_the_distance_that_is_allowed_and_no_more() -> None:
+    line = np.array([(0.0, 0.0), (0.0, 5.0), (5.0, 5.0)])
+    way = rounded(line, 0.3)
+    assert 0.2 < distance_to(line, way).max() <= 0.3
+    assert np.hypot(*(way - line[1]).T).min() == pytest.approx(0.3, abs=0.01)
+
+
+def test_it_begins_at_the_speed_there_is_and_ends_in_a_stand() -> None:
+    going = RootState(0.0, 0.0, 0.0, 1.2, 0.0)
+    along = np.diff(np.concatenate([[0.0], walked(np.array([[0.0, 6.0]]), 1.2, 0.3, going, FPS)[:, 1]])) * FPS
+    assert along[0] == pytest.approx(1.2, abs=0.05)
+    assert along[-1] < 0.25
+    standing = walked(np.array([[0.0, 6.0]]), 1.2, 0.3, STANDING, FPS)
+    speeds = np.diff(np.concatenate([[0.0], standing[:, 1]])) * FPS
+    assert np.abs(np.diff(speeds)).max() <= 1.1 * ACCELERATION_M_S2 / FPS + 0.02
+
+
+def test_who_faces_away_turns_before_it_walks() -> None:
+    ground = walked(np.array([[0.0, -5.0]]), 1.2, 0.3, STANDING, FPS)
+    assert np.allclose(ground[: FPS // 2], 0.0, atol=1e-6)
+    assert len(ground) > len(walked(np.array([[0.0, 5.0]]), 1.2, 0.3, STANDING, FPS))
+
+
+def test_a_way_to_where_one_is_takes_no_time() -> None:
+    assert len(walked(np.array([[0.0, 0.0]]), 1.2, 0.3, STANDING, FPS)) == 1
+
+
+@pytest.mark.parametrize(
+    ("place", "heading", "least", "most"),
+    [
+        ((0.0, 6.0), None, 5.0, 7.5),  # ahead
+        ((0.0, -6.0), None, 6.0, 9.0),  # behind: turns first
+        ((0.0, 6.0), math.pi, 6.5, 9.0),  # and turns round there
+        ((0.0, 0.0), None, 0.6, 0.6),
+        ((0.0, 0.0), math.pi / 2, 0.6, 1.5),
+    ],
+)
+def test_walking_takes_the_time_of_the_way_and_of_the_turns(
+    place: tuple[float, float], heading: float | None, least: float, most: float
+) -> None:
+    assert least <= walking_s(STANDING, place, heading) <= most
+
+
+def test_who_runs_already_is_there_sooner() -> None:
+    running = RootState(0.0, 0.0, 0.0, 3.0, 0.0)
+    assert walking_s(running, (0.0, 9.0), None) < 0.6 * walking_s(STANDING, (0.0, 9.0), None)

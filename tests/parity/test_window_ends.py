@@ -1,0 +1,58 @@
+"""Windows that end early for a goal behind them: a session gives the frames of a rollout, and a joint's goal is met."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.core.rotation import rotation_y
+from motiongen_ardy.model.model import Model
+from motiongen_server.engine.types import Constraint, HeadingTarget, JointRotations, JointTargets, Waypoint
+from tests.parity.conftest import TINY
+from tests.parity.test_streamed_equals_rollout import compare, expected, stream
+
+HEAD = 6
+
+
+@pytest.fixture(scope="module")
+def obeying() -> Model:
+    """The tiny model, planned and corrected."""
+    model = load_checkpoint(TINY)
+    model.sampling = replace(
+        model.sampling, project_root=True, plan_root=True, reach_joints=True, join_tokens=True, face_root=True
+    )
+    return model
+
+
+@pytest.mark.parametrize("goal", [39, 40, 41, 79, 80])
+def test_goals_at_any_frame_of_a_window(obeying: Model, goal: int) -> None:
+    embedding = np.random.default_rng(4).standard_normal(32).astype(np.float32)
+    targets, head = Targets(obeying.skeleton), rotation_y(torch.tensor(0.4))
+    targets.add_waypoints([goal], torch.tensor([[1.3, -1.4]]))
+    targets.add_heading([goal], torch.tensor([1.0]))
+    targets.add_rotations(goal, [HEAD], head[None])
+    constraints: tuple[Constraint, ...] = (
+        Waypoint(1, goal, 1.3, -1.4),
+        HeadingTarget(2, goal, 1.0),
+        JointRotations(3, goal, (HEAD,), head[None].numpy()),
+    )
+    features = expected(obeying, embedding, targets, False)
+    compare(obeying, stream(obeying, embedding, constraints, False), features)
+    turned = obeying.representation.global_rotations(features)[goal, HEAD]
+    assert torch.allclose(turned, head, atol=5e-3)
+
+
+def test_goals_of_one_kind_that_follow_each_other_closely(obeying: Model) -> None:
+    embedding = np.random.default_rng(5).standard_normal(32).astype(np.float32)
+    places = np.array([[1.0, 0.9, -1.9], [1.3, 1.2, -1.6]], np.float32)
+    targets, constraints = Targets(obeying.skeleton), []
+    for number, goal in enumerate((34, 42, 50), 1):
+        targets.add_joints(goal, [0, 16], torch.from_numpy(places))
+        constraints.append(JointTargets(number, goal, (0, 16), places))
+    features = expected(obeying, embedding, targets, False)
+    compare(obeying, stream(obeying, embedding, tuple(constraints), False), features)

@@ -1,0 +1,144 @@
+"""What windows are told of constraints that may be met at several frames, lie far away, or leave the root free."""
+
+import numpy as np
+import pytest
+
+from motiongen_ardy.locomotion.velocity import RootState
+from motiongen_server.engine.session.aiming import Aiming
+from motiongen_server.engine.session.placing import REACH
+from motiongen_server.engine.session.timeline import Timeline
+from motiongen_server.engine.types import (
+    VELOCITY_ID,
+    JointTargets,
+    RigLayout,
+    RootPath,
+    RootTrajectory,
+    Span,
+    Unplaced,
+    Waypoint,
+)
+from tests.server.engine.fakes import SPEED
+from tests.server.engine.session.playing import playing
+from tests.server.engine.stage import Stage
+
+# The fake model walks along +X at SPEED metres a second, whatever it is told.
+METRES_A_FRAME = SPEED / 20
+
+
+def test_go_there_is_answered_with_the_frame_and_led_to_from_afar() -> None:
+    stage, viewer = playing()
+    asked = Unplaced(Waypoint(5, 0, 60.0, 0.0), at_any_frame=True)
+    shown, seq = viewer.shown, stage.set_constraints(viewer, asked)
+    stage.run(0.5)
+    (placement,) = viewer.outcomes[seq].placements
+    assert shown < placement.anchor_frame <= placement.first_frame < placement.arrival_frame
+    assert placement.x == pytest.approx((placement.anchor_frame - 1) * METRES_A_FRAME, abs=1e-4)
+    led = next(each for each in stage.runner.prepared[-1].constraints if each.constraint_id == VELOCITY_ID)
+    assert isinstance(led, RootTrajectory)
+    assert led.xz[-1, 0] > led.xz[0, 0]
+    assert stage.runner.prepared[-1].keep_prompt is False, "the model may walk where the prompt says to stand"
+
+
+def test_one_that_was_missed_is_aimed_for_again_until_its_last_frame() -> None:
+    stage, viewer = playing()
+    frame = viewer.buffered_to + 20
+    asked = Unplaced(Waypoint(5, frame, 0.0, 30.0), last_frame=frame + 100)
+    stage.set_constraints(viewer, asked)
+    stage.run(14.0)
+    aims = [
+        each.frame
+        for job in stage.runner.prepared
+        for each in job.constraints
+        if isinstance(each, Waypoint) and each.constraint_id == 5
+    ]
+    assert max(aims) == frame + 100
+    (reached,) = viewer.reached
+    assert not reached.met
+    assert frame <= reached.frame <= frame + 100
+
+
+def test_one_that_is_met_is_told_of_at_its_frame_and_asked_for_no_more() -> None:
+    stage, viewer = playing()
+    frame = viewer.buffered_to + 20
+    place = (frame + 7) * METRES_A_FRAME
+    stage.set_constraints(viewer, Unplaced(Waypoint(5, frame, place, 0.0), last_frame=frame + 100))
+    stage.run(14.0)
+    (reached,) = viewer.reached
+    assert (reached.met, reached.frame) == (True, frame + 7)
+    assert reached.position_m is not None
+    assert reached.position_m.worst < 1e-3
+    later = [job for job in stage.runner.prepared if job.first_frame > frame + 60]
+    assert later
+    assert not any(job.constraints for job in later)
+
+
+def test_one_whose_first_frames_have_passed_is_taken_and_one_that_is_over_is_not() -> None:
+    stage, viewer = playing()
+    ahead = viewer.buffered_to + 30
+    taken = stage.set_constraints(viewer, Unplaced(Waypoint(5, 1, 0.0, 0.0), last_frame=ahead))
+    over = stage.set_constraints(viewer, Unplaced(Waypoint(6, 1, 0.0, 0.0), last_frame=2))
+    stage.run(1.0)
+    assert viewer.outcomes[taken].reason == ""
+    assert viewer.outcomes[over].reason == "FRAME_COMMITTED"
+
+
+def test_a_path_is_walked_from_where_the_character_is() -> None:
+    stage, viewer = playing()
+    corners = np.array([(20.0, 0.0), (20.0, 5.0)], np.float32)
+    seq = stage.set_constraints(viewer, Unplaced(RootPath(3, corners, 1.0, 0.2)))
+    stage.run(0.5)
+    (placement,) = viewer.outcomes[seq].placements
+    path = next(each for each in stage.runner.prepared[-1].constraints if each.constraint_id == 3)
+    assert isinstance(path, RootTrajectory)
+    assert path.first_frame == placement.anchor_frame
+    assert path.xz[0, 0] == pytest.approx(placement.x, abs=0.15)
+
+
+@pytest.mark.parametrize("is_given", [False, True])
+def test_joints_without_a_root_bring_one_along_where_nobody_says_where_it_is(is_given: bool) -> None:
+    going = RootState(1.0, 0.0, 0.5, 0.0, 0.0)
+    rig = RigLayout("arm", ("root", "hand"), (-1, 0), np.array([[0, 0, 0], [0.8, 0, 0]]), ())
+    aiming = Aiming(rig, 20, Timeline.empty(1, 1), range(100, 200), lambda frame: going)
+    hand = JointTargets(2, 120, (1,), np.array([[1.5, 1.0, 2.0]], np.float32))
+    roots = aiming.free_roots([hand, Waypoint(3, 120, 1.5, 1.9)] if is_given else [hand])
+    if is_given:
+        assert roots == ()
+    else:
+        (root,) = roots
+        # In a second it is at (1.5, 0), and the hand comes so far without a step.
+        assert (root.constraint_id, root.frame) == (VELOCITY_ID, 120)
+        assert (root.x, root.z) == pytest.approx((1.5, 2.0 - REACH * 0.8))
+
+
+def test_an_opening_tells_where_its_constraints_were_put_and_refuses_what_cannot_be() -> None:
+    stage = Stage()
+    viewer = stage.open(1, constraints=(Unplaced(Waypoint(5, 0, 3.0, 0.0), at_any_frame=True),))
+    far = np.array([(90000.0, 0.0)], np.float32)
+    refused = stage.open(2, constraints=(Unplaced(RootPath(3, far, 1.0, 0.2)),))
+    stage.run(0.5)
+    assert viewer.opened is not None
+    (placement,) = viewer.opened.placements
+    assert (placement.constraint_id, placement.anchor_frame) == (5, 0)
+    assert refused.refused is not None
+    assert refused.refused.reason == "PATH_TOO_LONG"
+    again = stage.open(2)
+    stage.run(0.5)
+    assert again.opened is not None
+
+
+def test_a_clip_answers_what_may_be_met_at_any_frame() -> None:
+    stage = Stage()
+    constraints = (
+        Unplaced(Waypoint(1, 0, 500.0, 0.0), at_any_frame=True),
+        Waypoint(2, 50, 50 * METRES_A_FRAME, 0.0),
+        Unplaced(Waypoint(3, 10, 20 * METRES_A_FRAME, 0.0), last_frame=70),
+    )
+    viewer = stage.open_clip(1, 99, constraints=constraints)
+    stage.run(5.0)
+    assert viewer.closed is not None
+    assert {reached.constraint_id: reached.met for reached in viewer.reached} == {1: False, 2: True, 3: True}
+
+
+def test_a_span_says_which_frames_count() -> None:
+    waypoint = Waypoint(1, 60, 0.0, 0.0, span=Span(40, 90))
+    assert (waypoint.first_frame, waypoint.frame, waypoint.last_frame) == (40, 60, 90)

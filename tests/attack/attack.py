@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,7 +31,8 @@ class Attack:
     """What hostile clients do, and what neighbours must not notice more of than this.
 
     kind: of `tests.attack.hostile`, "" for none. missed: share of frames; edit_ms: the 95th percentile; grown_mib:
-    memory, of all processes of the server. log_mib: of its log.
+    memory, of all processes of the server. log_mib: of its log. at_ops: on the port of operations. to_the_end: the
+    clients go on while the server is asked to end.
     """
 
     name: str
@@ -40,10 +41,12 @@ class Attack:
     built_in: bool = False
     settings: tuple[str, ...] = ()
     most_files: int | None = None
+    at_ops: bool = False
     missed: float = 0.01
     edit_ms: float = 1_000.0
     grown_mib: float = 200.0
     log_mib: float = 1.0
+    to_the_end: bool = False
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,8 @@ class Result:
 @contextmanager
 def hostile(attack: Attack, server: Attacked) -> Iterator[None]:
     """The clients, until the end of the block."""
-    command = [sys.executable, "-m", "tests.attack.hostile", attack.kind, server.address]
+    at = f"127.0.0.1:{server.ops_port}" if attack.at_ops else server.address
+    command = [sys.executable, "-m", "tests.attack.hostile", attack.kind, at]
     processes = [
         subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         for _ in range(attack.clients if attack.kind else 0)
@@ -133,8 +137,11 @@ async def suffer(attack: Attack, server: Attacked, seconds: float) -> tuple[Noti
 async def run(attack: Attack, seconds: float, log: Path) -> Result:
     """A fresh server, attacked."""
     module = BUILT_IN if attack.built_in else NULL
-    with attacked(log, attack.settings, attack.most_files, module) as server:
+    with ExitStack() as still_there, attacked(log, attack.settings, attack.most_files, module) as server:
         noticed, grown, left, health, share = await suffer(attack, server, seconds)
+        if attack.to_the_end:
+            still_there.enter_context(hostile(attack, server))
+            await asyncio.sleep(2 * WARM_S)
     return Result(attack, noticed, grown, left, health, share, server.log_mib(), server.exit_code)
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-import socket
 import sys
 import time
 from collections.abc import Awaitable, Callable
@@ -17,6 +16,7 @@ import grpc.aio
 
 from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from motiongen_server.rpc.handlers import SERVICE_NAME
+from tests.attack.hostile_sockets import connections, garbage, idle_connections, unread_metrics
 
 Request = service_pb2.StreamMotionRequest
 Event = session_pb2.SessionEvent
@@ -194,36 +194,66 @@ async def catalogs(address: str) -> None:
     await many(STREAMS, once)
 
 
-async def connections(address: str) -> None:
-    """Connections on which nothing is said, more than the server may have descriptors."""
-    host, _, port = address.rpartition(":")
-    held = []
-    while True:
-        try:
-            held.append(socket.create_connection((host, int(port)), timeout=1))
-        except OSError:
-            await asyncio.sleep(0.02)
-        if len(held) > 600:
-            held.pop(0).close()
-        await asyncio.sleep(0.001)
+async def heroes(address: str) -> None:
+    """Sessions of the dearest class, until there is no more place; what is open is edited all the time."""
+    texts = ("a person walks forward", "a person waves")
+
+    async def once() -> None:
+        async with channel_to(address) as channel:
+            call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion()
+            opening = session_pb2.OpenSession(priority=session_pb2.PRIORITY_CLASS_HERO)
+            opens = [Event(session=n, event_seq=1, open=opening) for n in range(256)]
+            await call.write(Request(hello=service_pb2.ClientHello(), events=opens))
+            reading = asyncio.create_task(drain(call))
+            try:
+                for event_seq in itertools.count(2):
+                    span = motion_pb2.PromptSpan(prompt_id=1, text=texts[event_seq % 2])
+                    edit = session_pb2.EditPrompts(upsert=[span])
+                    edits = [Event(session=n, event_seq=event_seq, edit_prompts=edit) for n in range(256)]
+                    await call.write(Request(events=edits))
+                    await asyncio.sleep(0.1)
+            finally:
+                reading.cancel()
+                await asyncio.gather(reading, return_exceptions=True)
+
+    await many(2, once)
 
 
-async def garbage(address: str) -> None:
-    host, _, port = address.rpartition(":")
-    while True:
-        try:
-            with socket.create_connection((host, int(port)), timeout=1) as connection:
-                connection.sendall(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes(range(256)) * 64)
-        except OSError:
-            pass
-        await asyncio.sleep(0.002)
+async def playheads(address: str) -> None:
+    """Of a session that is there, the same frame again and again, and one of which nobody knows."""
+    report = session_pb2.Playhead(frame=1, buffered_to=1)
+    opening = Request(events=[Event(session=1, event_seq=1, open=session_pb2.OpenSession())]).SerializeToString()
+    reports = [Event(session=1 + number % 2, playhead=report) for number in range(200)]
+    await flood(address, [opening, *[Request(events=reports).SerializeToString()] * 1000])
+
+
+async def empty_streams(address: str) -> None:
+    """Streams that say hello and open nothing, as many as fit."""
+
+    async def connection() -> None:
+        async with channel_to(address) as channel:
+            calls = [bare_stream(channel) for _ in range(250)]
+            await asyncio.gather(*(call.write(HELLO) for call in calls), return_exceptions=True)
+            await asyncio.sleep(3600)
+
+    await many(12, connection)
+
+
+async def long_names(address: str) -> None:
+    """Names of models and rigs of 5,000 characters, which answers and logs might repeat."""
+    opens = [
+        Event(session=n, event_seq=1, open=session_pb2.OpenSession(model_id="m" * 5_000, rig_id="r" * 5_000))
+        for n in range(20)
+    ]
+    await flood(address, [Request(events=opens).SerializeToString()])
 
 
 KINDS = {
     kind.__name__: kind
     for kind in (
         empty_events, empty_constraints, huge_messages, pings, failing_opens, new_prompts, liars, silent_streams,
-        unread_clips, unread_streams, catalogs, connections, garbage,
+        unread_clips, unread_streams, catalogs, connections, garbage, heroes, playheads, empty_streams, long_names,
+        idle_connections, unread_metrics,
     )
 }  # fmt: skip
 

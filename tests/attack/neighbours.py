@@ -130,7 +130,7 @@ class Neighbour:
         elif kind == "service_level":
             session.lowest_tier = max(session.lowest_tier, update.service_level.tier)
         elif kind == "closed":
-            session.closed = session_pb2.CloseReason.Name(update.closed.reason)
+            session.closed, session.begun_s = session_pb2.CloseReason.Name(update.closed.reason), None
 
     async def _report(self) -> None:
         while not self.lost:
@@ -165,6 +165,8 @@ class Neighbour:
         self.edits_ms.clear()
         self.pings_ms.clear()
         for session in self.sessions:
+            if session.closed:
+                continue
             session.play(now)
             session.missed, session.begun_s, session.due = 0, now - session.due / FPS, session.due
 
@@ -188,6 +190,27 @@ class Neighbours:
         for each in self._streams:
             each.forget()
         self._frames_before = self._frames()
+
+    @property
+    def _live(self) -> list[Playing]:
+        return [session for each in self._streams for session in each.sessions if not session.closed]
+
+    async def again_s(self) -> float:
+        """Seconds until every session that lives has got another frame. Players, who waited meanwhile, go on there with
+        half a second in hand. Raises TimeoutError.
+        """
+        begun_s = time.perf_counter()
+        before = {id(session): session.sent_to for session in self._live}
+        async with asyncio.timeout(READY_S):
+            # No event tells of it.
+            while any(session.sent_to <= before[id(session)] for session in self._live):  # noqa: ASYNC110
+                await asyncio.sleep(0.01)
+        now = time.perf_counter()
+        for session in self._live:
+            session.due = min(session.due, max(0, session.sent_to - FPS // 2))
+            session.begun_s = now - session.due / FPS
+        self.forget()
+        return now - begun_s
 
     def _frames(self) -> int:
         return sum(session.due for each in self._streams for session in each.sessions)

@@ -13,7 +13,7 @@ from motiongen_server.identity.tls import TlsFiles, server_credentials
 from motiongen_server.identity.tokens import new_token
 from motiongen_tools import cli
 from tests.contract.local import LocalServer
-from tests.e2e.test_lost_lines import FACTS_AS_SERVED
+from tests.e2e.lost_line import FACTS_AS_SERVED
 from tests.server.identity.files import AUTHORITY, TenantsFile, client_credentials, copy_pair
 
 LIMIT_S = 30.0

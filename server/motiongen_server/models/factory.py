@@ -141,6 +141,7 @@ def make_limits(config: ServerConfig) -> ServiceLimits:
         hello_timeout_s=config.hello_timeout_s,
         empty_timeout_s=config.empty_timeout_s,
         stuck_timeout_s=config.stuck_timeout_s,
+        silent_timeout_s=config.silent_timeout_s,
         max_waiting_bytes=config.max_waiting_mib << 20,
         peer=PeerLimits(
             streams=config.peer_streams,

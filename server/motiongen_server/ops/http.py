@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import ssl
-from collections import OrderedDict
+import time
+from collections import OrderedDict, deque
 from collections.abc import Callable, Iterator
 from typing import ClassVar
 
@@ -19,8 +20,28 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 LIFE_S = 30.0
 MOST_CONNECTIONS = 64
+CONNECTIONS_A_SECOND = 200
+"""More are ended at once: each is one request, and each costs the event loop that streams live on."""
+RENDERINGS_A_SECOND = 5
+"""Of the metrics, which take milliseconds; who asks more often gets those of just before."""
 END_S = 2
 """Seconds that requests under way may take once the server ends."""
+
+
+class Pace:
+    """So many times a second, and no more."""
+
+    def __init__(self, times: int, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._last: deque[float] = deque(maxlen=times)
+
+    def allows(self) -> bool:
+        """Whether it may be done now, which counts as done."""
+        now = self._clock()
+        if len(self._last) == self._last.maxlen and now - self._last[0] < 1.0:
+            return False
+        self._last.append(now)
+        return True
 
 
 def ops_app(
@@ -34,6 +55,8 @@ def ops_app(
     refusal_of: why who sends that `Authorization` header may not read the metrics, in words; None: he may.
     """
 
+    pace, rendered = Pace(RENDERINGS_A_SECOND), b""
+
     async def live(_request: Request) -> Response:
         return _answer(is_alive())
 
@@ -44,7 +67,10 @@ def ops_app(
         refusal = refusal_of(request.headers.get("authorization", ""))
         if refusal is not None:
             return PlainTextResponse(f"{refusal}\n", status_code=401, headers={"WWW-Authenticate": "Bearer"})
-        return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
+        nonlocal rendered
+        if pace.allows():
+            rendered = generate_latest(registry)
+        return Response(rendered, media_type=CONTENT_TYPE_LATEST)
 
     return Starlette(
         routes=[
@@ -61,18 +87,21 @@ def _answer(well: bool) -> Response:
 
 
 class BoundedConnection(H11Protocol):
-    """A connection that lives for a while, whatever is said on it; the oldest go where there are too many.
+    """A connection of one request, that lives for a while; there are so many at most, and they come so fast.
 
     Whoever only connects, says its request a byte at a time, or does not read the answer, would else hold a place for
     ever, and the server's end up.
     """
 
     open_ones: ClassVar[OrderedDict[H11Protocol, None]] = OrderedDict()
+    pace: ClassVar[Pace] = Pace(CONNECTIONS_A_SECOND)
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         self._end = self.loop.call_later(LIFE_S, transport.abort)
         self.open_ones[self] = None
+        if not self.pace.allows():
+            transport.abort()
         if len(self.open_ones) > MOST_CONNECTIONS:
             oldest, _ = self.open_ones.popitem(last=False)
             oldest.transport.abort()
@@ -99,6 +128,7 @@ class OpsServer(uvicorn.Server):
                 lifespan="off",
                 access_log=False,
                 timeout_graceful_shutdown=END_S,
+                headers=[("Connection", "close")],
                 ssl_context_factory=None if context is None else lambda *_: context,
             )
         )

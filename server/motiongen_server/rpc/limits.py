@@ -73,7 +73,8 @@ class ServiceLimits:
     """What the service as a whole allows.
 
     hello_timeout_s: within which a stream must say hello; empty_timeout_s: after which one without sessions is ended.
-    stuck_timeout_s: after which one is ended, or a clip, whose client takes nothing of what is written. max_clip_calls:
+    stuck_timeout_s: after which one is ended, or a clip, whose client takes nothing of what is written.
+    silent_timeout_s: after which one counts as lost from which nothing comes; clients ping every 10 s. max_clip_calls:
     calls for clips that are under way. max_waiting_bytes: unsent updates of all streams together.
     """
 
@@ -82,5 +83,6 @@ class ServiceLimits:
     hello_timeout_s: float = 5.0
     empty_timeout_s: float = 300.0
     stuck_timeout_s: float = 30.0
+    silent_timeout_s: float = 90.0
     max_waiting_bytes: int = 256 << 20
     peer: PeerLimits = field(default_factory=PeerLimits)

@@ -66,6 +66,7 @@ class Stream(StreamSessions):
         self.flush_s = 0.0
         self.accepts_opens = True
         self.greeted = False  # both sides have said hello
+        self.listening_since: float | None = None  # monotonic seconds, while it waits for the client to say something
         self.writing_since: float | None = None  # monotonic seconds, while a message is being written
         self.cut: Callable[[], object] = lambda: None  # breaks off what is being written
         self.refusal: StreamRefused | None = None  # why the stream is ended, where its client is at fault

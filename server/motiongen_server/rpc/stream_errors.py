@@ -51,6 +51,11 @@ def reader_stuck(after_s: float) -> StreamRefused:
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "SLOW_READER", message)
 
 
+def client_silent(after_s: float) -> StreamRefused:
+    message = f"nothing came from the client for {after_s:g} s; send a ping every 10 s, and resume the sessions"
+    return StreamRefused(grpc.StatusCode.UNAVAILABLE, "CLIENT_SILENT", message)
+
+
 def no_memory_left(most: int) -> StreamRefused:
     message = f"more than {most} bytes wait for clients that do not read, and most of them for this one"
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "SLOW_READER", message)

@@ -41,7 +41,9 @@ class StreamReader:
         """Until its client has finished. Raises StreamRefused where it keeps to no protocol."""
         while True:
             await stream.room()
+            stream.listening_since = time.monotonic()
             data = await context.read()
+            stream.listening_since = None
             if not isinstance(data, bytes):  # grpc.aio.EOF
                 return
             stream.budget.charge_message(len(data), time.monotonic())

@@ -12,7 +12,7 @@ from motiongen_server.identity.callers import Callers
 from motiongen_server.rpc.goodbye import EXPIRY_NOTICE_S, say_expiring
 from motiongen_server.rpc.limits import ServiceLimits
 from motiongen_server.rpc.stream import Stream
-from motiongen_server.rpc.stream_errors import hello_late, no_memory_left, reader_stuck, stream_empty
+from motiongen_server.rpc.stream_errors import client_silent, hello_late, no_memory_left, reader_stuck, stream_empty
 
 LOOK_EVERY_S = 0.25
 
@@ -45,6 +45,9 @@ class StreamWatch:
         for stream in live:
             if (refusal := self.refusal(stream, now)) is not None:
                 stream.refuse(refusal)
+            elif self.is_silent(stream, now):
+                # Its machine may have stopped behind a proxy, which answers gRPC's own keepalives.
+                stream.expire(client_silent(self._limits.silent_timeout_s))
             else:
                 self._check_caller(stream)
         most = self._limits.max_waiting_bytes
@@ -69,6 +72,11 @@ class StreamWatch:
         elif remaining_s is not None and remaining_s < EXPIRY_NOTICE_S and stream.greeted and not stream.expiry_told:
             stream.expiry_told = True
             say_expiring(stream, remaining_s)
+
+    def is_silent(self, stream: Stream, now: float) -> bool:
+        """Whether the stream has waited for its client for too long."""
+        since = stream.listening_since
+        return stream.greeted and since is not None and now - since > self._limits.silent_timeout_s
 
     def refusal(self, stream: Stream, now: float) -> StreamRefused | None:
         """Why a stream is to be ended now, if it is."""

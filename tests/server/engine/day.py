@@ -65,7 +65,9 @@ class Crowd:
             case 11:
                 self.stage.set_velocity(viewer, self.random.uniform(-2, 2), 1.0, None, self.random.randrange(1, 90))
             case 12:
-                frame = self.random.choice((viewer.buffered_to, max(0, viewer.buffered_to - 1), 2**53, 0))
+                frame = self.random.choice(
+                    (viewer.buffered_to, max(0, viewer.buffered_to - 1), 2**53, 0, 3 * viewer.shown, viewer.shown + 30)
+                )
                 self.stage.engine.submit(viewer.lie(frame, self.stage.clock.now()))
             case 13:
                 if self.random.random() < 0.3:

@@ -256,3 +256,9 @@ class Stage:
                 if outcome.code is not Code.OK
             )
             assert refused_openly
+
+
+def crowd(num: int, config: EngineConfig | None = None, **fields: object) -> tuple[Stage, list[Viewer]]:
+    """A stage with so many sessions, each with a seed of its own."""
+    stage = Stage(config)
+    return stage, [stage.open(handle, seed=handle, **fields) for handle in range(1, num + 1)]

@@ -20,15 +20,10 @@ from motiongen_server.engine.types import (
     ServiceTier,
     SessionKey,
 )
-from tests.server.engine.stage import Stage, prompt, spec
+from tests.server.engine.stage import Stage, crowd, prompt, spec
 from tests.server.engine.viewer import Viewer
 
 CALLS = ("prepare", "denoise", "decode")
-
-
-def _crowd(num: int, config: EngineConfig | None = None, **fields: object) -> tuple[Stage, list[Viewer]]:
-    stage = Stage(config)
-    return stage, [stage.open(handle, seed=handle, **fields) for handle in range(1, num + 1)]
 
 
 # ---- memory and device -----------------------------------------------------------------------------------------------
@@ -45,7 +40,7 @@ def _fits(call: str, room: int) -> Callable[[str, Sequence[int]], bool]:
 
 @pytest.mark.parametrize("call", CALLS)
 def test_running_out_of_memory_costs_nobody_a_session(call: str) -> None:
-    stage, viewers = _crowd(16)
+    stage, viewers = crowd(16)
     stage.runner.fails = _fits(call, 3)
     stage.run(10.0)
     assert stage.total("memory_splits") == 3  # 16, 8, 4: from then on calls are small enough
@@ -56,7 +51,7 @@ def test_running_out_of_memory_costs_nobody_a_session(call: str) -> None:
 
 @pytest.mark.parametrize("call", CALLS)
 def test_a_window_that_does_not_fit_even_alone_closes_its_session_only(call: str) -> None:
-    stage, viewers = _crowd(5)
+    stage, viewers = crowd(5)
     owners = stage.engine.windows.owners
 
     def fails(called: str, job_ids: Sequence[int]) -> bool:
@@ -76,7 +71,7 @@ def test_a_window_that_does_not_fit_even_alone_closes_its_session_only(call: str
 
 @pytest.mark.parametrize("call", CALLS)
 def test_a_lost_device_ends_the_engine_and_closes_every_session(call: str) -> None:
-    stage, viewers = _crowd(4)
+    stage, viewers = crowd(4)
 
     def fails(called: str, job_ids: Sequence[int]) -> bool:
         if called == call:
@@ -97,7 +92,7 @@ def test_a_lost_device_ends_the_engine_and_closes_every_session(call: str) -> No
 
 
 def test_who_would_be_too_much_is_refused_at_the_door() -> None:
-    stage, viewers = _crowd(10)
+    stage, viewers = crowd(10)
     stage.runner.step_s = lambda rows: 0.005 * rows  # 0.5 windows a second of 4 steps: 10 ms a second and session
     stage.run(5.0)
     sessions = [spec(SessionKey(2, number)) for number in range(200)]
@@ -114,7 +109,7 @@ def test_who_would_be_too_much_is_refused_at_the_door() -> None:
 
 
 def test_a_place_can_be_taken_as_soon_as_the_close_is_in() -> None:
-    stage, (viewer,) = _crowd(1, EngineConfig(max_sessions=1))
+    stage, (viewer,) = crowd(1, EngineConfig(max_sessions=1))
     stage.run(0.5)
     assert stage.engine.submit(Open(spec(SessionKey(2, 2)), 1, 0.0)) is not None
     stage.engine.submit(Close(viewer.key, 9, stage.clock.now()))
@@ -175,7 +170,7 @@ def test_nothing_is_given_up_where_that_is_not_wanted() -> None:
 
 
 def test_sessions_for_which_nothing_came_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    stage, viewers = _crowd(50)
+    stage, viewers = crowd(50)
     stage.run(1.0)
     stage.silent.update(viewer.key for viewer in viewers)
     while stage.step().rows:
@@ -194,7 +189,7 @@ def test_sessions_for_which_nothing_came_are_left_alone(monkeypatch: pytest.Monk
 
 
 def test_wake_ups_do_not_pile_up() -> None:
-    stage, viewers = _crowd(10)
+    stage, viewers = crowd(10)
     for _ in range(300):
         stage.run(0.02)
         stage.set_prompts(viewers[0], prompt(1))
@@ -204,7 +199,7 @@ def test_wake_ups_do_not_pile_up() -> None:
 
 
 def test_sessions_are_counted_as_they_come_change_and_go() -> None:
-    stage, viewers = _crowd(3)
+    stage, viewers = crowd(3)
     stage.run(0.5)
     stage.pause(viewers[0], True)
     stage.step()

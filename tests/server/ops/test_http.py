@@ -8,6 +8,7 @@ import socket
 import httpx
 import pytest
 from prometheus_client import CollectorRegistry, Counter
+from prometheus_client.metrics_core import Metric
 
 from motiongen_server.ops import http
 from motiongen_server.ops.http import ops_app
@@ -51,6 +52,51 @@ async def test_a_connection_lives_for_a_while_and_the_oldest_goes_where_there_ar
                 assert await end_of(late[0])
                 for _, writer in (first, *others, late):
                     writer.transport.abort()
+        finally:
+            server.should_exit = True
+            await serving
+
+
+async def test_metrics_are_made_a_few_times_a_second_however_often_they_are_asked_for() -> None:
+    class Counted:
+        times = 0
+
+        def collect(self) -> list[Metric]:
+            self.times += 1
+            return []
+
+    registry, counted = CollectorRegistry(), Counted()
+    registry.register(counted)  # type: ignore[arg-type]
+    counted.times = 0
+    app = ops_app(registry, lambda: True, lambda: True)
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://ops") as client:
+        answers = await asyncio.gather(*(client.get("/metrics") for _ in range(50)))
+    assert {answer.status_code for answer in answers} == {200}
+    assert counted.times <= 2 * http.RENDERINGS_A_SECOND
+
+
+def test_a_pace_lets_bursts_pass_and_comes_back() -> None:
+    now = [0.0]
+    pace = http.Pace(3, lambda: now[0])
+    assert [pace.allows() for _ in range(4)] == [True, True, True, False]
+    now[0] = 1.0
+    assert pace.allows()
+
+
+async def test_a_connection_is_answered_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(http.BoundedConnection, "pace", http.Pace(1))
+    server = http.OpsServer(http.ops_app(CollectorRegistry(), lambda: True, lambda: True), "127.0.0.1", 0)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        serving = asyncio.create_task(server.serve([listener]))
+        try:
+            async with asyncio.timeout(20):
+                reader, writer = await asyncio.open_connection("127.0.0.1", listener.getsockname()[1])
+                writer.write(b"GET /livez HTTP/1.1\r\nHost: x\r\n\r\n" * 10)
+                assert (await reader.read()).count(b"HTTP/1.1 200") == 1
+                too_fast, other = await asyncio.open_connection("127.0.0.1", listener.getsockname()[1])
+                assert await end_of(too_fast)
+                for each in (writer, other):
+                    each.transport.abort()
         finally:
             server.should_exit = True
             await serving

@@ -24,6 +24,7 @@ from motiongen_server.rpc.stream_watch import StreamWatch
 from tests.contract.local import LocalServer
 from tests.server.engine.fakes import ROW_WIDTH
 from tests.server.rpc.test_event_order import Line
+from tests.waiting import until_true
 
 LIMIT_S = 30.0
 
@@ -175,3 +176,30 @@ async def test_a_client_that_takes_nothing_for_long_loses_its_stream() -> None:
     assert stream.refusal.reason == "SLOW_READER"
     assert cut == [True]
     assert stream.num_waiting_bytes == 0
+
+
+async def test_a_client_from_which_nothing_comes_is_lost_and_may_come_back() -> None:
+    async with (
+        asyncio.timeout(LIMIT_S),
+        LocalServer(service_limits=ServiceLimits(silent_timeout_s=90.0)) as server,
+        connected(server) as (channel, catalog),
+    ):
+        talk = await talk_on(channel, catalog).hello()
+        heard = await talk.open(1)
+        await talk.plays_on(1)
+        (stream,) = server.service._streams.values()
+        await until_true(lambda: stream.listening_since is not None)
+        server.service._watch.look([stream], (stream.listening_since or 0.0) + 89.0)
+        assert stream.refusal is None
+        server.service._watch.look([stream], (stream.listening_since or 0.0) + 91.0)
+        assert await end_of(talk) == (grpc.StatusCode.UNAVAILABLE, "CLIENT_SILENT")
+        again = await talk_on(channel, catalog).hello()
+        await again.resume(1, heard)
+        await again.plays_on(1)
+
+
+async def test_a_client_that_owes_is_not_silent() -> None:
+    stream = holding(1)
+    watch = StreamWatch(ServiceLimits(silent_timeout_s=1.0, empty_timeout_s=1e6), {stream.number: stream})
+    watch.look([stream], time.monotonic() + 1000.0)
+    assert stream.refusal is None, "it is not read at present"

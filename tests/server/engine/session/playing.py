@@ -1,7 +1,8 @@
 """A session that plays, and what tests of it say often."""
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.types import Waypoint
+from motiongen_server.engine.session.state import SessionState
+from motiongen_server.engine.types import PlanCause, Waypoint
 from tests.server.engine.fakes import PROMPT
 from tests.server.engine.stage import Stage, prompt
 from tests.server.engine.viewer import Viewer
@@ -25,6 +26,17 @@ def playing(config: EngineConfig | None = None, **fields: object) -> tuple[Stage
     viewer = stage.open(prompts=(prompt(1),), **fields)
     stage.run(1.0)
     return stage, viewer
+
+
+def playing_state(config: EngineConfig | None = None, **fields: object) -> tuple[Stage, Viewer, SessionState]:
+    """The same, with what the engine knows of the session."""
+    stage, viewer = playing(config, **fields)
+    return stage, viewer, stage.engine.sessions[viewer.key]
+
+
+def num_edit_plans(viewer: Viewer) -> int:
+    """How many plans the viewer was told of that were made for edits."""
+    return sum(notice.cause is PlanCause.EDIT for notice in viewer.notices)
 
 
 def start_job(stage: Stage, steps: int) -> None:

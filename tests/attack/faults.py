@@ -1,0 +1,170 @@
+"""What neighbours notice of a process that is stopped or killed, and of a disk that is full.
+
+    python -m tests.attack.faults [--only WORDS ...] [--times N]
+
+A table of every fault on a server of its own, and exit code 1 where sessions were lost that need not be, where those
+that live did not play on in full, or where the server did not end with 0. Some fifteen seconds a fault.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import grpc.aio
+import psutil
+
+from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
+from tests.attack.attack import machine
+from tests.attack.neighbours import Noticed, neighbours
+from tests.attack.server import Attacked, attacked
+
+BEFORE_S = 2.0
+STOPPED_S = 5.0
+AFTER_S = 3.0
+MISSED = 0.01
+FULL_DISK_BYTES = 4096
+NEW_PROMPTS = 200
+
+
+async def stop(process: psutil.Process) -> None:
+    """SIGSTOP for a while, as a machine that swaps or a debugger does."""
+    process.suspend()
+    try:
+        await asyncio.sleep(STOPPED_S)
+    finally:
+        process.resume()
+
+
+async def stop_engine(server: Attacked) -> None:
+    await stop(server.process.children()[0])
+
+
+async def stop_gateway(server: Attacked) -> None:
+    await stop(server.process)
+
+
+async def kill_engine(server: Attacked) -> None:
+    """SIGKILL, as the kernel does where memory is short."""
+    engine = server.process.children()[0]
+    engine.kill()
+    await asyncio.to_thread(psutil.wait_procs, [engine], 10.0)
+
+
+async def fill_disk(server: Attacked) -> None:
+    """No file of the server can grow any more, the prompt store and its log neither; then come prompts that are new."""
+    for process in (server.process, *server.process.children()):
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (FULL_DISK_BYTES, FULL_DISK_BYTES))
+    async with grpc.aio.insecure_channel(server.address) as channel:
+        call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion()
+        events = [session_pb2.SessionEvent(session=1, event_seq=1, open=session_pb2.OpenSession())]
+        for number in range(NEW_PROMPTS):
+            span = motion_pb2.PromptSpan(prompt_id=1, text=f"a person does {number} things that nobody has done")
+            edit = session_pb2.EditPrompts(upsert=[span])
+            events.append(session_pb2.SessionEvent(session=1, event_seq=2 + number, edit_prompts=edit))
+        answered = 0
+        await call.write(service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello(), events=events[:40]))
+        while answered < 30 and isinstance(response := await call.read(), service_pb2.StreamMotionResponse):
+            answered += sum(update.HasField("outcome") for update in response.updates)
+        call.cancel()
+
+
+@dataclass(frozen=True)
+class Fault:
+    """act: does it, and undoes it where that is possible. lost: of the sessions, the most that may end with it."""
+
+    name: str
+    act: Callable[[Attacked], Awaitable[None]]
+    lost: int = 0
+    settings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """again_s: from the fault's end until all that live played. open_s: until new ones did. noticed: after that."""
+
+    fault: Fault
+    again_s: float
+    open_s: float
+    noticed: Noticed
+    exit_code: int | None
+
+    @property
+    def wrong(self) -> list[str]:
+        """What must not be."""
+        lost = len(self.noticed.closed)
+        found = {
+            f"{lost} sessions were lost": lost > self.fault.lost,
+            f"{self.noticed.missed:.1%} of the frames were missed afterwards": self.noticed.missed > MISSED,
+            f"the server ended with {self.exit_code}": self.exit_code != 0,
+        }
+        return [what for what, holds in found.items() if holds]
+
+
+async def run(fault: Fault, folder: Path, after_s: float = AFTER_S) -> Outcome:
+    """One fault, on a server of its own."""
+    settings = tuple(setting.replace("FOLDER", str(folder)) for setting in fault.settings)
+    with attacked(folder / "log", settings) as server:
+        async with neighbours(server.address) as good:
+            await asyncio.sleep(BEFORE_S)
+            await fault.act(server)
+            again_s = await good.again_s()
+            begun_s = time.perf_counter()
+            async with neighbours(server.address, 1):
+                open_s = time.perf_counter() - begun_s
+            good.forget()
+            await asyncio.sleep(after_s)
+            noticed = good.noticed()
+    return Outcome(fault, again_s, open_s, noticed, server.exit_code)
+
+
+FAULTS = (
+    Fault(f"engine process stopped for {STOPPED_S:g} s (SIGSTOP)", stop_engine),
+    Fault(f"gateway stopped for {STOPPED_S:g} s (SIGSTOP)", stop_gateway),
+    Fault("one of two engine processes killed (SIGKILL)", kill_engine, lost=6, settings=("--devices", "cpu:2")),
+    Fault("no file can grow (disk full), new prompts for the store", fill_disk,
+          settings=("--prompt-store", "FOLDER/prompts.db")),
+)  # fmt: skip
+
+
+def table(outcomes: list[Outcome]) -> str:
+    """A row for each, in Markdown."""
+    lines = [
+        "| fault | sessions lost of 12 | others play again after | new ones after | frames missed then | exit code "
+        "| verdict |",
+        "|---|---:|---:|---:|---:|---:|---|",
+    ]
+    for each in outcomes:
+        lines.append(
+            f"| {each.fault.name} | {len(each.noticed.closed)} | {each.again_s:.2f} s | {each.open_s:.2f} s "
+            f"| {each.noticed.missed:.1%} | {each.exit_code} | {'; '.join(each.wrong) or 'held'} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+async def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.attack.faults", description=__doc__)
+    parser.add_argument("--only", nargs="*", default=[], metavar="WORD", help="faults with one of these in their name")
+    parser.add_argument("--times", type=int, default=1, help="of each fault (default: %(default)s)")
+    options = parser.parse_args()
+    outcomes = []
+    for fault in FAULTS:
+        if options.only and not any(word in fault.name for word in options.only):
+            continue
+        for _ in range(options.times):
+            with tempfile.TemporaryDirectory() as folder:
+                outcomes.append(await run(fault, Path(folder)))
+            print(f"{fault.name}: {'; '.join(outcomes[-1].wrong) or 'held'}", flush=True)
+    print(f"{table(outcomes)}\n{machine()}")
+    return 1 if any(each.wrong for each in outcomes) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(asyncio.run(main()))

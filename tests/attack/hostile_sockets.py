@@ -1,0 +1,63 @@
+"""Hostile clients that speak no gRPC: connections held, garbage, the port of operations. See `tests.attack.hostile`."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+
+
+async def connections(address: str) -> None:
+    """Connections on which nothing is said, more than the server may have descriptors."""
+    host, _, port = address.rpartition(":")
+    held = []
+    while True:
+        try:
+            held.append(socket.create_connection((host, int(port)), timeout=1))
+        except OSError:
+            await asyncio.sleep(0.02)
+        if len(held) > 600:
+            held.pop(0).close()
+        await asyncio.sleep(0.001)
+
+
+async def garbage(address: str) -> None:
+    host, _, port = address.rpartition(":")
+    while True:
+        try:
+            with socket.create_connection((host, int(port)), timeout=1) as connection:
+                connection.sendall(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes(range(256)) * 64)
+        except OSError:
+            pass
+        await asyncio.sleep(0.002)
+
+
+async def idle_connections(address: str) -> None:
+    """Connections on which a request is begun and not finished."""
+    host, _, port = address.rpartition(":")
+    held = []
+    while True:
+        try:
+            held.append(socket.create_connection((host, int(port)), timeout=1))
+            held[-1].sendall(b"GET /metrics HTTP/1.1\r\nHost: x\r\n")
+        except OSError:
+            await asyncio.sleep(0.02)
+        if len(held) > 400:
+            held.pop(0).close()
+        await asyncio.sleep(0.002)
+
+
+async def unread_metrics(address: str) -> None:
+    """Metrics, asked for again and again on connections from which nothing is taken."""
+    host, _, port = address.rpartition(":")
+    held = []
+    while True:
+        try:
+            connection = socket.create_connection((host, int(port)), timeout=1)
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            connection.sendall(b"GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n" * 50)
+            held.append(connection)
+        except OSError:
+            await asyncio.sleep(0.02)
+        if len(held) > 100:
+            held.pop(0).close()
+        await asyncio.sleep(0.02)

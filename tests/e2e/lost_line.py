@@ -1,0 +1,101 @@
+"""A real service, the Python client, and a line between them that can be cut; what each of them was given."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+
+from motiongen_client import (
+    LinePolicy,
+    MotionClient,
+    Session,
+    SessionOptions,
+)
+from motiongen_server.engine.types import ChannelBlock, Event, Playhead, Resume
+from motiongen_server.rpc.limits import Limits
+from tests.contract.local import LocalServer
+from tests.e2e.tcp_proxy import TcpProxy
+from tests.server.engine.fakes import FACTS
+
+LIMIT_S = 120.0
+
+
+FACTS_AS_SERVED = replace(
+    FACTS,
+    fps=100,  # so that little time is a lot of motion
+    rig=replace(
+        FACTS.rig,
+        blocks=(
+            ChannelBlock("root_translation_m", 3),
+            ChannelBlock("joint_rotation_quat_wxyz", 4),
+            ChannelBlock("foot_contact", 4),
+            ChannelBlock("rest", 1),
+        ),
+    ),
+)
+
+
+LOOKAHEAD = SessionOptions(lookahead_frames=80)
+
+
+def a_server(**limits: float) -> LocalServer:
+    return LocalServer(Limits(**limits), facts=FACTS_AS_SERVED)  # type: ignore[arg-type]
+
+
+@asynccontextmanager
+async def proxied(
+    server: LocalServer, policy: LinePolicy | None = None, budget: Callable[[], int | None] = lambda: None
+) -> AsyncIterator[tuple[TcpProxy, MotionClient]]:
+    port = int(server.address.rpartition(":")[2])
+    async with TcpProxy(port, budget) as proxy, MotionClient(proxy.address, policy=policy or LinePolicy()) as client:
+        yield proxy, client
+
+
+@dataclass
+class Received:
+    """What one playback was given: the last row of each frame, whatever replaced it."""
+
+    rows: dict[int, np.ndarray] = field(default_factory=dict)
+    changed: list[int] = field(default_factory=list)
+
+
+@dataclass
+class Taken:
+    """The numbers of the events that the engine was given, by session; playheads and resumes left out."""
+
+    numbers: dict[object, list[int]] = field(default_factory=lambda: defaultdict(list))
+
+    def watch(self, server: LocalServer, monkeypatch: pytest.MonkeyPatch) -> None:
+        submit = server.engine.submit
+
+        def noting(event: Event) -> object:
+            if not isinstance(event, Playhead | Resume):
+                self.numbers[event.session].append(event.event_seq)
+            return submit(event)
+
+        monkeypatch.setattr(server.engine, "submit", noting)
+
+
+async def played(session: Session, frames: int) -> list[int]:
+    """Take so many frames as fast as they come."""
+    seen: list[int] = []
+    async for frame in session.frames(realtime=False):
+        seen.append(frame.index)
+        if len(seen) == frames:
+            break
+    return seen
+
+
+def check_history(server: LocalServer, *frames: int) -> None:
+    """The server's sessions were opened anew with histories that end just before these frames of ours.
+
+    The fake runner notes as a breach that histories are not the frames which a session made itself.
+    """
+    of_histories = [breach for breach in server.runner.breaches if "history" in breach]
+    assert {f"the history before 0 ends at {frame - 1}" for frame in frames} <= set(of_histories)
+    server.runner.breaches = [breach for breach in server.runner.breaches if breach not in of_histories]

@@ -1,0 +1,139 @@
+"""Lines that are cut at any moment lose nothing.
+
+The frames of the fake runner say what they were made of, so that every frame can be held against every answer.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from collections.abc import Callable
+
+import pytest
+
+from motiongen_client import (
+    Edit,
+    MotionClient,
+    Playback,
+    Session,
+)
+from tests.contract.local import LocalServer
+from tests.e2e.lost_line import LIMIT_S, LOOKAHEAD, Received, Taken, a_server
+from tests.e2e.tcp_proxy import TcpProxy
+from tests.server.engine.fakes import FRAME, PROMPT
+from tests.waiting import until_true
+
+pytestmark = pytest.mark.usefixtures("short_delays")
+
+
+NUM_CLIENTS, CUTS_EACH = 8, 25
+
+
+class Given:
+    """A prompt of some length that was given to a session. heard_at: the playhead when its answer came."""
+
+    def __init__(self, session: Session, length: int, edit: Edit) -> None:
+        self.length = length
+        self.edit = edit
+        self.heard_at = -1
+        edit.when_accepted(lambda: setattr(self, "heard_at", session.playback.playhead))
+
+    @property
+    def effective_frame(self) -> int:
+        assert self.edit.outcome is not None
+        assert self.edit.outcome.effective_frame is not None
+        return self.edit.outcome.effective_frame
+
+
+async def shown(session: Session, frames: list[int]) -> None:
+    """Play in real time, and note which frames were shown."""
+    async for frame in session.frames():
+        frames.append(frame.index)
+
+
+async def direct(session: Session, rng: random.Random, is_over: Callable[[], bool], edits: list[Given]) -> None:
+    """Give one prompt after another, each of another length; some are waited for, some not."""
+    length = 0
+    while not is_over():
+        length += 1
+        edit = session.set_prompt("x" * length)
+        edits.append(Given(session, length, edit))
+        if rng.random() < 0.7:
+            await edit
+        else:
+            shown = session.playback.playhead
+            await until_true(lambda shown=shown: session.playback.playhead > shown)
+    await asyncio.gather(*(_answer(each.edit) for each in edits))
+
+
+async def _answer(edit: Edit) -> None:
+    await edit
+
+
+def check_motion(book: Received, edits: list[Given], first_length: int) -> None:
+    """Every frame is there, and shows the prompt that was answered last for it.
+
+    What was shown while the line was lost, before an answer came that says otherwise, shows what it showed.
+    """
+    assert book.changed == []
+    frames, num_checked = sorted(book.rows), 0
+    assert frames == list(range(len(frames)))
+    for frame in frames:
+        assert book.rows[frame][FRAME] == frame
+        in_force = [each for each in edits if each.effective_frame <= frame]
+        if in_force and in_force[-1].heard_at >= frame:
+            continue
+        expected = in_force[-1].length if in_force else first_length
+        assert book.rows[frame][PROMPT] == expected, f"frame {frame}"
+        num_checked += 1
+    assert num_checked > len(frames) // 2
+
+
+async def test_lines_that_are_cut_at_two_hundred_moments_lose_nothing(
+    received: dict[Playback, Received], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng, taken = random.Random(11), Taken()
+
+    async def one_client(server: LocalServer) -> int:
+        left = CUTS_EACH
+
+        def budget() -> int | None:
+            nonlocal left
+            left -= 1
+            return rng.randrange(1000, 20000) if left >= 0 else None
+
+        proxy_port = int(server.address.rpartition(":")[2])
+        async with TcpProxy(proxy_port) as proxy, MotionClient(proxy.address) as client:
+            proxy._budget = budget
+            sessions = [await client.open("first", options=LOOKAHEAD) for _ in range(2)]
+            proxy.budget = budget
+            proxy.cut()
+            frames: list[list[int]] = [[], []]
+            edits: list[list[Given]] = [[], []]
+            playing = [asyncio.create_task(shown(*each)) for each in zip(sessions, frames, strict=True)]
+
+            def is_over() -> bool:
+                return proxy.num_cuts >= CUTS_EACH
+
+            await asyncio.gather(
+                *(direct(session, rng, is_over, of) for session, of in zip(sessions, edits, strict=True))
+            )
+            for session, of in zip(sessions, edits, strict=True):
+                last = max(each.effective_frame for each in of)
+                await until_true(lambda session=session, last=last: session.playback.playhead > last)
+                await session.close()
+            await asyncio.gather(*playing)
+            for session, of, seen in zip(sessions, edits, frames, strict=True):
+                assert seen == list(range(len(seen))), "each frame is shown once, in order"
+                assert session.reopenings == ()
+                check_motion(received[session.playback], of, len("first"))
+            return sum(session.stats.resumes for session in sessions)
+
+    async with asyncio.timeout(LIMIT_S), a_server() as server:
+        taken.watch(server, monkeypatch)
+        resumes = await asyncio.gather(*(one_client(server) for _ in range(NUM_CLIENTS)))
+        assert len(taken.numbers) == 2 * NUM_CLIENTS, "no session was opened anew"
+        for numbers in taken.numbers.values():
+            assert numbers == list(range(1, len(numbers) + 1)), "every event is taken once, in order"
+        assert sum(resumes) > NUM_CLIENTS * CUTS_EACH // 2
+        assert server.service.num_parked == 0

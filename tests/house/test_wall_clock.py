@@ -1,0 +1,32 @@
+"""A clock that jumps harms no session: the server reads it only where a moment of the calendar is meant."""
+
+from __future__ import annotations
+
+import ast
+from typing import Any
+
+CALENDAR = {
+    "server/motiongen_server/identity/__main__.py": "when a token is to expire",
+    "server/motiongen_server/identity/callers.py": "whether a token has expired",
+    "server/motiongen_server/rpc/stream_reader.py": "the server's time, which only clients are told",
+}
+READS = {
+    "time.time",
+    "time.time_ns",
+    "datetime.now",
+    "datetime.utcnow",
+    "datetime.today",
+    "date.today",
+    "time.localtime",
+}
+
+
+def test_the_wall_clock_is_read_only_where_a_date_is_meant(repository: Any) -> None:
+    found = {
+        path.as_posix()
+        for path in repository.files
+        if path.suffix == ".py" and path.parts[0] == "server"
+        for node in ast.walk(ast.parse((repository.root / path).read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute) and ast.unparse(node) in READS
+    }
+    assert found == set(CALENDAR)

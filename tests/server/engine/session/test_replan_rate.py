@@ -1,0 +1,97 @@
+"""How often a session may have its motion made anew, and what its round trip asks for."""
+
+import pytest
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.scheduling.degradation import Level
+from motiongen_server.engine.types import Code, Priority, ServiceTier
+from tests.server.engine.session.playing import num_edit_plans, playing_state
+from tests.server.engine.stage import Stage, prompt
+
+HOLD = Level(ServiceTier.HOLD, hold=True)
+
+
+@pytest.mark.parametrize(("priority", "replans_hz"), list(zip(Priority, EngineConfig().replans_hz, strict=True)))
+def test_a_storm_of_edits_makes_no_more_replans_than_the_class_may_have(priority: Priority, replans_hz: float) -> None:
+    stage, viewer, _ = playing_state(priority=priority)
+    seqs = []
+    for n in range(100):
+        seqs.append(stage.set_prompts(viewer, prompt(n)))
+        stage.run(0.05)
+    assert 0.5 * 5 * replans_hz <= num_edit_plans(viewer) <= 5 * replans_hz + 2
+    stage.run(1.5)
+    assert all(viewer.outcomes[seq].code is Code.OK for seq in seqs)
+    assert viewer.underruns == 0
+    stage.check_finished()
+
+
+def test_the_first_edit_after_a_quiet_time_does_not_wait() -> None:
+    stage, viewer, _ = playing_state(priority=Priority.CROWD)
+    first = stage.set_prompts(viewer, prompt(2))
+    stage.run(0.1)
+    assert first in viewer.outcomes
+    second = stage.set_prompts(viewer, prompt(3))
+    stage.run(0.3)
+    assert second not in viewer.outcomes
+    stage.run(0.2)
+    assert second in viewer.outcomes
+
+
+def test_a_lower_rung_lets_fewer_replans_through() -> None:
+    stage, viewer, state = playing_state(priority=Priority.NEAR)
+    state.set_tier(Level(ServiceTier.FULL, replan_cap_scale=0.2))
+    for n in range(80):
+        stage.set_prompts(viewer, prompt(n))
+        stage.run(0.05)
+    assert 3 <= num_edit_plans(viewer) <= 6
+
+
+def test_waiting_for_its_turn_is_no_missed_deadline() -> None:
+    stage, viewer, _ = playing_state(priority=Priority.CROWD)
+    for n in range(60):
+        stage.set_prompts(viewer, prompt(n))
+        stage.run(0.05)
+    assert stage.total("deadline_misses") == 0
+
+
+def test_edits_that_wait_are_bounded_and_the_rest_refused() -> None:
+    stage, viewer, state = playing_state(EngineConfig(max_waiting_edits=10, max_prompts=200))
+    state.set_tier(HOLD)
+    seqs = []
+    for n in range(20):
+        seqs.append(stage.set_prompts(viewer, prompt(n)))
+        stage.run(0.01)
+    refused = [viewer.outcomes[seq] for seq in seqs if seq in viewer.outcomes]
+    assert len(refused) == 10
+    assert {(outcome.code, outcome.reason) for outcome in refused} == {
+        (Code.RESOURCE_EXHAUSTED, "TOO_MANY_PENDING_EVENTS")
+    }
+    assert len(state.edits.waiting) == 10
+
+
+def test_a_long_round_trip_moves_the_replan_away_from_the_playhead() -> None:
+    effective = {}
+    for rtt_s in (0.0, 0.5):
+        stage, viewer, _ = playing_state()
+        viewer.rtt_s = rtt_s
+        stage.run_until(lambda stage=stage, viewer=viewer: viewer.buffered_to - viewer.shown > 30)
+        shown = viewer.shown
+        seq = stage.set_prompts(viewer, prompt(2))
+        stage.run(0.2)
+        effective[rtt_s] = (viewer.outcomes[seq].effective_frame or 0) - shown
+    assert effective[0.5] - effective[0.0] == pytest.approx(0.5 * 20, abs=2)
+
+
+def test_windows_for_a_client_far_away_are_made_earlier() -> None:
+    underruns = {}
+    for rtt_s in (None, 0.8):
+        stage = Stage(delay_s=0.4)
+        viewer = stage.open(prompts=(prompt(1),), lookahead=60)
+        viewer.rtt_s = rtt_s
+        stage.runner.step_s = lambda rows: 0.1
+        stage.run(5.0)
+        before = viewer.underruns
+        stage.run(30.0)
+        underruns[rtt_s] = viewer.underruns - before
+    assert underruns[None] > 0
+    assert underruns[0.8] == 0

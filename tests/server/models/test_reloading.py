@@ -1,0 +1,100 @@
+"""Reloading models while they and others are served, and what is freed."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+
+from motiongen.v1 import admin_pb2
+from motiongen_server.ops.memory import settled_objects
+from motiongen_server.settings import SettingError
+from tests.server.in_process import ENGINE
+from tests.server.models.model_shop import Stage, load, refusal, reload, unload
+
+
+async def test_a_reloaded_model_takes_new_sessions_and_lets_the_old_ones_end(stage: Stage) -> None:
+    talk = await stage.talk()
+    await talk.open(1)
+    await talk.open(2, model_id="two")
+    response = await stage.admin.ReloadModel(reload("one", 0))
+    assert (response.closed_sessions, response.model.model_id) == (1, "one")
+    assert stage.shop.asked == ["one", "two", "one"]
+    await talk.until(lambda: talk.sessions[1].closed)
+    await talk.plays_on(2)
+    await talk.open(3)
+    await talk.plays_on(3)
+    listed = await stage.admin.ListModels(admin_pb2.ListModelsRequest())
+    assert [(model.model_id, model.sessions) for model in listed.models] == [("one", 1), ("two", 1)]
+
+
+async def test_a_model_that_cannot_be_loaded_again_is_served_as_before(stage: Stage) -> None:
+    talk = await stage.talk()
+    await talk.open(1)
+    stage.shop.broken["one"] = SettingError("cannot serve model 'one': the folder is gone")
+    assert "the folder is gone" in (await refusal(stage.admin.ReloadModel(reload("one", 0))))[2]
+    await talk.plays_on(1)
+    await talk.close(1)
+    assert "the folder is gone" in (await refusal(stage.admin.ReloadModel(reload("one"))))[2]
+    stage.shop.broken.clear()
+    stage.shop.named["one"] = "another"
+    assert (await refusal(stage.admin.ReloadModel(reload("one"))))[1] == "ANOTHER_MODEL"
+    await talk.open(2)
+
+
+async def test_while_a_model_without_sessions_is_reloaded_opens_are_told_to_come_back(stage: Stage) -> None:
+    talk = await stage.talk()
+    stage.shop.go.clear()
+    reloading = asyncio.ensure_future(stage.admin.ReloadModel(reload("one")))
+    await stage.until(lambda models: models[-1].state == admin_pb2.MODEL_STATE_LOADING)
+    await talk.ask_open(1)
+    outcome = await talk.answer(1, 1)
+    assert (outcome.reason, outcome.retry_after.seconds) == ("MODEL_RELOADING", 2)
+    assert (await refusal(stage.admin.UnloadModel(unload("one"))))[1] == "MODEL_BUSY"
+    stage.shop.go.set()
+    await reloading
+    await talk.open(2)
+
+
+async def test_what_was_begun_goes_on_when_the_caller_has_gone(stage: Stage) -> None:
+    stage.shop.go.clear()
+    call = stage.admin.LoadModel(load("three"))
+    await stage.until(lambda models: models[-1].state == admin_pb2.MODEL_STATE_LOADING)
+    call.cancel()
+    stage.shop.go.set()
+    await stage.until(lambda models: models[-1].model_id == "three")
+    await (await stage.talk()).open(1, model_id="three")
+
+
+async def test_an_engine_that_fails_takes_no_other_with_it_and_can_be_reloaded(stage: Stage) -> None:
+    def observe(report: object) -> None:
+        raise RuntimeError("the books do not fit together")
+
+    talk = await stage.talk()
+    await talk.open(1)
+    serving = asyncio.ensure_future(stage.application.serve())
+    metrics = stage.application.metrics.of_engine("two", ENGINE)
+    sound = metrics.observe
+    metrics.observe = observe  # type: ignore[method-assign]
+    await stage.until(lambda models: models[1].state == admin_pb2.MODEL_STATE_FAILED)
+    assert "the books do not fit" in (await stage.listed())["two"].message
+    await talk.ask_open(2, model_id="two")
+    assert (await talk.answer(2, 1)).reason == "MODEL_FAILED"
+    await talk.plays_on(1)
+    assert not serving.done()
+    metrics.observe = sound  # type: ignore[method-assign]
+    await stage.admin.ReloadModel(reload("two"))
+    await talk.open(3, model_id="two")
+    stage.application.ask_to_stop()
+    await serving
+
+
+async def test_what_is_unloaded_is_freed_though_what_is_loaded_is_left_out_of_collection(stage: Stage) -> None:
+    talk = await stage.talk()
+    with settled_objects():
+        await talk.open(1)
+        await talk.open(2, model_id="two")
+        await stage.admin.UnloadModel(unload("two", 0))
+        await stage.admin.ReloadModel(reload("one", 0))
+        await talk.until(lambda: talk.sessions[1].closed and talk.sessions[2].closed)
+        assert [runner() is None for runner in stage.shop.made] == [True, True, False]
+        assert gc.get_freeze_count() > 0

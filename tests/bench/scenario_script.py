@@ -63,6 +63,8 @@ class Script:
         self._order, self._seqs = count(), dict.fromkeys(numbers, 0)
         self._opened_at: dict[int, float] = {}
         self._given: list[Event] = []
+        self.refused: set[int] = set()
+        """Characters that were not let in."""
         for number in numbers:
             plan = schedule.characters[number]
             self._later(plan.open_s, self._opens(number))
@@ -163,7 +165,9 @@ class Script:
                     playback.notice(output, now)
                 case Outcome():
                     playback.answer(output)
-                    outcomes.refused += output.field == "open"
+                    if output.field == "open":
+                        outcomes.refused += 1
+                        self.refused.add(number)
                 case ServiceLevel():
                     outcomes.degraded += output.tier is not ServiceTier.FULL
 

@@ -10,6 +10,7 @@ READY := $(VENV)/.ready
 PARTS := proto ardy server client/python client/tools compliance
 LOWEST ?= $(OUT)/venv-lowest
 OUT ?= out
+PAGE := client/tools/motiongen_tools/view/page
 DATA ?= $(OUT)/data
 RUN ?= $(OUT)/mini
 # labels that the built-in model was seen not to show: their prompts are outside of what it knows
@@ -35,7 +36,7 @@ $(READY): constraints.txt requirements-dev.txt $(PARTS:%=%/pyproject.toml)
 	$(PYTHON) -m pip install --quiet --constraint constraints.txt setuptools
 	$(PYTHON) -m pip install --progress-bar on --no-build-isolation --constraint constraints.txt \
 		--requirement requirements-dev.txt --editable ./proto --editable './ardy[gltf,hub,text,train]' --editable ./server \
-		--editable ./client/python --editable './client/tools[bench,pictures]' --editable ./compliance
+		--editable ./client/python --editable './client/tools[bench,pictures,view]' --editable ./compliance
 	# it asks for the protobuf of its time, but needs none to run protoc
 	$(PYTHON) -m pip install --quiet --no-deps --constraint constraints.txt grpcio-tools
 	@touch $@
@@ -50,6 +51,18 @@ demo: $(READY) ## serve the built-in model, play a story and seven characters be
 serve: $(READY) ## serve the built-in model; options in ARGS, listed by make serve ARGS=--help
 	$(PYTHON) -m motiongen_server $(ARGS)
 
+.PHONY: viewer
+viewer: $(PAGE)/node_modules/.package-lock.json ## fetch three.js, which the viewer's page draws with (needs npm)
+
+$(PAGE)/node_modules/.package-lock.json: $(PAGE)/package-lock.json
+	@command -v npm >/dev/null || { echo "three.js comes by npm: install Node.js (Debian, Ubuntu: apt-get install npm)" >&2; exit 1; }
+	npm ci --prefix $(PAGE) --ignore-scripts --no-audit --no-fund
+	@touch $@
+
+.PHONY: view
+view: $(READY) viewer ## see and steer characters in a browser, with a server of its own; SERVER=host:port looks at another
+	$(PYTHON) -m motiongen_tools view $(if $(SERVER),--server $(SERVER),--start-server) $(ARGS)
+
 # ---- check
 
 .PHONY: check
@@ -60,7 +73,7 @@ test: $(READY) cpp-packages ## run all tests that need no GPU; CPP=no leaves out
 	$(PYTHON) -m pytest -m 'not gpu and not system' $(if $(filter no,$(CPP)),--ignore tests/cpp) $(ARGS)
 
 .PHONY: test-system
-test-system: $(READY) test-lowest ## run the tests that build, install or take long, those with the oldest versions too
+test-system: $(READY) test-lowest viewer browser-packages ## run the tests that build, install or take long, those with the oldest versions too
 	$(PYTHON) -m pytest -m system $(ARGS)
 
 .PHONY: test-lowest
@@ -90,6 +103,10 @@ e2e: $(READY) ## test a real server process with the real client
 attack: $(READY) ## attack a real server in every known way, and print what its neighbours noticed; a short form is in make test
 	$(PYTHON) -m tests.attack --out $(OUT)/attack $(ARGS)
 
+.PHONY: scale-demo
+scale-demo: $(READY) ## kill one of two servers behind a proxy while 40 characters play (redis-server and haproxy by apt)
+	$(PYTHON) -m tests.scale $(ARGS)
+
 .PHONY: lint
 lint: $(READY) ## check style and format
 	$(PYTHON) -m ruff check .
@@ -118,6 +135,10 @@ proto-check: $(READY) ## check the protos: rules, format, what the last release 
 .PHONY: proto-release
 proto-release: $(READY) ## at a release only: keep the protos as what later ones must not break
 	$(BUF) build proto --exclude-source-info --output proto/released.binpb
+
+.PHONY: browser-packages
+browser-packages: ## see that the browser that tests the viewer is there; installs it where apt-get may
+	@bash .ci/browser_packages.sh
 
 # ---- the C++ client
 

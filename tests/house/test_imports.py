@@ -74,7 +74,12 @@ ROOMS = (
     room(
         f"{SERVER}/rpc",
         "grpc google motiongen numpy ~.rpc ~.text ~.errors ~.config"
-        " ~.engine.types ~.engine.engine_port ~.models.registry ~.identity",
+        " ~.engine.types ~.engine.engine_port ~.models.registry ~.identity ~.snapshots",
+    ),
+    room(
+        f"{SERVER}/snapshots",
+        "numpy redis ~.snapshots ~.engine.types ~.engine_process.codec ~.settings",
+        never="asyncio",
     ),
     room(f"{SERVER}/text/presets.py", "~.engine.types"),
     room(f"{SERVER}/text/event_errors.py", "~.engine.types ~.errors"),
@@ -106,6 +111,10 @@ ROOMS = (
     room(
         "client/tools/motiongen_tools/bench",
         "google grpc motiongen numpy motiongen_client motiongen_tools hdrh matplotlib psutil rich yaml",
+    ),
+    room(
+        "client/tools/motiongen_tools/view client/tools/motiongen_tools/cli_view.py",
+        "grpc numpy motiongen_client motiongen_tools rich starlette uvicorn",
     ),
     room("client/tools", "google grpc motiongen numpy motiongen_client motiongen_tools matplotlib rich"),
     # the compliance suite; its conftest.py brings the servers of this repository

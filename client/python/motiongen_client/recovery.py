@@ -19,10 +19,11 @@ from motiongen.v1 import session_pb2
 from motiongen_client import convert
 from motiongen_client.backoff import Backoff
 from motiongen_client.direction import PRESENT_PROMPT_ID, Carrier, Direction
+from motiongen_client.edit import Edit
 from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolation, SessionEnded, UnknownName
 from motiongen_client.frame_shift import shifted
 from motiongen_client.motion import Motion
-from motiongen_client.types import Catalog, Opened, Reopened, SessionOptions, StartPose
+from motiongen_client.types import Catalog, Opened, Priority, Reopened, SessionOptions, StartPose
 from motiongen_client.wishes import Wishes
 
 _log = logging.getLogger(__name__)
@@ -44,6 +45,8 @@ class Recovery(Direction):
     """The part of a `Session` that finds its way back to a server.
 
     reopenings: each time that the session could not be resumed and was opened anew; `on_reopened` is called then.
+    is_durable: whether its server saves it, so that another can go on with it; `on_durability`, if set, is called when
+    that changes. durable_seq: the last of its events that outlives the server.
     """
 
     opened: Opened
@@ -58,6 +61,9 @@ class Recovery(Direction):
         self._reason = ""
         self._num_resumes = 0
         self._patience = Backoff()
+        self.is_durable = False
+        self.durable_seq = 0
+        self.on_durability: Callable[[bool], None] | None = None
         self._wishes = Wishes()
         self.reopenings: tuple[Reopened, ...] = ()
         self.on_reopened: Callable[[Reopened], None] | None = None
@@ -69,6 +75,35 @@ class Recovery(Direction):
         self._unanswered.clear()
         self._edits.fail(failure)
         self._changed.set()
+
+    def set_options(
+        self,
+        *,
+        priority: Priority | None = None,
+        lookahead_frames: int | None = None,
+        denoise_steps: int | None = None,
+        guidance: tuple[float | None, float | None] | None = None,
+        history_frames: int | None = None,
+    ) -> Edit:
+        """Change what the session was opened with, from the next window on; None leaves it.
+
+        guidance: of text and of constraints, both set anew, None within it for the model's own. The server may refuse
+        more than there is room for. A session that is opened anew after a loss has what was accepted last.
+        """
+        text, constraint = guidance or (self._options.text_guidance, self._options.constraint_guidance)
+        changed = replace(
+            self._options,
+            priority=priority or self._options.priority,
+            lookahead_frames=self._options.lookahead_frames if lookahead_frames is None else lookahead_frames,
+            denoise_steps=self._options.denoise_steps if denoise_steps is None else denoise_steps,
+            history_frames=self._options.history_frames if history_frames is None else history_frames,
+            text_guidance=text,
+            constraint_guidance=constraint,
+        )
+        message = convert.set_options(priority, lookahead_frames, denoise_steps, guidance, history_frames)
+        sent = self._send_edit("the options", session_pb2.SessionEvent(set_options=message))
+        sent.when_accepted(lambda: setattr(self, "_options", changed))
+        return sent
 
     # ---- for the stream
 
@@ -101,12 +136,16 @@ class Recovery(Direction):
             plan=self.playback.plan,
             answered_seq=self._answered_seq,
             attempt=self._attempt,
+            playhead=max(self.playback.playhead - self._offset, 0),
+            committed_to=max(self.playback.committed_to - self._offset, 0),
         )
         self._send_opening(session_pb2.OpenSession(resume_token=self._token, resume_point=point))
 
     def _reopen(self, reason: str) -> None:
         """Open a session that goes on from the last frame that is held."""
         self._line, self._token, self._attempt, self._reason = Line.REOPENING, "", 0, reason
+        self.durable_seq = 0
+        self._set_durable(False)
         frame = self.playback.buffered_to
         options = replace(self._options, seed=self.opened.seed, model_id=self.opened.model_id)
         if frame > self.playback.first_kept:
@@ -144,6 +183,12 @@ class Recovery(Direction):
             self._transmit(event)
 
     # ---- what is heard
+
+    def _set_durable(self, is_durable: bool) -> None:
+        if is_durable != self.is_durable:
+            self.is_durable = is_durable
+            if self.on_durability is not None:
+                self.on_durability(is_durable)
 
     def _hear_reopened(self, opened: Opened, token: str) -> None:
         """The session goes on: as it was, or as a new one."""
@@ -194,10 +239,12 @@ class Recovery(Direction):
             self.fail(refusal)
 
     def _lose(self, reason: str) -> None:
-        """The server has ended the session as it goes away, or has lost it: open it anew."""
-        self._line, self._token, self._reason = Line.LOST, "", reason
+        """The server has ended the session as it goes away, or has lost it: go on elsewhere, or open it anew."""
+        self._line, self._reason = Line.LOST, reason
+        if not self.is_durable:
+            self._token = ""
         if not self._carrier.draining:  # else the stream ends soon, and the next one reattaches
-            self._later(self._reopen_again, 0.0)
+            self._later(self._resume if self._token else self._reopen_again, 0.0)
 
     def _reopen_again(self) -> None:
         self._reopen(self._reason)

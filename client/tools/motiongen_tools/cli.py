@@ -1,4 +1,4 @@
-"""The command line: `motiongen stream`, `generate`, `catalog`, `demo`, `bench` and `admin`."""
+"""The command line: `motiongen stream`, `generate`, `catalog`, `demo`, `bench`, `view` and `admin`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from motiongen_client.errors import MotiongenError
-from motiongen_tools import cli_admin, cli_bench, cli_catalog, cli_generate, cli_stream
+from motiongen_tools import cli_admin, cli_bench, cli_catalog, cli_generate, cli_stream, cli_view
 from motiongen_tools.connection import add_connection
 from motiongen_tools.demo import command
 from motiongen_tools.demo.script import PLACE_BOUND_M, STORY_S
@@ -174,6 +174,19 @@ def _parser() -> argparse.ArgumentParser:
     which.add_argument("--start-server", action="store_true", help="start one for this, and measure what it uses")
     cli_bench.add_arguments(bench)
     add_connection(bench)
+
+    view = commands.add_parser(
+        "view",
+        help="see and steer characters in a browser",
+        description="Serve a page on which the characters of a server are seen and steered.",
+        epilog="Example: motiongen view --server localhost:50051 --open",
+    )
+    view.set_defaults(command=cli_view.view)
+    viewed = view.add_mutually_exclusive_group()
+    _add_server(viewed)
+    viewed.add_argument("--start-server", action="store_true", help="start one with the built-in model for this")
+    add_connection(view)
+    cli_view.add_arguments(view)
 
     admin = commands.add_parser(
         "admin",

@@ -45,18 +45,26 @@ class OpenSessions:
 
     def add(self, state: SessionState) -> None:
         self._by_key[state.key] = self._touched[state.key] = state
+        self.join_class(state)
+
+    def join_class(self, state: SessionState) -> None:
+        """Count it among the sessions of its class."""
         if not state.spec.is_clip:
             self.present[state.spec.priority] += 1
             self.count(state, 1)
+
+    def leave_class(self, state: SessionState) -> None:
+        """Count it there no more: it is over, or of another class from now on."""
+        if not state.spec.is_clip:
+            self.present[state.spec.priority] -= 1
+            self.count(state, -1)
 
     def remove(self, state: SessionState) -> None:
         del self._by_key[state.key]
         self._touched.pop(state.key, None)
         self._wake_ups.forget(state.key)
         self._silences.forget(state.key)
-        if not state.spec.is_clip:
-            self.present[state.spec.priority] -= 1
-            self.count(state, -1)
+        self.leave_class(state)
 
     def count(self, state: SessionState, change: int) -> None:
         """Count a session in, or out: also around a change of what it is counted by."""

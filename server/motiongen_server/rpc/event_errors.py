@@ -48,6 +48,13 @@ def session_not_kept() -> EventRefused:
     return EventRefused(code, "SESSION_NOT_KEPT", given, "open.resume_token", allowed)
 
 
+def events_not_saved(saved: int, answered: int) -> EventRefused:
+    """A resume came of a session whose record lacks events that its client was given answers to."""
+    message = f"events up to {saved} were saved, and the client was answered up to {answered}"
+    allowed = "a new session with prior_frames, which is told all that holds"
+    return EventRefused(Code.FAILED_PRECONDITION, "EVENTS_NOT_SAVED", message, "open.resume_token", allowed)
+
+
 def resume_superseded(given: int, last: int) -> EventRefused:
     """A resume came that is not newer than the last one."""
     message, field = f"attempt {given} came after attempt {last}", "open.resume_point.attempt"
@@ -73,11 +80,11 @@ def peer_sessions(most: int, kind: str) -> EventRefused:
     return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, "open", allowed)
 
 
-def peer_class(quota: str, most: int, priority: Priority, kind: str) -> EventRefused:
+def peer_class(quota: str, most: int, priority: Priority, kind: str, field: str = "open.priority") -> EventRefused:
     """Of one class. quota: its name, as in `rpc.limits.PeerLimits`."""
     message = f"your {kind} holds {most} sessions of the class {priority.name}, its quota ({quota})"
     allowed = f"at most {most} of one {kind}; open it in another class"
-    return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, "open.priority", allowed)
+    return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, field, allowed)
 
 
 def peer_steps(asked_hz: float, most_hz: float, kind: str) -> EventRefused:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Close, Open
+from motiongen_server.engine.types import Close, Open, SetOptions
 from motiongen_server.engine.types.refusals import session_closed, too_many_pending
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import LoadedModel
@@ -116,15 +116,24 @@ def _submit(entry: SessionEntry, message: session_pb2.SessionEvent, now: float, 
     if entry.closing:
         raise session_closed()
     event = engine_event(message, entry.key, now, embeddings, entry.model.catalog)
+    if isinstance(event, SetOptions):
+        steps = event.denoise_steps
+        steps_hz = None if steps is None else _steps_hz(steps, entry.model)
+        entry.asked_options[message.event_seq] = event, entry.place.change(event.priority, steps_hz)
     warnings = warnings_of(message, event, entry.model.catalog)
     if warnings:
         entry.warnings[message.event_seq] = warnings
     entry.closing = isinstance(event, Close)
     if isinstance(event, Open):
-        facts = entry.model.catalog.facts
-        entry.place.begin_steps(event.spec.denoise_steps * facts.fps / facts.horizon)
+        entry.place.begin_steps(_steps_hz(event.spec.denoise_steps, entry.model))
         event = replace(event, spec=replace(event.spec, owner=entry.place.peer.owner))
     entry.known_to_engine = True
     refusal = entry.model.engine.submit(event)
     if refusal is not None:
         entry.carrier.take_now(refusal)
+
+
+def _steps_hz(steps: int, model: LoadedModel) -> float:
+    """Denoising steps a second that a session takes to play on, with so many a window."""
+    facts = model.catalog.facts
+    return steps * facts.fps / facts.horizon

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, cast
 
@@ -102,6 +103,24 @@ class Peer:
             raise peer_steps(asked, most, self.kind)
         self._steps_hz = asked
 
+    def change(self, before: Priority, after: Priority, steps_hz: float) -> None:
+        """A session takes another class, and so many more steps a second. Raises EventRefused where it may not."""
+        limits, quota = self.limits, CLASS_QUOTAS[after]
+        if after is not before and self._sessions[after] >= getattr(limits, quota):
+            raise peer_class(quota, getattr(limits, quota), after, self.kind, "set_options.priority")
+        if self.session_weight + SESSION_WEIGHTS[after] - SESSION_WEIGHTS[before] > limits.session_weight:
+            raise peer_sessions(limits.session_weight, self.kind)
+        if steps_hz > 0:
+            self.begin_steps(steps_hz)
+            steps_hz = 0.0
+        self.take_back(before, after, steps_hz)
+
+    def take_back(self, before: Priority, after: Priority, steps_hz: float) -> None:
+        """A session is of its earlier class again, or of one that asks for no more; nothing is refused."""
+        self._steps_hz += steps_hz
+        self._sessions[before] -= 1
+        self._sessions[after] += 1
+
     def begin_clip(self, num_samples: int) -> None:
         """Note samples that are about to be made. Raises EventRefused where it has as many as it may."""
         if self._clip_samples + num_samples > self.limits.clip_samples:
@@ -130,6 +149,25 @@ class Place:
         if self._is_held:
             self.peer.begin_steps(steps_hz)
             self._steps_hz = steps_hz
+
+    def change(self, priority: Priority | None, steps_hz: float | None) -> Callable[[], None]:
+        """The session is of another class, or takes other steps a second; None: as before. Returns what undoes it.
+
+        Raises EventRefused where its peer may not have that.
+        """
+        before, before_hz = self._priority, self._steps_hz
+        after, after_hz = before if priority is None else priority, before_hz if steps_hz is None else steps_hz
+        if not self._is_held:
+            return lambda: None
+        self.peer.change(before, after, after_hz - before_hz)
+        self._priority, self._steps_hz = after, after_hz
+
+        def undo() -> None:
+            if self._is_held and (self._priority, self._steps_hz) == (after, after_hz):
+                self.peer.take_back(after, before, before_hz - after_hz)
+                self._priority, self._steps_hz = before, before_hz
+
+        return undo
 
     def release(self) -> None:
         """The session is over. May be called again."""

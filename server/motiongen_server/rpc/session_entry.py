@@ -5,29 +5,32 @@ from __future__ import annotations
 import asyncio
 import secrets
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import (
     Closed,
+    CloseReason,
     Code,
     ConstraintReached,
+    Durable,
     Opened,
     Outcome,
     Output,
     PlanNotice,
     ServiceLevel,
     SessionKey,
+    SetOptions,
     Warned,
 )
 from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.event_errors import invalid_event_seq, sequence_gap
 from motiongen_server.rpc.peers import Place
 from motiongen_server.rpc.token_bucket import TokenBucket
+from motiongen_server.snapshots.store import Lease
 
-TOKEN_BYTES = 24
 MAX_KEPT_ANSWERS = 128
 """Of those that a client has not said it heard; more than a second's at the rate that events may come."""
 
@@ -60,7 +63,9 @@ class SessionEntry:
     event number, of events that have not been answered. token: by which it can be resumed, "" while it cannot. attempt:
     the last one to resume it; is_resuming: until the engine has taken that up, and nothing is told. opened, level,
     closed: the last of each kind that the engine has said. answers: outcomes that the client may not have heard, by
-    number. reached: what became of constraints that the client may not have heard of, oldest first.
+    number. asked_options: by event number, those that the engine has not answered, and what gives their place back.
+    reached: what became of constraints that the client may not have heard of, oldest first. lease: to write its
+    record in the store, None where nothing is kept of it; durable: the last that was said of what is kept.
     """
 
     key: SessionKey
@@ -86,7 +91,10 @@ class SessionEntry:
     level: ServiceLevel | None = None
     closed: Closed | None = None
     answers: dict[int, Outcome] = field(default_factory=dict)
+    asked_options: dict[int, tuple[SetOptions, Callable[[], None]]] = field(default_factory=dict)
     reached: deque[ConstraintReached] = field(default_factory=lambda: deque(maxlen=MAX_KEPT_ANSWERS))
+    lease: Lease | None = None
+    durable: Durable | None = None
 
     def takes(self, event_seq: int) -> bool:
         """Whether an event is new and next; false for a repetition. Raises EventRefused for a gap or no number."""
@@ -99,11 +107,15 @@ class SessionEntry:
         self.last_seq = event_seq
         return True
 
+    def is_answered(self, event_seq: int) -> bool:
+        """Whether an event has been answered."""
+        return event_seq <= self.applied_seq or event_seq in self.answered
+
     # ---- what the engine says of it ---------------------------------------------------------------------------------
 
     def note(self, said: Output) -> Output:
         """Enter anything but frames into the books. Returns it with what is to be told beside it."""
-        if isinstance(said, Opened):
+        if isinstance(said, Opened) and self.opened is None:
             warnings, name = self.warnings.pop(1, ()), session_name(self.key)
             self.opened = said = replace(said, warnings=warnings, session_id=name, session_token=self.token)
             self._answer(1)
@@ -112,6 +124,8 @@ class SessionEntry:
             if warnings and said.code is Code.OK:
                 said = replace(said, warnings=warnings)
             self._answer(said.event_seq)
+            if self.asked_options:
+                self._hear_options(said)
             if self.token:
                 self.answers[said.event_seq] = said
                 if len(self.answers) > MAX_KEPT_ANSWERS:
@@ -122,8 +136,24 @@ class SessionEntry:
             self.level = said
         elif isinstance(said, Closed):
             self.applied_seq = self.last_seq
+            if said.reason is CloseReason.TAKEN_OVER:  # by another server; this client shall ask there
+                message = "another server goes on with the session; resume it there"
+                said = replace(said, code=Code.UNAVAILABLE, message=message)
             self.closed = said
         return said
+
+    def _hear_options(self, said: Outcome) -> None:
+        """The engine may have answered options: keep what the session is now, or give back the place it was to have."""
+        options, undo = self.asked_options.pop(said.event_seq, (None, None))
+        if options is None or undo is None:
+            return
+        if said.code is not Code.OK:
+            undo()
+        elif self.opened is not None:
+            lookahead, steps = options.lookahead or self.opened.lookahead, options.denoise_steps
+            self.opened = replace(
+                self.opened, lookahead=lookahead, denoise_steps=self.opened.denoise_steps if steps is None else steps
+            )
 
     def _answer(self, event_seq: int) -> None:
         """Note that an event has been answered, and move applied_seq over all that are."""
@@ -156,4 +186,4 @@ class SessionEntry:
         said += () if notice is None else (notice,)
         said += self.answers.values()
         said += self.reached
-        return [*said, *(each for each in (self.level, self.closed) if each is not None)]
+        return [*said, *(each for each in (self.level, self.durable, self.closed) if each is not None)]

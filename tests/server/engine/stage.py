@@ -29,6 +29,7 @@ from motiongen_server.engine.types import (
     SessionKey,
     SessionSpec,
     SetConstraints,
+    SetOptions,
     SetPlayState,
     SetPrompts,
     SetVelocity,
@@ -78,7 +79,7 @@ def spec(
     )
 
 
-_Edit: TypeAlias = SetPrompts | SetConstraints | SetVelocity | SetPlayState
+_Edit: TypeAlias = SetPrompts | SetConstraints | SetVelocity | SetPlayState | SetOptions
 
 
 class Stage:
@@ -158,6 +159,9 @@ class Stage:
         viewer.set_paused(paused, self.clock.now())
         state = PlayState.PAUSED if paused else PlayState.PLAYING
         return self._ask(viewer, lambda seq, now: SetPlayState(viewer.key, seq, now, state))
+
+    def set_options(self, viewer: Viewer, **options: object) -> int:
+        return self._ask(viewer, lambda seq, now: SetOptions(viewer.key, seq, now, **options))  # type: ignore[arg-type]
 
     def close(self, viewer: Viewer) -> None:
         seq = next(self._seqs)

@@ -21,7 +21,6 @@ EXAMPLES = [
     (session_pb2.OpenSession(snapshot=b"x"), "open", "open.snapshot"),
     (session_pb2.OpenSession(outputs=["joint_positions_m"]), "open", "open.outputs"),
     (session_pb2.SessionEvent(seek=session_pb2.Seek()), "", "seek"),
-    (session_pb2.SessionEvent(set_options=session_pb2.SetOptions()), "", "set_options"),
     (session_pb2.SessionEvent(take_snapshot=session_pb2.TakeSnapshot()), "", "take_snapshot"),
 ]  # fmt: skip
 

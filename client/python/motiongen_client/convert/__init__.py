@@ -13,9 +13,10 @@ from motiongen_client.convert.answers import (
 )
 from motiongen_client.convert.catalogs import catalog, rig
 from motiongen_client.convert.frames import chunk_rows
-from motiongen_client.convert.requests import constraint, generate_clip, open_session, ping, prompt_span
+from motiongen_client.convert.requests import constraint, generate_clip, open_session, ping, prompt_span, set_options
 
 __all__ = [
     "catalog", "chunk_rows", "code_name", "constraint", "constraint_reached", "generate_clip", "open_session", "opened",
-    "outcome", "ping", "prompt_span", "residual", "rig", "seconds", "service_level", "session_end", "warnings",
+    "outcome", "ping", "prompt_span", "residual", "rig", "seconds", "service_level", "session_end", "set_options",
+    "warnings",
 ]  # fmt: skip

@@ -63,6 +63,25 @@ def open_session(
     return message
 
 
+def set_options(
+    priority: Priority | None,
+    lookahead_frames: int | None,
+    denoise_steps: int | None,
+    guidance: tuple[float | None, float | None] | None,
+    history_frames: int | None,
+) -> session_pb2.SetOptions:
+    """The message that changes options. guidance: of text and of constraints, None within it for the model's own."""
+    message = session_pb2.SetOptions(
+        priority=None if priority is None else _PRIORITIES[priority],
+        lookahead_frames=lookahead_frames,
+        denoise_steps=denoise_steps,
+        history_frames=history_frames,
+    )
+    if guidance is not None:
+        message.guidance.CopyFrom(session_pb2.Guidance(text=guidance[0], constraint=guidance[1]))
+    return message
+
+
 def generate_clip(
     opening: session_pb2.OpenSession, num_frames: int, num_samples: int
 ) -> service_pb2.GenerateClipRequest:

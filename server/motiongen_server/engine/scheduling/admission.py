@@ -103,6 +103,8 @@ class Admission:
             if refusal is None:
                 self._places[spec.session] = spec
                 self._count(spec, 1)
+                if not spec.is_clip:
+                    self._beginning.add(spec.session)
             else:
                 self._refused[refusal.code] += 1
             return None if refusal is None else refusal.outcome(spec.session, event_seq)
@@ -127,7 +129,27 @@ class Admission:
             held = self._places.get(session)
             if held is not None and (spec is None or held is spec):
                 del self._places[session]
+                self._beginning.discard(session)
                 self._count(held, -1)
+
+    def change(self, spec: SessionSpec, changed: SessionSpec) -> EventRefused | None:
+        """Let a session ask for something else. A refusal where it asks for more than there is; it keeps its place."""
+        with self._lock:
+            before = self._share(spec.priority, spec.denoise_steps, 1)
+            more = self._share(changed.priority, changed.denoise_steps, 1) - before
+            most = self._config.admit_load[changed.priority - 1]
+            if (more > 0 or changed.priority < spec.priority) and self.load + more > most and self._num_sessions > 1:
+                return self._full(
+                    "OVERLOADED",
+                    f"the machine would be {self.load + more:.0%} busy; try again later, or ask for less",
+                    f"sessions of class {changed.priority.name} up to a load of {most:.0%}",
+                    "set_options",
+                )
+            if self._places.get(spec.session) is spec:
+                self._count(spec, -1)
+                self._places[spec.session] = changed
+                self._count(changed, 1)
+            return None
 
     def _count(self, spec: SessionSpec, change: int) -> None:
         if spec.is_clip:
@@ -135,10 +157,6 @@ class Admission:
         else:
             self._steps[spec.priority] += change * spec.denoise_steps
             self._sessions[spec.priority] += change
-            if change > 0:
-                self._beginning.add(spec.session)
-            else:
-                self._beginning.discard(spec.session)
 
     def take_refused(self) -> Counter[Code]:
         """How many were refused since this was last asked, by answer."""
@@ -170,8 +188,8 @@ class Admission:
             f"sessions of class {spec.priority.name} up to a load of {most:.0%}",
         )
 
-    def _full(self, reason: str, message: str, allowed: str) -> EventRefused:
-        return EventRefused(Code.RESOURCE_EXHAUSTED, reason, message, "open", allowed, self._retry_after_s())
+    def _full(self, reason: str, message: str, allowed: str, field: str = "open") -> EventRefused:
+        return EventRefused(Code.RESOURCE_EXHAUSTED, reason, message, field, allowed, self._retry_after_s())
 
     def _retry_after_s(self) -> float:
         """Those who are sent away together should not come back together: hints are spread over as much again."""

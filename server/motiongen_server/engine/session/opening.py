@@ -48,8 +48,7 @@ def open_session(
         spec=spec,
         facts=facts,
         config=config,
-        # A client that asks for a longer lookahead wants it filled.
-        continue_threshold=max(config.continue_threshold, spec.lookahead - facts.horizon) + jitter,
+        continue_threshold=_continue_threshold(spec, facts, config) + jitter,
         cut_frames=math.floor(stride) * facts.patch,
         conditions=Conditions(spec.prompts, constraints),
         delivery=Delivery(spec.session, spec.lookahead, config, clock, RoundTrip(config.rtt_s)),
@@ -62,3 +61,17 @@ def open_session(
         moved_at=now,
         placements=placements,
     )
+
+
+def change_options(state: SessionState, changed: SessionSpec) -> None:
+    """Go on with other options from the next window on. Frames that were sent beyond a shorter look-ahead stay sent."""
+    before, facts, config = state.spec, state.facts, state.config
+    state.spec = changed
+    state.continue_threshold += _continue_threshold(changed, facts, config) - _continue_threshold(before, facts, config)
+    state.delivery.lookahead = changed.lookahead
+    state.clock.slack = changed.lookahead
+
+
+def _continue_threshold(spec: SessionSpec, facts: ModelFacts, config: EngineConfig) -> int:
+    """Frames ahead of the client below which the next window is made: a longer lookahead is to be filled."""
+    return max(config.continue_threshold, spec.lookahead - facts.horizon)

@@ -1,26 +1,33 @@
 """Events: what the service tells the engine.
 
 event_seq rises within a session and names the event in its Outcome; 0 means not sequenced. received_at is when the
-service read the event. SetPrompts, SetConstraints, SetVelocity and SetPlayState get exactly one Outcome each; Open gets
-Opened, or an Outcome that refuses it; Resume gets Resumed, or a Closed crosses it; Close gets Closed, or an Outcome
-where no session is open; Playhead gets no answer.
+service read the event. SetPrompts, SetConstraints, SetVelocity, SetPlayState and SetOptions get exactly one Outcome
+each; Open gets Opened, or an Outcome that refuses it; Resume gets Resumed, or a Closed crosses it; Close gets Closed,
+or an Outcome where no session is open; Playhead gets no answer.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeAlias
 
 from motiongen_server.engine.types.conditions import Asked, Prompt
-from motiongen_server.engine.types.names import CloseReason, PlayState, SessionKey
-from motiongen_server.engine.types.spec import SessionSpec
+from motiongen_server.engine.types.names import CloseReason, PlayState, Priority, SessionKey
+from motiongen_server.engine.types.snapshot import GoingOn
+from motiongen_server.engine.types.spec import Guidance, SessionSpec
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Open:
+    """going_on: with a session that another engine had, of which `spec` is that of then; None: a new one.
+
+    Opened is then followed by Resumed, as if a Resume had been sent.
+    """
+
     spec: SessionSpec
     event_seq: int
     received_at: float
+    going_on: GoingOn | None = None
 
     @property
     def session(self) -> SessionKey:
@@ -95,6 +102,26 @@ class SetPlayState:
 
 
 @dataclass(frozen=True, slots=True)
+class SetOptions:
+    """Change what the session was opened with, from its next window on; None leaves it."""
+
+    session: SessionKey
+    event_seq: int
+    received_at: float
+    priority: Priority | None = None
+    lookahead: int | None = None
+    denoise_steps: int | None = None
+    guidance: Guidance | None = None
+    history_frames: int | None = None
+
+    def changed(self, spec: SessionSpec) -> SessionSpec:
+        """What the session is from then on."""
+        names = ("priority", "lookahead", "denoise_steps", "guidance", "history_frames")
+        given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        return replace(spec, **given)
+
+
+@dataclass(frozen=True, slots=True)
 class Resume:
     """Go on with a client that lost its transport: it holds frames below next_frame, of plans up to `plan`.
 
@@ -119,4 +146,6 @@ class Close:
     reason: CloseReason = CloseReason.CLIENT
 
 
-Event: TypeAlias = Open | SetPrompts | SetConstraints | SetVelocity | Playhead | SetPlayState | Resume | Close
+Event: TypeAlias = (
+    Open | SetPrompts | SetConstraints | SetVelocity | Playhead | SetPlayState | SetOptions | Resume | Close
+)

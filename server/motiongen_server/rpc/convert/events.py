@@ -10,11 +10,9 @@ from motiongen_server.engine.types import (
     Close,
     Code,
     Event,
-    Guidance,
     Open,
     Playhead,
     PlayState,
-    Priority,
     SessionKey,
     SessionSpec,
     SetConstraints,
@@ -36,10 +34,17 @@ from motiongen_server.rpc.convert.checks import (
 from motiongen_server.rpc.convert.constraints import constraints_of
 from motiongen_server.rpc.convert.forms import check_forms
 from motiongen_server.rpc.convert.history import history_frames_of, prior_rows_of
+from motiongen_server.rpc.convert.options import (
+    guidance_of,
+    lookahead_of,
+    priority_of,
+    set_options_of,
+    steps_of,
+)
 from motiongen_server.rpc.convert.prompts import Embeddings, prompts_of
 from motiongen_server.rpc.convert.resuming import check_no_resume
 from motiongen_server.rpc.convert.unserved import UNSERVED_SCALARS, check_served, not_served
-from motiongen_server.rpc.limits import MAX_FRAME, MAX_GUIDANCE, MAX_REQUEST_ID_CHARACTERS, MAX_SPEED_MPS
+from motiongen_server.rpc.limits import MAX_FRAME, MAX_REQUEST_ID_CHARACTERS, MAX_SPEED_MPS
 
 MAX_ROUND_TRIP_S = 1.0
 SPEED_TOLERANCE = 1e-5
@@ -78,6 +83,8 @@ def engine_event(
                 "PLAY_STATE_PLAYING or PLAY_STATE_PAUSED",
             )
         return SetPlayState(key, sequence, received_at, PlayState(event.set_play_state.state))
+    if name == "set_options":
+        return set_options_of(event.set_options, key, sequence, received_at, catalog)
     if name == "close":
         return Close(key, sequence, received_at)
     raise EventRefused(
@@ -85,7 +92,7 @@ def engine_event(
         "UNKNOWN_EVENT",
         "this server does not know the event, or none was set",
         field="event",
-        allowed="open, edit_prompts, edit_constraints, set_velocity, playhead, set_play_state, close",
+        allowed="open, edit_prompts, edit_constraints, set_velocity, playhead, set_play_state, set_options, close",
     )
 
 
@@ -130,7 +137,7 @@ def _session_spec(
 ) -> SessionSpec:
     check_served(message, "open")
     check_no_resume(message)
-    facts, limits = catalog.facts, catalog.limits
+    facts = catalog.facts
     if len(message.request_id) > MAX_REQUEST_ID_CHARACTERS:
         raise refuse(
             "REQUEST_ID_TOO_LONG",
@@ -140,49 +147,29 @@ def _session_spec(
         )
     if message.rig_id not in ("", facts.rig.rig_id):
         raise refuse("UNKNOWN_RIG", "open.rig_id", f"no rig {message.rig_id[:80]!r}", facts.rig.rig_id, Code.NOT_FOUND)
-    if message.priority not in (0, *Priority):
-        raise refuse(
-            "INVALID_PRIORITY", "open.priority", f"priority {message.priority} is not one", "HERO, NEAR, CROWD or BATCH"
-        )
     if message.scalar_type in UNSERVED_SCALARS:
         raise not_served("open.scalar_type", "F32_LE")
     if message.scalar_type not in (motion_pb2.SCALAR_TYPE_UNSPECIFIED, motion_pb2.SCALAR_TYPE_F32_LE):
         raise refuse(
             "INVALID_SCALAR_TYPE", "open.scalar_type", f"scalar type {message.scalar_type} is not offered", "F32_LE"
         )
-    lookahead = message.lookahead_frames or limits.default_lookahead_frames
-    check_range(
-        lookahead, facts.horizon, limits.max_lookahead_frames, "LOOKAHEAD_OUT_OF_RANGE", "open.lookahead_frames"
-    )
     steps = message.denoise_steps if message.HasField("denoise_steps") else facts.default_steps
-    check_range(steps, facts.min_steps, facts.max_steps, "DENOISE_STEPS_OUT_OF_RANGE", "open.denoise_steps")
     return SessionSpec(
         session=key,
         seed=message.seed if message.HasField("seed") else secrets.randbits(64),
         model_id=facts.model_id,
-        priority=Priority(message.priority or Priority.NEAR),
-        lookahead=lookahead,
-        denoise_steps=steps,
-        guidance=_guidance(message.guidance, catalog.guidance),
+        priority=priority_of(message.priority, "open"),
+        lookahead=lookahead_of(message.lookahead_frames, "open", catalog),
+        denoise_steps=steps_of(steps, "open", catalog),
+        guidance=guidance_of(message.guidance, catalog.guidance, "open"),
         start_pose=_start_pose(message.start_pose),
         prompts=prompts_of(message.prompts, "open.prompts", embeddings, catalog),
         constraints=constraints_of(message.constraints, "open.constraints", catalog),
-        history_frames=history_frames_of(message, catalog.facts),
+        history_frames=history_frames_of(message, catalog.facts, "open"),
         prior_rows=prior_rows_of(message, catalog),
         gaits=catalog.gaits,
         keep_prompts=message.keep_prompts,
     )
-
-
-def _guidance(message: session_pb2.Guidance, default: Guidance) -> Guidance:
-    weights = {}
-    for name in ("text", "constraint"):
-        weight = getattr(message, name) if message.HasField(name) else getattr(default, name)
-        if not (math.isfinite(weight) and 0 <= weight <= MAX_GUIDANCE):
-            reason = "GUIDANCE_OUT_OF_RANGE" if math.isfinite(weight) else "NOT_FINITE"
-            raise refuse(reason, f"open.guidance.{name}", f"the weight is {weight}", f"0 to {MAX_GUIDANCE:g}")
-        weights[name] = float(weight)
-    return Guidance(**weights)
 
 
 def _start_pose(message: session_pb2.StartPose) -> StartPose:

@@ -13,15 +13,17 @@ ROOT_WIDTH, QUATERNION_WIDTH = 3, 4
 UNIT_TOLERANCE = 1e-2
 
 
-def history_frames_of(message: session_pb2.OpenSession, facts: ModelFacts) -> int | None:
-    """The history of a session's windows, None where it leaves that to the server. Raises EventRefused."""
+def history_frames_of(
+    message: session_pb2.OpenSession | session_pb2.SetOptions, facts: ModelFacts, field: str
+) -> int | None:
+    """The history of a session's windows, None where it is not said. field: the message's. Raises EventRefused."""
     if not message.HasField("history_frames"):
         return None
     asked, patch = message.history_frames, facts.patch
     most = facts.max_history // patch * patch
     if asked % patch or not patch <= asked <= most:
         allowed = f"multiples of {patch} from {patch} to {most}"
-        raise refuse("HISTORY_OUT_OF_RANGE", "open.history_frames", f"history_frames is {asked}", allowed)
+        raise refuse("HISTORY_OUT_OF_RANGE", f"{field}.history_frames", f"history_frames is {asked}", allowed)
     return asked
 
 

@@ -10,7 +10,7 @@ from motiongen_server.errors import EventRefused
 
 UNSERVED_FIELDS: dict[str, tuple[str, ...]] = {
     "OpenSession": ("snapshot", "outputs"),
-    "SessionEvent": ("seek", "set_options", "take_snapshot"),
+    "SessionEvent": ("seek", "take_snapshot"),
 }  # fmt: skip
 """By message. Their comments in the protos begin with "Not served": a test compares."""
 UNSERVED_SCALARS = (motion_pb2.SCALAR_TYPE_F16_LE,)

@@ -1,0 +1,96 @@
+"""`motiongen view`: a page that shows and steers the characters of a server."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import logging
+import socket
+import webbrowser
+from pathlib import Path
+
+from motiongen_client.errors import InvalidInput, MissingExtra
+from motiongen_tools.connection import client_of
+from motiongen_tools.console import make_console
+from motiongen_tools.server_process import ServerProcess
+
+DEFAULT_PORT = 8321
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command, but for which server."""
+    parser.add_argument(
+        "--listen", default="127.0.0.1", metavar="HOST", help="address of the page (default: %(default)s); any but "
+        "loopback has tokens, one to steer and one to look on",
+    )  # fmt: skip
+    parser.add_argument(
+        "--port", type=int, default=DEFAULT_PORT, help="of the page; 0 takes a free one (default: %(default)s)"
+    )
+    parser.add_argument("--token", action="store_true", help="have tokens on loopback too")
+    parser.add_argument("--open", action="store_true", help="open the page in a browser")
+    parser.add_argument("--three", type=Path, metavar="FOLDER", help="the npm package three, if it is elsewhere")
+
+
+async def view(options: argparse.Namespace) -> int:
+    """Serve the page until it is interrupted."""
+    try:
+        import uvicorn
+
+        from motiongen_tools.view.web import web_app
+    except ImportError:
+        raise MissingExtra("the viewer", "starlette, uvicorn and websockets", "view") from None
+    from motiongen_tools.view.access import Access
+    from motiongen_tools.view.bridge import Bridge
+    from motiongen_tools.view.line import Line
+    from motiongen_tools.view.page_files import three_folder
+
+    three = three_folder(options.three)
+    access = Access.to_listen_at(options.listen, options.token)
+    listening = _listen(options.listen, options.port)
+    with contextlib.ExitStack() as stack:
+        stack.callback(listening.close)
+        address = options.server
+        if options.start_server:
+            address = stack.enter_context(ServerProcess([])).address
+        bridge = Bridge(Line(lambda: client_of(options, address)))
+        settings = uvicorn.Config(
+            web_app(bridge, access, three), ws="websockets-sansio", log_config=None, access_log=False, lifespan="off",
+            ws_per_message_deflate=False, ws_max_size=1 << 20, timeout_graceful_shutdown=2,
+        )  # fmt: skip
+        server = uvicorn.Server(settings)
+        _say_where(listening, access.control_token, access.watch_token, address, options.open)
+        logging.getLogger("uvicorn").setLevel(logging.WARNING)
+        running = asyncio.create_task(bridge.run())
+        serving = asyncio.create_task(server.serve(sockets=[listening]))
+        try:
+            await asyncio.wait((running, serving), return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            server.should_exit = True
+            await serving
+            running.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await running  # raises why it ended, if it did so by itself
+    return 0
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    """Raises InvalidInput where the address is taken or not ours."""
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        return socket.create_server(found[4][:2], family=found[0])
+    except (OSError, OverflowError) as error:
+        raise InvalidInput("--listen, --port", f"{host}:{port}", f"a free address of this machine ({error})") from error
+
+
+def _say_where(listening: socket.socket, control: str | None, watch: str | None, server: str, opens: bool) -> None:
+    host, port = listening.getsockname()[:2]
+    page = f"http://{f'[{host}]' if ':' in host else host}:{port}/"
+    console = make_console()
+    address = page if control is None else f"{page}#token={control}"
+    console.print(f"the page: {address}", soft_wrap=True)
+    if watch is not None:
+        console.print(f"to look on: {page}#token={watch}", soft_wrap=True)
+    console.print(f"characters of {server}; Ctrl+C ends", soft_wrap=True)
+    if opens:
+        webbrowser.open(address)

@@ -1,0 +1,180 @@
+"""Browser: one page over its WebSocket: what it says, and what it is told at each beat."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from typing import Any, Protocol
+
+from motiongen_client.errors import InvalidInput, MotiongenError
+from motiongen_tools.view import fields
+from motiongen_tools.view.access import Role
+from motiongen_tools.view.bridge import Bridge
+from motiongen_tools.view.fields import Message
+from motiongen_tools.view.room import Room
+from motiongen_tools.view.wire import Head, catalog_json, pack_frames, pack_history
+
+HEAD_PERIOD_S = 0.25
+"""A page's clock runs by itself; this often it is told where the playhead really is."""
+MOST_HISTORY_FRAMES = 4000
+FOR_WATCHERS = ("ping", "history")
+
+_log = logging.getLogger(__name__)
+
+
+class Socket(Protocol):
+    """What a browser needs of a WebSocket. Sending waits while the other side is slow."""
+
+    async def send_text(self, data: str) -> None: ...
+
+    async def send_bytes(self, data: bytes) -> None: ...
+
+    async def receive_text(self) -> str: ...
+
+
+class Browser:
+    """Slow pages get fewer messages, never old ones: each is made of what the page lacks when it is sent."""
+
+    def __init__(self, socket: Socket, bridge: Bridge, room: Room, role: Role) -> None:
+        self._socket = socket
+        self._bridge = bridge
+        self._room = room
+        self._role = role
+        self._sent_to: dict[int, int] = {}
+        self._told: dict[int, int] = {}  # character -> its revision
+        self._headed_at_s: dict[int, float] = {}
+        self._changes = -1
+        self._line: dict[str, Any] = {}
+        self._has_catalog = False
+        self._answers: list[dict[str, Any]] = []
+        self._histories: list[bytes] = []
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    # ---- for the room
+
+    def rewind(self, character: int, frame: int) -> None:
+        """Frames from here on are new or replaced."""
+        if character in self._sent_to:
+            self._sent_to[character] = min(self._sent_to[character], frame)
+
+    def forget(self, character: int) -> None:
+        """There is no such character any more."""
+        for book in (self._sent_to, self._told, self._headed_at_s):
+            book.pop(character, None)
+
+    # ---- both directions
+
+    async def serve(self) -> None:
+        """Until the page is gone; raises what its socket raises then."""
+        self._room.viewers.add(self)
+        telling = asyncio.create_task(self._tell())
+        hearing = asyncio.create_task(self._hear())
+        try:
+            done, _ = await asyncio.wait((telling, hearing), return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+        finally:
+            self._room.viewers.discard(self)
+            for task in (telling, hearing, *self._tasks):
+                task.cancel()
+            await asyncio.gather(telling, hearing, *self._tasks, return_exceptions=True)
+
+    async def _tell(self) -> None:
+        while True:
+            for message in self._news():
+                await self._socket.send_text(json.dumps(message, separators=(",", ":")))
+            histories, self._histories = self._histories, []
+            for history in histories:
+                await self._socket.send_bytes(history)
+            heads = self._heads()
+            if heads:
+                await self._socket.send_bytes(pack_frames(heads))
+            await self._bridge.beat()
+
+    def _news(self) -> list[dict[str, Any]]:
+        room, line = self._room, self._bridge.line
+        news, self._answers = self._answers, []
+        shown = line.shown(len(room.characters))
+        if shown != self._line:
+            self._line = shown
+            news.append({"type": "server", "role": self._role.value, **shown})
+        if line.has_catalog and not self._has_catalog:
+            self._has_catalog = True
+            news.append({"type": "catalog", **catalog_json(line.client.catalog)})
+        if room.changes != self._changes:
+            self._changes = room.changes
+            news.append(room.listed())
+        for number, character in room.characters.items():
+            if self._told.get(number) != character.revision:
+                self._told[number] = character.revision
+                news.append({"type": "character", **character.shown()})
+        return news
+
+    def _heads(self) -> list[Head]:
+        heads, now_s = [], self._room.clock()
+        for number, character in self._room.characters.items():
+            if number not in self._told:
+                continue  # it came while a message was sent: first the page is to know whose frames these are
+            buffered_to = character.session.playback.buffered_to
+            sent_to = self._sent_to.get(number, 0)
+            is_due = now_s - self._headed_at_s.get(number, -HEAD_PERIOD_S) >= HEAD_PERIOD_S
+            if sent_to < buffered_to or is_due:
+                heads.append(character.head(now_s, sent_to))
+                self._sent_to[number] = buffered_to
+                self._headed_at_s[number] = now_s
+        return heads
+
+    async def _hear(self) -> None:
+        while True:
+            said = await self._socket.receive_text()
+            try:
+                message = json.loads(said)
+            except json.JSONDecodeError:
+                message = None
+            if not isinstance(message, dict):
+                self._answer(None, error="the message is not a JSON object")
+                continue
+            if message.get("op") == "ping":
+                self._answer(message, at=message.get("at"))
+                continue
+            task = asyncio.create_task(self._do(message))  # opening takes a while, and a key must not wait for it
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+
+    async def _do(self, message: Message) -> None:
+        try:
+            self._answer(message, **await self._carry_out(message))
+        except MotiongenError as error:
+            self._answer(message, error=str(error))
+        except Exception:
+            _log.exception("a message of a page failed")
+            self._answer(message, error="the bridge failed at this; its log says why")
+
+    async def _carry_out(self, message: Message) -> dict[str, Any]:
+        operation = message.get("op")
+        if self._role is not Role.CONTROL and operation not in FOR_WATCHERS:
+            raise InvalidInput("op", operation, "looking on: this page was opened with the token of spectators")
+        match operation:
+            case "add":
+                return {"numbers": await self._room.add(message)}
+            case "remove":
+                await self._room.remove(fields.whole(message, "character"))
+                return {}
+        character = self._room.character(fields.whole(message, "character"))
+        match operation:
+            case "history":
+                first = fields.whole(message, "first_frame")
+                end = fields.whole(message, "end_frame", first, first + MOST_HISTORY_FRAMES)
+                self._histories.append(pack_history(character.number, *character.history(first, end)))
+                return {}
+            case "time_scale":
+                character.set_time_scale(fields.number(message, "scale"))
+                return {}
+        told = {key: value for key, value in message.items() if key not in ("character", "request")}
+        return {"entry": character.tell(told).number}
+
+    def _answer(self, message: Message | None, **fields_: Any) -> None:
+        request = None if message is None else message.get("request")
+        operation = None if message is None else message.get("op")
+        self._answers.append({"type": "answer", "request": request, "op": operation, **fields_})

@@ -1,0 +1,172 @@
+"""Character: one session as the page sees it: its frames, its edits, its script, and where it was late."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+from motiongen_client.errors import InvalidInput, MotiongenError
+from motiongen_client.motion import Float32
+from motiongen_client.session import Session
+from motiongen_client.types import ConstraintReached, Reopened, ServiceLevel, SessionOptions
+from motiongen_tools.view.commands import apply
+from motiongen_tools.view.edit_log import EditLog, Entry
+from motiongen_tools.view.feed import Feed
+from motiongen_tools.view.fields import Message
+from motiongen_tools.view.script import Script
+from motiongen_tools.view.wire import Head
+
+MOST_MARKS = 400
+LEAST_SCALE, MOST_SCALE = 0.1, 2.0
+
+
+class Character:
+    """number: its name on the wire; opening: the message that asked for it.
+
+    revision rises with everything that the page shows of it beside frames.
+    """
+
+    def __init__(self, number: int, name: str, session: Session, options: SessionOptions, opening: Message) -> None:
+        self.number = number
+        self.name = name
+        self.session = session
+        self.options = options
+        self.opening = opening
+        self.script = Script()
+        self.edits = EditLog()
+        self.revision = 1
+        self.failure = ""
+        self.time_scale = 1.0
+        self._feed = Feed(session.playback)
+        self._seams: deque[int] = deque(maxlen=MOST_MARKS)
+        self._underruns: deque[int] = deque(maxlen=MOST_MARKS)
+        self._num_underruns = 0
+        self._plan = session.playback.plan
+        session.on_constraint_reached = self._note_reached
+        session.on_service_level = self._note_level
+        session.on_reopened = self._note_reopened
+        if opening.get("text") or opening.get("preset"):
+            prompt = {"op": "set_prompt", "text": opening.get("text"), "preset": opening.get("preset")}
+            self.script.take(prompt, session.playback.playhead, 1, (), 0)
+
+    # ---- what it is told
+
+    def tell(self, message: Message, *, can_be_undone: bool = True) -> Entry:
+        """Do what a message says. Raises InvalidInput, or what ended the session."""
+        if message.get("op") == "undo":
+            return self._undo()
+        edit = apply(self.session, message)
+        back = self.script.inverse(message, edit.prompt_id, edit.constraint_ids) if can_be_undone else []
+        playhead = self.session.playback.playhead
+        entry = self.edits.add(message, edit.what, playhead, edit, back, self._note_answer)
+        self.revision += 1
+        return entry
+
+    def _undo(self) -> Entry:
+        last = self.edits.pop_undoable()
+        if last is None:
+            raise InvalidInput("op", "undo", "an edit of a prompt or a constraint before it")
+        self.revision += 1
+        return [self.tell(message, can_be_undone=False) for message in last.takes_back][-1]
+
+    def set_time_scale(self, scale: float) -> None:
+        """Raises InvalidInput."""
+        if not LEAST_SCALE <= scale <= MOST_SCALE:
+            raise InvalidInput("scale", scale, f"a number from {LEAST_SCALE} to {MOST_SCALE}")
+        self.session.set_time_scale(scale)
+        self.time_scale = scale
+        self.revision += 1
+
+    # ---- what is seen of it
+
+    def tick(self) -> int | None:
+        """Move to the present. Returns the first frame that is new or replaced since the last tick, if any."""
+        try:
+            self.session.poll()
+        except MotiongenError as failure:
+            if not self.failure:
+                self.failure = str(failure)
+                self.revision += 1
+        playback = self.session.playback
+        changed = self._feed.changed_from()
+        if playback.plan != self._plan and changed is not None:
+            self._plan = playback.plan
+            self._seams.append(changed)
+            self.revision += 1
+        if playback.underruns != self._num_underruns:
+            self._num_underruns = playback.underruns
+            if not self._underruns or self._underruns[-1] != playback.playhead:
+                self._underruns.append(playback.playhead)
+            self.revision += 1
+        if self.edits.look():
+            self.revision += 1
+        return changed
+
+    def head(self, now_s: float, sent_to: int) -> Head:
+        """Where it stands, with the frames from sent_to on, less those that are past."""
+        playback = self.session.playback
+        first = max(sent_to, playback.first_kept, playback.playhead - 1)
+        rows = playback.held_rows(first, playback.buffered_to) if first < playback.buffered_to else []
+        share = playback.share(now_s) if playback.started and playback.playhead + 1 < playback.buffered_to else 0.0
+        is_moving = playback.is_playing and playback.started and playback.playhead + 1 < playback.buffered_to
+        pace = playback.frame_rate_hz * self.time_scale if is_moving else 0.0
+        place = playback.playhead + share
+        return Head(self.number, place, pace, playback.committed_to, playback.buffered_to, first, rows)
+
+    def history(self, first_frame: int, end_frame: int) -> tuple[int, list[Float32]]:
+        """The frames shown so far within a range, as far as they are kept."""
+        playback = self.session.playback
+        first = max(first_frame, playback.first_kept)
+        return first, playback.held_rows(first, min(end_frame, playback.playhead + 1))
+
+    def shown(self) -> dict[str, Any]:
+        """All but its frames, as the page shows it."""
+        session, stats = self.session, self.session.stats
+        return {
+            "number": self.number,
+            "name": self.name,
+            "model": session.opened.model_id,
+            "rig": session.opened.rig_id,
+            "seed": str(session.opened.seed),
+            "steps": session.opened.denoise_steps,
+            "lookahead_frames": session.opened.lookahead_frames,
+            "is_paused": session.is_paused,
+            "time_scale": self.time_scale,
+            "first_kept": session.playback.first_kept,
+            "service_level": session.service_level.tier,
+            "failure": self.failure,
+            "latency_ms": self.edits.latency_ms,
+            "underruns": stats.underruns,
+            "late_plans": stats.late_plans,
+            "reopenings": stats.reopenings,
+            "resumes": stats.resumes,
+            "seams": list(self._seams),
+            "underrun_frames": list(self._underruns),
+            "edits": self.edits.shown(),
+            **self.script.shown(),
+        }
+
+    async def close(self) -> None:
+        """End the session."""
+        self.edits.close()
+        if not self.failure:
+            await self.session.close()
+
+    # ---- what the server says
+
+    def _note_answer(self, entry: Entry) -> None:
+        if entry.state == "accepted":
+            playhead, edit = self.session.playback.playhead, entry.edit
+            self.script.take(entry.message, entry.effective_frame, edit.prompt_id, edit.constraint_ids, playhead)
+            self.script.note_placements(entry.placements)
+        self.revision += 1
+
+    def _note_reached(self, reached: ConstraintReached) -> None:
+        self.script.note_reached(reached)
+        self.revision += 1
+
+    def _note_level(self, _: ServiceLevel) -> None:
+        self.revision += 1
+
+    def _note_reopened(self, _: Reopened) -> None:
+        self.revision += 1

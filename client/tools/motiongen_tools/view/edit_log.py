@@ -1,0 +1,126 @@
+"""The edits of one character: sent, accepted or refused, when they showed, and how they are taken back."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from motiongen_client.edit import Edit
+from motiongen_client.errors import MotiongenError
+from motiongen_client.types import Outcome, Placement
+from motiongen_tools.view.fields import Message
+
+MOST_SHOWN = 40
+MOST_KEPT = 20_000
+
+
+@dataclass
+class Entry:
+    """One edit. at_frame: the playhead when it was sent; takes_back: the messages that undo it."""
+
+    number: int
+    message: Message
+    what: str
+    at_frame: int
+    edit: Edit = field(repr=False)
+    takes_back: list[Message] = field(default_factory=list, repr=False)
+    state: str = "sent"
+    effective_frame: int | None = None
+    latency_ms: int | None = None
+    detail: str = ""
+    placements: tuple[Placement, ...] = ()
+
+    def shown(self) -> dict[str, Any]:
+        return {
+            "number": self.number,
+            "op": self.message.get("op"),
+            "what": self.what,
+            "at_frame": self.at_frame,
+            "state": self.state,
+            "effective_frame": self.effective_frame,
+            "latency_ms": self.latency_ms,
+            "detail": self.detail,
+            "constraint_ids": list(self.edit.constraint_ids),
+        }
+
+
+class EditLog:
+    """All edits of one character, and those that can be undone."""
+
+    def __init__(self) -> None:
+        self.entries: list[Entry] = []
+        self._undoable: list[Entry] = []
+        self._unshown: list[Entry] = []
+        self._answering: set[asyncio.Task[None]] = set()
+        self._next = 1
+
+    def add(
+        self,
+        message: Message,
+        what: str,
+        at_frame: int,
+        edit: Edit,
+        takes_back: list[Message],
+        on_answer: Callable[[Entry], None],
+    ) -> Entry:
+        """Note an edit that was sent; on_answer is called once it is accepted or refused."""
+        entry = Entry(self._next, message, what, at_frame, edit, takes_back)
+        self._next += 1
+        self.entries.append(entry)
+        del self.entries[:-MOST_KEPT]
+        task = asyncio.create_task(self._await_answer(entry, on_answer))
+        self._answering.add(task)
+        task.add_done_callback(self._answering.discard)
+        return entry
+
+    async def _await_answer(self, entry: Entry, on_answer: Callable[[Entry], None]) -> None:
+        try:
+            outcome: Outcome = await entry.edit
+        except MotiongenError as refusal:
+            entry.state, entry.detail = "refused", str(refusal)
+        else:
+            entry.state, entry.effective_frame = "accepted", outcome.effective_frame
+            entry.detail = "; ".join(warning.message for warning in outcome.warnings)
+            entry.placements = outcome.placements
+            self._unshown.append(entry)
+            if entry.takes_back:
+                self._undoable.append(entry)
+        on_answer(entry)
+
+    def look(self) -> bool:
+        """Whether an edit's first frame has come since the last look."""
+        if not self._unshown:
+            return False
+        came = False
+        for entry in self._unshown:
+            latency_s = entry.edit.latency_s
+            if latency_s is not None:
+                entry.latency_ms = round(1000 * latency_s)
+                came = True
+        self._unshown = [entry for entry in self._unshown if entry.latency_ms is None][-MOST_SHOWN:]
+        return came
+
+    def pop_undoable(self) -> Entry | None:
+        """The last edit that can be undone, which it then cannot be again."""
+        return self._undoable.pop() if self._undoable else None
+
+    @property
+    def latency_ms(self) -> int | None:
+        """Of the last edit that showed."""
+        return next((e.latency_ms for e in reversed(self.entries[-MOST_SHOWN:]) if e.latency_ms is not None), None)
+
+    def shown(self) -> list[dict[str, Any]]:
+        """The last edits, newest first; of velocities in a row only the newest, as a held key sends many."""
+        listed: list[Entry] = []
+        for entry in reversed(self.entries[-4 * MOST_SHOWN :]):
+            is_more = listed and entry.message.get("op") == listed[-1].message.get("op") == "set_velocity"
+            if not is_more or entry.state == "refused":
+                listed.append(entry)
+        return [entry.shown() for entry in listed[:MOST_SHOWN]]
+
+    def close(self) -> None:
+        """Wait for no answer any more."""
+        for task in self._answering:
+            task.cancel()

@@ -1,0 +1,58 @@
+"""Motion files of a user: any that the tools read, by the client's own reader or the converter."""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from motiongen_client.errors import InvalidInput
+from motiongen_client.motion import Motion, Rig
+from motiongen_tools.ardy_npz import read_ardy_npz
+from motiongen_tools.conversion import convert_file
+from motiongen_tools.npz import read_npz
+
+MAX_BYTES = 64 << 20
+MOST_FRAMES = 20_000
+
+
+def read_upload(name: str, data: bytes, rigs: Sequence[Rig]) -> Motion:
+    """The motion in a file's bytes; its name says what it is. rigs: whose motion the server knows.
+
+    Raises InvalidInput or ConversionFailed.
+    """
+    suffixes = "".join(Path(name).suffixes[-2:]).lower()
+    if not data or not suffixes:
+        raise InvalidInput("file", name or "nothing", "a motion file with a name, such as walk.bvh or walk.npz")
+    with tempfile.TemporaryDirectory(prefix="motiongen-view-") as folder:
+        source = Path(folder) / f"motion{suffixes}"
+        source.write_bytes(data)
+        motion = _read_own(source) if suffixes.endswith(".npz") else None
+        if motion is None:
+            converted = Path(folder) / "converted.npz"
+            convert_file(source, converted)
+            motion = _read_converted(converted, rigs)
+    if not 0 < len(motion) <= MOST_FRAMES:
+        raise InvalidInput("file", f"{len(motion)} frames", f"1 to {MOST_FRAMES} frames")
+    return motion
+
+
+def _read_own(source: Path) -> Motion | None:
+    """None where it is an NPZ of other tools."""
+    try:
+        return read_npz(source)
+    except (InvalidInput, ValueError, KeyError, OSError):
+        return None
+
+
+def _read_converted(path: Path, rigs: Sequence[Rig]) -> Motion:
+    with np.load(path, allow_pickle=False) as data:
+        num_joints, fps = data["local_rot_mats"].shape[1], float(data["fps"])
+    for rig in rigs:
+        if rig.num_joints == num_joints:
+            return read_ardy_npz(path, dataclasses.replace(rig, frame_rate_hz=round(fps)))
+    known = ", ".join(f"{rig.rig_id} ({rig.num_joints} joints)" for rig in rigs)
+    raise InvalidInput("file", f"motion of {num_joints} joints", f"motion of the server's rigs: {known}")

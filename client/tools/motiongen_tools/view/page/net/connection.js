@@ -1,0 +1,90 @@
+// Connection: the WebSocket to the bridge. It comes back by itself, and every request is answered or fails.
+import { unpack } from "./messages.js";
+
+const FIRST_WAIT_MS = 300;
+const LONGEST_WAIT_MS = 5000;
+const PING_MS = 2000;
+const DENIED = 4401;
+
+export class Connection extends EventTarget {
+  /** Events: "message" (detail: the JSON), "binary" (detail: {header, rows}), "line" (detail: open, lost or denied). */
+  constructor(room, token) {
+    super();
+    this.roundTripMs = null;
+    this._address = new URL(`ws?room=${encodeURIComponent(room)}&token=${encodeURIComponent(token)}`, location.href);
+    this._address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
+    this._address.hash = "";
+    this._waiting = new Map();
+    this._next = 1;
+    this._waitMs = FIRST_WAIT_MS;
+    this._connect();
+    setInterval(() => this._ping(), PING_MS);
+  }
+
+  get isOpen() {
+    return this._socket.readyState === WebSocket.OPEN;
+  }
+
+  /** Send a request; resolves with its answer, rejects with an Error that says why not. */
+  ask(message) {
+    if (!this.isOpen) return Promise.reject(new Error("the line to the bridge is lost; it is being tried again"));
+    const request = this._next++;
+    this._socket.send(JSON.stringify({ ...message, request }));
+    return new Promise((resolve, reject) => this._waiting.set(request, { resolve, reject }));
+  }
+
+  _connect() {
+    const socket = (this._socket = new WebSocket(this._address));
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => {
+      this._waitMs = FIRST_WAIT_MS;
+      this._tell("line", "open");
+    };
+    socket.onmessage = (event) => this._hear(event.data);
+    socket.onclose = (event) => this._lose(event);
+  }
+
+  _hear(data) {
+    if (typeof data !== "string") {
+      this._tell("binary", unpack(data));
+      return;
+    }
+    const message = JSON.parse(data);
+    if (message.type !== "answer") {
+      this._tell("message", message);
+      return;
+    }
+    const asked = this._waiting.get(message.request);
+    this._waiting.delete(message.request);
+    if (message.error) asked?.reject(new Error(message.error));
+    else asked?.resolve(message);
+  }
+
+  _lose(event) {
+    for (const { reject } of this._waiting.values()) reject(new Error("the line to the bridge was lost"));
+    this._waiting.clear();
+    this.roundTripMs = null;
+    if (event.code === DENIED) {
+      this._tell("line", "denied");
+      return;
+    }
+    this._tell("line", "lost");
+    setTimeout(() => this._connect(), this._waitMs);
+    this._waitMs = Math.min(this._waitMs * 1.6, LONGEST_WAIT_MS);
+  }
+
+  async _ping() {
+    if (!this.isOpen) return;
+    const at = performance.now();
+    try {
+      await this.ask({ op: "ping", at });
+      this.roundTripMs = performance.now() - at;
+    } catch {
+      this.roundTripMs = null; // the line was lost, which is told elsewhere
+    }
+  }
+
+  _tell(name, detail) {
+    this.dispatchEvent(new CustomEvent(name, { detail }));
+  }
+}

@@ -1,0 +1,89 @@
+// Bodies: all characters in one instanced mesh, a bone an instance; one draw call however many there are.
+import * as THREE from "three";
+
+const PROFILE = [[0, -0.06], [0.55, -0.04], [0.92, 0.06], [1, 0.25], [0.9, 0.7], [0.78, 0.95], [0.45, 1.04], [0, 1.06]];
+const COLOURS = [0xf2a65a, 0x6fb3e0, 0x8fd18a, 0xe58aa5, 0xb79ae0, 0xe0cf6a, 0x6fd0c4, 0xd99a76];
+const GROWTH = 1.5;
+
+export function colourOf(number) {
+  return COLOURS[(number - 1) % COLOURS.length];
+}
+
+export class Bodies {
+  constructor(scene, { opacity = 1, castShadow = true } = {}) {
+    this._scene = scene;
+    const points = PROFILE.map(([x, y]) => new THREE.Vector2(x, y));
+    this._geometry = new THREE.LatheGeometry(points, 9);
+    this._material = new THREE.MeshLambertMaterial({ transparent: opacity < 1, opacity, depthWrite: opacity === 1 });
+    this._castShadow = castShadow;
+    this._room = 0;
+    this._used = 0;
+    this._owners = [];
+    this._grow(64);
+    this._matrix = new THREE.Matrix4();
+    this._turn = new THREE.Quaternion();
+    this._scale = new THREE.Vector3();
+    this._place = new THREE.Vector3();
+    this._colour = new THREE.Color();
+  }
+
+  /** Between begin and end, `add` puts one character after the other. */
+  begin() {
+    this._used = 0;
+    this._owners.length = 0;
+  }
+
+  /** The rig has been posed. owner: what `ownerOf` tells of its bones. */
+  add(rig, colour, owner) {
+    const bones = rig.bones;
+    if (this._used + bones.length > this._room) this._grow(GROWTH * (this._used + bones.length));
+    this._colour.set(colour);
+    for (const bone of bones) {
+      this._turn.fromArray(rig.turns, 4 * bone.joint).multiply(bone.turn);
+      this._matrix.compose(
+        this._place.fromArray(rig.positions, 3 * bone.joint), this._turn,
+        this._scale.set(bone.width, bone.length, bone.radius),
+      );
+      this.mesh.setMatrixAt(this._used, this._matrix);
+      this.mesh.setColorAt(this._used, this._colour);
+      this._used++;
+    }
+    this._owners.push({ end: this._used, owner });
+  }
+
+  end() {
+    this.mesh.count = this._used;
+    this.mesh.instanceMatrix.needsUpdate = true;
+    if (this.mesh.instanceColor) this.mesh.instanceColor.needsUpdate = true;
+  }
+
+  /** Whose bone an instance is. */
+  ownerOf(instance) {
+    return this._owners.find(({ end }) => instance < end)?.owner ?? null;
+  }
+
+  /** Rays are tried against spheres around everything; those of the last frame are old. */
+  refreshBounds() {
+    this.mesh.computeBoundingSphere();
+  }
+
+  _grow(room) {
+    const before = this.mesh;
+    this._room = Math.ceil(room);
+    this.mesh = new THREE.InstancedMesh(this._geometry, this._material, this._room);
+    this.mesh.instanceMatrix.setUsage(THREE.DynamicDrawUsage);
+    this.mesh.castShadow = this._castShadow;
+    this.mesh.frustumCulled = false;
+    if (before) {
+      for (let n = 0; n < this._used; n++) {
+        before.getMatrixAt(n, (this._copied ??= new THREE.Matrix4()));
+        this.mesh.setMatrixAt(n, this._copied);
+        before.getColorAt(n, (this._copiedColour ??= new THREE.Color()));
+        this.mesh.setColorAt(n, this._copiedColour);
+      }
+      before.removeFromParent();
+      before.dispose();
+    }
+    this._scene.add(this.mesh);
+  }
+}

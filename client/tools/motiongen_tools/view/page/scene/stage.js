@@ -1,0 +1,156 @@
+// Stage: renderer, light, ground and camera.
+import * as THREE from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+
+const GROUND_M = 400;
+const GRID_M = 60;
+const LEAST_HZ = 24;
+const TRIED_MS = 2500;
+const THEMES = {
+  dark: { sky: 0x14171c, ground: 0x23272e, line: 0x3a414c, strong: 0x59636f },
+  light: { sky: 0xe9edf2, ground: 0xd7dde4, line: 0xb5bec9, strong: 0x8492a2 },
+};
+
+export class Stage {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: false });
+    this.renderer.shadowMap.enabled = true;
+    this.renderer.shadowMap.type = THREE.PCFShadowMap;
+    this._ratio = Math.min(devicePixelRatio, 2);
+    this._slowSinceMs = null;
+    this.renderer.setPixelRatio(this._ratio);
+    this.scene = new THREE.Scene();
+    this.camera = new THREE.PerspectiveCamera(42, 1, 0.1, 300);
+    this.camera.position.set(2.6, 2.1, -4.6);
+    this.controls = new OrbitControls(this.camera, canvas);
+    this.controls.target.set(0, 0.95, 0);
+    this.controls.maxPolarAngle = Math.PI * 0.495;
+    this.controls.minDistance = 1;
+    this.controls.maxDistance = 80;
+    this.controls.enableDamping = true;
+    this._raycaster = new THREE.Raycaster();
+    this._plane = new THREE.Plane(new THREE.Vector3(0, 1, 0), 0);
+    this._followed = null;
+    this._addLight();
+    this._addGround();
+    new ResizeObserver(() => this._resize()).observe(canvas);
+    this._resize();
+  }
+
+  setTheme(name) {
+    const theme = THEMES[name];
+    this.scene.background = new THREE.Color(theme.sky);
+    this.scene.fog = new THREE.Fog(theme.sky, 30, 110);
+    this._ground.material.color.set(theme.ground);
+    this._grid?.removeFromParent();
+    this._grid?.dispose();
+    this._grid = new THREE.GridHelper(2 * GRID_M, 2 * GRID_M, theme.strong, theme.line);
+    this._grid.position.y = 0.002;
+    this.scene.add(this._grid);
+  }
+
+  /** Move camera and target along with a place on the ground; null lets go. */
+  follow(place) {
+    if (!place) {
+      this._followed = null;
+      return;
+    }
+    if (!this._followed) this._followed = this.controls.target.clone();
+    const wanted = new THREE.Vector3(place.x, this.controls.target.y, place.z);
+    const step = wanted.sub(this.controls.target).multiplyScalar(0.12);
+    this.controls.target.add(step);
+    this.camera.position.add(step);
+  }
+
+  /** Put the camera behind a place, looking the way it faces, or above a crowd of some radius. */
+  frame(place, heading, radiusM = 0) {
+    const distance = 4.6 + 2.1 * radiusM;
+    this.controls.target.set(place.x, 0.95, place.z);
+    this.camera.position.set(
+      place.x - distance * Math.sin(heading + 0.5), 1.9 + 0.8 * radiusM, place.z - distance * Math.cos(heading + 0.5),
+    );
+  }
+
+  /** Where a pointer's ray meets the ground, or null. */
+  groundAt(event) {
+    this._aim(event);
+    return this._raycaster.ray.intersectPlane(this._plane, new THREE.Vector3());
+  }
+
+  /** What a pointer's ray meets first among objects, or null. */
+  hit(event, objects) {
+    this._aim(event);
+    return this._raycaster.intersectObjects(objects, false)[0] ?? null;
+  }
+
+  /** Where a pointer's ray meets the plane through a point that faces the camera, or null. */
+  planeAt(event, point) {
+    this._aim(event);
+    const normal = this.camera.getWorldDirection(new THREE.Vector3());
+    const plane = new THREE.Plane().setFromNormalAndCoplanarPoint(normal, point);
+    return this._raycaster.ray.intersectPlane(plane, new THREE.Vector3());
+  }
+
+  /** A point's place on the canvas: [x, y] in CSS pixels, or null behind the camera. */
+  onScreen(point) {
+    const seen = point.clone().project(this.camera);
+    if (seen.z > 1) return null;
+    return [((seen.x + 1) / 2) * this.canvas.clientWidth, ((1 - seen.y) / 2) * this.canvas.clientHeight];
+  }
+
+  /** Draw with less where this machine does not keep up: first without shadows, then coarser. */
+  adapt(rateHz, nowMs) {
+    this._slowSinceMs = rateHz >= LEAST_HZ || document.hidden ? null : (this._slowSinceMs ?? nowMs);
+    if (this._slowSinceMs === null || nowMs - this._slowSinceMs < TRIED_MS) return;
+    this._slowSinceMs = null;
+    if (this._sun.castShadow) this._sun.castShadow = false;
+    else if (this._ratio > 0.5) {
+      this._ratio = Math.max(this._ratio / 1.5, 0.5);
+      this.renderer.setPixelRatio(this._ratio);
+      this._resize();
+    }
+  }
+
+  render() {
+    this.controls.update();
+    const { x, z } = this.controls.target;
+    this._grid.position.set(Math.round(x), 0.002, Math.round(z));
+    this._ground.position.set(Math.round(x), 0, Math.round(z));
+    this._sun.position.set(x + 5, 11, z - 4);
+    this._sun.target.position.set(x, 0, z);
+    this.renderer.render(this.scene, this.camera);
+  }
+
+  _aim(event) {
+    const box = this.canvas.getBoundingClientRect();
+    const x = ((event.clientX - box.left) / box.width) * 2 - 1;
+    const y = 1 - ((event.clientY - box.top) / box.height) * 2;
+    this._raycaster.setFromCamera(new THREE.Vector2(x, y), this.camera);
+  }
+
+  _addLight() {
+    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x6b7480, 1.5));
+    const sun = (this._sun = new THREE.DirectionalLight(0xfff4e2, 2.1));
+    sun.castShadow = true;
+    sun.shadow.mapSize.set(1024, 1024);
+    Object.assign(sun.shadow.camera, { left: -14, right: 14, top: 14, bottom: -14, near: 1, far: 40 });
+    sun.shadow.normalBias = 0.03;
+    this.scene.add(sun, sun.target);
+  }
+
+  _addGround() {
+    const material = new THREE.MeshLambertMaterial({ polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 8 });
+    this._ground = new THREE.Mesh(new THREE.PlaneGeometry(GROUND_M, GROUND_M).rotateX(-Math.PI / 2), material);
+    this._ground.receiveShadow = true;
+    this.scene.add(this._ground);
+  }
+
+  _resize() {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    if (!width || !height) return;
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+  }
+}

@@ -1,0 +1,89 @@
+// Walking by keys and gamepad: a velocity relative to the camera, said again and again while it is held.
+import { Vector3 } from "three";
+import { RUN_MPS, WALK_MPS } from "./commands.js";
+
+const KEYS = {
+  KeyW: [0, 1], ArrowUp: [0, 1], KeyS: [0, -1], ArrowDown: [0, -1],
+  KeyA: [-1, 0], ArrowLeft: [-1, 0], KeyD: [1, 0], ArrowRight: [1, 0],
+};
+const AGAIN_MS = 200; // a NEAR session is replanned five times a second at most
+const HOLD_S = 0.8;
+const STAND_S = 1.0;
+const DEAD_ZONE = 0.2;
+const SAME_MPS = 0.15;
+
+export class Velocity {
+  /** say: sends a message to the chosen character. canSteer: whether it may at present. */
+  constructor(stage, say, canSteer) {
+    this._stage = stage;
+    this._say = say;
+    this._canSteer = canSteer;
+    this._held = new Set();
+    this._last = null;
+    this._saidMs = 0;
+    this.isRunning = false;
+    this.isStrafing = false;
+    addEventListener("keydown", (event) => this._press(event, true));
+    addEventListener("keyup", (event) => this._press(event, false));
+    addEventListener("blur", () => this._held.clear());
+    document.addEventListener("visibilitychange", () => document.hidden && this._held.clear());
+  }
+
+  /** At every frame that is drawn: say what has changed, or what lasts. */
+  update(nowMs) {
+    const wanted = this._canSteer() ? this._wanted() : null;
+    if (!wanted && !this._last) return;
+    if (!wanted) {
+      this._send({ op: "set_velocity", x_mps: 0, z_mps: 0, seconds: STAND_S }, nowMs);
+      this._last = null;
+      return;
+    }
+    const isOther = !this._last || Math.hypot(wanted.x - this._last.x, wanted.z - this._last.z) > SAME_MPS;
+    if (nowMs - this._saidMs < (isOther && !this._last ? 0 : AGAIN_MS)) return;
+    this._last = wanted;
+    const heading = this.isStrafing ? null : Math.atan2(wanted.x, wanted.z);
+    this._send({ op: "set_velocity", x_mps: wanted.x, z_mps: wanted.z, seconds: HOLD_S, heading_rad: heading }, nowMs);
+  }
+
+  _send(message, nowMs) {
+    this._saidMs = nowMs;
+    this._say(message);
+  }
+
+  _press(event, isDown) {
+    this.isRunning = event.shiftKey;
+    this.isStrafing = event.altKey;
+    if (!KEYS[event.code] || event.ctrlKey || event.metaKey || isTyping(event.target)) return;
+    event.preventDefault();
+    if (isDown) this._held.add(event.code);
+    else this._held.delete(event.code);
+  }
+
+  /** Metres a second in the world, or null where nothing is held. */
+  _wanted() {
+    let [right, ahead] = [0, 0];
+    for (const code of this._held) {
+      right += KEYS[code][0];
+      ahead += KEYS[code][1];
+    }
+    let mps = this.isRunning ? RUN_MPS : WALK_MPS;
+    const pad = navigator.getGamepads?.().find((each) => each && each.axes.length >= 2);
+    if (pad && !right && !ahead) {
+      [right, ahead] = [pad.axes[0], -pad.axes[1]];
+      const tilt = Math.hypot(right, ahead);
+      if (tilt < DEAD_ZONE) return null;
+      mps = (pad.buttons[0]?.pressed ? RUN_MPS : WALK_MPS) * Math.min(tilt, 1);
+    }
+    const length = Math.hypot(right, ahead);
+    if (!length) return null;
+    const forward = this._stage.camera.getWorldDirection(new Vector3()).setY(0).normalize();
+    const side = new Vector3(-forward.z, 0, forward.x);
+    const way = forward.multiplyScalar(ahead).addScaledVector(side, right).setLength(mps);
+    return { x: way.x, z: way.z };
+  }
+}
+
+/** Whether keys belong to a field, not to the stage. */
+export function isTyping(element) {
+  return element instanceof HTMLElement && (element.matches("input, textarea, select") || element.isContentEditable);
+}

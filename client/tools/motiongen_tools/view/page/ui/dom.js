@@ -1,0 +1,40 @@
+// Small elements: made by name, properties and children.
+
+/** make("button", {title: "Add", onclick: act}, "Add") */
+export function make(name, properties = {}, ...children) {
+  const element = document.createElement(name);
+  for (const [key, value] of Object.entries(properties)) {
+    if (key === "dataset") Object.assign(element.dataset, value);
+    else if (key.startsWith("aria-") || key === "role" || key === "list") element.setAttribute(key, value);
+    else element[key] = value;
+  }
+  element.append(...children.filter((child) => child !== null && child !== undefined));
+  return element;
+}
+
+/** A label around an input, with its name before it. */
+export function labelled(name, input) {
+  return make("label", {}, make("span", {}, name), input);
+}
+
+const NOTE_MS = 6000;
+const MOST_NOTES = 4;
+
+/** Say something to the user; kind: "info" or "error". */
+export function note(text, kind = "info") {
+  const notes = document.getElementById("notes");
+  const line = make("p", { className: kind }, text);
+  notes.append(line);
+  while (notes.children.length > MOST_NOTES) notes.firstChild.remove();
+  setTimeout(() => line.remove(), NOTE_MS);
+}
+
+/** Do what may fail, and say so. */
+export async function trying(act) {
+  try {
+    return await act();
+  } catch (error) {
+    note(error.message, "error");
+    return null;
+  }
+}

@@ -1,0 +1,168 @@
+"""Room: characters that several browsers see and steer together."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from motiongen_client.errors import InvalidInput, MotiongenError
+from motiongen_client.types import Priority, SessionOptions, StartPose
+from motiongen_tools.view import fields
+from motiongen_tools.view.character import Character
+from motiongen_tools.view.commands import read_prompt
+from motiongen_tools.view.fields import Message
+from motiongen_tools.view.line import Line
+
+MOST_CHARACTERS = 200
+KEEP_S = 120.0
+"""How much of what was played can be looked at again, and recorded."""
+SPACING_M = 1.6
+IDLE_S = 20.0
+"""How long characters go on that nobody looks at, before they pause."""
+_STYLES = {each.value: each for each in Priority}
+
+
+class Viewer(Protocol):
+    """A browser, as a room knows it."""
+
+    def rewind(self, character: int, frame: int) -> None:
+        """Frames from here on are new or replaced."""
+
+    def forget(self, character: int) -> None:
+        """There is no such character any more."""
+
+
+class Room:
+    """name: which is in the address of the page. changes counts comings and goings of characters."""
+
+    def __init__(self, name: str, line: Line, clock: Callable[[], float] = time.monotonic) -> None:
+        self.name = name
+        self.changes = 0
+        self.characters: dict[int, Character] = {}
+        self.viewers: set[Viewer] = set()
+        self.clock = clock
+        self._line = line
+        self._next = 1
+        self._num_opening = 0
+        self._watched_at_s = clock()
+        self._idle: set[int] = set()  # those that were paused because nobody looks
+
+    async def add(self, message: Message) -> list[int]:
+        """Open as many characters as a message asks for. Returns their numbers. Raises InvalidInput, EventRefused."""
+        count = fields.whole(message, "count", 1, MOST_CHARACTERS, default=1)
+        most = MOST_CHARACTERS - len(self.characters) - self._num_opening
+        if count > most:
+            raise InvalidInput("count", count, f"at most {most} more: a room holds {MOST_CHARACTERS}")
+        self._num_opening += count
+        try:
+            opened = await asyncio.gather(*(self._open(message) for _ in range(count)), return_exceptions=True)
+        finally:
+            self._num_opening -= count
+        failures = [each for each in opened if isinstance(each, BaseException)]
+        numbers = [each for each in opened if isinstance(each, int)]
+        if failures:
+            first = failures[0]
+            if numbers and isinstance(first, MotiongenError):
+                raise InvalidInput("count", count, f"{len(numbers)}, which came; the others were refused: {first}")
+            raise first
+        return numbers
+
+    async def _open(self, message: Message) -> int:
+        number, self._next = self._next, self._next + 1
+        has_prompt = message.get("text") or message.get("preset")
+        prompt = read_prompt(message) if has_prompt else None
+        options = session_options(message, self._place(number))
+        session = await self._line.client.open(prompt, options=options, keep_s=KEEP_S)
+        name = fields.text(message, "name", "") or f"character {number}"
+        self.characters[number] = Character(number, name[:40], session, options, message)
+        self.changes += 1
+        return number
+
+    def _place(self, number: int) -> StartPose:
+        """On a grid that grows from the middle, so that the first stands where the camera looks."""
+        ring = math.ceil((math.sqrt(number) - 1) / 2)
+        if ring == 0:
+            return StartPose()
+        side, at = divmod(number - (2 * ring - 1) ** 2 - 1, 2 * ring)
+        along, out = at - ring + 1, ring
+        x, z = [(along, out), (out, -along), (-along, -out), (-out, along)][side]
+        return StartPose(x * SPACING_M, z * SPACING_M)
+
+    async def remove(self, number: int) -> None:
+        """End a character. Raises InvalidInput."""
+        character = self.character(number)
+        del self.characters[number]
+        self._idle.discard(number)
+        self.changes += 1
+        for viewer in self.viewers:
+            viewer.forget(number)
+        await character.close()
+
+    def character(self, number: int) -> Character:
+        """Raises InvalidInput."""
+        found = self.characters.get(number)
+        if found is None:
+            raise InvalidInput("character", number, f"one of {', '.join(map(str, self.characters)) or 'none, add one'}")
+        return found
+
+    def tick(self) -> None:
+        """Move every character to the present, and tell the viewers which frames they lack."""
+        self._mind_the_unwatched()
+        for character in self.characters.values():
+            changed = character.tick()
+            if changed is not None:
+                for viewer in self.viewers:
+                    viewer.rewind(character.number, changed)
+
+    def _mind_the_unwatched(self) -> None:
+        """Characters that nobody looks at pause, and go on when somebody does."""
+        if self.viewers:
+            self._watched_at_s = self.clock()
+            for number in self._idle:
+                self.characters[number].session.resume()
+            self._idle.clear()
+        elif self.clock() - self._watched_at_s > IDLE_S:
+            for character in self.characters.values():
+                if not character.session.is_paused and not character.failure:
+                    character.session.pause()
+                    self._idle.add(character.number)
+
+    def listed(self) -> dict[str, Any]:
+        """Who is there."""
+        return {"type": "characters", "room": self.name, "numbers": sorted(self.characters)}
+
+    async def close(self) -> None:
+        """End all characters."""
+        for number in list(self.characters):
+            with contextlib.suppress(MotiongenError):
+                await self.remove(number)
+
+
+def session_options(message: Message, start: StartPose) -> SessionOptions:
+    """What a message asks a session to be opened with. Raises InvalidInput."""
+    priority = fields.text(message, "priority", Priority.NEAR.value)
+    if priority not in _STYLES:
+        raise InvalidInput("priority", priority, f"one of {', '.join(_STYLES)}")
+    seed = message.get("seed")
+    if isinstance(seed, str) and seed.isdecimal():  # more digits than a browser's numbers have
+        message = {**message, "seed": int(seed)}
+    if message.get("start") is not None:
+        given = fields.mapping(message, "start")
+        heading = fields.number(given, "heading_rad", 0.0)
+        start = StartPose(fields.number(given, "x_m"), fields.number(given, "z_m"), heading)
+    return SessionOptions(
+        model_id=fields.text(message, "model", ""),
+        seed=fields.optional_whole(message, "seed", 0, (1 << 64) - 1),
+        priority=_STYLES[priority],
+        lookahead_frames=fields.optional_whole(message, "lookahead_frames", 1, 1 << 31),
+        denoise_steps=fields.optional_whole(message, "steps", 1, 1 << 31),
+        text_guidance=fields.optional_number(message, "text_guidance"),
+        constraint_guidance=fields.optional_number(message, "constraint_guidance"),
+        history_frames=fields.optional_whole(message, "history_frames", 1, 1 << 31),
+        start=start,
+        keep_prompts=fields.flag(message, "keep_prompts"),
+    )

@@ -1,0 +1,122 @@
+"""The bridge's web server: the page, its WebSocket, takes to download and motion files to open."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from motiongen_client.errors import InvalidInput, MotiongenError
+from motiongen_tools.view.access import Access, Role, is_own_page
+from motiongen_tools.view.bridge import Bridge
+from motiongen_tools.view.browser import Browser
+from motiongen_tools.view.motion_files import MAX_BYTES, read_upload
+from motiongen_tools.view.page_files import PAGE, content_policy
+from motiongen_tools.view.recording import write_take
+from motiongen_tools.view.wire import pack_motion
+
+DENIED = 4401
+"""Close code of a WebSocket whose token is wrong."""
+UNKNOWN_ROOM = 4400
+
+
+def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
+    """three: the folder of the npm package."""
+
+    async def socket(websocket: WebSocket) -> None:
+        host = websocket.headers.get("host", "")
+        role = access.role_of(websocket.query_params.get("token", ""))
+        await websocket.accept()  # a refusal before it would tell a page nothing
+        if role is None or not is_own_page(websocket.headers.get("origin"), host):
+            await websocket.close(DENIED, "the token is missing or wrong, or the page is another site's")
+            return
+        try:
+            room = bridge.room(websocket.query_params.get("room", "main"))
+        except InvalidInput as error:
+            await websocket.close(UNKNOWN_ROOM, str(error)[:100])
+            return
+        try:
+            await Browser(websocket, bridge, room, role).serve()
+        except WebSocketDisconnect:
+            return
+
+    async def take(request: Request) -> Response:
+        room = bridge.room(request.path_params["room"])
+        character = room.character(request.path_params["character"])
+        name = request.path_params["name"]
+        query = request.query_params
+        first, end = (int(query[key]) if query.get(key, "").isdecimal() else None for key in ("first", "end"))
+        data, media_type, warnings = await write_take(character, name, first, end)
+        told = {"Content-Disposition": f'attachment; filename="{name}"', "X-Warnings": " ".join(warnings)[:800]}
+        return Response(data, media_type=media_type, headers=told)
+
+    async def open_motion(request: Request) -> Response:
+        if int(request.headers.get("content-length", MAX_BYTES + 1)) > MAX_BYTES:
+            raise InvalidInput("file", "more", f"at most {MAX_BYTES >> 20} MiB")
+        name = request.query_params.get("name", "")
+        rigs = bridge.line.client.catalog.rigs
+        motion = await asyncio.to_thread(read_upload, name, await request.body(), rigs)
+        return Response(pack_motion(Path(name).name, motion), media_type="application/octet-stream")
+
+    def guarded(answer: Callable[[Request], Awaitable[Response]], *roles: Role) -> Callable[..., Awaitable[Response]]:
+        async def check(request: Request) -> Response:
+            token = request.headers.get("authorization", "").removeprefix("Bearer ")
+            if access.role_of(token) not in roles:
+                return PlainTextResponse("the token is missing, or for spectators only", status_code=401)
+            try:
+                return await answer(request)
+            except MotiongenError as error:
+                return JSONResponse({"error": str(error)}, status_code=400)
+
+        return check
+
+    return Starlette(
+        routes=[
+            WebSocketRoute("/ws", socket),
+            Route("/take/{room}/{character:int}/{name}", guarded(take, Role.CONTROL, Role.WATCH)),
+            Route("/motion", guarded(open_motion, Role.CONTROL), methods=["POST"]),
+            Mount("/three", StaticFiles(directory=three)),
+            Mount("/", StaticFiles(directory=PAGE, html=True)),
+        ],
+        middleware=[Middleware(_Guard, access=access)],
+    )
+
+
+class _Guard:
+    """Refuses requests that name a host we are not, and says on every answer what a page may load."""
+
+    def __init__(self, app: ASGIApp, access: Access) -> None:
+        self._app = app
+        self._access = access
+        self._headers = [
+            (b"content-security-policy", content_policy().encode()),
+            (b"x-content-type-options", b"nosniff"),
+            (b"referrer-policy", b"no-referrer"),
+            (b"cache-control", b"no-cache"),
+        ]
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        hosts = [value.decode("latin-1") for name, value in scope.get("headers", []) if name == b"host"]
+        if scope["type"] == "http" and not (hosts and self._access.admits_host(hosts[0])):
+            refusal = PlainTextResponse("this bridge is for localhost; --listen opens it to others", status_code=421)
+            await refusal(scope, receive, send)
+            return
+        if scope["type"] == "websocket" and not (hosts and self._access.admits_host(hosts[0])):
+            await send({"type": "websocket.close", "code": 1008})
+            return
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", []), *self._headers]
+            await send(message)
+
+        await self._app(scope, receive, with_headers)

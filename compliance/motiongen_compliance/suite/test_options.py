@@ -1,0 +1,45 @@
+"""Options that change while a session is open."""
+
+from __future__ import annotations
+
+from motiongen.v1 import session_pb2
+from motiongen_compliance.talk import edit_constraints, waypoint
+from motiongen_compliance.target import Target
+
+
+def options(**fields: int) -> session_pb2.SessionEvent:
+    return session_pb2.SessionEvent(set_options=session_pb2.SetOptions(**fields))  # type: ignore[arg-type]
+
+
+async def test_they_are_taken_without_a_frame_and_the_session_goes_on(target: Target) -> None:
+    model = target.catalog.models[0]
+    talk = await target.talk()
+    await talk.open(1)
+    outcome = await talk.edit(1, options(denoise_steps=model.min_denoise_steps, priority=3))
+    assert outcome.code == 0
+    assert not outcome.HasField("effective_frame")
+    await talk.plays_on(1)
+
+
+async def test_what_cannot_be_is_refused_and_the_next_event_is_taken(target: Target) -> None:
+    model = target.catalog.models[0]
+    talk = await target.talk()
+    await talk.open(1)
+    outcome = await talk.edit(1, options(denoise_steps=model.max_denoise_steps + 1))
+    assert (outcome.reason, outcome.field) == ("DENOISE_STEPS_OUT_OF_RANGE", "set_options.denoise_steps")
+    assert (await talk.edit(1, edit_constraints(waypoint(900)))).code == 0
+
+
+async def test_where_a_constraint_was_put_is_told(target: Target) -> None:
+    talk = await target.talk()
+    await talk.open(1)
+    there = waypoint(0, 5, x=0.5)
+    there.at_any_frame = there.relative_to_character = True
+    outcome = await talk.edit(1, edit_constraints(there))
+    (placement,) = outcome.placements
+    assert placement.constraint_id == 5
+    assert placement.anchor_frame <= placement.first_frame <= placement.arrival_frame <= placement.last_frame
+    heard = talk.sessions[1]
+    while not heard.reached:
+        await talk.plays_on(1)
+    assert placement.first_frame <= heard.reached[0].frame <= placement.last_frame

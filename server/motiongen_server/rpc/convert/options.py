@@ -1,0 +1,65 @@
+"""Options that a session is opened with, and that change while it is open."""
+
+from __future__ import annotations
+
+import math
+
+from motiongen.v1 import session_pb2
+from motiongen_server.engine.types import Guidance, Priority, SessionKey, SetOptions
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.convert.checks import check_range, refuse
+from motiongen_server.rpc.convert.history import history_frames_of
+from motiongen_server.rpc.limits import MAX_GUIDANCE
+
+
+def set_options_of(
+    message: session_pb2.SetOptions, key: SessionKey, sequence: int, received_at: float, catalog: Catalog
+) -> SetOptions:
+    """The engine's event. Raises EventRefused."""
+    field = "set_options"
+    return SetOptions(
+        key,
+        sequence,
+        received_at,
+        priority=priority_of(message.priority, field) if message.HasField("priority") else None,
+        lookahead=lookahead_of(message.lookahead_frames, field, catalog)
+        if message.HasField("lookahead_frames")
+        else None,
+        denoise_steps=steps_of(message.denoise_steps, field, catalog) if message.HasField("denoise_steps") else None,
+        guidance=guidance_of(message.guidance, catalog.guidance, field) if message.HasField("guidance") else None,
+        history_frames=history_frames_of(message, catalog.facts, field),
+    )
+
+
+def priority_of(priority: int, field: str) -> Priority:
+    """UNSPECIFIED is NEAR."""
+    if priority not in (0, *Priority):
+        given, allowed = f"priority {priority} is not one", "HERO, NEAR, CROWD or BATCH"
+        raise refuse("INVALID_PRIORITY", f"{field}.priority", given, allowed)
+    return Priority(priority or Priority.NEAR)
+
+
+def lookahead_of(frames: int, field: str, catalog: Catalog) -> int:
+    """0 is the default."""
+    lookahead, limits = frames or catalog.limits.default_lookahead_frames, catalog.limits
+    name = f"{field}.lookahead_frames"
+    check_range(lookahead, catalog.facts.horizon, limits.max_lookahead_frames, "LOOKAHEAD_OUT_OF_RANGE", name)
+    return lookahead
+
+
+def steps_of(steps: int, field: str, catalog: Catalog) -> int:
+    facts = catalog.facts
+    check_range(steps, facts.min_steps, facts.max_steps, "DENOISE_STEPS_OUT_OF_RANGE", f"{field}.denoise_steps")
+    return steps
+
+
+def guidance_of(message: session_pb2.Guidance, default: Guidance, field: str) -> Guidance:
+    """What is absent is the model's own."""
+    weights = {}
+    for name in ("text", "constraint"):
+        weight = getattr(message, name) if message.HasField(name) else getattr(default, name)
+        if not (math.isfinite(weight) and 0 <= weight <= MAX_GUIDANCE):
+            reason = "GUIDANCE_OUT_OF_RANGE" if math.isfinite(weight) else "NOT_FINITE"
+            raise refuse(reason, f"{field}.guidance.{name}", f"the weight is {weight}", f"0 to {MAX_GUIDANCE:g}")
+        weights[name] = float(weight)
+    return Guidance(**weights)

@@ -1,0 +1,66 @@
+"""Options that change while a session is open: from the next window on, where there is room for what they ask."""
+
+import pytest
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.types import Code, Guidance, PlayState, Priority
+from tests.server.engine.session.playing import playing
+from tests.server.engine.stage import Stage
+
+
+def test_steps_guidance_and_history_hold_from_the_next_window_on() -> None:
+    stage, viewer = playing()
+    before = len(stage.runner.prepared)
+    seq = stage.set_options(viewer, denoise_steps=7, guidance=Guidance(1.0, 3.0), history_frames=8)
+    stage.run(3.0)
+    assert (viewer.outcomes[seq].code, viewer.outcomes[seq].effective_frame) == (Code.OK, None)
+    later = stage.runner.prepared[before:]
+    assert later
+    assert {(job.num_steps, job.guidance.text, len(job.history)) for job in later} == {(7, 1.0, 8)}
+    assert {job.num_steps for job in stage.runner.prepared[:before]} == {4}
+    stage.check_finished()
+
+
+@pytest.mark.parametrize("lookahead", [70, 40])
+def test_a_look_ahead_that_changes_is_kept_to(lookahead: int) -> None:
+    stage = Stage()
+    viewer = stage.open(lookahead=60)
+    stage.run(2.0)
+    viewer.lookahead = max(lookahead, 60)
+    stage.set_options(viewer, lookahead=lookahead)
+    stage.run(7.0)
+    assert lookahead - 25 <= viewer.buffered_to - viewer.shown <= lookahead + 1
+    stage.check_finished()
+
+
+def test_a_session_counts_in_its_new_class() -> None:
+    stage = Stage()
+    viewer = stage.open(priority=Priority.CROWD)
+    other = stage.open(2)
+    stage.run(0.5)
+    seq = stage.set_options(viewer, priority=Priority.HERO)
+    stage.run(0.5)
+    assert viewer.outcomes[seq].code is Code.OK
+    sessions = next(report.sessions for report in reversed(stage.reports) if report.sessions is not None)
+    assert sessions == {(Priority.HERO, PlayState.PLAYING): 1, (Priority.NEAR, PlayState.PLAYING): 1}
+    stage.close(viewer)
+    stage.close(other)
+    stage.run(0.2)
+    sessions = next(report.sessions for report in reversed(stage.reports) if report.sessions is not None)
+    assert not sessions
+    assert stage.engine._admission.asked == 0.0
+
+
+def test_more_than_there_is_room_for_is_refused_and_changes_nothing() -> None:
+    stage = Stage(EngineConfig(admit_load=(0.3, 0.3, 0.3, 0.3)))
+    viewers = [stage.open(handle, num_steps=2) for handle in range(1, 3)]
+    stage.run(2.0)
+    stage.runner.step_s = lambda rows: 0.2  # the machine has become slow
+    stage.run(8.0)
+    before = len(stage.runner.prepared)
+    seq = stage.set_options(viewers[0], denoise_steps=10)
+    stage.run(3.0)
+    outcome = viewers[0].outcomes[seq]
+    assert (outcome.reason, outcome.field) == ("OVERLOADED", "set_options")
+    assert outcome.retry_after_s is not None
+    assert {job.num_steps for job in stage.runner.prepared[before:]} <= {2}

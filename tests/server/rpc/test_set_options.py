@@ -1,0 +1,65 @@
+"""SetOptions: as it comes over the wire, and the place that a session has for it."""
+
+from __future__ import annotations
+
+import pytest
+
+from motiongen.v1 import session_pb2
+from motiongen_server.engine.types import Code, EventRefused, Guidance, Priority, SessionKey, SetOptions
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.convert import engine_event
+from motiongen_server.rpc.limits import Limits
+from motiongen_server.rpc.peers import PeerLimits, Peers
+from tests.server.engine.fakes import FACTS
+
+KEY = SessionKey(3, 9)
+CATALOG = Catalog(FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", "hashed-1", history_frames=16)
+
+
+def asked(options: session_pb2.SetOptions) -> SetOptions:
+    event = engine_event(session_pb2.SessionEvent(event_seq=2, set_options=options), KEY, 1.0, {}, CATALOG)
+    assert isinstance(event, SetOptions)
+    return event
+
+
+def test_what_is_absent_stays() -> None:
+    assert asked(session_pb2.SetOptions()) == SetOptions(KEY, 2, 1.0)
+
+
+def test_every_option_arrives_and_guidance_is_set_anew() -> None:
+    message = session_pb2.SetOptions(priority=1, lookahead_frames=60, denoise_steps=5, history_frames=8)
+    message.guidance.text = 3.0
+    assert asked(message) == SetOptions(KEY, 2, 1.0, Priority.HERO, 60, 5, Guidance(3.0, 2.5), 8)
+
+
+@pytest.mark.parametrize(
+    ("options", "reason", "field"),
+    [
+        (session_pb2.SetOptions(priority=9), "INVALID_PRIORITY", "priority"),  # type: ignore[arg-type]
+        (session_pb2.SetOptions(lookahead_frames=3), "LOOKAHEAD_OUT_OF_RANGE", "lookahead_frames"),
+        (session_pb2.SetOptions(denoise_steps=99), "DENOISE_STEPS_OUT_OF_RANGE", "denoise_steps"),
+        (session_pb2.SetOptions(guidance=session_pb2.Guidance(text=-1)), "GUIDANCE_OUT_OF_RANGE", "guidance.text"),
+        (session_pb2.SetOptions(history_frames=3), "HISTORY_OUT_OF_RANGE", "history_frames"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(options: session_pb2.SetOptions, reason: str, field: str) -> None:
+    with pytest.raises(EventRefused) as refused:
+        asked(options)
+    assert (refused.value.reason, refused.value.field) == (reason, f"set_options.{field}")
+
+
+def test_a_place_of_another_class_is_counted_there_and_given_back_where_the_engine_refuses() -> None:
+    peer = Peers(PeerLimits(heroes=1)).find("ipv4:10.0.0.1:5", 0.0)
+    first, second = peer.place(Priority.NEAR, 0.0), peer.place(Priority.NEAR, 0.0)
+    weight = peer.session_weight
+    undo = first.change(Priority.HERO, 40.0)
+    with pytest.raises(EventRefused) as refused:
+        second.change(Priority.HERO, None)
+    assert (refused.value.code, refused.value.field) == (Code.RESOURCE_EXHAUSTED, "set_options.priority")
+    undo()
+    assert peer.session_weight == weight
+    second.change(Priority.HERO, 40.0)
+    first.release()
+    second.release()
+    assert peer.num_sessions == peer.session_weight == 0
+    assert peer.is_idle(1e6)

@@ -1,0 +1,93 @@
+"""In Chromium: a character stands there, walks while W is held, goes where the ground is clicked, and obeys words."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from selenium.webdriver.common.by import By
+
+from motiongen_client import Motion
+from motiongen_client.blocking import MotionClient
+from motiongen_tools.server_process import ServerProcess
+from tests.system.view.conftest import Page
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
+
+
+def test_a_newcomer_walks_a_character_around(page: Page, tmp_path: Path) -> None:
+    x, z = page.root()
+    forward = page.run(
+        "const d = motiongen.stage.camera.getWorldDirection(motiongen.stage.camera.position.clone()); return [d.x, d.z]"
+    )
+    page.run("document.getElementById('stage').focus()")
+    page.keys.key_down("w").perform()
+    way = "const m = motiongen.cast.one; const r = m.rig.rootOf(m.track.sample(m.track.playhead()));"
+    page.run("globalThis.asked = arguments", x, z, *forward)
+    page.until(f"(() => {{ {way} return (r[0] - asked[0]) * asked[2] + (r[1] - asked[1]) * asked[3] > 1 }})()")
+    page.keys.key_up("w").perform()
+    page.until("motiongen.cast.one.info.latency_ms !== null")
+    page.picture(tmp_path / "walked.png")
+    assert page.complaints() == []
+
+
+def test_a_click_on_the_ground_is_reached_within_the_residual_shown(page: Page) -> None:
+    spot = page.run(
+        """
+        const { stage, cast } = motiongen;
+        const root = cast.one.rig.position(0);
+        return stage.onScreen(root.clone().set(root.x + 1.2, 0, root.z + 1.0));
+        """
+    )
+    canvas = page.driver.find_element(By.ID, "stage")
+    box = canvas.rect
+    page.keys.move_to_element_with_offset(
+        canvas, round(spot[0] - box["width"] / 2), round(spot[1] - box["height"] / 2)
+    ).click().perform()
+    target = page.until("motiongen.cast.one.info.targets.find(({ state }) => state === 'met' || state === 'missed')")
+    assert target["state"] == "met"
+    page.until("motiongen.cast.one.track.playhead() >= arguments[0]", target["last"])
+    walked = page.run("const { rig, track } = motiongen.cast.one; return track.rows.map((row) => rig.rootOf(row))")
+    away = min(math.hypot(x - target["spec"]["x_m"], z - target["spec"]["z_m"]) for x, z in walked)
+    assert away <= target["position_error_m"] + 1e-3
+    assert page.complaints() == []
+
+
+def test_a_prompt_that_is_typed_is_obeyed_and_a_preset_too(page: Page) -> None:
+    box = page.driver.find_element(By.ID, "prompt-text")
+    box.send_keys("a person walks forward\n")
+    page.until("motiongen.cast.one.info.spans.at(-1)?.text === 'a person walks forward'")
+    edit = page.until("motiongen.cast.one.info.edits.find(({ latency_ms }) => latency_ms !== null)")
+    assert edit["effective_frame"] > edit["at_frame"]
+    page.driver.find_element(By.CSS_SELECTOR, "[data-preset=wave-both]").click()
+    page.until("motiongen.cast.one.info.spans.at(-1)?.preset === 'wave-both'")
+    assert page.run("return motiongen.cast.one.info.spans.at(-2).end") is not None
+
+
+def test_the_page_poses_as_the_client_does(page: Page, motion_server: ServerProcess) -> None:
+    with MotionClient(motion_server.address) as client:
+        (rig,) = client.catalog.rigs[:1]
+    row, shown = page.run(
+        """
+        const { rig, track } = motiongen.cast.one;
+        rig.pose(track.row(5));
+        return [Array.from(track.row(5)), Array.from(rig.positions)];
+        """
+    )
+    expected = Motion(rig, 5, np.array([row], np.float32)).joint_positions_m()[0]
+    np.testing.assert_allclose(np.reshape(shown, (-1, 3)), expected, atol=1e-4)
+
+
+def test_twenty_characters_are_shown_and_removed(page: Page) -> None:
+    count = page.driver.find_element(By.ID, "add-count")
+    count.clear()
+    count.send_keys("19")
+    page.driver.find_element(By.ID, "add").click()
+    page.until("motiongen.cast.members.size === 20")
+    page.until("[...motiongen.cast.members.values()].every(({ track }) => track.playhead() > 1)")
+    page.until("motiongen.bodies.mesh.count === 20 * motiongen.cast.one.rig.bones.length")
+    page.run("motiongen.cast.ask({ op: 'remove', character: 7 })")
+    page.until("motiongen.cast.members.size === 19")
+    assert page.complaints() == []

@@ -1,0 +1,98 @@
+"""A bridge to the client's fake server, and a page without a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+from collections.abc import AsyncIterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from motiongen_client import MotionClient
+from motiongen_tools.view.access import Role
+from motiongen_tools.view.bridge import Bridge
+from motiongen_tools.view.browser import Browser
+from motiongen_tools.view.line import Line
+from motiongen_tools.view.room import Room
+from tests.client.conftest import stick_motion, stick_rig
+from tests.client.fake_server import FakeServer
+
+__all__ = ["stick_motion", "stick_rig"]
+
+LIMIT_S = 60.0
+
+
+class Page:
+    """What a page has heard; `ask` sends a request and waits for its answer. Messages come at the bridge's beat."""
+
+    def __init__(self) -> None:
+        self.messages: list[dict[str, Any]] = []
+        self.frames: list[tuple[dict[str, Any], np.ndarray]] = []
+        self._said: asyncio.Queue[str] = asyncio.Queue()
+        self._heard = asyncio.Event()
+        self._requests = 0
+
+    async def send_text(self, data: str) -> None:
+        self.messages.append(json.loads(data))
+        self._heard.set()
+
+    async def send_bytes(self, data: bytes) -> None:
+        (length,) = struct.unpack_from("<I", data)
+        self.frames.append((json.loads(data[4 : 4 + length]), np.frombuffer(data[4 + length :], "<f4")))
+        self._heard.set()
+
+    async def receive_text(self) -> str:
+        return await self._said.get()
+
+    def say(self, text: str) -> None:
+        self._said.put_nowait(text)
+
+    async def until(self, found: Any) -> Any:
+        """The first thing that `found` gives which is true."""
+        async with asyncio.timeout(LIMIT_S):
+            while not (result := found()):
+                self._heard.clear()
+                await self._heard.wait()
+        return result
+
+    async def ask(self, **message: Any) -> dict[str, Any]:
+        self._requests += 1
+        request = self._requests
+        self.say(json.dumps({**message, "request": request}))
+        return await self.until(
+            lambda: next((m for m in self.messages if m["type"] == "answer" and m["request"] == request), None)
+        )
+
+    def last(self, kind: str) -> dict[str, Any] | None:
+        return next((m for m in reversed(self.messages) if m["type"] == kind), None)
+
+
+@pytest.fixture
+async def bridge(server: FakeServer) -> AsyncIterator[Bridge]:
+    """Running, at a quicker beat than a user's."""
+    bridge = Bridge(Line(lambda: MotionClient(server.address)))
+    running = asyncio.create_task(bridge.run())
+    async with asyncio.timeout(LIMIT_S):
+        while not bridge.line.has_catalog:
+            await bridge.beat()
+    yield bridge
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+
+
+@pytest.fixture
+async def room(bridge: Bridge) -> Room:
+    return bridge.room("main")
+
+
+@pytest.fixture
+async def page(bridge: Bridge, room: Room) -> AsyncIterator[Page]:
+    """One that may steer."""
+    page = Page()
+    serving = asyncio.create_task(Browser(page, bridge, room, Role.CONTROL).serve())
+    yield page
+    serving.cancel()
+    await asyncio.gather(serving, return_exceptions=True)

@@ -1,0 +1,57 @@
+"""Who may look and who may steer."""
+
+from __future__ import annotations
+
+import pytest
+
+from motiongen_tools.view.access import Access, Role, is_loopback, is_own_page
+
+
+def test_loopback_asks_nobody_and_any_other_address_asks_all() -> None:
+    assert Access.to_listen_at("127.0.0.1").role_of("") is Role.CONTROL
+    open_to_others = Access.to_listen_at("0.0.0.0")
+    assert open_to_others.role_of("") is None
+    assert open_to_others.role_of("guess") is None
+    assert Access.to_listen_at("localhost", wants_token=True).role_of("") is None
+
+
+def test_each_token_has_its_role() -> None:
+    access = Access("steer", "look")
+    assert access.role_of("steer") is Role.CONTROL
+    assert access.role_of("look") is Role.WATCH
+    assert access.role_of("stéér") is None
+
+
+def test_tokens_are_drawn_anew_and_are_not_printed() -> None:
+    first, second = Access.to_listen_at("::"), Access.to_listen_at("::")
+    assert first.control_token
+    assert first.control_token not in (second.control_token, first.watch_token)
+    assert first.control_token not in repr(first)
+
+
+@pytest.mark.parametrize(
+    ("host", "admitted"),
+    [
+        ("localhost:8321", True),
+        ("127.0.0.1:1", True),
+        ("[::1]:8321", True),
+        ("evil.example:8321", False),
+        ("", False),
+    ],
+)
+def test_without_tokens_only_names_of_this_machine_are_served(host: str, admitted: bool) -> None:
+    assert Access().admits_host(host) is admitted
+    assert Access("steer", "look").admits_host(host)
+
+
+def test_only_our_page_and_programs_open_sockets() -> None:
+    assert is_own_page("http://localhost:8321", "localhost:8321")
+    assert is_own_page(None, "localhost:8321")
+    assert not is_own_page("http://evil.example", "localhost:8321")
+    assert not is_own_page("http://localhost:9999", "localhost:8321")
+    assert not is_own_page("null", "localhost:8321")
+
+
+@pytest.mark.parametrize("host", ["192.168.1.4", "0.0.0.0", "::", "example.org"])
+def test_what_others_reach_is_not_loopback(host: str) -> None:
+    assert not is_loopback(host)

@@ -1,0 +1,132 @@
+"""A page and the bridge: what it is told, what it may say, and what it is answered."""
+
+from __future__ import annotations
+
+import asyncio
+
+import numpy as np
+
+from motiongen_tools.view.access import Role
+from motiongen_tools.view.bridge import Bridge
+from motiongen_tools.view.browser import Browser
+from motiongen_tools.view.room import Room
+from tests.client.fake_server import ROW_WIDTH, FakeServer
+from tests.tools.view.conftest import Page
+
+
+async def test_a_page_is_told_the_server_what_it_offers_and_who_is_there(page: Page) -> None:
+    await page.until(lambda: page.last("characters"))
+    assert page.last("server")["state"] == "connected"
+    assert [rig["id"] for rig in page.last("catalog")["rigs"]] == ["stick9"]
+    assert page.last("characters")["numbers"] == []
+
+
+async def test_a_character_comes_with_all_of_its_frames_in_order(page: Page) -> None:
+    answer = await page.ask(op="add", count=1, text="a person stands")
+    assert answer["numbers"] == [1]
+    told = await page.until(lambda: page.last("character"))
+    assert (told["model"], told["spans"][0]["text"]) == ("synthetic", "a person stands")
+    await page.until(lambda: any(header["heads"] and header["heads"][0][4] >= 80 for header, _ in page.frames))
+    begins, rows = [], []
+    for header, numbers in page.frames:
+        (number, _, _, _, _, first, count), *others = header["heads"]
+        assert number == 1
+        assert not others
+        begins += [first] * bool(count)
+        rows.append(numbers.reshape(count, ROW_WIDTH))
+    assert begins == list(np.cumsum([0, *map(len, [r for r in rows if len(r)])])[:-1])
+    np.testing.assert_allclose(np.concatenate(rows)[:, 2], 0.05 * np.arange(len(np.concatenate(rows))), atol=1e-5)
+
+
+async def test_an_edit_is_answered_and_its_frames_replace_the_old_ones(page: Page) -> None:
+    await page.ask(op="add")
+    await page.until(lambda: page.frames)
+    answer = await page.ask(op="set_prompt", character=1, text="a person runs")
+    assert answer["entry"] == 1
+    edit = (await page.until(lambda: _accepted(page)))[0]
+    assert edit["effective_frame"] == 50
+    replaced = await page.until(
+        lambda: next((h["heads"][0] for h, _ in page.frames if h["heads"] and h["heads"][0][5] == 50), None)
+    )
+    assert replaced[6] > 0
+    assert 50 in page.last("character")["seams"]
+
+
+def _accepted(page: Page) -> list[dict]:
+    told = page.last("character")
+    return [edit for edit in told["edits"] if edit["state"] == "accepted"] if told else []
+
+
+async def test_a_refusal_is_shown_with_its_reason(page: Page, server: FakeServer) -> None:
+    await page.ask(op="add")
+    server.refuse = lambda event: "NO_TARGET" if event.WhichOneof("event") == "edit_constraints" else ""
+    waypoint = {"kind": "waypoint", "frame": 70, "x_m": 0, "z_m": 3}
+    await page.ask(op="add_constraints", character=1, constraints=[waypoint])
+    refused = await page.until(
+        lambda: [e for m in page.messages if m["type"] == "character" for e in m["edits"] if e["state"] == "refused"]
+    )
+    assert "NO_TARGET" in refused[0]["detail"]
+    assert page.last("character")["targets"] == []
+
+
+async def test_an_edit_is_undone(page: Page) -> None:
+    await page.ask(op="add", text="a person stands")
+    assert "error" in await page.ask(op="undo", character=1)
+    await page.ask(op="set_prompt", character=1, text="a person runs")
+    await page.until(lambda: _accepted(page))
+    await page.ask(op="undo", character=1)
+    await page.until(lambda: page.last("character")["spans"][-1]["text"] == "a person stands")
+
+
+async def test_mistakes_are_answered_and_the_page_goes_on(page: Page) -> None:
+    page.say("not json")
+    await page.until(lambda: [m for m in page.messages if m["type"] == "answer" and "JSON" in m.get("error", "")])
+    assert "add one" in (await page.ask(op="set_prompt", character=1, text="run"))["error"]
+    await page.ask(op="add")
+    mistakes = (
+        {"op": "dance"},
+        {"op": "set_prompt", "text": " "},
+        {"op": "time_scale", "scale": 9},
+        {"op": "add", "count": 900},
+    )
+    for wrong in mistakes:
+        assert "allowed" in (await page.ask(character=1, **wrong))["error"], wrong
+    assert "error" not in await page.ask(op="ping", at=3)
+
+
+async def test_spectators_look_and_do_not_touch(bridge: Bridge, room: Room, page: Page) -> None:
+    await page.ask(op="add")
+    watcher = Page()
+    serving = asyncio.create_task(Browser(watcher, bridge, room, Role.WATCH).serve())
+    await watcher.until(lambda: watcher.frames and watcher.last("character"))
+    assert watcher.last("server")["role"] == "watch"
+    for forbidden in ({"op": "add"}, {"op": "remove", "character": 1}, {"op": "pause", "character": 1}):
+        assert "spectators" in (await watcher.ask(**forbidden))["error"]
+    assert "error" not in await watcher.ask(op="history", character=1, first_frame=0, end_frame=10)
+    serving.cancel()
+    await asyncio.gather(serving, return_exceptions=True)
+
+
+async def test_what_was_played_can_be_asked_for_again(page: Page) -> None:
+    await page.ask(op="add")
+    await page.until(lambda: any(h["type"] == "frames" and h["heads"] and h["heads"][0][1] > 3 for h, _ in page.frames))
+    await page.ask(op="history", character=1, first_frame=1, end_frame=3)
+    header, rows = await page.until(lambda: next(((h, r) for h, r in page.frames if h["type"] == "history"), None))
+    assert (header["first_frame"], header["num_frames"]) == (1, 2)
+    np.testing.assert_allclose(rows.reshape(2, -1)[:, 2], [0.05, 0.1], atol=1e-6)
+
+
+async def test_who_is_removed_is_gone_for_all(page: Page, room: Room) -> None:
+    await page.ask(op="add", count=3)
+    await page.ask(op="remove", character=2)
+    await page.until(lambda: page.last("characters")["numbers"] == [1, 3])
+    assert sorted(room.characters) == [1, 3]
+
+
+async def test_frames_come_only_after_the_page_knows_whose_they_are(bridge: Bridge, room: Room) -> None:
+    browser = Browser(Page(), bridge, room, Role.CONTROL)
+    assert [message["type"] for message in browser._news()][:2] == ["server", "catalog"]
+    await room.add({})  # while the news before it is on its way
+    assert browser._heads() == []
+    assert "character" in [message["type"] for message in browser._news()]
+    assert [head.character for head in browser._heads()] == [1]

@@ -1,0 +1,45 @@
+"""A feed tells from which frame on a browser lacks frames."""
+
+from __future__ import annotations
+
+from motiongen_client import Playback
+from motiongen_tools.view.feed import Feed
+from tests.client.fake_server import ROW_WIDTH, synthetic_rows
+
+
+def playback_with(num_frames: int) -> Playback:
+    playback = Playback(20, ROW_WIDTH)
+    playback.announce_plan(1, 0)
+    playback.add_chunk(1, 0, synthetic_rows(1, 0, num_frames), 5)
+    return playback
+
+
+def test_new_frames_are_told_once() -> None:
+    playback = playback_with(0)
+    feed = Feed(playback)
+    assert feed.changed_from() is None
+    playback.add_chunk(1, 0, synthetic_rows(1, 0, 8), 5)
+    assert feed.changed_from() == 0
+    assert feed.changed_from() is None
+    playback.add_chunk(1, 8, synthetic_rows(1, 8, 8), 5)
+    assert feed.changed_from() == 8
+
+
+def test_a_replan_is_told_from_where_it_replaces() -> None:
+    playback = playback_with(30)
+    feed = Feed(playback)
+    feed.changed_from()
+    playback.advance(0.0)
+    playback.announce_plan(2, 12)
+    playback.add_chunk(2, 12, synthetic_rows(2, 12, 18), 12)
+    assert feed.changed_from() == 12
+
+
+def test_frames_that_were_only_dropped_are_told_too() -> None:
+    playback = playback_with(30)
+    feed = Feed(playback)
+    feed.changed_from()
+    playback.announce_plan(2, 12)
+    assert feed.changed_from() == 12
+    playback.add_chunk(2, 12, synthetic_rows(2, 12, 8), 12)
+    assert feed.changed_from() == 12

@@ -1,0 +1,88 @@
+"""Rooms: where characters stand, how many there may be, and what happens when nobody looks."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from motiongen_client import EventRefused, MotionClient, StartPose
+from motiongen_client.errors import InvalidInput
+from motiongen_tools.view.bridge import MOST_ROOMS, Bridge
+from motiongen_tools.view.line import Line
+from motiongen_tools.view.room import IDLE_S, SPACING_M, Room, session_options
+from tests.client.fake_server import FakeServer
+
+
+async def test_nobody_stands_in_another(room: Room) -> None:
+    places = [room._place(number) for number in range(1, 201)]
+    assert places[0].x_m == places[0].z_m == 0
+    assert len({(place.x_m, place.z_m) for place in places}) == 200
+    assert max(max(abs(place.x_m), abs(place.z_m)) for place in places) <= 8 * SPACING_M
+
+
+async def test_a_room_is_full_at_some_point(room: Room) -> None:
+    assert await room.add({"count": 2}) == [1, 2]
+    with pytest.raises(InvalidInput, match="at most 198 more"):
+        await room.add({"count": 199})
+
+
+async def test_a_refused_opening_is_told(room: Room, server: FakeServer) -> None:
+    server.refuse = lambda event: "OVERLOADED" if event.WhichOneof("event") == "open" else ""
+    with pytest.raises(EventRefused, match="OVERLOADED"):
+        await room.add({})
+    assert not room.characters
+
+
+async def test_characters_pause_while_nobody_looks(bridge: Bridge, monkeypatch: pytest.MonkeyPatch) -> None:
+    room = bridge.room("quiet")
+    await room.add({"count": 2})
+    room.characters[2].session.pause()
+    now_s = room.clock()
+    monkeypatch.setattr(room, "clock", lambda: now_s + IDLE_S + 1)
+    room.tick()
+    assert all(character.session.is_paused for character in room.characters.values())
+
+    class Looker:
+        def rewind(self, character: int, frame: int) -> None: ...
+
+        def forget(self, character: int) -> None: ...
+
+    room.viewers.add(Looker())
+    room.tick()
+    assert not room.characters[1].session.is_paused
+    assert room.characters[2].session.is_paused, "it was paused by somebody, not for want of viewers"
+
+
+async def test_rooms_have_names_and_a_limit(bridge: Bridge) -> None:
+    assert bridge.room("main") is bridge.room("main")
+    with pytest.raises(InvalidInput, match="letters"):
+        bridge.room("../etc")
+    for number in range(MOST_ROOMS + 5):
+        bridge.room(f"empty{number}")  # those before make place
+    for number in range(MOST_ROOMS):
+        await bridge.room(f"used{number}").add({})
+    with pytest.raises(InvalidInput, match="one of the 16"):
+        bridge.room("one-more")
+
+
+def test_what_a_session_is_opened_with_is_checked() -> None:
+    options = session_options({"seed": "18446744073709551615", "priority": "hero", "steps": 6}, StartPose())
+    assert (options.seed, options.priority.value, options.denoise_steps) == (2**64 - 1, "hero", 6)
+    placed = session_options({"start": {"x_m": 1, "z_m": 2}}, StartPose()).start
+    assert (placed.x_m, placed.z_m, placed.heading_rad) == (1, 2, 0)
+    for wrong in ({"seed": -1}, {"priority": "king"}, {"steps": 1.5}, {"start": [0, 0]}):
+        with pytest.raises(InvalidInput):
+            session_options(wrong, StartPose())
+
+
+async def test_a_bridge_waits_for_its_server() -> None:
+    line = Line(lambda: MotionClient("localhost:1", connect_timeout_s=0.05))
+    bridge = Bridge(line)
+    running = asyncio.create_task(bridge.run())
+    async with asyncio.timeout(5):
+        while "localhost:1" not in line.shown(0)["detail"]:
+            await bridge.beat()
+    assert line.shown(0)["state"] == "connecting"
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)

@@ -1,0 +1,154 @@
+"""The bridge's web server: whom it serves, what a page may load, takes and motion files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+
+from motiongen_client import Motion, MotionClient
+from motiongen_client.errors import MotiongenError
+from motiongen_tools.bvh import write_bvh
+from motiongen_tools.npz import read_npz, write_npz
+from motiongen_tools.view.access import Access
+from motiongen_tools.view.bridge import Bridge
+from motiongen_tools.view.line import Line
+from motiongen_tools.view.motion_files import MAX_BYTES, read_upload
+from motiongen_tools.view.page_files import PAGE, ThreeMissing, three_folder
+from motiongen_tools.view.room import Room
+from motiongen_tools.view.web import DENIED, UNKNOWN_ROOM, web_app
+from tests.tools.view.conftest import LIMIT_S
+
+LOCAL = "http://localhost:8321"
+HOST = {"host": "localhost:8321"}
+WITH_TOKENS = Access("steer", "look")
+
+
+@pytest.fixture
+def three(tmp_path: Path) -> Path:
+    """A folder that looks like the npm package."""
+    (tmp_path / "build").mkdir()
+    (tmp_path / "build" / "three.module.js").write_text("export {};")
+    return tmp_path
+
+
+@pytest.fixture
+def idle() -> Bridge:
+    """It has no server, and does nothing."""
+    return Bridge(Line(lambda: MotionClient("localhost:1")))
+
+
+@pytest.fixture
+def open_site(idle: Bridge, three: Path) -> Iterator[TestClient]:
+    with TestClient(web_app(idle, Access(), three), base_url=LOCAL) as site:
+        yield site
+
+
+@pytest.fixture
+def guarded_site(idle: Bridge, three: Path) -> Iterator[TestClient]:
+    with TestClient(web_app(idle, WITH_TOKENS, three), base_url="http://example.org") as site:
+        yield site
+
+
+def test_the_page_and_three_are_served(open_site: TestClient) -> None:
+    page = open_site.get("/")
+    assert page.status_code == 200
+    assert "importmap" in page.text
+    assert "script-src 'self' 'sha256-" in page.headers["content-security-policy"]
+    assert open_site.get("/three/build/three.module.js").status_code == 200
+    assert open_site.get("/main.js").headers["content-type"].startswith("text/javascript")
+
+
+def test_every_module_that_a_module_names_is_there() -> None:
+    for module in [path for path in PAGE.rglob("*.js") if "node_modules" not in path.parts]:
+        for line in module.read_text(encoding="utf-8").splitlines():
+            if ' from "./' in line or ' from "../' in line:
+                named = module.parent / line.split(' from "')[1].split('"')[0]
+                assert named.resolve().is_file(), f"{module.name}: {line}"
+
+
+def test_other_names_for_this_machine_are_not_served(open_site: TestClient) -> None:
+    assert open_site.get("/", headers={"host": "evil.example"}).status_code == 421
+    with pytest.raises(WebSocketDisconnect), open_site.websocket_connect("/ws", headers={"host": "evil.example"}):
+        pass
+
+
+def test_pages_of_other_sites_do_not_steer(open_site: TestClient) -> None:
+    with open_site.websocket_connect("/ws", headers=HOST | {"origin": "http://evil.example"}) as socket:
+        assert socket.receive()["code"] == DENIED
+
+
+def test_a_token_is_asked_for(guarded_site: TestClient) -> None:
+    for query in ("", "?token=guess"):
+        with guarded_site.websocket_connect(f"/ws{query}") as socket:
+            assert socket.receive()["code"] == DENIED
+    assert guarded_site.get("/take/main/1/a.npz").status_code == 401
+    assert guarded_site.post("/motion?name=a.npz", headers={"authorization": "Bearer look"}).status_code == 401
+
+
+def test_a_room_without_a_proper_name_is_refused(open_site: TestClient) -> None:
+    with open_site.websocket_connect("/ws?room=a/b", headers=HOST) as socket:
+        assert socket.receive()["code"] == UNKNOWN_ROOM
+
+
+def test_a_missing_three_says_how_to_have_it(tmp_path: Path) -> None:
+    with pytest.raises(ThreeMissing, match="make viewer"):
+        three_folder(tmp_path)
+
+
+def test_the_lock_pins_what_the_package_asks_for_and_names_no_registry() -> None:
+    asked = json.loads((PAGE / "package.json").read_text())["dependencies"]
+    lock = json.loads((PAGE / "package-lock.json").read_text())["packages"]
+    assert {name: lock[f"node_modules/{name}"]["version"] for name in asked} == asked
+    assert all("resolved" not in package for package in lock.values())
+    assert all("integrity" in package for path, package in lock.items() if path)
+
+
+async def site_of(bridge: Bridge, three: Path) -> httpx.AsyncClient:
+    """In the loop of the bridge."""
+    transport = httpx.ASGITransport(web_app(bridge, Access(), three))
+    return httpx.AsyncClient(transport=transport, base_url=LOCAL, timeout=LIMIT_S)
+
+
+async def test_takes_are_downloaded(bridge: Bridge, room: Room, three: Path, tmp_path: Path) -> None:
+    (number,) = await room.add({"text": "a person stands"})
+    playback = room.character(number).session.playback
+    while playback.playhead < 5:
+        await bridge.beat()
+    async with await site_of(bridge, three) as site:
+        answer = await site.get(f"/take/main/{number}/walk.npz?first=1&end=4")
+        (tmp_path / "walk.npz").write_bytes(answer.content)
+        motion = read_npz(tmp_path / "walk.npz")
+        assert (motion.first_frame, len(motion)) == (1, 3)
+        assert (await site.get(f"/take/main/{number}/walk.bvh")).text.startswith("HIERARCHY")
+        session = (await site.get(f"/take/main/{number}/walk.session.json")).json()
+        assert session["opening"]["text"] == "a person stands"
+        for wrong in (f"/take/main/{number}/walk.exe", "/take/main/9/walk.npz", f"/take/main/{number}/a.npz?first=999"):
+            refused = await site.get(wrong)
+            assert refused.status_code == 400
+            assert "allowed" in refused.json()["error"]
+
+
+async def test_motion_files_are_opened(bridge: Bridge, three: Path, tmp_path: Path, stick_motion: Motion) -> None:
+    write_npz(tmp_path / "walk.npz", stick_motion)
+    async with await site_of(bridge, three) as site:
+        opened = await site.post("/motion?name=walk.npz", content=(tmp_path / "walk.npz").read_bytes())
+        rows = np.frombuffer(opened.content[-stick_motion.rows.nbytes :], "<f4")
+        np.testing.assert_array_equal(rows.reshape(stick_motion.rows.shape), stick_motion.rows)
+        for name, content in (("walk.npz", b"junk"), ("walk", b"junk"), ("walk.bvh", b"")):
+            refused = await site.post(f"/motion?name={name}", content=content)
+            assert refused.status_code == 400, name
+        big = await site.post("/motion?name=a.npz", content=b"", headers={"content-length": str(MAX_BYTES + 1)})
+        assert big.status_code == 400
+
+
+def test_a_figure_that_the_server_does_not_know_is_refused(tmp_path: Path, stick_motion: Motion) -> None:
+    write_bvh(tmp_path / "walk.bvh", stick_motion)
+    with pytest.raises(MotiongenError):
+        read_upload("walk.bvh", (tmp_path / "walk.bvh").read_bytes(), [stick_motion.rig])

@@ -6,6 +6,8 @@ SHELL := bash
 VENV ?= .venv
 PYTHON := $(VENV)/bin/python
 BUF := $(VENV)/bin/buf
+CLANG_FORMAT := $(VENV)/bin/clang-format
+CPP_FILES = $(shell git ls-files 'client/cpp/*.cpp' 'client/cpp/*.hpp' 'client/cpp/*.h' 'client/cpp/*.c')
 READY := $(VENV)/.ready
 PARTS := proto ardy server client/python client/tools compliance
 LOWEST ?= $(OUT)/venv-lowest
@@ -108,14 +110,16 @@ scale-demo: $(READY) ## kill one of two servers behind a proxy while 40 characte
 	$(PYTHON) -m tests.scale $(ARGS)
 
 .PHONY: lint
-lint: $(READY) ## check style and format
+lint: $(READY) ## check style and format, of Python and C++
 	$(PYTHON) -m ruff check .
 	$(PYTHON) -m ruff format --check .
+	$(CLANG_FORMAT) --dry-run --Werror $(CPP_FILES)
 
 .PHONY: fmt
 fmt: $(READY) ## format, and mend what can be mended
 	$(PYTHON) -m ruff check --fix .
 	$(PYTHON) -m ruff format .
+	$(CLANG_FORMAT) -i $(CPP_FILES)
 
 .PHONY: types
 types: $(READY) ## check types: mypy strict on server, contract and client

@@ -88,14 +88,12 @@ export class Tools {
         const { points } = this._drag;
         const [x, z] = points[points.length - 1];
         if (Math.hypot(place.x - x, place.z - z) > STEP_M) points.push([place.x, place.z]);
-        this._drawn.geometry.setFromPoints(points.map(([px, pz]) => new THREE.Vector3(px, 0.015, pz)));
-        this._drawn.geometry.attributes.position.needsUpdate = true;
+        this._drawLine(points);
       },
       up: () => {
         const points = this._drag?.points ?? [];
         this._drag = null;
-        this._drawn.geometry.dispose();
-        this._drawn.geometry = new THREE.BufferGeometry();
+        this._drawLine([]);
         if (points.length > 1) this._say(pathAlong(points));
       },
     };
@@ -137,13 +135,12 @@ export class Tools {
         if (!place || !this._drag || !member) return;
         this._drag.place = place;
         const root = rootAt(member, Math.floor(member.track.playhead()));
-        this._drawn.geometry.setFromPoints([new THREE.Vector3(root.x, 0.02, root.z), place.clone().setY(0.02)]);
+        this._drawLine([[root.x, root.z], [place.x, place.z]]);
       },
       up: () => {
         const member = this._cast.one, place = this._drag?.place;
         this._drag = null;
-        this._drawn.geometry.dispose();
-        this._drawn.geometry = new THREE.BufferGeometry();
+        this._drawLine([]);
         if (!member || !place) return;
         const root = rootAt(member, Math.floor(member.track.playhead()));
         this._say({ kind: "heading", frame: this._frame(member), heading_rad: Math.atan2(place.x - root.x, place.z - root.z) });
@@ -176,6 +173,13 @@ export class Tools {
         this._say({ kind: "keyframe", frame: this._frame(member), positions_m: positions });
       },
     };
+  }
+
+  /** points: [[x, z]], metres; none takes the line away. */
+  _drawLine(points) {
+    this._drawn.geometry.dispose();
+    this._drawn.geometry = new THREE.BufferGeometry();
+    if (points.length) this._drawn.geometry.setFromPoints(points.map(([x, z]) => new THREE.Vector3(x, 0.015, z)));
   }
 
   _placeHandles(member) {

@@ -103,6 +103,10 @@ e2e: $(READY) ## test a real server process with the real client
 attack: $(READY) ## attack a real server in every known way, and print what its neighbours noticed; a short form is in make test
 	$(PYTHON) -m tests.attack --out $(OUT)/attack $(ARGS)
 
+.PHONY: scale-demo
+scale-demo: $(READY) ## kill one of two servers behind a proxy while 40 characters play (redis-server and haproxy by apt)
+	$(PYTHON) -m tests.scale $(ARGS)
+
 .PHONY: lint
 lint: $(READY) ## check style and format
 	$(PYTHON) -m ruff check .

@@ -33,6 +33,7 @@ from motiongen_server.rpc.reflection import add_reflection
 from motiongen_server.rpc.service import MotionService
 from motiongen_server.rpc.starting import StartingService
 from motiongen_server.settings import SettingError
+from motiongen_server.snapshots.stores import open_snapshot_store
 from motiongen_server.transport import make_grpc_server
 
 _log = logging.getLogger("motiongen_server")
@@ -110,9 +111,12 @@ class Application:
             if model.model_id in self._manager:
                 raise SettingError(f"model is {config.model!r}, and two of these are {model.model_id}; give one")
             self._manager.adopt(model)
+        snapshots = open_snapshot_store(config.snapshot_store, config.snapshot_keep_s)
         self._service = MotionService(
-            self._manager.models, config.flush_ms / 1000, self.metrics, make_limits(config), self._callers
+            self._manager.models, config.flush_ms / 1000, self.metrics, make_limits(config), self._callers, snapshots
         )
+        if (durability := self._service.durability) is not None:
+            self.metrics.watch_snapshots(durability.writer)
         self._manager.open(self._service)
         self._door.open(self._service)
         self.metrics.heartbeat_age.set_function(self._heartbeat_age_s)
@@ -240,6 +244,7 @@ class Application:
         finished.cancel()
         failed = self._manager.failure is not None
         await self._manager.stop()
+        await asyncio.to_thread(self._service.write_last_snapshots)
         await self._stop_engines()
         await self.stop_ops()
         self._factory.close()

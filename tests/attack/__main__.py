@@ -1,6 +1,6 @@
 """`make attack`: hostile clients of every kind against a real server, and a table of what its neighbours noticed.
 
-    python -m tests.attack [--only KIND ...] [--seconds S] [--out FOLDER]
+    python -m tests.attack [--only KIND ...] [--seconds S] [--out FOLDER] [--pages PAGE ...]
 
 Ends with status 1 where neighbours noticed more than they may. Bounded: some twelve seconds an attack.
 """
@@ -9,22 +9,26 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import json
 import sys
 import tempfile
 from pathlib import Path
 
-from tests.attack.attack import Attack, machine, run, table
+from tests.attack.attack import Attack, Result, machine, row, run, table
+
+BEGIN, END = "<!-- made by: python -m tests.attack -->", "<!-- until here -->"
 
 ATTACKS = (
     Attack("nobody attacks", ""),
+    Attack("nobody attacks (built-in model)", "", built_in=True),
     Attack("empty events", "empty_events", 2),
     Attack("one event of 400,000 empty constraints", "empty_constraints", 2, grown_mib=300),
     Attack("450,000 empty events a message, nothing read", "huge_messages", 1),
     Attack("pings", "pings", 2),
-    Attack("opens that must fail, with new prompts", "failing_opens", 2, built_in=True),
-    Attack("16 new prompts an edit", "new_prompts", 2, built_in=True),
+    Attack("opens that must fail, with new prompts (built-in model)", "failing_opens", 2, built_in=True),
+    Attack("16 new prompts an edit (built-in model)", "new_prompts", 2, built_in=True),
     Attack("playheads that lie", "liars", 2),
-    Attack("playheads that lie, built-in model", "liars", 1, built_in=True),
+    Attack("playheads that lie (built-in model)", "liars", 1, built_in=True),
     Attack("3,000 streams without hello", "silent_streams", 1),
     Attack("24 calls for the longest clips, nothing read", "unread_clips", 1),
     Attack("refused events on 40 streams, nothing read", "unread_streams", 1),
@@ -35,6 +39,7 @@ ATTACKS = (
     Attack("playheads, 200 a message", "playheads", 2),
     Attack("3,000 streams with hello and no session", "empty_streams", 1),
     Attack("opens with names of 5,000 characters", "long_names", 2),
+    Attack("messages with some bytes changed, on streams and as clips", "mutations", 2),
     Attack("idle connections on the port of operations", "idle_connections", 1, at_ops=True),
     Attack(
         "metrics that are asked for and not read, also at the end", "unread_metrics", 1, at_ops=True, to_the_end=True
@@ -42,23 +47,56 @@ ATTACKS = (
 )
 
 
+class Rows:
+    """Of the table, by attack: those of earlier runs too, where they were kept. out: the folder."""
+
+    def __init__(self, out: Path | None) -> None:
+        self._path = None if out is None else out / "rows.json"
+        there = self._path is not None and self._path.exists()
+        self._rows: dict[str, str] = json.loads(self._path.read_text("utf-8")) if there and self._path else {}
+
+    def add(self, results: list[Result]) -> None:
+        """Those of this run, instead of earlier ones."""
+        self._rows |= {each.attack.name: row(each) for each in results}
+        if self._path is not None:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._path.write_text(json.dumps(self._rows, indent=1), encoding="utf-8")
+
+    def in_order(self) -> list[str]:
+        """As the attacks are listed."""
+        return [self._rows[attack.name] for attack in ATTACKS if attack.name in self._rows]
+
+
+def put_into(page: Path, made: str) -> None:
+    """Replace what stands between the marks of a page by a table."""
+    before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not end:
+        raise ValueError(f"{page} has no place for the table; put {BEGIN} and {END} there")
+    page.write_text(f"{before}{BEGIN}\n\n{made}\n{END}{after}", encoding="utf-8")
+
+
 async def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.attack", description=__doc__)
-    parser.add_argument("--only", nargs="*", default=[], help="kinds of tests.attack.hostile, or none")
+    parser.add_argument("--only", nargs="*", default=[], help="kinds of tests.attack.hostile, nobody")
     parser.add_argument("--seconds", type=float, default=6.0, help="of each attack (default: %(default)s)")
-    parser.add_argument("--out", type=Path, help="folder for attack.md")
+    parser.add_argument("--out", type=Path, help="folder for attack.md; rows of earlier runs there stay")
+    parser.add_argument("--pages", type=Path, nargs="*", default=[], help="Markdown files to put the table into")
     options = parser.parse_args()
     results = []
     with tempfile.TemporaryDirectory() as folder:
         for number, attack in enumerate(ATTACKS):
-            if options.only and attack.kind not in options.only:
+            if options.only and (attack.kind or "nobody") not in options.only:
                 continue
             results.append(await run(attack, options.seconds, Path(folder) / f"{number}.log"))
             print(f"{attack.name}: {'; '.join(results[-1].faults) or 'held'}", flush=True)
-    report = f"{table(results)}\n{machine()}, {options.seconds:g} s an attack\n"
+    rows = Rows(options.out)
+    rows.add(results)
+    report = f"{table(rows.in_order())}\n{machine()}, {options.seconds:g} s an attack\n"
     if options.out:
-        options.out.mkdir(parents=True, exist_ok=True)
         (options.out / "attack.md").write_text(report, encoding="utf-8")
+    for page in options.pages:
+        put_into(page, table(rows.in_order()))
     print(report)
     return 1 if any(each.faults for each in results) else 0
 

@@ -6,7 +6,7 @@ import asyncio
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,7 +51,10 @@ class Attack:
 
 @dataclass(frozen=True)
 class Result:
-    """Of one attack. grown_mib: while it went on; left_mib: after it; health_ms: of a health check meanwhile."""
+    """Of one attack. grown_mib: while it went on; left_mib: after it; health_ms: of a health check meanwhile.
+
+    errors: in its log, of its own.
+    """
 
     attack: Attack
     noticed: Noticed
@@ -61,6 +64,7 @@ class Result:
     gateway_cpu: float
     log_mib: float
     exit_code: int | None
+    errors: int = 0
 
     @property
     def faults(self) -> list[str]:
@@ -73,6 +77,7 @@ class Result:
             f"sessions ended: {noticed.closed}": bool(noticed.closed),
             f"memory grew by {self.grown_mib:.0f} MiB": self.grown_mib > attack.grown_mib,
             f"the log grew by {self.log_mib:.1f} MiB": self.log_mib > attack.log_mib,
+            f"{self.errors} errors inside the server are in its log": bool(self.errors),
             "health was not answered": self.health_ms > 1000 * HEALTH_S,
             f"the server ended with {self.exit_code}": self.exit_code != 0,
         }
@@ -142,27 +147,27 @@ async def run(attack: Attack, seconds: float, log: Path) -> Result:
         if attack.to_the_end:
             still_there.enter_context(hostile(attack, server))
             await asyncio.sleep(2 * WARM_S)
-    return Result(attack, noticed, grown, left, health, share, server.log_mib(), server.exit_code)
+    errors = server.log.read_text(encoding="utf-8", errors="replace").count("error id")
+    return Result(attack, noticed, grown, left, health, share, server.log_mib(), server.exit_code, errors)
 
 
-def table(results: list[Result]) -> str:
+def row(result: Result) -> str:
+    """Of the table."""
+    noticed, attack = result.noticed, result.attack
+    tier = "FULL" if noticed.lowest_tier == TIER_FULL else str(noticed.lowest_tier)
+    verdict = "; ".join(result.faults) or "held"
+    health = "none" if result.health_ms > 1000 * HEALTH_S else f"{result.health_ms:.0f} ms"
+    return (
+        f"| {attack.name} | {attack.clients if attack.kind else 0} | {noticed.missed:.1%} "
+        f"| {noticed.edit_p95_ms:.0f} ms | {noticed.ping_p95_ms:.0f} ms | {tier} "
+        f"| {result.grown_mib:.0f} / {result.left_mib:.0f} MiB | {health} | {result.gateway_cpu:.0%} | {verdict} |"
+    )
+
+
+def table(rows: Iterable[str]) -> str:
     """A row an attack, in Markdown."""
-    lines = [
-        "| attack | clients | frames missed | edits p95 | pings p95 | tier | memory grown / left | health | gateway "
-        "| verdict |",
-        "|---|---:|---:|---:|---:|---|---:|---:|---:|---|",
-    ]
-    for each in results:
-        noticed = each.noticed
-        tier = "FULL" if noticed.lowest_tier == TIER_FULL else str(noticed.lowest_tier)
-        verdict = "; ".join(each.faults) or "held"
-        health = "none" if each.health_ms > 1000 * HEALTH_S else f"{each.health_ms:.0f} ms"
-        lines.append(
-            f"| {each.attack.name} | {each.attack.clients if each.attack.kind else 0} | {noticed.missed:.1%} "
-            f"| {noticed.edit_p95_ms:.0f} ms | {noticed.ping_p95_ms:.0f} ms | {tier} "
-            f"| {each.grown_mib:.0f} / {each.left_mib:.0f} MiB | {health} | {each.gateway_cpu:.0%} | {verdict} |"
-        )
-    return "\n".join(lines) + "\n"
+    head = "| attack | clients | frames missed | edits p95 | pings p95 | tier | memory grown / left | health | gateway "
+    return "\n".join([head + "| verdict |", "|---|---:|---:|---:|---:|---|---:|---:|---:|---|", *rows]) + "\n"
 
 
 def machine() -> str:

@@ -9,67 +9,12 @@ import asyncio
 import itertools
 import sys
 import time
-from collections.abc import Awaitable, Callable
-from typing import Any
-
-import grpc.aio
+from collections.abc import Callable
 
 from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
-from motiongen_server.rpc.handlers import SERVICE_NAME
+from tests.attack.calls import HELLO, STREAMS, Event, Request, bare_stream, channel_to, drain, flood, for_ever, many
 from tests.attack.hostile_sockets import connections, garbage, idle_connections, unread_metrics
-
-Request = service_pb2.StreamMotionRequest
-Event = session_pb2.SessionEvent
-HELLO = Request(hello=service_pb2.ClientHello(client_agent="hostile")).SerializeToString()
-OPTIONS = (("grpc.use_local_subchannel_pool", 1), ("grpc.max_receive_message_length", 8 << 20))
-STREAMS = 8
-
-
-def channel_to(address: str) -> grpc.aio.Channel:
-    return grpc.aio.insecure_channel(address, options=OPTIONS)
-
-
-def bare_stream(channel: grpc.aio.Channel) -> Any:
-    """A stream of messages as they are."""
-    return channel.stream_stream(f"/{SERVICE_NAME}/StreamMotion")()
-
-
-async def for_ever(act: Callable[[], Awaitable[None]]) -> None:
-    """Again and again, whatever the server says to it."""
-    while True:
-        try:
-            await act()
-        except (grpc.aio.AioRpcError, asyncio.InvalidStateError, OSError):
-            await asyncio.sleep(0.05)
-
-
-async def many(count: int, act: Callable[[], Awaitable[None]]) -> None:
-    await asyncio.gather(*(for_ever(act) for _ in range(count)))
-
-
-async def drain(call: Any) -> None:
-    """Read and forget."""
-    while await call.read() is not grpc.aio.EOF:
-        pass
-
-
-async def flood(address: str, messages: list[bytes], reads: bool = True, streams: int = STREAMS) -> None:
-    """The same messages on each of some streams, over a connection each."""
-
-    async def once() -> None:
-        async with channel_to(address) as channel:
-            call = bare_stream(channel)
-            await call.write(HELLO)
-            reading = asyncio.create_task(drain(call)) if reads else None
-            try:
-                for message in itertools.cycle(messages):
-                    await call.write(message)
-            finally:
-                if reading is not None:
-                    reading.cancel()
-                    await asyncio.gather(reading, return_exceptions=True)
-
-    await many(streams, once)
+from tests.attack.mutation import mutations
 
 
 async def empty_events(address: str) -> None:
@@ -253,7 +198,7 @@ KINDS = {
     for kind in (
         empty_events, empty_constraints, huge_messages, pings, failing_opens, new_prompts, liars, silent_streams,
         unread_clips, unread_streams, catalogs, connections, garbage, heroes, playheads, empty_streams, long_names,
-        idle_connections, unread_metrics,
+        idle_connections, unread_metrics, mutations,
     )
 }  # fmt: skip
 

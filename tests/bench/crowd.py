@@ -14,16 +14,13 @@ from itertools import count
 import numpy as np
 
 from motiongen_server.engine.types import (
-    Chunk,
     Close,
     Event,
     Float32Array,
     Guidance,
     Open,
-    Opened,
     Outcome,
     Output,
-    PlanNotice,
     Playhead,
     Priority,
     Prompt,
@@ -179,14 +176,5 @@ class Crowd:
     def deliver(self, outputs: Sequence[Output]) -> None:
         now = self._clock.now()
         for output in outputs:
-            playback = self.playbacks[output.session.handle]
-            match output:
-                case Chunk():
-                    playback.receive(output, now)
-                case PlanNotice():
-                    playback.notice(output, now)
-                case Outcome():
-                    playback.answer(output)
-                    self.num_refused_opens += output.field == "open"
-                case Opened():
-                    pass
+            self.playbacks[output.session.handle].hear(output, now)
+            self.num_refused_opens += isinstance(output, Outcome) and output.field == "open"

@@ -8,8 +8,9 @@ import subprocess
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+
+from motiongen_tools.bench.machine import cores, installed, processor
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -20,23 +21,12 @@ def machine_facts() -> dict[str, str]:
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "commit": commit(),
         "processor": processor(),
-        "cores": f"{usable_cores()} usable of {os.cpu_count()}",
+        "cores": cores(),
         "load before": f"{os.getloadavg()[0]:.2f} (1 minute)",
         "system": f"{platform.system()} {platform.release()}",
         "python": platform.python_version(),
         **{name: installed(name) for name in ("torch", "grpcio", "protobuf", "numpy")},
     }
-
-
-def usable_cores() -> int:
-    return len(os.sched_getaffinity(0))
-
-
-def installed(distribution: str) -> str:
-    try:
-        return version(distribution)
-    except PackageNotFoundError:
-        return "not installed"
 
 
 def commit() -> str:
@@ -49,16 +39,6 @@ def commit() -> str:
         return git("rev-parse", "--short=12", "HEAD") + (" with changes" if git("status", "--porcelain") else "")
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
-
-
-def processor() -> str:
-    """Its name, where the system tells it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
 
 
 def busy_share() -> Callable[[], float]:

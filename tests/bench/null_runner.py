@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from motiongen_server.engine.types import ChannelBlock, ModelFacts, RigLayout, RowStatus, WindowJob, WindowResult
+from motiongen_server.engine.types import ChannelBlock, RigLayout, RowStatus, WindowJob, WindowResult
+from tests.server.engine import fakes
 
 NUM_JOINTS = 27
 FEATURE_DIM = 12 * NUM_JOINTS + 6
@@ -19,7 +21,8 @@ TOKEN_WIDTH = 52
 STEP_S = 0.002
 """What a step takes on the clock where it is to: as with a model, what comes during one is taken up together."""
 
-FACTS = ModelFacts(
+FACTS = replace(
+    fakes.FACTS,
     model_id="null",
     rig=RigLayout(
         rig_id="core27",
@@ -32,17 +35,11 @@ FACTS = ModelFacts(
             ChannelBlock("foot_contact", 4),
         ),
     ),
-    fps=20,
-    horizon=40,
-    patch=4,
     feature_dim=FEATURE_DIM,
-    max_window_frames=200,
-    min_steps=2,
-    max_steps=10,
-    default_steps=4,
     embedding_dim=8,
     token_width=TOKEN_WIDTH,
     guidance_passes=1,
+    num_parameters=0,
 )
 
 

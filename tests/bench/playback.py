@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from motiongen_server.engine.types import Chunk, Code, Outcome, PlanNotice
+from motiongen_server.engine.types import Chunk, Code, Outcome, Output, PlanNotice
 
 
 @dataclass(slots=True)
@@ -44,6 +44,16 @@ class Playback:
     def meant(self, event_seq: int, at: float) -> None:
         """Note when an edit was meant to be sent."""
         self._meant_at[event_seq] = at
+
+    def hear(self, output: Output, now: float) -> None:
+        """Take whatever the engine says of the session."""
+        match output:
+            case Chunk():
+                self.receive(output, now)
+            case PlanNotice():
+                self.notice(output, now)
+            case Outcome():
+                self.answer(output)
 
     def notice(self, notice: PlanNotice, now: float) -> None:
         """Let go of what a new plan replaces."""

@@ -18,7 +18,6 @@ from motiongen_server.engine.types import (
     Open,
     Outcome,
     Output,
-    PlanNotice,
     Playhead,
     Priority,
     Prompt,
@@ -154,15 +153,12 @@ class Script:
         for output in outputs:
             number = output.session.handle
             playback, outcomes = self.playbacks[number], self.outcomes[self.priority(number)]
+            had_begun = playback.started_at is not None
+            playback.hear(output, now)
             match output:
-                case Chunk():
-                    if playback.started_at is None:
-                        outcomes.opens_s.append(now - self._opened_at[number])
-                    playback.receive(output, now)
-                case PlanNotice():
-                    playback.notice(output, now)
+                case Chunk() if not had_begun:
+                    outcomes.opens_s.append(now - self._opened_at[number])
                 case Outcome():
-                    playback.answer(output)
                     outcomes.refused += output.field == "open"
                 case ServiceLevel():
                     outcomes.degraded += output.tier is not ServiceTier.FULL

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import grpc
 import grpc.aio
@@ -22,6 +23,7 @@ from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.handlers import add_methods
 from motiongen_server.rpc.limits import Limits, PeerLimits, ServiceLimits
 from motiongen_server.rpc.service import MotionService
+from motiongen_server.snapshots.store import SnapshotStore
 from motiongen_server.text.prompts import PromptEncoder
 from tests.server.engine.engine_thread import EngineThread
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
@@ -64,7 +66,9 @@ class LocalServer:
         service_limits: ServiceLimits | None = None,
         callers: Callers | None = None,
         credentials: grpc.ServerCredentials | None = None,
+        snapshots: SnapshotStore | None = None,
     ) -> None:
+        self._snapshots = snapshots
         self._callers = callers
         self._credentials = credentials
         self._facts = facts
@@ -72,7 +76,7 @@ class LocalServer:
         self._limits = limits or Limits()
         self._abilities = abilities
         self._gaits = gaits
-        self._engine_config = engine_config or EngineConfig()
+        self._engine_config = replace(engine_config or EngineConfig(), snapshots=snapshots is not None)
 
     async def __aenter__(self) -> LocalServer:
         limits = self._limits
@@ -90,7 +94,9 @@ class LocalServer:
             abilities=self._abilities,
         )
         self.model = LoadedModel("fake", self.engine, self.prompts, catalog)
-        self.service = MotionService(ModelRegistry(self.model), limits=self._service_limits, callers=self._callers)
+        self.service = MotionService(
+            ModelRegistry(self.model), limits=self._service_limits, callers=self._callers, snapshots=self._snapshots
+        )
         self._server = grpc.aio.server(options=[("grpc.max_receive_message_length", limits.max_request_bytes)])
         add_methods(self.service, self._server)
         self.address = f"127.0.0.1:{listen(self._server, '127.0.0.1:0', '', self._credentials)}"
@@ -102,6 +108,7 @@ class LocalServer:
         await self._server.stop(None)
         self.engine.stop()
         assert await asyncio.to_thread(self._thread.join, JOIN_S)
+        await asyncio.to_thread(self.service.write_last_snapshots)
         self.prompts.close()
         assert self._thread.failure is None
         assert self.runner.breaches == []

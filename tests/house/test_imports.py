@@ -74,7 +74,12 @@ ROOMS = (
     room(
         f"{SERVER}/rpc",
         "grpc google motiongen numpy ~.rpc ~.text ~.errors ~.config"
-        " ~.engine.types ~.engine.engine_port ~.models.registry ~.identity",
+        " ~.engine.types ~.engine.engine_port ~.models.registry ~.identity ~.snapshots",
+    ),
+    room(
+        f"{SERVER}/snapshots",
+        "numpy redis ~.snapshots ~.engine.types ~.engine_process.codec ~.settings",
+        never="asyncio",
     ),
     room(f"{SERVER}/text/presets.py", "~.engine.types"),
     room(f"{SERVER}/text/event_errors.py", "~.engine.types ~.errors"),

@@ -21,8 +21,8 @@ def naps(source: str) -> list[int]:
 
 def test_no_test_sleeps(repository: Any) -> None:
     files = [path for path in repository.files if path.parts[0] == "tests" and path.suffix == ".py"]
-    # the programs in tests/bench and tests/attack measure, and may pace themselves
-    programs = ("bench", "attack")
+    # the programs in tests/bench, tests/attack and tests/scale measure, and may pace themselves
+    programs = ("bench", "attack", "scale")
     tests = [path for path in files if path != WAITING and (path.parts[1] not in programs or "test_" in path.name)]
     found = [f"{path}:{line}" for path in tests for line in naps((repository.root / path).read_text(encoding="utf-8"))]
     assert found == [], "see tests/waiting.py"

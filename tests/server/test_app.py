@@ -41,6 +41,20 @@ def load(_: ServerConfig) -> FakeRunner:
     return FakeRunner(RealTime())
 
 
+class SlowLoad:
+    """Loads the fake model when the test lets it. begun: somebody waits for it."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        self.begun = asyncio.Event()
+        self.may_end = threading.Event()
+
+    def __call__(self, settings: ServerConfig) -> FakeRunner:
+        self._loop.call_soon_threadsafe(self.begun.set)
+        assert self.may_end.wait(LIMIT_S)
+        return load(settings)
+
+
 def application_of(settings: ServerConfig, load: Callable[[ServerConfig], Runner] = load) -> Application:
     return Application(settings, in_process(load, LengthEncoder()))
 
@@ -63,38 +77,26 @@ async def get(application: Application, path: str) -> httpx.Response:
 
 
 async def test_while_it_loads_it_is_alive_and_not_ready() -> None:
-    loop, loading, loaded = asyncio.get_running_loop(), asyncio.Event(), threading.Event()
-
-    def slow(settings: ServerConfig) -> FakeRunner:
-        loop.call_soon_threadsafe(loading.set)
-        assert loaded.wait(LIMIT_S)
-        return load(settings)
-
+    slow = SlowLoad()
     application = application_of(config(), slow)
     async with asyncio.timeout(LIMIT_S):
         starting = asyncio.create_task(application.start())
-        await loading.wait()
+        await slow.begun.wait()
         assert (await get(application, "/livez")).status_code == 200
         assert (await get(application, "/readyz")).status_code == 503
         assert (await get(application, "/metrics")).status_code == 200
-        loaded.set()
+        slow.may_end.set()
         await starting
         assert (await get(application, "/readyz")).status_code == 200
         assert await application.drain() == 0
 
 
 async def test_while_it_loads_its_port_answers_that_it_does_not_serve_yet() -> None:
-    loop, loading, loaded = asyncio.get_running_loop(), asyncio.Event(), threading.Event()
-
-    def slow(settings: ServerConfig) -> FakeRunner:
-        loop.call_soon_threadsafe(loading.set)
-        assert loaded.wait(LIMIT_S)
-        return load(settings)
-
+    slow = SlowLoad()
     application = application_of(config(), slow)
     async with asyncio.timeout(LIMIT_S):
         starting = asyncio.create_task(application.start())
-        await loading.wait()
+        await slow.begun.wait()
         async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
             watch = health_pb2_grpc.HealthStub(channel).Watch(health_pb2.HealthCheckRequest(service=SERVICE_NAME))
             assert (await watch.read()).status == NOT_SERVING
@@ -104,7 +106,7 @@ async def test_while_it_loads_its_port_answers_that_it_does_not_serve_yet() -> N
             assert refused.value.code() is grpc.StatusCode.UNAVAILABLE
             stream = stub.StreamMotion()
             assert await stream.code() is grpc.StatusCode.UNAVAILABLE
-            loaded.set()
+            slow.may_end.set()
             await starting
             assert (await watch.read()).status == SERVING
             watch.cancel()
@@ -184,19 +186,11 @@ async def test_asked_to_stop_it_ends_with_0_and_tells_health() -> None:
 
 
 async def test_asked_to_stop_while_it_loads_it_ends_without_waiting_for_the_model() -> None:
-    loaded = threading.Event()
-    loading = asyncio.Event()
-    loop = asyncio.get_running_loop()
-
-    def slow(settings: ServerConfig) -> FakeRunner:
-        loop.call_soon_threadsafe(loading.set)
-        loaded.wait()
-        return load(settings)
-
+    slow = SlowLoad()
     async with asyncio.timeout(LIMIT_S):
         application = application_of(config(), slow)
         starting = asyncio.create_task(application.start())
-        await loading.wait()
+        await slow.begun.wait()
         application.ask_to_stop()
         with pytest.raises(StoppedEarly):
             await starting
@@ -205,7 +199,7 @@ async def test_asked_to_stop_while_it_loads_it_ends_without_waiting_for_the_mode
                 await service_pb2_grpc.MotionServiceStub(channel).GetCatalog(service_pb2.GetCatalogRequest())
         assert refused.value.code() is grpc.StatusCode.UNAVAILABLE
         await application.stop_ops()
-    loaded.set()
+    slow.may_end.set()
 
 
 async def test_a_client_that_does_not_read_does_not_hold_up_the_end() -> None:

@@ -60,8 +60,8 @@ class TextEncoder(Protocol):
         ...
 
 
-class EachTextEncoder(ABC):
-    """An encoder that takes one text at a time, so that no vector depends on its neighbours. As `TextEncoder`."""
+class NamedTextEncoder:
+    """What every encoder here has: the identity and the width of its vectors, which never change."""
 
     def __init__(self, identity: str, width: int) -> None:
         self._identity = identity
@@ -74,6 +74,10 @@ class EachTextEncoder(ABC):
     @property
     def width(self) -> int:
         return self._width
+
+
+class EachTextEncoder(NamedTextEncoder, ABC):
+    """An encoder that takes one text at a time, so that no vector depends on its neighbours. As `TextEncoder`."""
 
     def encode(self, texts: Sequence[str]) -> Vectors:
         vectors = np.zeros((len(texts), self._width), np.float32)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import secrets
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 
@@ -21,6 +22,9 @@ from motiongen_client.session import Session
 from motiongen_client.status import NOT_ALLOWED, error_of
 from motiongen_client.stream import Stream
 from motiongen_client.types import NO_PROMPTS, Catalog, Clip, Constraint, SessionOptions
+
+REPLICA_KEY = "x-motiongen-key"
+"""Metadata by which a proxy can bring all calls of one client to one server, which has its sessions."""
 
 
 class MotionClient:
@@ -43,6 +47,8 @@ class MotionClient:
         policy: LinePolicy | None = None,
     ) -> None:
         """Raises InvalidInput."""
+        if not any(name == REPLICA_KEY for name, _ in metadata):
+            metadata = (*metadata, (REPLICA_KEY, secrets.token_hex(8)))
         self._settings = ChannelSettings(address, credentials, token, metadata, channel_options)
         self.address = address
         self.catalog: Catalog

@@ -132,6 +132,9 @@ class Conversation(Recovery):
                 reached = convert.constraint_reached(update.constraint_reached, self._offset)
                 if self._reached.note(reached) and self.on_constraint_reached is not None:
                     self.on_constraint_reached(reached)
+            case "durability":
+                self.durable_seq = max(update.durable_seq, self.durable_seq)
+                self._set_durable(update.durability.is_kept)
             case "service_level":
                 self._set_level(convert.service_level(update.service_level))
             case "closed":

@@ -45,6 +45,8 @@ class Recovery(Direction):
     """The part of a `Session` that finds its way back to a server.
 
     reopenings: each time that the session could not be resumed and was opened anew; `on_reopened` is called then.
+    is_durable: whether its server saves it, so that another can go on with it; `on_durability`, if set, is called when
+    that changes. durable_seq: the last of its events that outlives the server.
     """
 
     opened: Opened
@@ -59,6 +61,9 @@ class Recovery(Direction):
         self._reason = ""
         self._num_resumes = 0
         self._patience = Backoff()
+        self.is_durable = False
+        self.durable_seq = 0
+        self.on_durability: Callable[[bool], None] | None = None
         self._wishes = Wishes()
         self.reopenings: tuple[Reopened, ...] = ()
         self.on_reopened: Callable[[Reopened], None] | None = None
@@ -131,12 +136,16 @@ class Recovery(Direction):
             plan=self.playback.plan,
             answered_seq=self._answered_seq,
             attempt=self._attempt,
+            playhead=max(self.playback.playhead - self._offset, 0),
+            committed_to=max(self.playback.committed_to - self._offset, 0),
         )
         self._send_opening(session_pb2.OpenSession(resume_token=self._token, resume_point=point))
 
     def _reopen(self, reason: str) -> None:
         """Open a session that goes on from the last frame that is held."""
         self._line, self._token, self._attempt, self._reason = Line.REOPENING, "", 0, reason
+        self.durable_seq = 0
+        self._set_durable(False)
         frame = self.playback.buffered_to
         options = replace(self._options, seed=self.opened.seed, model_id=self.opened.model_id)
         if frame > self.playback.first_kept:
@@ -174,6 +183,12 @@ class Recovery(Direction):
             self._transmit(event)
 
     # ---- what is heard
+
+    def _set_durable(self, is_durable: bool) -> None:
+        if is_durable != self.is_durable:
+            self.is_durable = is_durable
+            if self.on_durability is not None:
+                self.on_durability(is_durable)
 
     def _hear_reopened(self, opened: Opened, token: str) -> None:
         """The session goes on: as it was, or as a new one."""
@@ -224,10 +239,12 @@ class Recovery(Direction):
             self.fail(refusal)
 
     def _lose(self, reason: str) -> None:
-        """The server has ended the session as it goes away, or has lost it: open it anew."""
-        self._line, self._token, self._reason = Line.LOST, "", reason
+        """The server has ended the session as it goes away, or has lost it: go on elsewhere, or open it anew."""
+        self._line, self._reason = Line.LOST, reason
+        if not self.is_durable:
+            self._token = ""
         if not self._carrier.draining:  # else the stream ends soon, and the next one reattaches
-            self._later(self._reopen_again, 0.0)
+            self._later(self._resume if self._token else self._reopen_again, 0.0)
 
     def _reopen_again(self) -> None:
         self._reopen(self._reason)

@@ -17,7 +17,9 @@ from motiongen_server.engine.scheduling.load_monitor import LoadMonitor
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.session import emission, events, planning
-from motiongen_server.engine.session.opening import change_options, open_session
+from motiongen_server.engine.session.beginning import begun, first_words
+from motiongen_server.engine.session.opening import change_options
+from motiongen_server.engine.session.snapshot import news_of
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.types import (
     Close,
@@ -192,6 +194,7 @@ class Engine:
             elif isinstance(event, Close):
                 self._close(state, event.reason, Code.OK, "")
             else:
+                state.last_seq = max(state.last_seq, event.event_seq)
                 job = state.running.job if state.running else None
                 if isinstance(event, SetOptions):
                     self._send_queue += self._change(state, event)
@@ -213,25 +216,15 @@ class Engine:
         if refusal is not None:
             self._send_queue.append(refusal)
             return
-        spec = event.spec
-        features = None if spec.prior_rows is None else self.windows.features(spec.prior_rows)
-        if spec.prior_rows is not None and features is None:
+        spec, now = event.spec, self._clock.now()
+        try:
+            state = begun(event, next(self._ordinals), self._facts, self._config, now, self.windows.features)
+        except EventRefused as failed:
             self._admission.release(spec.session, spec)
-            given, allowed = "the model can make nothing of the prior frames", "other frames, or none"
-            failed = EventRefused(Code.INTERNAL, "PRIOR_FRAMES_FAILED", given, "open.prior_frames", allowed)
             self._report.opens.append(self._refuse(event, failed))
             return
-        now = self._clock.now()
-        try:
-            state = open_session(
-                spec, event.received_at, next(self._ordinals), self._facts, self._config, now, features
-            )
-        except EventRefused as refused:
-            self._admission.release(spec.session, spec)
-            self._report.opens.append(self._refuse(event, refused))
-            return
         self.sessions.add(state)
-        self._send_queue.append(state.greeting())
+        self._send_queue += first_words(state, event, now, self._report)
         self._report.opens.append(Code.OK)
         if spec.is_clip:  # it gets all it asked for, late if need be, and says nothing until it ends
             return
@@ -284,6 +277,7 @@ class Engine:
         now = self._clock.now()
         for state in self.sessions.take_touched():
             self._send_queue += emission.emit(state, now, self._report)
+            self._send_queue += news_of(state)
             if state.complete:
                 self._close(state, CloseReason.CLIENT, Code.OK, "")
             elif not self._stopping:

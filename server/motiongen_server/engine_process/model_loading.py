@@ -125,6 +125,7 @@ def build_engine(
             playback_rate=config.playback_rate,
             admit_load=admit_loads(config.admit_load),
             degrade=config.degrade,
+            snapshots=config.snapshot_store not in ("", "none") and config.resume_grace_s > 0,
         )
         scheduler = Scheduler(measured.costs, measured.max_rows, max_step_s=engine_config.max_step_s)
         return Engine(runner, clock, deliver, engine_config, observe, inbox, scheduler, lease)

@@ -19,7 +19,8 @@ from motiongen_server.identity.caller import (
     role_missing,
     tenant_unknown,
 )
-from motiongen_server.identity.jwt_tokens import Unchecked, checked, unchecked
+from motiongen_server.identity.issuers import Issuer
+from motiongen_server.identity.jwt_tokens import TokenChecks, Unchecked, unchecked
 from motiongen_server.identity.keys import KeyRings, KeysUnavailable
 from motiongen_server.identity.tenants import Tenant, Tenants
 from motiongen_server.identity.tokens import UNKNOWN, number_of
@@ -48,6 +49,7 @@ class Callers:
         self._tenants = tenants
         self._wall = wall
         self._rings = rings or KeyRings()
+        self._checks = TokenChecks()
 
     def identify(self, metadata: Metadata, connection: AuthContext, role: Role = Role.MOTION) -> Caller:
         """Who calls. connection: what gRPC says of it. Raises StreamRefused where it may not do what the role may."""
@@ -55,11 +57,21 @@ class Callers:
 
     def wanted(self, metadata: Metadata) -> Future[None] | None:
         """What should be over before `identify` is asked: keys that are being fetched, of who signed the token."""
+        signed = self._signed(_token(_authorization(metadata)))
+        return None if signed is None else self._rings.of(signed[1].source).wanted(signed[0].key_id)
+
+    def is_dear(self, metadata: Metadata) -> bool:
+        """Whether `identify` would have to check a signature that has not been checked before."""
+        signed = self._signed(_token(_authorization(metadata)))
+        return signed is not None and self._checks.known(*signed, self._rings.of(signed[1].source)) is None
+
+    def _signed(self, token: str) -> tuple[Unchecked, Issuer] | None:
+        """A token of an issuer that is known, and that; None for any other."""
         if self._tenants is None or not self._tenants.value.issuers:
             return None
-        said = unchecked(_token(_authorization(metadata)))
+        said = unchecked(token)
         issuer = None if said is None else self._tenants.value.issuers.get(said.issuer)
-        return None if said is None or issuer is None else self._rings.of(issuer.source).wanted(said.key_id)
+        return None if said is None or issuer is None else (said, issuer)
 
     def of_header(self, authorization: str, role: Role, certificates: Sequence[str] = ()) -> Caller:
         """The same by the header of that name, and the names of the client's certificate."""
@@ -109,7 +121,7 @@ class Callers:
         issuer = tenants.issuers.get(said.issuer)
         if issuer is None:
             raise credentials_invalid()
-        good = checked(said, issuer, self._rings.of(issuer.source))
+        good = self._checks.check(said, issuer, self._rings.of(issuer.source))
         if good.expires_at <= self._wall():
             raise credentials_expired()
         tenant = tenants.by_name.get(good.tenant)

@@ -24,6 +24,16 @@ class WatchedProcess(Protocol):
     def rss_bytes(self) -> int: ...
 
 
+class WatchedWriter(Protocol):
+    """The way to the store of snapshots, as far as metrics tell of it."""
+
+    @property
+    def lag_s(self) -> float: ...
+
+    @property
+    def is_failing(self) -> bool: ...
+
+
 class Metrics:
     """The server's metrics, in a registry of their own."""
 
@@ -61,6 +71,22 @@ class Metrics:
             "motiongen_session_resumes",
             "Sessions that another stream went on with, or could not, or that expired before one did.",
             ["how"],
+            registry=registry,
+        )
+        self.snapshots = Counter(
+            "motiongen_snapshots",
+            "Snapshots of sessions: written, fenced (another server holds the session), lost.",
+            ["what"],
+            registry=registry,
+        )
+        self.snapshot_lag = Gauge(
+            "motiongen_snapshot_lag_seconds",
+            "For how long the oldest unwritten snapshot has waited.",
+            registry=registry,
+        )
+        self.snapshot_store_up = Gauge(
+            "motiongen_snapshot_store_up",
+            "Whether the store of snapshots does its work; 0 too where there is none.",
             registry=registry,
         )
         self.parked = Gauge(
@@ -107,6 +133,11 @@ class Metrics:
         self.engine_restarts.labels(engine).set_function(lambda: process.num_restarts)
         self.engine_memory.labels(engine).set_function(lambda: process.rss_bytes)
 
+    def watch_snapshots(self, writer: WatchedWriter) -> None:
+        """Tell of the way to the store of snapshots whenever somebody asks."""
+        self.snapshot_lag.set_function(lambda: writer.lag_s)
+        self.snapshot_store_up.set_function(lambda: float(not writer.is_failing))
+
     def forget_model(self, model_id: str) -> None:
         """Tell nothing more of a model's engines."""
         self._by_engine.forget(model_id)
@@ -132,6 +163,10 @@ class Metrics:
     def count_resume(self, how: str) -> None:
         """As in Tally."""
         self.resumes.labels(how).inc()
+
+    def count_snapshot(self, what: str) -> None:
+        """As in Tally."""
+        self.snapshots.labels(what).inc()
 
     def give_up_on_reader(self) -> None:
         """As in Tally."""

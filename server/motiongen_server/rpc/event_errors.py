@@ -48,6 +48,13 @@ def session_not_kept() -> EventRefused:
     return EventRefused(code, "SESSION_NOT_KEPT", given, "open.resume_token", allowed)
 
 
+def events_not_saved(saved: int, answered: int) -> EventRefused:
+    """A resume came of a session whose record lacks events that its client was given answers to."""
+    message = f"events up to {saved} were saved, and the client was answered up to {answered}"
+    allowed = "a new session with prior_frames, which is told all that holds"
+    return EventRefused(Code.FAILED_PRECONDITION, "EVENTS_NOT_SAVED", message, "open.resume_token", allowed)
+
+
 def resume_superseded(given: int, last: int) -> EventRefused:
     """A resume came that is not newer than the last one."""
     message, field = f"attempt {given} came after attempt {last}", "open.resume_point.attempt"

@@ -5,8 +5,19 @@ from __future__ import annotations
 import asyncio
 import time
 
-from motiongen_server.engine.types import Chunk, Close, Closed, CloseReason, Output, PlanNotice, Resumed, SessionKey
+from motiongen_server.engine.types import (
+    Chunk,
+    Close,
+    Closed,
+    CloseReason,
+    Output,
+    PlanNotice,
+    Resumed,
+    SessionKey,
+    SnapshotTaken,
+)
 from motiongen_server.models.registry import LoadedModel
+from motiongen_server.rpc.durability import Durability
 from motiongen_server.rpc.event_path import refuse_waiting
 from motiongen_server.rpc.session_entry import Carrier, SessionEntry
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
@@ -19,9 +30,12 @@ class KeptSessions:
     it has made a look-ahead of frames. It counts for every limit as before. After the grace it is closed.
     """
 
-    def __init__(self, grace_s: float, stream_metrics: StreamMetrics | None = None) -> None:
-        """grace_s: for which a session is kept; 0: none is."""
+    def __init__(
+        self, grace_s: float, stream_metrics: StreamMetrics | None = None, durability: Durability | None = None
+    ) -> None:
+        """grace_s: for which a session is kept; 0: none is. durability: of what outlives the process; None: nothing."""
         self.grace_s = grace_s
+        self.durability = durability
         self._stream_metrics = stream_metrics or NoStreamMetrics()
         self._by_token: dict[str, SessionEntry] = {}
         self._away: dict[SessionKey, SessionEntry] = {}
@@ -52,6 +66,11 @@ class KeptSessions:
         """The session that a token resumes, parked or not."""
         return self._by_token.get(token)
 
+    def save(self, entry: SessionEntry, taken: SnapshotTaken) -> None:
+        """The engine has taken a snapshot of a session."""
+        if self.durability is not None:
+            self.durability.save(entry, taken)
+
     def park(self, entry: SessionEntry) -> bool:
         """Keep a session until its client comes back, or for as long as the grace lasts. False: it cannot be."""
         if entry.token not in self._by_token or not self.grace_s:
@@ -74,6 +93,8 @@ class KeptSessions:
         self._by_token.pop(entry.token, None)
         self._away.pop(entry.key, None)
         entry.place.release()
+        if self.durability is not None:
+            self.durability.end(entry)
 
     def close_parked(self, reason: CloseReason, model: LoadedModel | None = None) -> int:
         """Close the sessions that are parked, those of one model only if it is given; returns how many those were."""
@@ -115,6 +136,9 @@ class _Nobody:
     def take(self, *outputs: Output) -> None:
         for said in outputs:
             if isinstance(said, Chunk | PlanNotice | Resumed):
+                continue
+            if isinstance(said, SnapshotTaken):
+                self._kept.save(self._entry, said)
                 continue
             if isinstance(said, Closed):
                 refuse_waiting(self._entry)

@@ -20,6 +20,7 @@ from motiongen_server.identity.callers import Callers
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.budget import BYTES_A_CALL, CALL_COST
 from motiongen_server.rpc.clip import ClipService, clip_request
+from motiongen_server.rpc.durability import Durability
 from motiongen_server.rpc.goodbye import say_draining
 from motiongen_server.rpc.handlers import AnyContext, CatalogContext, ClipContext, StreamContext
 from motiongen_server.rpc.issuer_keys import keys_for
@@ -32,10 +33,11 @@ from motiongen_server.rpc.stream_errors import (
     too_many_calls,
     too_many_streams,
 )
-from motiongen_server.rpc.stream_metrics import StreamMetrics
+from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 from motiongen_server.rpc.stream_reader import StreamReader
 from motiongen_server.rpc.stream_watch import StreamWatch
 from motiongen_server.rpc.stream_writer import write
+from motiongen_server.snapshots.store import SnapshotStore
 
 _log = logging.getLogger(__name__)
 
@@ -50,8 +52,9 @@ class MotionService:
         stream_metrics: StreamMetrics | None = None,
         limits: ServiceLimits | None = None,
         callers: Callers | None = None,
+        snapshots: SnapshotStore | None = None,
     ) -> None:
-        """callers: who may call; everybody where it is left out."""
+        """callers: who may call; everybody where it is left out. snapshots: where sessions are saved; None: nowhere."""
         self._models = models
         self._callers = callers or Callers()
         self._limits = limits or ServiceLimits()
@@ -60,11 +63,13 @@ class MotionService:
         self._stream_metrics = stream_metrics
         self._reader = StreamReader(models, secrets.token_hex(4))
         self._numbers = itertools.count(1)
-        self._kept = KeptSessions(models.limits.resume_grace_s, stream_metrics)
+        self._loop = asyncio.get_running_loop()
+        count = (stream_metrics or NoStreamMetrics()).count_snapshot
+        self.durability = None if snapshots is None else Durability(snapshots, self._loop, count)
+        self._kept = KeptSessions(models.limits.resume_grace_s, stream_metrics, self.durability)
         self._streams: dict[int, Stream] = {}
         self.clips = ClipService(models, self._numbers, stream_metrics, self._limits)
         self._watch = StreamWatch(self._limits, self._streams, self._callers)
-        self._loop = asyncio.get_running_loop()
         self._all_ended = asyncio.Event()
         self._all_ended.set()
 
@@ -130,10 +135,12 @@ class MotionService:
 
         Raises StreamRefused for who may not call, and while that owes: there is nothing to be read later.
         """
-        metadata = context.invocation_metadata() or ()
+        metadata, now = context.invocation_metadata() or (), time.monotonic()
+        address = self._peers.find(context.peer(), now)
+        if self._callers.is_dear(metadata):
+            _check_paid(address, now)  # signatures are checked, and keys waited for, on credit of nobody
         await keys_for(self._callers, metadata)
         now = time.monotonic()
-        address = self._peers.find(context.peer(), now)
         try:
             caller = self._callers.identify(metadata, context.auth_context())
         except StreamRefused:
@@ -156,8 +163,10 @@ class MotionService:
 
     def _begin(self, peer: Peer, caller: Caller) -> Stream:
         """Raises StreamRefused where there is no place for one more stream."""
-        if len(self._streams) >= self._limits.max_streams or peer.num_streams >= peer.limits.streams:
-            raise too_many_streams(min(self._limits.max_streams, peer.limits.streams))
+        if len(self._streams) >= self._limits.max_streams:
+            raise too_many_streams(self._limits.max_streams)
+        if peer.num_streams >= peer.limits.streams:
+            raise too_many_streams(peer.limits.streams, peer.kind)
         stream = Stream(next(self._numbers), self._models, self._stream_metrics, self._kept, peer)
         stream.flush_s = self._flush_s
         stream.caller = caller
@@ -231,6 +240,11 @@ class MotionService:
         self._kept.close_parked(CloseReason.DRAINED)
         self.clips.close_all()
 
+    def write_last_snapshots(self) -> None:
+        """Once all sessions are closed: wait a moment for what is still to be saved, and let go of the store."""
+        if self.durability is not None:
+            self.durability.close()
+
     async def finished(self) -> None:
         """Wait until no stream and no clip is left."""
         await self._all_ended.wait()
@@ -238,6 +252,10 @@ class MotionService:
 
 
 def _charge(peer: Peer, cost: float, now: float) -> None:
+    _check_paid(peer, now)
+    peer.calls.charge(cost, now)
+
+
+def _check_paid(peer: Peer, now: float) -> None:
     if (owed_s := peer.calls.owed_s(now)) > 0:
         raise too_many_calls(owed_s, peer.kind)
-    peer.calls.charge(cost, now)

@@ -12,8 +12,10 @@ from typing import Protocol
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import (
     Closed,
+    CloseReason,
     Code,
     ConstraintReached,
+    Durable,
     Opened,
     Outcome,
     Output,
@@ -27,8 +29,8 @@ from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.event_errors import invalid_event_seq, sequence_gap
 from motiongen_server.rpc.peers import Place
 from motiongen_server.rpc.token_bucket import TokenBucket
+from motiongen_server.snapshots.store import Lease
 
-TOKEN_BYTES = 24
 MAX_KEPT_ANSWERS = 128
 """Of those that a client has not said it heard; more than a second's at the rate that events may come."""
 
@@ -62,7 +64,8 @@ class SessionEntry:
     the last one to resume it; is_resuming: until the engine has taken that up, and nothing is told. opened, level,
     closed: the last of each kind that the engine has said. answers: outcomes that the client may not have heard, by
     number. asked_options: by event number, those that the engine has not answered, and what gives their place back.
-    reached: what became of constraints that the client may not have heard of, oldest first.
+    reached: what became of constraints that the client may not have heard of, oldest first. lease: to write its
+    record in the store, None where nothing is kept of it; durable: the last that was said of what is kept.
     """
 
     key: SessionKey
@@ -90,6 +93,8 @@ class SessionEntry:
     answers: dict[int, Outcome] = field(default_factory=dict)
     asked_options: dict[int, tuple[SetOptions, Callable[[], None]]] = field(default_factory=dict)
     reached: deque[ConstraintReached] = field(default_factory=lambda: deque(maxlen=MAX_KEPT_ANSWERS))
+    lease: Lease | None = None
+    durable: Durable | None = None
 
     def takes(self, event_seq: int) -> bool:
         """Whether an event is new and next; false for a repetition. Raises EventRefused for a gap or no number."""
@@ -102,11 +107,15 @@ class SessionEntry:
         self.last_seq = event_seq
         return True
 
+    def is_answered(self, event_seq: int) -> bool:
+        """Whether an event has been answered."""
+        return event_seq <= self.applied_seq or event_seq in self.answered
+
     # ---- what the engine says of it ---------------------------------------------------------------------------------
 
     def note(self, said: Output) -> Output:
         """Enter anything but frames into the books. Returns it with what is to be told beside it."""
-        if isinstance(said, Opened):
+        if isinstance(said, Opened) and self.opened is None:
             warnings, name = self.warnings.pop(1, ()), session_name(self.key)
             self.opened = said = replace(said, warnings=warnings, session_id=name, session_token=self.token)
             self._answer(1)
@@ -127,6 +136,9 @@ class SessionEntry:
             self.level = said
         elif isinstance(said, Closed):
             self.applied_seq = self.last_seq
+            if said.reason is CloseReason.TAKEN_OVER:  # by another server; this client shall ask there
+                message = "another server goes on with the session; resume it there"
+                said = replace(said, code=Code.UNAVAILABLE, message=message)
             self.closed = said
         return said
 
@@ -174,4 +186,4 @@ class SessionEntry:
         said += () if notice is None else (notice,)
         said += self.answers.values()
         said += self.reached
-        return [*said, *(each for each in (self.level, self.closed) if each is not None)]
+        return [*said, *(each for each in (self.level, self.durable, self.closed) if each is not None)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import secrets
 import time
 from collections.abc import Callable
 
@@ -21,8 +20,9 @@ from motiongen_server.engine.types.refusals import draining, handle_in_use, sess
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.identity.caller import ANYBODY
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
-from motiongen_server.rpc.budget import REFUSAL_COST, StreamBudget
+from motiongen_server.rpc.budget import REFUSAL_COST
 from motiongen_server.rpc.convert import check_resume, playhead_of
+from motiongen_server.rpc.durability import new_secret, token_of
 from motiongen_server.rpc.event_errors import (
     invalid_event_seq,
     resume_superseded,
@@ -35,13 +35,13 @@ from motiongen_server.rpc.event_path import pass_on, refuse_waiting, tell_intern
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.peers import Peer
-from motiongen_server.rpc.session_entry import TOKEN_BYTES, SessionEntry
+from motiongen_server.rpc.session_entry import SessionEntry
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
-from motiongen_server.rpc.stream_sessions import StreamSessions
+from motiongen_server.rpc.stream_take_overs import StreamTakeOvers
 from motiongen_server.rpc.token_bucket import TokenBucket
 
 
-class Stream(StreamSessions):
+class Stream(StreamTakeOvers):
     """The state of one StreamMotion call. Everything here runs on the event loop."""
 
     def __init__(
@@ -56,28 +56,28 @@ class Stream(StreamSessions):
 
         peer: whom what comes is charged to besides the stream; one of its own where it is left out.
         """
-        super().__init__(number, models.limits, stream_metrics or NoStreamMetrics(), kept or KeptSessions(0))
         now = time.monotonic()
+        metrics = stream_metrics or NoStreamMetrics()
+        super().__init__(number, models, metrics, kept or KeptSessions(0), peer or Peer(PeerLimits(), now), now)
         self.began_at = now
-        self.peer = peer or Peer(PeerLimits(), now)
         self.caller = ANYBODY
         self.expiry_told = False
-        self.budget = StreamBudget(models.limits.stream_events_per_second, self.peer, now)
         self.flush_s = 0.0
-        self.accepts_opens = True
         self.greeted = False  # both sides have said hello
         self.listening_since: float | None = None  # monotonic seconds, while it waits for the client to say something
         self.writing_since: float | None = None  # monotonic seconds, while a message is being written
         self.cut: Callable[[], object] = lambda: None  # breaks off what is being written
         self.refusal: StreamRefused | None = None  # why the stream is ended, where its client is at fault
         self.rtt_s: float | None = None  # the client's last measurement
-        self._models = models
 
     # ---- from the client --------------------------------------------------------------------------------------------
 
     def receive(self, event: session_pb2.SessionEvent, now: float) -> None:
         """Take one event of the client, read at `now` and charged: hand it to the engine, or answer why not."""
         kind = event.WhichOneof("event")
+        if event.session in self._held_back:
+            self._hold_back(event, now)
+            return
         entry = self._entries.get(event.session)
         try:
             if kind == "playhead":
@@ -133,7 +133,7 @@ class Stream(StreamSessions):
             raise handle_in_use(handle)
         if event.event_seq != 1:
             raise sequence_gap(event.event_seq, 1)
-        if len(self._entries) >= limits.max_sessions_per_stream:
+        if len(self._entries) + len(self._held_back) >= limits.max_sessions_per_stream:
             raise too_many_sessions(len(self._entries), limits.max_sessions_per_stream)
         if event.open.resume_token:
             self._resume(event, now)
@@ -145,7 +145,7 @@ class Stream(StreamSessions):
         asked = int(event.open.priority)
         place = self.peer.place(Priority(asked) if asked in tuple(Priority) else Priority.NEAR, now)
         entry = SessionEntry(key, model, event.open.request_id, bucket, self, handle, place)
-        entry.token = secrets.token_urlsafe(TOKEN_BYTES) if self._kept.grace_s else ""
+        entry.token = token_of(new_secret()) if self._kept.grace_s else ""
         self._entries[handle] = self._by_key[key] = entry
         return entry
 
@@ -153,6 +153,9 @@ class Stream(StreamSessions):
         """Take over a session that another stream carries, or carried. Raises EventRefused."""
         check_resume(event.open)
         entry, point = self._kept.find(event.open.resume_token), event.open.resume_point
+        if entry is None and self._kept.durability is not None:
+            self._begin_take_over(event, self._kept.durability, now)
+            return
         if entry is None or entry.place.peer.tenant != self.peer.tenant:  # one tenant never learns of another's
             raise session_not_kept()
         if point.attempt <= entry.attempt:

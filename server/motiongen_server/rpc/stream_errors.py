@@ -31,13 +31,15 @@ def malformed(what: str) -> StreamRefused:
     return StreamRefused(grpc.StatusCode.INVALID_ARGUMENT, "MALFORMED_REQUEST", message)
 
 
-def too_many_streams(most: int) -> StreamRefused:
-    message = f"there are as many streams as there may be, {most}; carry more sessions on each, or come back later"
+def too_many_streams(most: int, kind: str = "") -> StreamRefused:
+    """kind: of the peer whose quota it is; "": the server's own limit."""
+    whose = f"your {kind} has as many streams as it may (quota streams)" if kind else "there are no more streams left"
+    message = f"{whose}, {most}; carry more sessions on each, or come back later"
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_STREAMS", message, retry_after_s=5.0)
 
 
 def too_many_calls(wait_s: float, kind: str) -> StreamRefused:
-    message = f"your {kind} asks for too much; ask again in {wait_s:.1f} s"
+    message = f"your {kind} asks for too much (quota calls_per_second); ask again in {wait_s:.1f} s"
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_CALLS", message, retry_after_s=max(0.1, wait_s))
 
 

@@ -20,6 +20,10 @@ class StreamMetrics(Protocol):
         """A session whose transport was lost was resumed, or refused, or has expired: then nobody came back."""
         ...
 
+    def count_snapshot(self, what: str) -> None:
+        """A snapshot of a session was written, or fenced, since another server holds it, or lost."""
+        ...
+
     def give_up_on_reader(self) -> None:
         """The sessions of a stream were closed because its client does not read."""
         ...
@@ -39,6 +43,9 @@ class NoStreamMetrics:
         """As in Tally."""
 
     def count_resume(self, how: str) -> None:
+        """As in Tally."""
+
+    def count_snapshot(self, what: str) -> None:
         """As in Tally."""
 
     def give_up_on_reader(self) -> None:

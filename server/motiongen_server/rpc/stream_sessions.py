@@ -16,6 +16,7 @@ from motiongen_server.engine.types import (
     PlanNotice,
     Resumed,
     SessionKey,
+    SnapshotTaken,
 )
 from motiongen_server.rpc.event_errors import resume_out_of_range
 from motiongen_server.rpc.event_path import refuse_waiting
@@ -58,6 +59,9 @@ class StreamSessions(StreamOutput):
                 if entry is None or entry.muted or entry.is_resuming:
                     continue
                 self._put(said, entry)
+            elif isinstance(said, SnapshotTaken):
+                if entry is not None:
+                    self._kept.save(entry, said)
             elif entry is None:
                 self.send_queue.put(said, 0)
             elif isinstance(said, Resumed):
@@ -84,6 +88,10 @@ class StreamSessions(StreamOutput):
         if entry.is_resuming:
             if isinstance(said, Closed):  # it crossed the resume, which nobody will answer
                 self._welcome_back(entry, 0)
+            elif isinstance(said, Outcome) and said.event_seq == 1:  # the engine does not go on with a snapshot
+                self._stream_metrics.count_resume("refused")
+                self._end(entry)
+                self._say(replace(said, session=SessionKey(self.number, entry.handle)), None)
             return
         if isinstance(noted, Opened):
             self._kept.add(entry)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 import threading
 import time
@@ -98,6 +100,17 @@ class Remote:
     def pid(self, number: int = 0) -> int | None:
         """Of an engine process."""
         return self.pool.processes[number].pid
+
+    @contextmanager
+    def stopped(self) -> Iterator[None]:
+        """The first engine process stands still meanwhile."""
+        pid = self.pid()
+        assert pid is not None
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            os.kill(pid, signal.SIGCONT)
 
 
 @contextmanager

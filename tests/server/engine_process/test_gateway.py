@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 from dataclasses import replace
 
 import pytest
@@ -68,17 +66,12 @@ def test_what_waits_for_an_engine_that_does_not_take_it_is_bounded_and_nothing_i
         engine, audience = there.engine, there.audience
         engine.submit(opening())
         audience.wait_for_frames(40)
-        pid = there.pid()
-        assert pid is not None
-        os.kill(pid, signal.SIGSTOP)
-        try:
+        with there.stopped():
             refused: Outcome | None = None
             seq = 1
             while refused is None and seq < 100_000:
                 seq += 1
                 refused = engine.submit(play(seq))
-        finally:
-            os.kill(pid, signal.SIGCONT)
         assert refused is not None, "so many events were taken"
         assert refused.reason == "TOO_MANY_PENDING_EVENTS"
         audience.wait_for(lambda heard: len(heard.answers()) == seq - 2)
@@ -90,14 +83,9 @@ def test_a_close_overtakes_events_and_each_still_gets_its_answer_before_the_end(
         engine, audience = there.engine, there.audience
         engine.submit(opening())
         audience.wait_for_frames(40)
-        pid = there.pid()
-        assert pid is not None
-        os.kill(pid, signal.SIGSTOP)
-        try:
+        with there.stopped():
             taken = [seq for seq in range(2, 40) if engine.submit(play(seq)) is None]
             assert engine.submit(close(40)) is None
-        finally:
-            os.kill(pid, signal.SIGCONT)
         audience.wait_for_end()
         assert sorted(seq for seq, _ in audience.answers()) == taken
         assert type(audience.outputs[-1]) is Closed

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import ssl
 import threading
 import time
 from collections.abc import Iterator
@@ -64,8 +65,8 @@ class Issuer:
         return jwt.encode(said, private_key(algorithm, key), algorithm, {"kid": key})
 
     @contextmanager
-    def served(self) -> Iterator[None]:
-        """Tell the keys at `url`."""
+    def served(self, tls: ssl.SSLContext | None = None) -> Iterator[None]:
+        """Tell the keys at `url`, by https where there is a context for it."""
         issuer = self
 
         class Handler(BaseHTTPRequestHandler):
@@ -80,9 +81,11 @@ class Issuer:
                 pass
 
         with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+            if tls is not None:
+                server.socket = tls.wrap_socket(server.socket, server_side=True)
             thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
             thread.start()
-            self.url = f"http://127.0.0.1:{server.server_port}"
+            self.url = f"{'http' if tls is None else 'https'}://localhost:{server.server_port}"
             try:
                 yield
             finally:

@@ -10,6 +10,7 @@ import grpc.aio
 import pytest
 
 from motiongen.v1 import service_pb2
+from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
 from tests.server.identity.files import TenantsFile
 from tests.server.identity.issuer import Issuer
 from tests.server.identity.test_streams import connected
@@ -82,6 +83,23 @@ async def test_while_no_keys_came_yet_calls_are_told_to_come_again(
         )
         issuer.is_down = False
         assert (await line.catalog(issuer.token())).models
+
+
+async def test_forged_tokens_are_not_even_checked_where_their_address_owes(
+    tenants: TenantsFile, issuer: Issuer
+) -> None:
+    quota = "issuers = ['corp']\nquota = { calls_per_second = 100 }"
+    tenants.write(issuer.entry(f"{issuer.url}/jwks", tenant=quota))
+    good, forged = issuer.token(), Issuer(first="RS256").token("first", "RS256")
+    async with connected(tenants, ServiceLimits(peer=PeerLimits(calls_per_second=0.1))) as line:
+        assert (await line.catalog(good)).models
+        codes = []
+        for _ in range(3):
+            with pytest.raises(grpc.aio.AioRpcError) as refused:
+                await line.catalog(forged)
+            codes.append(refused.value.code().name)
+        assert codes == ["UNAUTHENTICATED", "RESOURCE_EXHAUSTED", "RESOURCE_EXHAUSTED"]
+        assert (await line.catalog(good)).models, "which was checked before"
 
 
 async def test_a_key_that_is_withdrawn_ends_the_streams_it_let_in(tenants: TenantsFile, issuer: Issuer) -> None:

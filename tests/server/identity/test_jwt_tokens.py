@@ -5,13 +5,18 @@ from __future__ import annotations
 import base64
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import jwt
 import pytest
 
 from motiongen_server.errors import StreamRefused
+from motiongen_server.identity import issuers as entries
 from motiongen_server.identity.callers import Callers
+from motiongen_server.identity.issuers import KeySource
+from motiongen_server.identity.jwt_tokens import Checked, TokenChecks, Unchecked, checked, unchecked
+from motiongen_server.identity.keys import KeyRings, Keys
 from tests.server.identity.files import TenantsFile, bearer
 from tests.server.identity.issuer import LIFE_S, NAME, Issuer, public_pem
 
@@ -126,6 +131,41 @@ def test_a_key_that_is_taken_back_ends_what_it_let_in(issuer: Issuer, callers: C
     assert lapse is not None
     assert lapse.reason == "CREDENTIALS_REVOKED"
     assert refusal(callers, issuer.token()).reason == "CREDENTIALS_INVALID"
+
+
+def test_a_token_is_checked_once_until_keys_are_read_anew(
+    issuer: Issuer, callers: Callers, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checks = []
+
+    def noted(said: Unchecked, by: entries.Issuer, keys: Keys) -> Checked:
+        checks.append(said.token)
+        return checked(said, by, keys)
+
+    monkeypatch.setattr("motiongen_server.identity.jwt_tokens.checked", noted)
+    token = issuer.token()
+    assert callers.is_dear(bearer(token))
+    for _ in range(5):
+        assert callers.identify(bearer(token), {}).tenant == "studio"
+    assert (len(checks), callers.is_dear(bearer(token)), callers.is_dear(bearer("mg_1"))) == (1, False, False)
+    (tmp_path / "keys.json").write_text(json.dumps(issuer.document(), indent=1))
+    callers.look()
+    assert callers.identify(bearer(token), {}).tenant == "studio"
+    assert len(checks) == 2
+
+
+def test_so_many_checks_are_remembered(issuer: Issuer, tmp_path: Path) -> None:
+    (tmp_path / "keys.json").write_text(json.dumps(issuer.document()))
+    keys = KeyRings().of(KeySource(str(tmp_path / "keys.json")))
+    of = entries.Issuer("corp", NAME, ("motiongen",), KeySource(str(tmp_path / "keys.json")))
+    checks = TokenChecks(most=2)
+    said = [unchecked(issuer.token(exp=int(time.time()) + LIFE_S + number)) for number in range(3)]
+    for each in said:
+        assert each is not None
+        checks.check(each, of, keys)
+    assert [checks.known(each, of, keys) is not None for each in said if each is not None] == [False, True, True]
+    assert said[2] is not None
+    assert checks.known(said[2], replace(of, leeway_s=1.0), keys) is None, "what is asked of it has changed"
 
 
 @pytest.mark.parametrize("junk", ["a.b.c", "..", "." * 2 + "x" * 9000, "mg_1.2.3", "é.é.é", "e30.e30.e30"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import ssl
 from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
@@ -20,6 +21,7 @@ from motiongen_server.identity.keys import (
     fetched,
     keys_of,
 )
+from tests.server.identity.files import AUTHORITY, CERTIFICATES
 from tests.server.identity.issuer import Issuer
 
 
@@ -166,6 +168,22 @@ def test_they_are_fetched_from_a_real_server_also_by_discovery() -> None:
             fetched(KeySource(f"{issuer.url}/jwks"))
     with pytest.raises(ValueError, match="refused"):
         fetched(KeySource(f"{issuer.url}/jwks"))
+
+
+def test_by_https_they_come_only_from_who_proves_itself() -> None:
+    issuer = Issuer(first="ES256")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(CERTIFICATES / "server-1.pem", CERTIFICATES / "server-1.key")
+    with issuer.served(context):
+        assert list(fetched(KeySource(f"{issuer.url}/jwks", authority=AUTHORITY))) == ["first"]
+        for authority in ("", str(CERTIFICATES / "stranger-authority.pem")):
+            with pytest.raises(ValueError, match="CERTIFICATE_VERIFY_FAILED"):
+                fetched(KeySource(f"{issuer.url}/jwks", authority=authority))
+
+
+def test_an_authority_must_be_there(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="No such file"):
+        KeyRings().of(KeySource("https://login.example/jwks", authority=str(tmp_path / "nowhere")))
 
 
 def test_a_file_of_keys_must_be_there_and_be_one(tmp_path: Path) -> None:

@@ -95,6 +95,7 @@ async def test_a_tenant_has_its_own_quota_over_all_its_streams(tenants: TenantsF
         with pytest.raises(grpc.aio.AioRpcError) as refused:
             await line.talk(token)
         assert refused.value.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
+        assert "your tenant has as many streams as it may (quota streams), 2" in str(refused.value.details())
 
 
 async def test_a_tenant_cannot_resume_what_another_has_opened(tenants: TenantsFile) -> None:

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import platform
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Any
 
 from motiongen_client.types import Priority
@@ -27,7 +23,6 @@ from motiongen_tools.bench.schedule import Phases
 from motiongen_tools.bench.server_use import ServerUse
 
 _FULL = "service level: FULL"
-_DISTRIBUTIONS = ("motiongen-client", "grpcio", "protobuf", "numpy")
 
 
 @dataclass(frozen=True)
@@ -197,36 +192,3 @@ def merge_reports(recorder: Recorder, reports: Sequence[Report]) -> Recorder:
     for report in reports:
         recorder.merge(report.recorder)
     return recorder
-
-
-def machine_facts() -> dict[str, str]:
-    """What the generator ran on; the same machine as the server's, if its address is a local one."""
-    return {
-        "processor": _processor(),
-        "cores": _cores(),
-        "system": f"{platform.system()} {platform.release()}",
-        "python": platform.python_version(),
-        **{name: _installed(name) for name in _DISTRIBUTIONS},
-    }
-
-
-def _cores() -> str:
-    if not hasattr(os, "sched_getaffinity"):  # only Linux tells
-        return str(os.cpu_count())
-    return f"{len(os.sched_getaffinity(0))} usable of {os.cpu_count()}"
-
-
-def _installed(distribution: str) -> str:
-    try:
-        return version(distribution)
-    except PackageNotFoundError:
-        return "not installed"
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()

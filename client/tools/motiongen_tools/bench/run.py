@@ -9,8 +9,9 @@ from datetime import UTC, datetime
 from motiongen_client.errors import InvalidInput
 from motiongen_client.types import Model
 from motiongen_tools.bench.load import Load, Progress
+from motiongen_tools.bench.machine import machine_facts
 from motiongen_tools.bench.programs import Programs
-from motiongen_tools.bench.result import Result, Standard, machine_facts, merge_reports
+from motiongen_tools.bench.result import Result, Standard, merge_reports
 from motiongen_tools.bench.server_use import ServerUse, ServerWatch
 from motiongen_tools.bench.workers import Workers
 

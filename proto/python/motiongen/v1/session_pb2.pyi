@@ -150,16 +150,20 @@ class OpenSession(_message.Message):
     def __init__(self, request_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., model_id: _Optional[str] = ..., seed: _Optional[int] = ..., priority: _Optional[_Union[PriorityClass, str]] = ..., lookahead_frames: _Optional[int] = ..., prior_frames: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., scalar_type: _Optional[_Union[_motion_pb2.ScalarType, str]] = ..., prompts: _Optional[_Iterable[_Union[_motion_pb2.PromptSpan, _Mapping]]] = ..., constraints: _Optional[_Iterable[_Union[_motion_pb2.Constraint, _Mapping]]] = ..., start_pose: _Optional[_Union[StartPose, _Mapping]] = ..., denoise_steps: _Optional[int] = ..., guidance: _Optional[_Union[Guidance, _Mapping]] = ..., history_frames: _Optional[int] = ..., resume_token: _Optional[str] = ..., snapshot: _Optional[bytes] = ..., outputs: _Optional[_Iterable[str]] = ..., keep_prompts: bool = ..., resume_point: _Optional[_Union[ResumePoint, _Mapping]] = ...) -> None: ...
 
 class ResumePoint(_message.Message):
-    __slots__ = ("next_frame", "plan", "answered_seq", "attempt")
+    __slots__ = ("next_frame", "plan", "answered_seq", "attempt", "playhead", "committed_to")
     NEXT_FRAME_FIELD_NUMBER: _ClassVar[int]
     PLAN_FIELD_NUMBER: _ClassVar[int]
     ANSWERED_SEQ_FIELD_NUMBER: _ClassVar[int]
     ATTEMPT_FIELD_NUMBER: _ClassVar[int]
+    PLAYHEAD_FIELD_NUMBER: _ClassVar[int]
+    COMMITTED_TO_FIELD_NUMBER: _ClassVar[int]
     next_frame: int
     plan: int
     answered_seq: int
     attempt: int
-    def __init__(self, next_frame: _Optional[int] = ..., plan: _Optional[int] = ..., answered_seq: _Optional[int] = ..., attempt: _Optional[int] = ...) -> None: ...
+    playhead: int
+    committed_to: int
+    def __init__(self, next_frame: _Optional[int] = ..., plan: _Optional[int] = ..., answered_seq: _Optional[int] = ..., attempt: _Optional[int] = ..., playhead: _Optional[int] = ..., committed_to: _Optional[int] = ...) -> None: ...
 
 class StartPose(_message.Message):
     __slots__ = ("x", "z", "heading")
@@ -258,7 +262,7 @@ class CloseSession(_message.Message):
     def __init__(self) -> None: ...
 
 class SessionUpdate(_message.Message):
-    __slots__ = ("session", "applied_seq", "durable_seq", "opened", "chunk", "plan", "outcome", "service_level", "closed", "constraint_reached", "snapshot")
+    __slots__ = ("session", "applied_seq", "durable_seq", "opened", "chunk", "plan", "outcome", "service_level", "closed", "constraint_reached", "snapshot", "durability")
     SESSION_FIELD_NUMBER: _ClassVar[int]
     APPLIED_SEQ_FIELD_NUMBER: _ClassVar[int]
     DURABLE_SEQ_FIELD_NUMBER: _ClassVar[int]
@@ -270,6 +274,7 @@ class SessionUpdate(_message.Message):
     CLOSED_FIELD_NUMBER: _ClassVar[int]
     CONSTRAINT_REACHED_FIELD_NUMBER: _ClassVar[int]
     SNAPSHOT_FIELD_NUMBER: _ClassVar[int]
+    DURABILITY_FIELD_NUMBER: _ClassVar[int]
     session: int
     applied_seq: int
     durable_seq: int
@@ -281,7 +286,8 @@ class SessionUpdate(_message.Message):
     closed: SessionClosed
     constraint_reached: ConstraintReached
     snapshot: SessionSnapshot
-    def __init__(self, session: _Optional[int] = ..., applied_seq: _Optional[int] = ..., durable_seq: _Optional[int] = ..., opened: _Optional[_Union[SessionOpened, _Mapping]] = ..., chunk: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., plan: _Optional[_Union[PlanNotice, _Mapping]] = ..., outcome: _Optional[_Union[EditOutcome, _Mapping]] = ..., service_level: _Optional[_Union[ServiceLevel, _Mapping]] = ..., closed: _Optional[_Union[SessionClosed, _Mapping]] = ..., constraint_reached: _Optional[_Union[ConstraintReached, _Mapping]] = ..., snapshot: _Optional[_Union[SessionSnapshot, _Mapping]] = ...) -> None: ...
+    durability: SessionDurability
+    def __init__(self, session: _Optional[int] = ..., applied_seq: _Optional[int] = ..., durable_seq: _Optional[int] = ..., opened: _Optional[_Union[SessionOpened, _Mapping]] = ..., chunk: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ..., plan: _Optional[_Union[PlanNotice, _Mapping]] = ..., outcome: _Optional[_Union[EditOutcome, _Mapping]] = ..., service_level: _Optional[_Union[ServiceLevel, _Mapping]] = ..., closed: _Optional[_Union[SessionClosed, _Mapping]] = ..., constraint_reached: _Optional[_Union[ConstraintReached, _Mapping]] = ..., snapshot: _Optional[_Union[SessionSnapshot, _Mapping]] = ..., durability: _Optional[_Union[SessionDurability, _Mapping]] = ...) -> None: ...
 
 class SessionOpened(_message.Message):
     __slots__ = ("session_id", "seed", "start_frame", "rig_id", "model_id", "frame_rate", "lookahead_frames", "committed_horizon_frames", "denoise_steps", "scalar_type", "warnings", "session_token", "placements")
@@ -382,6 +388,12 @@ class SessionSnapshot(_message.Message):
     snapshot: bytes
     start_frame: int
     def __init__(self, snapshot: _Optional[bytes] = ..., start_frame: _Optional[int] = ...) -> None: ...
+
+class SessionDurability(_message.Message):
+    __slots__ = ("is_kept",)
+    IS_KEPT_FIELD_NUMBER: _ClassVar[int]
+    is_kept: bool
+    def __init__(self, is_kept: bool = ...) -> None: ...
 
 class ServiceLevel(_message.Message):
     __slots__ = ("tier", "denoise_steps")

@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
 
-from motiongen_server.engine.types import PlanNotice
+from motiongen_server.engine.types import AnnouncedPlan, PlanNotice
 
 MAX_TOLD_EVENTS = 64
 
 
-@dataclass(frozen=True, slots=True)
-class _Announced:
-    """A plan and those before it that it has outdone. sent_to: the end of all frames sent before it, exclusive."""
-
-    plan: int
-    valid_from: int
-    sent_to: int
-    event_seqs: tuple[int, ...]
-
-
-@dataclass(slots=True)
 class PlanLog:
     """Plans in order, with valid_from rising: one that replaces what an older one replaced takes its place.
 
@@ -27,7 +16,13 @@ class PlanLog:
     the playhead to the end of the plan is held.
     """
 
-    _plans: list[_Announced] = field(default_factory=list)
+    def __init__(self, plans: Iterable[AnnouncedPlan] = ()) -> None:
+        self._plans = list(plans)
+
+    @property
+    def plans(self) -> tuple[AnnouncedPlan, ...]:
+        """All that are held, in order."""
+        return tuple(self._plans)
 
     def __len__(self) -> int:
         return len(self._plans)
@@ -38,7 +33,7 @@ class PlanLog:
         while self._plans and self._plans[-1].valid_from >= notice.valid_from:
             outdone = self._plans.pop()
             sent_to, seqs = max(sent_to, outdone.sent_to), (outdone.event_seqs + seqs)[-MAX_TOLD_EVENTS:]
-        self._plans.append(_Announced(notice.plan, notice.valid_from, sent_to, seqs))
+        self._plans.append(AnnouncedPlan(notice.plan, notice.valid_from, sent_to, seqs))
 
     def confirm(self, playhead: int) -> None:
         """The client shows a frame, so it has heard of every plan without which it could not hold that."""

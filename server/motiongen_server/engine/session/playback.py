@@ -111,6 +111,14 @@ class PlaybackClock:
     def _paced_to(self, now: float) -> float:
         return self._paced_frame + max(0.0, now - self._paced_at) * self.fps * PACE
 
+    def go_on(self, frame: int, at: float) -> None:
+        """The client shows this frame, as it says itself, and no clock here has followed it there."""
+        self.reported = self.credited = frame
+        self.anchor_frame = self._paced_frame = float(frame)
+        self.anchor_at = self._paced_at = at
+        self._allowance = self.slack
+        self.started = True
+
     def set_state(self, state: PlayState, at: float, sent_to: int) -> None:
         self.anchor_frame = self.estimate(at, sent_to)
         self.anchor_at = at

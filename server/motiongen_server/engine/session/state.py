@@ -38,7 +38,8 @@ class SessionState:
 
     cut_frames: by which the first window that is made while the client plays is cut, so that sessions spread out.
     restarts, extra_lead_s: of windows in a row that did not land. predicted_s: how long the last one was to take.
-    placements: of the constraints that it was opened with.
+    placements: of the constraints that it was opened with. last_seq: of the last event that was taken. saved: what the
+    last snapshot holds, see `snapshot.news_of`.
     """
 
     spec: SessionSpec
@@ -63,6 +64,8 @@ class SessionState:
     extra_lead_s: float = 0.0
     predicted_s: float = 0.0
     underruns: int = 0
+    last_seq: int = 1
+    saved: tuple[int, int] = (0, 0)
     placements: tuple[Placement, ...] = ()
 
     @property

@@ -67,6 +67,7 @@ from motiongen_server.engine.types.outputs import (
     Closed,
     ConstraintReached,
     Deviation,
+    Durable,
     Opened,
     Outcome,
     Output,
@@ -82,6 +83,14 @@ from motiongen_server.engine.types.owner import (
 from motiongen_server.engine.types.refusals import (
     EventRefused,
 )
+from motiongen_server.engine.types.snapshot import (
+    AnnouncedPlan,
+    GoingOn,
+    HeldVelocity,
+    SessionSnapshot,
+    SnapshotTaken,
+    UnansweredEdit,
+)
 from motiongen_server.engine.types.spec import (
     Guidance,
     SessionSpec,
@@ -89,6 +98,13 @@ from motiongen_server.engine.types.spec import (
 )
 
 __all__ = [
+    "UnansweredEdit",
+    "SnapshotTaken",
+    "SessionSnapshot",
+    "HeldVelocity",
+    "GoingOn",
+    "AnnouncedPlan",
+    "Durable",
     "DEFAULT_TOLERANCE",
     "NOBODY",
     "VELOCITY_ID",

@@ -13,14 +13,21 @@ from typing import NamedTuple, TypeAlias
 
 from motiongen_server.engine.types.conditions import Asked, Prompt
 from motiongen_server.engine.types.names import CloseReason, PlayState, Priority, SessionKey
+from motiongen_server.engine.types.snapshot import GoingOn
 from motiongen_server.engine.types.spec import Guidance, SessionSpec
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Open:
+    """going_on: with a session that another engine had, of which `spec` is that of then; None: a new one.
+
+    Opened is then followed by Resumed, as if a Resume had been sent.
+    """
+
     spec: SessionSpec
     event_seq: int
     received_at: float
+    going_on: GoingOn | None = None
 
     @property
     def session(self) -> SessionKey:

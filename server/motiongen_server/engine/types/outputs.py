@@ -8,6 +8,7 @@ from typing import TypeAlias
 from motiongen_server.engine.types.arrays import Float32Array
 from motiongen_server.engine.types.conditions import Placement
 from motiongen_server.engine.types.names import CloseReason, Code, PlanCause, ServiceTier, SessionKey
+from motiongen_server.engine.types.snapshot import SnapshotTaken
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,4 +154,27 @@ class Closed:
     late_frames: int
 
 
-Output: TypeAlias = Opened | PlanNotice | Chunk | Outcome | ConstraintReached | ServiceLevel | Resumed | Closed
+@dataclass(frozen=True, slots=True)
+class Durable:
+    """What of the session outlives the server: every event up to durable_seq. The service says it, no engine.
+
+    is_kept: later ones will too; False: nothing more is saved at present, and clients are told.
+    """
+
+    session: SessionKey
+    durable_seq: int
+    is_kept: bool
+
+
+Output: TypeAlias = (
+    Opened
+    | PlanNotice
+    | Chunk
+    | Outcome
+    | ConstraintReached
+    | ServiceLevel
+    | Resumed
+    | SnapshotTaken
+    | Durable
+    | Closed
+)

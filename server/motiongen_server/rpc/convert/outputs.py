@@ -9,6 +9,7 @@ from motiongen_server.engine.types import (
     Closed,
     ConstraintReached,
     Deviation,
+    Durable,
     Opened,
     Outcome,
     Output,
@@ -29,6 +30,9 @@ def write_update(update: session_pb2.SessionUpdate, output: Output) -> None:
     elif isinstance(output, ServiceLevel):
         update.service_level.tier = output.tier.value  # type: ignore[assignment]  # the engine's numbers are the protocol's
         update.service_level.denoise_steps = output.denoise_steps
+    elif isinstance(output, Durable):
+        update.durable_seq = output.durable_seq
+        update.durability.is_kept = output.is_kept
     elif isinstance(output, Closed):
         closed = update.closed
         closed.reason = output.reason.value  # type: ignore[assignment]

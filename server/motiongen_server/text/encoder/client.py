@@ -9,7 +9,7 @@ import numpy as np
 
 from motiongen.v1 import encoder_pb2, motion_pb2
 from motiongen_ardy.text import TextEncoderChanged, TextEncoderUnavailable, UnknownTextEncoder, Vectors
-from motiongen_ardy.text.encoder import checked_vector, is_blank
+from motiongen_ardy.text.encoder import NamedTextEncoder, checked_vector, is_blank
 
 OPTIONS = (
     # An encoder that comes back is found within two seconds, not within gRPC's two minutes.
@@ -24,7 +24,7 @@ PATH = "/motiongen.v1.TextEncoderService/"
 NO_ANSWER = "the text encoder does not answer"
 
 
-class RemoteEncoder:
+class RemoteEncoder(NamedTextEncoder):
     """The encoder at an address. It is asked for one identity, the one it had at the start, and refused with another.
 
     May be used from several threads.
@@ -63,7 +63,8 @@ class RemoteEncoder:
             response_deserializer=encoder_pb2.EncodeTextsResponse.FromString,
         )
         if known is not None:
-            (self._identity, self._width), self._max_texts = known, 1
+            super().__init__(*known)
+            self._max_texts = 1
             return
         try:
             found = describe(encoder_pb2.GetTextEncoderRequest(), timeout=timeout_s, wait_for_ready=True,
@@ -71,17 +72,8 @@ class RemoteEncoder:
         except grpc.RpcError as error:
             self._channel.close()
             raise TextEncoderUnavailable(f"{NO_ANSWER} ({_reason(error)})") from error
-        self._identity = str(found.text_encoder)
-        self._width = int(found.width)
+        super().__init__(str(found.text_encoder), int(found.width))
         self._max_texts = max(1, int(found.max_texts))
-
-    @property
-    def identity(self) -> str:
-        return self._identity
-
-    @property
-    def width(self) -> int:
-        return self._width
 
     def encode(self, texts: Sequence[str]) -> Vectors:
         vectors = np.zeros((len(texts), self._width), np.float32)

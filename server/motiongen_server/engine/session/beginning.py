@@ -1,0 +1,44 @@
+"""What an Open begins: a new session, or one that another engine had."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.session.events import apply
+from motiongen_server.engine.session.opening import open_session
+from motiongen_server.engine.session.snapshot import check_going_on, going_on
+from motiongen_server.engine.session.state import SessionState
+from motiongen_server.engine.types import Code, EventRefused, Float32Array, ModelFacts, Open, Output, Resume
+from motiongen_server.engine.types.report import StepReport
+
+MakeFeatures = Callable[[Float32Array], Float32Array | None]
+"""Rows (T, row_width) as features (T, D); None where the model can make nothing of them."""
+
+
+def begun(
+    event: Open, ordinal: int, facts: ModelFacts, config: EngineConfig, now: float, features_of: MakeFeatures
+) -> SessionState:
+    """The session. ordinal: as for `open_session`. Raises EventRefused where it cannot be gone on with."""
+    asked = event.going_on
+    if asked is not None:
+        check_going_on(asked, facts)
+    rows = event.spec.prior_rows if asked is None else asked.snapshot.rows
+    if rows is None:
+        return open_session(event.spec, event.received_at, ordinal, facts, config, now)
+    features = features_of(rows)
+    if features is None:
+        given, allowed = "the model can make nothing of the prior frames", "other frames, or none"
+        raise EventRefused(Code.INTERNAL, "PRIOR_FRAMES_FAILED", given, "open.prior_frames", allowed)
+    if asked is None:
+        return open_session(event.spec, event.received_at, ordinal, facts, config, now, features)
+    return going_on(event, asked, ordinal, facts, config, now, features)
+
+
+def first_words(state: SessionState, event: Open, now: float, report: StepReport) -> list[Output]:
+    """What its client is told first; that of a session that is gone on with, as if it had resumed it here."""
+    asked = event.going_on
+    if asked is None:
+        return [state.greeting()]
+    resume = Resume(event.session, 0, event.received_at, asked.attempt, asked.next_frame, asked.plan)
+    return [state.greeting(), *apply(state, resume, now, report)]

@@ -1,0 +1,158 @@
+"""Snapshots of a session, taken and gone on from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.session.conditions import Conditions
+from motiongen_server.engine.session.edits import PendingEdit
+from motiongen_server.engine.session.opening import open_session
+from motiongen_server.engine.session.plan_log import PlanLog
+from motiongen_server.engine.session.residuals import Residual
+from motiongen_server.engine.session.state import SessionState
+from motiongen_server.engine.session.timeline import Timeline, TokenRun
+from motiongen_server.engine.session.velocity import Velocity
+from motiongen_server.engine.session.windows import history_crop
+from motiongen_server.engine.types import (
+    Code,
+    Constraint,
+    EventRefused,
+    Float32Array,
+    GoingOn,
+    HeldVelocity,
+    ModelFacts,
+    Open,
+    RigLayout,
+    SessionSnapshot,
+    SnapshotTaken,
+    UnansweredEdit,
+)
+
+
+def news_of(state: SessionState) -> list[SnapshotTaken]:
+    """A snapshot, where one is wanted and the client was told of a plan or an answer that the last one lacks."""
+    if not state.config.snapshots or not state.plan or state.spec.is_clip:
+        return []
+    holds = state.plan, state.last_seq - len(_unanswered(state))
+    if holds == state.saved:
+        return []
+    state.saved = holds
+    return [SnapshotTaken(state.key, snapshot_of(state))]
+
+
+def snapshot_of(state: SessionState) -> SessionSnapshot:
+    """All of a session. Its arrays are the session's own, which never change."""
+    delivery, conditions, timeline = state.delivery, state.conditions, state.timeline
+    clock, velocity = delivery.clock, conditions.velocity
+    # What a client may lack begins with its last report; the history of the next window may lie before that.
+    needed_from = min(delivery.committed_to, delivery.sent_to, clock.reported) - history_crop(state.spec, state.config)
+    first_frame = max(timeline.first, needed_from)
+    return SessionSnapshot(
+        spec=replace(state.spec, prompts=(), constraints=(), prior_rows=None, gaits=()),
+        plan=state.plan,
+        last_seq=state.last_seq,
+        unanswered=tuple(
+            UnansweredEdit(edit.event_seq, edit.kind, edit.dirty_from, edit.placements) for edit in _unanswered(state)
+        ),
+        prompts=conditions.prompts,
+        constraints=conditions.constraints,
+        velocity=None if velocity is None else _held(velocity),
+        gait=conditions.gait,
+        first_frame=first_frame,
+        motion_from=max(timeline.motion_from, first_frame),
+        rows=timeline.rows_between(first_frame, timeline.end),
+        committed_to=delivery.committed_to,
+        num_frames=delivery.num_frames,
+        late_frames=delivery.late_frames,
+        is_started=clock.started,
+        play_state=clock.state,
+        underruns=state.underruns,
+        plans=delivery.plan_log.plans,
+        measured_to=state.reach.measured_to,
+    )
+
+
+def _unanswered(state: SessionState) -> tuple[PendingEdit, ...]:
+    return (*(state.running.answers if state.running else ()), *state.edits.waiting)
+
+
+def _held(velocity: Velocity) -> HeldVelocity:
+    return HeldVelocity(velocity.x, velocity.z, velocity.heading, velocity.hold_frames, velocity.steers_from)
+
+
+def check_going_on(asked: GoingOn, facts: ModelFacts) -> None:
+    """Raise EventRefused where the model, or the client, cannot go on with a snapshot."""
+    held = asked.snapshot
+    rows = held.rows
+    fits = held.spec.model_id == facts.model_id and rows.ndim == 2 and rows.shape[1] == facts.row_width
+    if not fits or len(rows) < facts.patch or not np.isfinite(rows).all():
+        raise _unusable("it is not of the model that is served here")
+    # A plan that the snapshot does not know of may have replaced what it holds: those frames can never be made again.
+    if asked.plan > held.plan or not held.first_frame <= asked.next_frame <= held.end_frame:
+        raise _unusable(
+            f"it holds frames {held.first_frame} to {held.end_frame - 1} of plans up to {held.plan}, and the client is "
+            f"at frame {asked.next_frame} of plan {asked.plan}"
+        )
+
+
+def _unusable(why: str) -> EventRefused:
+    given = f"the session's snapshot cannot be gone on with: {why}"
+    allowed = "a new session that goes on from the frames held: open.prior_frames"
+    return EventRefused(Code.FAILED_PRECONDITION, "SNAPSHOT_UNUSABLE", given, "open.resume_token", allowed)
+
+
+def going_on(
+    event: Open,
+    asked: GoingOn,
+    ordinal: int,
+    facts: ModelFacts,
+    config: EngineConfig,
+    now: float,
+    features: Float32Array,
+) -> SessionState:
+    """The session of an Open that goes on from a snapshot; the client's Resume is to be applied next.
+
+    features: (T, D), those of the snapshot's rows. What unanswered edits asked for holds, and a plan will answer them.
+    """
+    held = asked.snapshot
+    end = held.end_frame
+    state = open_session(event.spec, event.received_at, ordinal, facts, config, now)
+    no_tokens = TokenRun(end, np.empty((0, facts.token_width), np.float32), facts.patch)
+    state.timeline = Timeline(held.first_frame, held.rows, features, no_tokens, held.motion_from)
+    velocity = held.velocity
+    if velocity is not None:
+        steered = Velocity(velocity.x, velocity.z, velocity.heading, velocity.hold_frames, velocity.steers_from)
+    state.conditions = Conditions(held.prompts, held.constraints, None if velocity is None else steered, held.gait)
+    state.plan, state.last_seq, state.underruns = held.plan, held.last_seq, held.underruns
+    state.saved = held.plan, held.last_seq - len(held.unanswered)
+    for edit in held.unanswered:
+        waiting = PendingEdit(edit.event_seq, edit.kind, event.received_at, edit.dirty_from, edit.placements)
+        state.edits.add(waiting)
+    delivery = state.delivery
+    delivery.sent_to = end
+    delivery.promise(min(max(held.committed_to, asked.committed_to), end))
+    delivery.num_frames, delivery.late_frames = held.num_frames, held.late_frames
+    delivery.plan_log = PlanLog(held.plans)
+    if held.is_started:
+        delivery.clock.go_on(min(asked.playhead, end), now)
+    delivery.clock.set_state(held.play_state, now, end)
+    state.reach.measured_to = held.measured_to
+    state.reach.partial = [
+        (each, _measured(each, held, facts.rig))
+        for each in held.constraints
+        if each.first_frame < held.measured_to <= each.last_frame
+    ]
+    return state
+
+
+def _measured(constraint: Constraint, held: SessionSnapshot, rig: RigLayout) -> Residual:
+    """How far a constraint that has begun was missed so far, as far as its frames are held."""
+    residual = Residual()
+    first = max(constraint.first_frame, held.first_frame)
+    if first < held.measured_to:
+        rows = held.rows[first - held.first_frame : held.measured_to - held.first_frame]
+        residual.add(rig, constraint, first, rows)
+    return residual

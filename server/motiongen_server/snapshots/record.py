@@ -1,0 +1,81 @@
+"""SessionRecord <-> the bytes that a store keeps: versioned, checked, bounded, and nothing in them is ever run."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+from dataclasses import dataclass
+
+from motiongen_server.engine.types import ConstraintReached, Opened, Outcome, ServiceLevel, SessionSnapshot, Warned
+from motiongen_server.engine_process.codec import Codec, CodecError
+
+MAX_BYTES = 1 << 20
+"""Of a record. One of the built-in model takes some 40 KiB; most of it are frames."""
+_MAGIC = b"MGSS"
+_VERSION = 1
+_DIGEST_BYTES = 16
+
+
+class RecordRefused(ValueError):
+    """Bytes that are no record of this version, whole and as they were written, or a record that is too big."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionRecord:
+    """A session as the edge and its engine know it.
+
+    tenant: whose it is, and nobody else learns of it. taken_seq: events up to it have been taken. opened: without its
+    token; level, answers, reached: what the client may not have heard; warnings: by event, of those without an answer.
+    attempt: the last to resume it.
+    """
+
+    tenant: str
+    request_id: str
+    taken_seq: int
+    opened: Opened
+    level: ServiceLevel | None
+    answers: tuple[Outcome, ...]
+    reached: tuple[ConstraintReached, ...]
+    warnings: dict[int, tuple[Warned, ...]]
+    attempt: int
+    snapshot: SessionSnapshot
+
+    @property
+    def unanswered(self) -> frozenset[int]:
+        """The events up to taken_seq that have no answer yet."""
+        return frozenset(edit.event_seq for edit in self.snapshot.unanswered)
+
+
+_CODEC: Codec[SessionRecord] = Codec(SessionRecord)
+_HEAD = _MAGIC + bytes([_VERSION]) + _CODEC.schema.encode()
+
+
+def write_record(record: SessionRecord) -> bytes:
+    """Raises RecordRefused for one that is too big to be kept."""
+    try:
+        content = _CODEC.encode(record)
+    except CodecError as error:
+        raise RecordRefused(f"the session cannot be written down: {error}") from error
+    data = b"".join((_HEAD, _digest(content), content))
+    if len(data) > MAX_BYTES:
+        raise RecordRefused(f"the session takes {len(data)} bytes; at most {MAX_BYTES} are kept of one")
+    return data
+
+
+def read_record(data: bytes) -> SessionRecord:
+    """Raises RecordRefused for anything that `write_record` of this version of the server did not make."""
+    if len(data) > MAX_BYTES or not data.startswith(_MAGIC):
+        raise RecordRefused(f"{len(data)} bytes are no record of a session")
+    if not data.startswith(_HEAD):
+        raise RecordRefused("the session was saved by another version of the server")
+    digest, content = data[len(_HEAD) : len(_HEAD) + _DIGEST_BYTES], data[len(_HEAD) + _DIGEST_BYTES :]
+    if not hmac.compare_digest(digest, _digest(content)):
+        raise RecordRefused("the record of the session is damaged")
+    try:
+        return _CODEC.decode(content)  # arrays are copies: the engine hands them to torch
+    except CodecError as error:
+        raise RecordRefused(str(error)) from error
+
+
+def _digest(content: bytes) -> bytes:
+    return hashlib.blake2b(content, digest_size=_DIGEST_BYTES).digest()

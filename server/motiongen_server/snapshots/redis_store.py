@@ -1,0 +1,91 @@
+"""RedisStore: snapshots in Redis or Valkey, for servers on many machines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, cast
+from urllib.parse import urlsplit
+
+import redis
+
+from motiongen_server.snapshots.store import Held, Lease, Renewal, StoreFailed
+
+CALL_S = 0.5
+"""How long a call may take."""
+PREFIX = "motiongen:session:"
+# Each is one step for the server: epoch and record never come apart. KEYS[1]: a hash of e (epoch), h (holder) and
+# d (the record).
+_SAVE = """
+local held = tonumber(redis.call('HGET', KEYS[1], 'e') or '0')
+if held > tonumber(ARGV[1]) then return 0 end
+redis.call('HSET', KEYS[1], 'e', ARGV[1], 'd', ARGV[2])
+redis.call('PEXPIRE', KEYS[1], ARGV[3])
+return 1
+"""
+_TAKE = """
+local data = redis.call('HGET', KEYS[1], 'd')
+if not data then return false end
+local epoch = redis.call('HINCRBY', KEYS[1], 'e', 1)
+redis.call('HSET', KEYS[1], 'h', ARGV[1])
+redis.call('PEXPIRE', KEYS[1], ARGV[2])
+return {epoch, data}
+"""
+_RENEW = """
+local held = redis.call('HGET', KEYS[1], 'e')
+if not held then return 2 end
+if tonumber(held) > tonumber(ARGV[1]) then return 0 end
+redis.call('PEXPIRE', KEYS[1], ARGV[2])
+return 1
+"""
+_DROP = "if redis.call('HGET', KEYS[1], 'e') == ARGV[1] then return redis.call('DEL', KEYS[1]) end return 0"
+
+
+class RedisStore:
+    """One client, whose connections are made when they are needed, and anew when they break."""
+
+    def __init__(self, url: str, keep_s: float) -> None:
+        """keep_s: how long a record stays that nobody renews. Raises ValueError for what is no address of a Redis."""
+        self._keep_ms = round(1000 * keep_s)
+        parts = urlsplit(url)
+        self._name = f"{parts.scheme}://{parts.hostname or ''}:{parts.port or 6379}{parts.path}"  # without a password
+        self._client = redis.Redis.from_url(
+            url, socket_timeout=CALL_S, socket_connect_timeout=CALL_S, health_check_interval=0
+        )
+
+    def __str__(self) -> str:
+        return self._name
+
+    def save(self, records: Sequence[tuple[Lease, bytes]]) -> list[bool]:
+        """As in SnapshotStore: one round trip for all."""
+        answers = self._all(_SAVE, [(lease.name, (lease.epoch, data, self._keep_ms)) for lease, data in records])
+        return [answer == 1 for answer in answers]
+
+    def take(self, name: str, holder: str) -> Held | None:
+        """As in SnapshotStore."""
+        (answer,) = self._all(_TAKE, [(name, (holder, self._keep_ms))])
+        return None if answer is None else Held(int(answer[0]), bytes(answer[1]))
+
+    def renew(self, leases: Sequence[Lease]) -> list[Renewal]:
+        """As in SnapshotStore."""
+        answers = self._all(_RENEW, [(lease.name, (lease.epoch, self._keep_ms)) for lease in leases])
+        return [Renewal(answer) for answer in answers]
+
+    def drop(self, leases: Sequence[Lease]) -> None:
+        """As in SnapshotStore."""
+        self._all(_DROP, [(lease.name, (lease.epoch,)) for lease in leases])
+
+    def close(self) -> None:
+        """As in SnapshotStore."""
+        self._client.close()
+
+    def _all(self, script: str, calls: Sequence[tuple[str, tuple[str | bytes | int, ...]]]) -> list[Any]:
+        """Run a script for each of many records, in one round trip. Raises StoreFailed."""
+        if not calls:
+            return []
+        try:
+            pipeline = self._client.pipeline(transaction=False)
+            for name, arguments in calls:
+                pipeline.eval(script, 1, PREFIX + name, *cast("tuple[str, ...]", arguments))
+            return pipeline.execute()
+        except (redis.RedisError, OSError) as error:
+            raise StoreFailed(f"{self}: {type(error).__name__}: {error}") from error

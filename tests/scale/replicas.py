@@ -1,0 +1,138 @@
+"""Several servers of one store: real processes, a real Redis beside them."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Sequence
+from pathlib import Path
+
+from tests.scale.proxies import Behind, free_port
+from tests.system.real_redis import start_redis, url_in
+from tests.waiting import until
+
+SMALL = (
+    "--devices",
+    "cpu:1",
+    "--profile-s",
+    "1",
+    "--log-level",
+    "WARNING",
+    "--drain-grace-s",
+    "1",
+    "--admit-load",
+    "100",
+)
+"""Of a server that shares a small machine with others: it lets in whoever comes."""
+
+
+class Replica:
+    """`python -m motiongen_server` on ports that it keeps when it is started again."""
+
+    def __init__(self, name: str, folder: Path, store: str, arguments: Sequence[str] = ()) -> None:
+        self.name = name
+        self.behind = Behind(free_port(), free_port())
+        self._log = folder / f"{name}.log"
+        self._command = [
+            sys.executable, "-m", "motiongen_server", "--port", str(self.behind.port), "--ops-port",
+            str(self.behind.ops_port), "--snapshot-store", store, *SMALL, *arguments,
+        ]  # fmt: skip
+        self.process: subprocess.Popen[bytes] | None = None
+
+    @property
+    def is_running(self) -> bool:
+        """Whether there is a process."""
+        return self.process is not None and self.process.poll() is None
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether it serves. Raises RuntimeError with its log where it has ended by itself."""
+        if not self.is_running:
+            raise RuntimeError(f"{self.name} has ended: {self._log.read_text(errors='replace')[-2000:]}")
+        return bool(self._asked("/readyz"))
+
+    def begin(self) -> None:
+        """Start it; `is_ready` tells when it serves."""
+        with self._log.open("ab") as log:
+            self.process = subprocess.Popen(self._command, stdout=log, stderr=log)
+
+    def metric(self, name: str) -> float:
+        """The sum of a metric over its labels; 0 while the server does not answer."""
+        lines = self._asked("/metrics").decode().splitlines()
+        return sum(float(line.rpartition(" ")[2]) for line in lines if line.split("{")[0].split(" ")[0] == name)
+
+    def engine_pids(self) -> list[int]:
+        """Of its engine processes."""
+        assert self.process is not None
+        found = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+        return [int(pid) for pid in found]
+
+    def send(self, number: signal.Signals) -> None:
+        """A signal for the gateway, such as SIGKILL, SIGTERM to drain, SIGSTOP."""
+        assert self.process is not None
+        self.process.send_signal(number)
+
+    def stop(self) -> None:
+        """End it whatever it is at."""
+        if self.is_running:
+            assert self.process is not None
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.process.pid, signal.SIGCONT)
+            self.process.terminate()
+            try:
+                self.process.wait(20)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+
+    def _asked(self, path: str) -> bytes:
+        try:
+            with urllib.request.urlopen(f"http://127.0.0.1:{self.behind.ops_port}{path}", timeout=2) as answer:
+                return bytes(answer.read())
+        except (TimeoutError, OSError):
+            return b""
+
+
+class Replicas:
+    """Use as `with Replicas(folder, 2) as replicas`: a Redis, and servers that are ready."""
+
+    def __init__(self, folder: Path, count: int, arguments: Sequence[str] = (), store: str | None = None) -> None:
+        """store: in place of a Redis of their own."""
+        self._folder = folder
+        self._has_redis = store is None
+        self.redis: subprocess.Popen[bytes] | None = None
+        self.store = store or url_in(folder)
+        self.all = [Replica(f"server-{name}", folder, self.store, arguments) for name in "abcdef"[:count]]
+
+    @property
+    def behind(self) -> list[Behind]:
+        """Where a proxy finds them."""
+        return [replica.behind for replica in self.all]
+
+    def start_redis(self) -> None:
+        """Start the Redis, empty."""
+        self.redis = start_redis(self._folder)
+
+    def __enter__(self) -> Replicas:
+        if self._has_redis:
+            self.start_redis()
+        for replica in self.all:
+            replica.begin()
+        try:
+            for replica in self.all:
+                until(lambda replica=replica: replica.is_ready)  # type: ignore[misc]
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for replica in self.all:
+            replica.stop()
+        if self.redis is not None:
+            self.redis.kill()
+            self.redis.wait()

@@ -1,0 +1,189 @@
+"""Snapshots: taken when a client was told something new, and gone on from in another engine."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.types import (
+    Chunk,
+    Code,
+    GoingOn,
+    Open,
+    Opened,
+    Outcome,
+    Output,
+    PlanCause,
+    PlanNotice,
+    PlayState,
+    Resumed,
+    SessionKey,
+    SessionSnapshot,
+    SnapshotTaken,
+    Waypoint,
+)
+from motiongen_server.snapshots.record import read_record, write_record
+from tests.server.engine.fakes import FACTS, FRAME, PROMPT
+from tests.server.engine.stage import Stage, prompt
+from tests.server.engine.viewer import Viewer
+from tests.server.snapshots.records import a_record
+
+SAVING = EngineConfig(snapshots=True)
+ELSEWHERE = SessionKey(9, 4)
+
+
+def snapshots(stage: Stage) -> list[SessionSnapshot]:
+    return [output.snapshot for output in stage.outputs if isinstance(output, SnapshotTaken)]
+
+
+def through_a_store(snapshot: SessionSnapshot) -> SessionSnapshot:
+    return read_record(write_record(replace(a_record(), snapshot=snapshot))).snapshot
+
+
+def go_on(snapshot: SessionSnapshot, viewer: Viewer, **where: int) -> tuple[Stage, list[Output]]:
+    """Another engine, and what it says first to a client that is where the viewer is."""
+    asked = GoingOn(snapshot, 1, len(viewer.rows), viewer.notices[-1].plan, int(viewer.position), viewer.committed_to)
+    stage = Stage(SAVING)
+    other = Viewer(ELSEWHERE, viewer.lookahead, viewer.fps)
+    stage.viewers[ELSEWHERE] = other
+    other.take = lambda output, now: None  # type: ignore[method-assign]  # what it checks holds from a beginning on
+    stage.silent.add(ELSEWHERE)
+    stage._next_report_at[ELSEWHERE] = 0.0
+    spec = replace(snapshot.spec, session=ELSEWHERE)
+    stage.engine.submit(Open(spec, 1, stage.clock.now(), replace(asked, **where)))
+    stage.run(1.0)
+    return stage, stage.outputs
+
+
+def test_none_is_taken_unless_asked_for_nor_of_a_clip() -> None:
+    stage = Stage()
+    stage.open()
+    stage.run(3.0)
+    assert not snapshots(stage)
+    saving = Stage(SAVING)
+    saving.open_clip(1, 80)
+    saving.run(3.0)
+    assert not snapshots(saving)
+
+
+def test_one_follows_each_plan_and_each_answer_and_nothing_else() -> None:
+    stage = Stage(SAVING)
+    viewer = stage.open(prompts=(prompt(1),))
+    stage.run(3.0)
+    before = len(snapshots(stage))
+    assert [each.plan for each in snapshots(stage)] == [each.plan for each in viewer.notices]
+    stage.pause(viewer, True)
+    stage.step()
+    assert len(snapshots(stage)) == before + 1
+    assert snapshots(stage)[-1].play_state is PlayState.PAUSED
+    stage.run(5.0)
+    told = [type(output) for output in stage.outputs if isinstance(output, PlanNotice | SnapshotTaken | Outcome)]
+    assert told.count(SnapshotTaken) <= told.count(PlanNotice) + told.count(Outcome)
+    last = len(snapshots(stage))
+    stage.run(5.0)
+    assert len(snapshots(stage)) == last, "nothing happens to a session that is paused and full"
+
+
+def test_another_engine_goes_on_with_the_frames_and_conditions_of_the_first() -> None:
+    stage = Stage(SAVING)
+    viewer = stage.open(prompts=(prompt(1),))
+    stage.run(2.0)
+    stage.set_prompts(viewer, prompt(3, 2, start=140))
+    stage.set_constraints(viewer, Waypoint(1, 160, 1.0, 1.0))
+    stage.run(1.0)
+    snapshot = through_a_store(snapshots(stage)[-1])
+    assert snapshot.plan == viewer.notices[-1].plan
+    other, said = go_on(snapshot, viewer)
+    assert isinstance(said[0], Opened)
+    resumed = next(output for output in said if isinstance(output, Resumed))
+    assert resumed == Resumed(ELSEWHERE, 1, len(viewer.rows), None)
+    first = next(output for output in said if isinstance(output, Chunk))
+    assert first.first_frame == len(viewer.rows)
+    assert first.plan >= snapshot.plan
+    rows = [row for output in said if isinstance(output, Chunk) for row in output.rows]
+    assert [row[FRAME] for row in rows] == list(range(len(viewer.rows), len(viewer.rows) + len(rows)))
+    jobs = other.runner.prepared
+    assert all(job.seed == snapshot.spec.seed and job.plan > snapshot.plan for job in jobs)
+    assert other.runner.breaches == []
+
+
+def test_an_edit_without_an_answer_is_answered_by_the_other_engine() -> None:
+    stage = Stage(SAVING)
+    viewer = stage.open(prompts=(prompt(1),))
+    stage.run(2.0)
+    stage.pause(viewer, True)
+    seq = stage.set_prompts(viewer, prompt(5))
+    stage.pause(viewer, False)  # which is answered at once, so the session is saved with an edit that is not
+    stage.step()
+    snapshot = through_a_store(snapshots(stage)[-1])
+    assert [edit.event_seq for edit in snapshot.unanswered] == [seq]
+    assert snapshot.last_seq == seq + 1
+    _, said = go_on(snapshot, viewer)
+    (answer,) = [output for output in said if isinstance(output, Outcome)]
+    assert (answer.event_seq, answer.code) == (seq, Code.OK)
+    notice = next(output for output in said if isinstance(output, PlanNotice))
+    assert notice.event_seqs == (seq,)
+    chunk = next(output for output in said if isinstance(output, Chunk) and output.plan == notice.plan)
+    assert chunk.rows[0][PROMPT] == 5
+
+
+def test_a_client_that_missed_a_plan_is_told_of_it_as_after_any_loss() -> None:
+    stage = Stage(SAVING)
+    viewer = stage.open(prompts=(prompt(1),))
+    stage.run(2.0)
+    plan, held = viewer.notices[-1].plan, len(viewer.rows)
+    stage.set_prompts(viewer, prompt(2))
+    stage.run(0.5)
+    snapshot = snapshots(stage)[-1]
+    assert snapshot.plan > plan
+    _, said = go_on(snapshot, viewer, plan=plan, next_frame=held)
+    resumed = next(output for output in said if isinstance(output, Resumed))
+    assert resumed.notice is not None
+    assert resumed.notice.cause is PlanCause.RESUME
+    assert resumed.start_frame == resumed.notice.valid_from
+    assert resumed.notice.valid_from >= 0
+
+
+def test_what_the_client_was_promised_or_shows_is_never_replaced() -> None:
+    stage = Stage(SAVING)
+    viewer = stage.open(prompts=(prompt(1),))
+    stage.run(2.0)
+    end = len(viewer.rows)
+    other, _ = go_on(snapshots(stage)[-1], viewer, committed_to=end, playhead=end - 5)
+    state = other.engine.sessions[ELSEWHERE]
+    assert state.delivery.committed_to >= end
+    assert state.clock.reported == end - 5
+
+
+@pytest.mark.parametrize("where", [{"plan": 99}, {"next_frame": 100_000}])
+def test_a_client_that_knows_more_than_the_snapshot_is_refused(where: dict[str, int]) -> None:
+    stage = Stage(SAVING)
+    viewer = stage.open(prompts=(prompt(1),))
+    stage.run(2.0)
+    other, said = go_on(snapshots(stage)[-1], viewer, **where)
+    (refusal,) = said
+    assert isinstance(refusal, Outcome)
+    assert (refusal.event_seq, refusal.reason) == (1, "SNAPSHOT_UNUSABLE")
+    assert other.engine.num_sessions == 0
+
+
+@pytest.mark.parametrize("spoilt", ["model", "width", "nan", "short"])
+def test_a_snapshot_that_the_model_cannot_go_on_with_is_refused(spoilt: str) -> None:
+    stage = Stage(SAVING)
+    viewer = stage.open(prompts=(prompt(1),))
+    stage.run(2.0)
+    snapshot = snapshots(stage)[-1]
+    rows = snapshot.rows.copy()
+    rows[3, 1] = np.nan
+    spoils = {
+        "model": replace(snapshot, spec=replace(snapshot.spec, model_id="another")),
+        "width": replace(snapshot, rows=snapshot.rows[:, :-1]),
+        "nan": replace(snapshot, rows=rows),
+        "short": replace(snapshot, rows=snapshot.rows[: FACTS.patch - 1]),
+    }
+    other, said = go_on(spoils[spoilt], viewer)
+    assert [output.reason for output in said if isinstance(output, Outcome)] == ["SNAPSHOT_UNUSABLE"]
+    assert other.engine.num_sessions == 0

@@ -1,0 +1,58 @@
+"""What every store of snapshots promises: tests for a fixture `stores`, two servers' ends of one store."""
+
+from __future__ import annotations
+
+import threading
+from typing import TypeAlias
+
+from motiongen_server.snapshots.store import Lease, Renewal, SnapshotStore
+
+Two: TypeAlias = tuple[SnapshotStore, SnapshotStore]
+
+
+class StoreContract:
+    """Its subclasses' modules have the fixture."""
+
+    def test_a_record_is_what_was_saved_last(self, stores: Two) -> None:
+        one, other = stores
+        assert one.save([(Lease("a", 1), b"\x00one"), (Lease("b", 1), b"two")]) == [True, True]
+        assert one.save([(Lease("a", 1), b"three\xff")]) == [True]
+        assert other.take("a", "other") == (2, b"three\xff")
+        assert other.take("c", "other") is None
+        assert one.save([]) == []
+
+    def test_who_was_taken_from_writes_nothing_any_more(self, stores: Two) -> None:
+        one, other = stores
+        one.save([(Lease("a", 1), b"old"), (Lease("b", 1), b"mine")])
+        held = other.take("a", "other")
+        assert held is not None
+        assert one.save([(Lease("a", 1), b"stale"), (Lease("b", 1), b"mine still")]) == [False, True]
+        assert one.renew([Lease("a", 1), Lease("b", 1), Lease("c", 1)]) == [Renewal.FENCED, Renewal.KEPT, Renewal.GONE]
+        one.drop([Lease("a", 1)])
+        assert other.save([(Lease("a", held.epoch), b"new")]) == [True]
+        assert one.take("a", "one") == (3, b"new")
+        assert other.renew([Lease("a", 2)]) == [Renewal.FENCED]
+
+    def test_what_is_dropped_is_gone(self, stores: Two) -> None:
+        one, other = stores
+        one.save([(Lease("a", 4), b"old")])
+        one.drop([Lease("a", 4), Lease("never", 1)])
+        assert other.take("a", "other") is None
+
+    def test_of_many_who_take_a_session_at_once_each_has_an_epoch_of_its_own(self, stores: Two) -> None:
+        one, other = stores
+        one.save([(Lease("a", 1), b"x")])
+        epochs: list[int] = []
+
+        def take(store: SnapshotStore) -> None:
+            for _ in range(20):
+                held = store.take("a", "someone")
+                assert held is not None
+                epochs.append(held.epoch)
+
+        threads = [threading.Thread(target=take, args=(store,)) for store in (one, other, one, other)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert sorted(epochs) == list(range(2, 82))

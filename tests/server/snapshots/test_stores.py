@@ -1,0 +1,77 @@
+"""The store that is a file of this machine; and which store the settings ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from motiongen_server.settings import SettingError
+from motiongen_server.snapshots.sqlite_store import SqliteStore
+from motiongen_server.snapshots.store import Lease, Renewal, StoreFailed
+from motiongen_server.snapshots.stores import open_snapshot_store
+from tests.server.snapshots.store_contract import StoreContract, Two
+
+KEEP_S = 60.0
+
+
+@pytest.fixture
+def stores(tmp_path: Path) -> Iterator[Two]:
+    two = SqliteStore(tmp_path / "a" / "b.sqlite", KEEP_S), SqliteStore(tmp_path / "a" / "b.sqlite", KEEP_S)
+    yield two
+    for store in two:
+        store.close()
+
+
+class TestSqlite(StoreContract):
+    """A file that two servers share."""
+
+
+def test_records_that_nobody_renews_expire(tmp_path: Path) -> None:
+    now = [1000.0]
+    store = SqliteStore(tmp_path / "a.sqlite", KEEP_S, lambda: now[0])
+    store.save([(Lease("a", 1), b"x"), (Lease("b", 1), b"y")])
+    now[0] += KEEP_S - 1
+    assert store.renew([Lease("b", 1)]) == [Renewal.KEPT]
+    now[0] += 2
+    assert store.take("a", "other") is None
+    assert store.take("b", "other") == (2, b"y")
+    store.renew([])
+    assert store.renew([Lease("a", 1)]) == [Renewal.GONE]
+
+
+def test_a_file_of_sessions_is_for_its_owner_only(tmp_path: Path) -> None:
+    SqliteStore(tmp_path / "a.sqlite", KEEP_S).close()
+    assert (tmp_path / "a.sqlite").stat().st_mode & 0o077 == 0
+
+
+def test_a_file_that_cannot_be_written_fails_with_its_name(tmp_path: Path) -> None:
+    (tmp_path / "a.sqlite").write_bytes(b"this is no database at all, and it is long enough to be looked at" * 20)
+    with pytest.raises(StoreFailed, match=r"a\.sqlite"):
+        SqliteStore(tmp_path / "a.sqlite", KEEP_S)
+
+
+def test_a_full_disk_fails_and_is_written_again_once_there_is_room(tmp_path: Path) -> None:
+    store = SqliteStore(tmp_path / "a.sqlite", KEEP_S)
+    store.save([(Lease("a", 1), b"old")])
+    connection = store._connection()
+    (pages,) = connection.execute("PRAGMA page_count").fetchone()
+    connection.execute(f"PRAGMA max_page_count = {pages + 1}")
+    with pytest.raises(StoreFailed, match="full"):
+        store.save([(Lease("a", 1), bytes(100_000))])
+    connection.execute("PRAGMA max_page_count = 100000")
+    assert store.save([(Lease("a", 1), bytes(100_000))]) == [True]
+
+
+@pytest.mark.parametrize("asked", ["file.sqlite", "http://localhost", "redis://localhost:port"])
+def test_a_store_that_there_is_not_is_refused(asked: str) -> None:
+    with pytest.raises(SettingError, match="snapshot_store"):
+        open_snapshot_store(asked, KEEP_S)
+
+
+def test_the_store_is_where_the_setting_says(tmp_path: Path) -> None:
+    assert open_snapshot_store("none", KEEP_S) is None
+    of_user = open_snapshot_store("sqlite:", KEEP_S, {"XDG_STATE_HOME": str(tmp_path)})
+    assert str(of_user) == f"sqlite:{tmp_path}/motiongen/snapshots.sqlite"
+    assert str(open_snapshot_store("redis://:secret@localhost:7000/2", KEEP_S)) == "redis://localhost:7000/2"

@@ -67,13 +67,15 @@ class ProjectionOptions(CheckedOptions):
 
     last_steps: at how many of the last denoising steps; all, unless said. slack_m, slack_rad: how far the root may sway
     about a path that was only planned under its goals. acceleration_m_s2: the most that a correction adds where no path
-    was planned.
+    was planned. slowing_s: over so long a root that nothing leads loses a speed that the network would have it lose at
+    once; 0: it stops as it is told.
     """
 
     last_steps: int = option(1000, 1, 1000)
     slack_m: float = option(0.03, 0.0, 1.0)
     slack_rad: float = option(0.2, 0.0, 3.2)
     acceleration_m_s2: float = option(4.0, 0.1, 50.0)
+    slowing_s: float = option(0.6, 0.0, 5.0)
 
 
 @dataclass(frozen=True)

@@ -293,6 +293,8 @@ class Engine:
         # What came during the step counts for whether a window is too late: a client may have begun to play.
         self._take_events()
         for state, outputs in self.windows.land(results, self._clock.now(), self._report, self._load_monitor):
+            if state.plan == 1:
+                self._admission.note_begun(state.key)
             self._send_queue += outputs
             self.sessions.touch(state)
 

@@ -59,7 +59,9 @@ def next_window(state: SessionState, now: float, predicted_s: float, job_id: int
     site = WindowSite(spec, state.facts, state.config, state.drift_state.guard, state.level, state.conditions, timeline)
     state.predicted_s = predicted_s
     correction = state.drift_state.correction_from(first_frame)
-    job = site.job(first_frame, correction, job_id, state.plan + 1, cause, now, deadline(state, now))
+    job = site.job(
+        first_frame, correction, job_id, state.plan + 1, cause, now, deadline(state, now), runs_out_at(state, now)
+    )
     if state.replan_wanted:
         replans_hz = state.config.replans_hz[state.spec.priority - 1] * state.level.replan_cap_scale
         state.edits.space_replans(now, replans_hz)
@@ -99,6 +101,16 @@ def deadline(state: SessionState, now: float) -> float:
     if state.edits.waiting:
         asked_at = max(min(edit.received_at for edit in state.edits.waiting), state.edits.not_before)
         return asked_at + state.config.target_s(state.spec.priority)
+    return _planned_until(state, now)
+
+
+def runs_out_at(state: SessionState, now: float) -> float:
+    """When frames of a window have to be there, whatever it is made for, for the client not to run out of them."""
+    is_played = state.planned_to > 0 and not state.spec.is_clip and state.clock.running
+    return _planned_until(state, now) if is_played else math.inf
+
+
+def _planned_until(state: SessionState, now: float) -> float:
     unplayed = state.delivery.unplayed_at_pace(now, state.planned_to)
     return now + unplayed / state.facts.fps - state.delivery.delivery_s
 

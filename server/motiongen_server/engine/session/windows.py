@@ -74,6 +74,7 @@ class WindowSite:
         cause: PlanCause,
         now: float,
         deadline: float,
+        runs_out_at: float,
     ) -> WindowJob:
         """The job of a window from first_frame on."""
         start_pose = self._start_pose(first_frame, correction)
@@ -105,6 +106,7 @@ class WindowSite:
             # a velocity has chosen its prompt already
             keep_prompt=self.spec.keep_prompts or any(each is path for each in constraints),
             owner=self.spec.owner,
+            runs_out_at=runs_out_at,
         )
 
     def _start_pose(self, first_frame: int, correction: Correction | None) -> StartPose | None:

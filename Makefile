@@ -21,6 +21,8 @@ RECIPE ?= ardy/motiongen_ardy/train/configs/mini.yaml
 MODEL ?= motiongen-mini
 ARGS ?=
 CPP ?= yes
+# processes that share the tests; 0: all in one, as a debugger wants it
+JOBS ?= 2
 DATA_USE := name the motion capture: make data CLIPS=folder-of-bvh LABELS=table.csv
 
 # ---- environment
@@ -71,8 +73,8 @@ view: $(READY) viewer ## see and steer characters in a browser, with a server of
 check: lint types proto-check test ## style, types, protos and all tests that install nothing
 
 .PHONY: test
-test: $(READY) cpp-packages ## run all tests that need no GPU; CPP=no leaves out those of the C++ client
-	$(PYTHON) -m pytest -m 'not gpu and not system' $(if $(filter no,$(CPP)),--ignore tests/cpp) $(ARGS)
+test: $(READY) cpp-packages ## run all tests that need no GPU, in JOBS=2 processes; CPP=no leaves out those of the C++ client
+	OMP_NUM_THREADS=1 $(PYTHON) -m pytest -n $(JOBS) -m 'not gpu and not system' $(if $(filter no,$(CPP)),--ignore tests/cpp) $(ARGS)
 
 .PHONY: test-system
 test-system: $(READY) test-lowest viewer browser-packages ## run the tests that build, install or take long, those with the oldest versions too
@@ -164,6 +166,10 @@ cpp-packages: ## see that what the C++ client is built with is there; installs i
 .PHONY: bench
 bench: $(READY) ## measure latency, throughput and memory of the built-in model; writes out/bench
 	$(PYTHON) -m tests.bench --out $(OUT)/bench $(ARGS)
+
+.PHONY: bench-scenarios
+bench-scenarios: $(READY) ## play every scenario of `motiongen bench` in both precisions; writes a table to out/scenarios
+	$(PYTHON) -m tests.bench.scenario_table --out $(OUT)/scenarios $(ARGS)
 
 .PHONY: bench-service
 bench-service: $(READY) ## measure what the service costs without a model; writes out/bench

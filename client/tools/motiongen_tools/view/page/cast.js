@@ -86,7 +86,7 @@ export class Cast extends EventTarget {
 
   _note(info) {
     let member = this.members.get(info.number);
-    if (!member) {
+    if (!member || member.info.seed !== info.seed) { // another bridge may have given the number to somebody else
       const rig = this._rigs.get(info.rig);
       if (!rig) return; // the catalogue is on its way
       member = { number: info.number, rig, track: new Track(rig), info };

@@ -49,10 +49,6 @@ export class Cast extends EventTarget {
     return this.models.find((model) => model.id === id);
   }
 
-  rigOf(described) {
-    return new Rig(described);
-  }
-
   _hear(message) {
     switch (message.type) {
       case "server":

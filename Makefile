@@ -6,6 +6,8 @@ SHELL := bash
 VENV ?= .venv
 PYTHON := $(VENV)/bin/python
 BUF := $(VENV)/bin/buf
+CLANG_FORMAT := $(VENV)/bin/clang-format
+CPP_FILES = $(shell git ls-files 'client/cpp/*.cpp' 'client/cpp/*.hpp' 'client/cpp/*.h' 'client/cpp/*.c')
 READY := $(VENV)/.ready
 PARTS := proto ardy server client/python client/tools compliance
 LOWEST ?= $(OUT)/venv-lowest
@@ -19,6 +21,8 @@ RECIPE ?= ardy/motiongen_ardy/train/configs/mini.yaml
 MODEL ?= motiongen-mini
 ARGS ?=
 CPP ?= yes
+# processes that share the tests; 0: all in one, as a debugger wants it
+JOBS ?= 2
 DATA_USE := name the motion capture: make data CLIPS=folder-of-bvh LABELS=table.csv
 
 # ---- environment
@@ -69,8 +73,8 @@ view: $(READY) viewer ## see and steer characters in a browser, with a server of
 check: lint types proto-check test ## style, types, protos and all tests that install nothing
 
 .PHONY: test
-test: $(READY) cpp-packages ## run all tests that need no GPU; CPP=no leaves out those of the C++ client
-	$(PYTHON) -m pytest -m 'not gpu and not system' $(if $(filter no,$(CPP)),--ignore tests/cpp) $(ARGS)
+test: $(READY) cpp-packages ## run all tests that need no GPU, in JOBS=2 processes; CPP=no leaves out those of the C++ client
+	OMP_NUM_THREADS=1 $(PYTHON) -m pytest -n $(JOBS) -m 'not gpu and not system' $(if $(filter no,$(CPP)),--ignore tests/cpp) $(ARGS)
 
 .PHONY: test-system
 test-system: $(READY) test-lowest viewer browser-packages ## run the tests that build, install or take long, those with the oldest versions too
@@ -108,14 +112,16 @@ scale-demo: $(READY) ## kill one of two servers behind a proxy while 40 characte
 	$(PYTHON) -m tests.scale $(ARGS)
 
 .PHONY: lint
-lint: $(READY) ## check style and format
+lint: $(READY) ## check style and format, of Python and C++
 	$(PYTHON) -m ruff check .
 	$(PYTHON) -m ruff format --check .
+	$(CLANG_FORMAT) --dry-run --Werror $(CPP_FILES)
 
 .PHONY: fmt
 fmt: $(READY) ## format, and mend what can be mended
 	$(PYTHON) -m ruff check --fix .
 	$(PYTHON) -m ruff format .
+	$(CLANG_FORMAT) -i $(CPP_FILES)
 
 .PHONY: types
 types: $(READY) ## check types: mypy strict on server, contract and client

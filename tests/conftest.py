@@ -16,6 +16,14 @@ ROOT = Path(__file__).resolve().parents[1]
 TINY_MODEL = ROOT / "tests" / "data" / "golden" / "tiny-core27" / "checkpoint"
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """Give each process whole files, and one process what is built once for a folder."""
+    from tests.scheduling import FileScheduling
+
+    return FileScheduling(config, log)
+
+
 @dataclass(frozen=True)
 class LiveServer:
     """A server on free ports of this machine. address: of gRPC; ops_url: of health checks and metrics."""
@@ -32,6 +40,7 @@ def live_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer
     settings = ["--port", "0", "--ops-port", "0", "--print-ports", "--devices", "cpu:1", "--drain-wait-s", "0"]
     settings += ["--playback-rate", "1000"]  # tests take motion as fast as it comes
     settings += ["--profile-s", "0.3", "--admit-load", "1000", "--degrade", "false"]  # however busy the machine
+    settings += ["--peer-calls-per-second", "1e6"]  # all tests come from one address, some ten thousand times
     model = ["--model", str(TINY_MODEL), "--text-encoder", "hashed"]
     with log.open("w", encoding="utf-8") as errors:
         process = subprocess.Popen(

@@ -68,7 +68,7 @@ class Character:
         self._process.stdin.flush()
 
     def hear(self, kind: str) -> list[str]:
-        """The words of the next line of a kind; the program ends where none comes."""
+        """The words of the next line of a kind. Fails where the session or the program ends before it comes."""
         assert self._process.stdout is not None
         for line in self._process.stdout:
             words = line.split()
@@ -83,9 +83,10 @@ class Character:
 
 
 @contextmanager
-def character(program: Program, address: str) -> Iterator[Character]:
-    command = [str(program("told_events")), address]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+def character(program: Program, address: str, **variables: str) -> Iterator[Character]:
+    """variables: what the program connects with, MOTIONGEN_TOKEN and others."""
+    command, environment = [str(program("told_events")), address], {**os.environ, **variables}
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
     assert process.stdin is not None
     assert process.stdout is not None
     with process.stdout, process.stdin:

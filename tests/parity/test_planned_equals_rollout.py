@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -48,6 +50,14 @@ def test_a_session_on_a_path_is_the_rollout(planned: Model) -> None:
     features = expected(planned, embedding, targets, False)
     compare(planned, stream(planned, embedding, (RootTrajectory(1, 0, xz),), False), features)
     assert torch.allclose(features[30:80, [0, 2]], torch.from_numpy(xz[30:]), atol=2e-3)
+
+
+def test_a_session_without_goals_slows_down_as_the_rollout_does(planned: Model) -> None:
+    embedding = np.random.default_rng(6).standard_normal(32).astype(np.float32)
+    features = expected(planned, embedding, None, False)
+    compare(planned, stream(planned, embedding, (), False), features)
+    planned.sampling = replace(planned.sampling, projection=ProjectionOptions(last_steps=2, slowing_s=0.0))
+    assert not torch.allclose(features, expected(planned, embedding, None, False), atol=0.05), "nothing was slowed"
 
 
 def test_rows_get_in_company_what_they_get_alone(planned: Model) -> None:

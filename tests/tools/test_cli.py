@@ -89,7 +89,7 @@ def test_help_is_no_error(command: str, capsys: pytest.CaptureFixture[str]) -> N
 
 @pytest.mark.parametrize("command", ["catalog", "stream --prompt walk"])
 def test_no_server_is_one_line(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run([*command.split(), "--server", "127.0.0.1:1"]) == 1
+    assert run([*command.split(), "--server", "127.0.0.1:1", "--connect-timeout", "0.2"]) == 1
     error = capsys.readouterr().err
     assert error.startswith("error: no motiongen server answers at 127.0.0.1:1")
     assert "Traceback" not in error

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -54,3 +58,30 @@ def test_a_failure_inside_is_not_hidden_by_a_server_that_died() -> None:
 
     with pytest.raises(KeyError, match="first"), ServerProcess(TINY) as server:
         kill_and_fail(server)
+
+
+@pytest.fixture
+def pretend(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Have a shell script in place of Python."""
+
+    def write(script: str) -> None:
+        program = tmp_path / "python"
+        program.write_text(f"#!/bin/sh\n{script}\n")
+        program.chmod(0o755)
+        monkeypatch.setattr(sys, "executable", str(program))
+
+    return write
+
+
+def test_what_never_became_a_server_is_not_left_running(pretend: Callable[[str], None], tmp_path: Path) -> None:
+    pretend(f"echo $$ > {tmp_path}/pid; echo no ports; exec sleep 1000")
+    with pytest.raises(json.JSONDecodeError), ServerProcess():
+        pass
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "pid").read_text()), 0)
+
+
+def test_a_server_that_is_not_installed_is_told(pretend: Callable[[str], None]) -> None:
+    pretend("echo 'python: No module named motiongen_server' >&2; exit 1")
+    with pytest.raises(ServerFailed, match="install motiongen-server"):
+        ServerProcess().start()

@@ -99,7 +99,8 @@ def _sampled(line: Float64) -> Float64:
     steps = np.hypot(*np.diff(line, axis=0).T)
     line, steps = line[np.concatenate([[True], steps > 0])], steps[steps > 0]
     at = np.concatenate([[0.0], np.cumsum(steps)])
-    count = min(max(2, math.ceil(at[-1] / _SAMPLE_M) + 1), _MOST_SAMPLES)
+    # One in the middle at least: who starts and ends in a stand would else never get away.
+    count = min(max(3, math.ceil(at[-1] / _SAMPLE_M) + 1), _MOST_SAMPLES)
     places = np.linspace(0.0, at[-1], count)
     return np.stack([np.interp(places, at, line[:, axis]) for axis in (0, 1)], axis=1)
 

@@ -20,7 +20,8 @@ from motiongen_ardy.model.denoiser.guidance import (
 from motiongen_ardy.model.diffusion import cosine_schedule
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.sampling.correct import correct_window
-from motiongen_ardy.model.sampling.projection import make_projection
+from motiongen_ardy.model.sampling.projection import free_projection, make_projection
+from motiongen_ardy.model.sampling.slowing import motion_before
 from motiongen_ardy.model.tokenizer.model import by_token, root_from_tokens
 from motiongen_ardy.model.window import Window, WindowError
 
@@ -167,13 +168,16 @@ def lay_out(model: Model, request: WindowRequest, history: Tensor, translation: 
     tokens[:, :history_tokens] = history
     tokens[:, history_tokens : history_tokens + request.noise.shape[1]] = request.noise
     observed, mask, projection = request.observed, request.mask, None
+    first, count = history_tokens * patch, request.noise.shape[1] * patch
+    before = motion_before(model.representation, history, patch)
     if observed is not None and mask is not None:
         observed, mask = local_goals(model.representation, observed, mask, translation, history_len)
         if model.sampling.project_root:
-            first, count = history_tokens * patch, request.noise.shape[1] * patch
             projection = make_projection(
-                model.representation, observed, mask, request.planned, first, count, model.sampling
+                model.representation, observed, mask, request.planned, first, count, model.sampling, before
             )
+    else:
+        projection = free_projection(before, first, count, model.sampling)
     window = Window(
         history_len=history_len,
         generation_len=torch.full_like(history_len, request.noise.shape[1] * patch),

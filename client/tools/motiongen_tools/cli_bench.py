@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from motiongen_client.errors import InvalidInput, MissingExtra
+from motiongen_tools.arguments import number_above_zero
 from motiongen_tools.bench import terminal
 from motiongen_tools.bench.load import Load
 from motiongen_tools.bench.report import write_report
@@ -56,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--find", action="store_true", help="find the most characters that are served in full")
     parser.add_argument(
         "--max-misses",
-        type=_number_above_zero,
+        type=number_above_zero,
         default=100 * Standard.max_miss_ratio,
         metavar="PERCENT",
         help="of frames; served in full is below it (default: %(default)g)",
@@ -70,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--max-lag-ms",
-        type=_number_above_zero,
+        type=number_above_zero,
         default=Standard.max_lag_ms,
         metavar="MS",
         help="a run is void when the load itself was later than this (p99; default: %(default)g)",
@@ -177,13 +178,3 @@ def _whole(least: int) -> Callable[[str], int]:
         return int(text)
 
     return parse
-
-
-def _number_above_zero(text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number) or number <= 0:
-        raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a number above 0")
-    return number

@@ -12,6 +12,7 @@ import grpc.aio
 
 from motiongen_client.client import MotionClient
 from motiongen_client.errors import InvalidInput
+from motiongen_tools.arguments import number_above_zero
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,7 @@ class Connection:
 
     authorities: PEM file of those that are trusted, None for those of the system. certificate, key: PEM files of what
     the client shows. token_file: read anew for every call, so that one that expires is followed by the next.
+    connect_timeout_s: how long to wait for a server that is not there yet.
     """
 
     tls: bool = False
@@ -27,6 +29,7 @@ class Connection:
     certificate: Path | None = None
     key: Path | None = None
     token_file: Path | None = None
+    connect_timeout_s: float = 10.0
 
     def client(self, address: str) -> MotionClient:
         """A client for a server, not connected yet. Raises InvalidInput."""
@@ -34,7 +37,9 @@ class Connection:
         if self.token_file is not None:
             self.token()  # a file that is not there is told now
             token = self.token
-        return MotionClient(address, credentials=self.credentials(), token=token)
+        return MotionClient(
+            address, credentials=self.credentials(), token=token, connect_timeout_s=self.connect_timeout_s
+        )
 
     def channel(self, address: str, options: Sequence[tuple[str, int]]) -> grpc.aio.Channel:
         """A channel of gRPC's own, whose calls need `metadata`. Raises InvalidInput."""
@@ -75,6 +80,10 @@ def add_connection(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--tls-ca", type=Path, metavar="FILE", help="speak TLS, and trust those of this PEM file")
     group.add_argument("--tls-certificate", type=Path, metavar="FILE", help="PEM file of the certificate to show")
     group.add_argument("--tls-key", type=Path, metavar="FILE", help="PEM file of its key")
+    group.add_argument(
+        "--connect-timeout", type=number_above_zero, default=PLAIN.connect_timeout_s, metavar="S",
+        help="seconds to wait for a server that is not there yet (default %(default)g)",
+    )  # fmt: skip
     add_token(group)
 
 
@@ -89,7 +98,7 @@ def connection_of(options: argparse.Namespace) -> Connection:
     if (certificate is None) != (key is None):
         raise InvalidInput("tls-certificate", str(certificate), "it and --tls-key together")
     tls = options.tls or options.tls_ca is not None or certificate is not None
-    return Connection(tls, options.tls_ca, certificate, key, options.token_file)
+    return Connection(tls, options.tls_ca, certificate, key, options.token_file, options.connect_timeout)
 
 
 def client_of(options: argparse.Namespace, address: str) -> MotionClient:

@@ -53,11 +53,24 @@ class ServerProcess:
         with tempfile.NamedTemporaryFile("w", prefix="motiongen-server-", suffix=".log", delete=False) as log:
             self._log_path = Path(log.name)
             self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE, stderr=log, text=True)
-        ports = self._read_ports(self._process)
+        try:
+            ports = self._read_ports(self._process)
+        except BaseException:  # Ctrl-C too: nobody else knows of the process yet
+            self._abandon()
+            raise
         self.address = f"127.0.0.1:{ports['grpc_port']}"
         self.ops_address = f"127.0.0.1:{ports['ops_port']}"
         self.ready_s = time.monotonic() - started_s
         return self
+
+    def _abandon(self) -> None:
+        """Kill what has not become ready."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.wait()
+            if process.stdout is not None:
+                process.stdout.close()
 
     def stop(self, timeout_s: float = 30.0) -> None:
         """Ask it to end with SIGTERM and wait. Raises ServerFailed unless it exits with 0 in time."""
@@ -113,12 +126,10 @@ class ServerProcess:
             ports: dict[str, int] = json.loads(line)
             return ports
         code = process.wait()
-        process.stdout.close()
-        self._process = None
         if code == -signal.SIGKILL:
             what = f"the server was not ready within {self._ready_timeout_s:g} s"
-        elif "No module named server" in self.log_tail():
-            what = f"the server is not installed in {os.path.basename(sys.executable)}: install the motiongen package"
+        elif "No module named motiongen_server" in self.log_tail():
+            what = f"the server is not installed in {os.path.basename(sys.executable)}: install motiongen-server"
         else:
             what = f"the server did not start (exit code {code})"
         raise ServerFailed(what, self.log_tail())

@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 
 from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.intake import Intake
 from motiongen_server.engine.load_response import LoadResponse
-from motiongen_server.engine.mailbox import Mailbox, pending_refusal
+from motiongen_server.engine.mailbox import Mailbox
 from motiongen_server.engine.open_sessions import OpenSessions
 from motiongen_server.engine.ports import Clock, Deliver, Inbox, Observe, Runner
 from motiongen_server.engine.running_windows import RunningWindows
@@ -16,7 +17,7 @@ from motiongen_server.engine.scheduling.device import Device, DeviceLease
 from motiongen_server.engine.scheduling.load_monitor import LoadMonitor
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.scheduler import Scheduler
-from motiongen_server.engine.session import emission, events, planning
+from motiongen_server.engine.session import emission, events
 from motiongen_server.engine.session.beginning import begun, first_words
 from motiongen_server.engine.session.opening import change_options
 from motiongen_server.engine.session.snapshot import news_of
@@ -42,10 +43,6 @@ from motiongen_server.engine.types.report import StepReport
 _IDLE_TICK_S = 0.5
 
 
-def _unobserved(report: StepReport) -> None:
-    """Where nobody asked for reports."""
-
-
 class Engine:
     """Generates the motion of all sessions with one runner.
 
@@ -59,7 +56,7 @@ class Engine:
         clock: Clock,
         deliver: Deliver,
         config: EngineConfig,
-        observe: Observe = _unobserved,
+        observe: Observe | None = None,
         inbox: Inbox | None = None,
         scheduler: SchedulingPolicy | None = None,
         lease: DeviceLease | None = None,
@@ -78,10 +75,10 @@ class Engine:
         self._config = config
         self._mailbox: Inbox = Mailbox(config.max_pending_events) if inbox is None else inbox
         if scheduler is None:  # not `or`: a policy that holds no jobs yet is false
-            scheduler = Scheduler(
-                CostTable.assumed(config.initial_step_s), config.max_rows, max_step_s=config.max_step_s
-            )
+            costs = CostTable.assumed(config.initial_step_s)
+            scheduler = Scheduler(costs, config.max_rows, max_step_s=config.max_step_s)
         self._admission = Admission(runner.facts, config)
+        self._intake = Intake(self._admission, self._mailbox, config.max_pending_events)
         self.lease = Device().lease() if lease is None else lease
         self._load_monitor = LoadMonitor(runner.facts, self._admission, now, config.degrade, self.lease)
         self.sessions = OpenSessions()
@@ -107,21 +104,11 @@ class Engine:
 
     def submit(self, event: Event) -> Outcome | None:
         """Hand in an event. The answer comes through `deliver`; only one that is refused here is returned, at once."""
-        if isinstance(event, Open):
-            refusal = self._admission.reserve(event.spec, event.event_seq)
-            if refusal is not None:
-                return refusal
-        elif isinstance(event, Close):
-            self._admission.release(event.session)  # its place can be taken at once
-        if self._mailbox.put(event):
-            return None
-        if isinstance(event, Open):
-            self._admission.release(event.session, event.spec)
-        return pending_refusal(event, self._config.max_pending_events)
+        return self._intake.submit(event)
 
     def refusal_of(self, event: Open) -> Outcome | None:
         """What an Open would be refused with as things stand; no place is held."""
-        return self._admission.refusal_of(event.spec, event.event_seq)
+        return self._intake.refusal_of(event)
 
     def drain(self) -> None:
         """Take no new sessions; those that are open are served on."""
@@ -281,25 +268,15 @@ class Engine:
             if state.complete:
                 self._close(state, CloseReason.CLIENT, Code.OK, "")
             elif not self._stopping:
-                self._start_window(state, now)
+                self.sessions.wake_up(state, self.windows.start_due(state, now))
         self._flush()
-
-    def _start_window(self, state: SessionState, now: float) -> None:
-        ready_at = self.windows.ready_at(state, now)
-        if ready_at > now:
-            state.edits.wait_until(ready_at)
-            self.sessions.wake_up(state, ready_at)
-        if planning.window_due(state, now):
-            self.windows.start(state, now)
-        else:
-            self.sessions.wake_up(state, planning.wake_at(state))
 
     def _flush(self) -> None:
         outputs, self._send_queue = self._send_queue, []
         if outputs:
             self._deliver(outputs)
 
-    # ---- windows ----------------------------------------------------------------------------------------------------
+    # ---- windows and load --------------------------------------------------------------------------------------------
 
     def _take_in(self, finished: list[int]) -> None:
         """Decode the windows that are done and give them to their sessions."""
@@ -312,8 +289,6 @@ class Engine:
 
     def _fail(self, state: SessionState, message: str) -> None:
         self._close(state, CloseReason.ENGINE_FAULT, Code.INTERNAL, message)
-
-    # ---- load -------------------------------------------------------------------------------------------------------
 
     def _measure(self, now: float) -> None:
         """Take stock of the load; where the machine cannot keep up, or can again, sessions get less, or more."""

@@ -18,7 +18,8 @@ def run(engine: Engine) -> BaseException | None:
         while not engine.finished:
             with engine.lease:
                 report = engine.step()
-            engine.observe(report)
+            if engine.observe is not None:
+                engine.observe(report)
             if not report.rows:
                 engine.wait()
         engine.end_drained()

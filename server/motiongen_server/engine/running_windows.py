@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
+from math import inf
 
 from motiongen_server.engine.ports import Clock, Runner
 from motiongen_server.engine.scheduling.admission import Prices
@@ -73,12 +74,18 @@ class RunningWindows:
         """The features (H, D) of a client's frames (H, row_width); None where the model can make none of them."""
         return self._executor.features(rows)
 
-    def ready_at(self, state: SessionState, now: float) -> float:
-        """When the quota of a session's tenant allows another window."""
-        return self._quotas.ready_at(state.spec.owner, now)
+    def start_due(self, state: SessionState, now: float) -> float:
+        """Start the window that a session is due, if one is; when to look again, infinity: not for time alone."""
+        ready_at = self._quotas.ready_at(state.spec.owner, now)
+        if ready_at > now:
+            state.edits.wait_until(ready_at)
+        look_at = ready_at if ready_at > now else inf
+        if not planning.window_due(state, now):
+            return min(look_at, planning.wake_at(state))
+        self._start(state, now)
+        return look_at
 
-    def start(self, state: SessionState, now: float) -> None:
-        """Start the window that a session is due."""
+    def _start(self, state: SessionState, now: float) -> None:
         predicted_s = self._scheduler.predict_s(
             state.spec.priority, planning.deadline(state, now), state.num_steps, self._passes
         )

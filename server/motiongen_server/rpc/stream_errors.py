@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import grpc
+import grpc.aio
 
 from motiongen_server.errors import StreamRefused
+
+CLIENT_GONE = (grpc.aio.AioRpcError, grpc.aio.InternalError, grpc.aio.UsageError, asyncio.InvalidStateError)
+"""What gRPC raises for a write to a client that has gone, whose cancellation has not been seen yet."""
 
 
 def hello_expected() -> StreamRefused:

@@ -5,11 +5,9 @@ from __future__ import annotations
 import asyncio
 import time
 
-import grpc
-import grpc.aio
-
 from motiongen_server.rpc.handlers import StreamContext
 from motiongen_server.rpc.stream import Stream
+from motiongen_server.rpc.stream_errors import CLIENT_GONE
 
 
 async def write(stream: Stream, context: StreamContext) -> None:
@@ -34,8 +32,8 @@ async def write(stream: Stream, context: StreamContext) -> None:
             try:
                 await context.write(response)
                 stream.note_written()
-            except (grpc.aio.AioRpcError, grpc.aio.UsageError, asyncio.InvalidStateError):
-                stream.lose()  # the client has gone; its cancellation may not have been seen yet
+            except CLIENT_GONE:
+                stream.lose()
                 return
             stream.writing_since = None
         if stream.ended and not stream.num_sessions and not len(stream.send_queue):

@@ -18,7 +18,8 @@ from motiongen_ardy.model.noise import window_noise
 from motiongen_ardy.model.packed import PackedDenoiser, RowRequest
 from motiongen_ardy.model.rollout import visible_frames
 from motiongen_ardy.model.sampling.plan import plan_targets, plan_text
-from motiongen_ardy.model.sampling.projection import RootProjection, make_projection
+from motiongen_ardy.model.sampling.projection import RootProjection, free_projection, make_projection
+from motiongen_ardy.model.sampling.slowing import motion_before
 from motiongen_ardy.model.sampling.window_end import frames_to_keep
 from motiongen_ardy.model.tokenizer.explicit import ExplicitBody
 from motiongen_ardy.model.tokenizer.model import Tokenizer
@@ -92,10 +93,12 @@ class Preparation:
     def _group(self, shape: _Shape, members: list[_Member]) -> list[Row]:
         jobs = [member.job for member in members]
         history, translation, heading = self._history(shape, jobs)
-        observed, mask, projection, goals = None, None, None, None
+        observed, mask, goals = None, None, None
+        before = motion_before(self._model.representation, history, self._model.config.patch)
+        projection = free_projection(before, shape.history_len, self._model.config.horizon, self._model.sampling)
         if shape.has_targets:
             observed, mask = self._goals(shape, members, translation)
-            projection = self._projection(shape, members, observed, mask)
+            projection = self._projection(shape, members, (observed, mask), before)
             horizon = slice(shape.history_len, shape.history_len + self._model.config.horizon)
             goals = observed[:, horizon], mask[:, horizon]
         passes = [self.passes(job) for job in jobs]
@@ -145,9 +148,9 @@ class Preparation:
         return local_goals(layout, observed, mask, translation, history_len)
 
     def _projection(
-        self, shape: _Shape, members: list[_Member], observed: Tensor, mask: Tensor
+        self, shape: _Shape, members: list[_Member], goals: tuple[Tensor, Tensor], before: Tensor
     ) -> RootProjection | None:
-        model = self._model
+        model, (observed, mask) = self._model, goals
         if not model.sampling.project_root:
             return None
         planned = torch.stack(
@@ -159,7 +162,7 @@ class Preparation:
         )
         planned, horizon = planned.to(self._device), model.config.horizon
         return make_projection(
-            model.representation, observed, mask, planned, shape.history_len, horizon, model.sampling
+            model.representation, observed, mask, planned, shape.history_len, horizon, model.sampling, before
         )
 
     def _text(self, job: WindowJob) -> Tensor:

@@ -38,6 +38,13 @@ def test_a_way_keeps_to_its_lines_and_ends_at_the_last_corner(
     assert np.hypot(*steps.T).max(initial=0.0) <= speed * 1.02 + 1e-6
 
 
+@pytest.mark.parametrize("distance", [0.001, 0.03, 0.05])
+def test_who_stands_gets_to_a_place_a_few_centimetres_away(distance: float) -> None:
+    ground = walked(np.array([[0.0, distance]]), 0.5, 0.0, STANDING, FPS)
+    assert np.allclose(ground[-1], (0.0, distance), atol=1e-6)
+    assert len(ground) <= FPS
+
+
 def test_a_corner_is_cut_by_the_distance_that_is_allowed_and_no_more() -> None:
     line = np.array([(0.0, 0.0), (0.0, 5.0), (5.0, 5.0)])
     way = rounded(line, 0.3)

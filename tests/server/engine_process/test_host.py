@@ -11,6 +11,7 @@ import pytest
 
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Deliver, Inbox, Observe
+from motiongen_server.engine.scheduling.device import Device
 from motiongen_server.engine.types import Chunk, Close, Code, Event, Outcome, Playhead
 from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine_process.codec import CodecError
@@ -49,9 +50,10 @@ WAIT_MS = 10_000
 class Notebook:
     """In the place of an engine: writes down what it is given, and refuses what has the event number 13."""
 
-    failure: BaseException | None = None
+    observe = None
 
     def __init__(self) -> None:
+        self.lease = Device().lease()
         self.taken: list[Event] = []
         self.came = threading.Condition()
         self.stopped = threading.Event()
@@ -67,8 +69,18 @@ class Notebook:
             assert self.came.wait_for(lambda: len(self.taken) >= count, WAIT_MS / 1000)
             return list(self.taken)
 
-    def run(self) -> None:
+    @property
+    def finished(self) -> bool:
+        return self.stopped.is_set()
+
+    def step(self) -> StepReport:
+        return StepReport()
+
+    def wait(self) -> None:
         self.stopped.wait()
+
+    def end_drained(self) -> None:
+        """It holds no sessions."""
 
     def stop(self) -> None:
         self.stopped.set()

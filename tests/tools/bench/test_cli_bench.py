@@ -52,12 +52,14 @@ def test_a_server_that_speaks_tls_and_asks_who_calls_is_loaded_too(
                 "--tenants", str(tenants.path))  # fmt: skip
     with attacked(tmp_path / "log", settings) as server:
         load = ["--server", server.address, "--scenario", str(short_scenario), "--seconds", "1", "--seed", "4"]
+        load += ["--connect-timeout", "60"]
         shown = ["--tls-certificate", str(CERTIFICATES / "client.pem"), "--tls-key", str(CERTIFICATES / "client.key")]
         words = ["bench", *load, "--out", str(tmp_path / "out"), *NEVER_VOID, "--tls-ca", AUTHORITY, *shown]
+        unknown = ["--tls-ca", AUTHORITY, "--token-file", str(token), "--connect-timeout", "1"]
         assert run(words) == 1
         assert "CREDENTIALS_INVALID" in capsys.readouterr().err, "its certificate is of an authority, and of no tenant"
         assert run([*words, "--token-file", str(token)]) == 0
-        assert run(["catalog", "--server", server.address, "--tls-ca", AUTHORITY, "--token-file", str(token)]) == 1
+        assert run(["catalog", "--server", server.address, *unknown]) == 1
         assert run([*words, "--tls-key", str(tmp_path / "nowhere")]) == 1
         assert "tls-key" in capsys.readouterr().err
 
@@ -112,7 +114,7 @@ def test_steps_that_the_model_cannot_do_are_refused(
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["--server", "localhost:1"], 1, "no motiongen server answers at localhost:1"),
+        (["--server", "localhost:1", "--connect-timeout", "0.2"], 1, "no motiongen server answers at localhost:1"),
         (["--scenario", "crowds"], 1, "no scenario is called 'crowds'"),
         (["--seconds", "0"], 2, "'0' was given; allowed is a whole number of 1 or more"),
         (["--max-misses", "-1"], 2, "'-1' was given; allowed is a number above 0"),

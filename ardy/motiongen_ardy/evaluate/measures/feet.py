@@ -12,6 +12,8 @@ from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.evaluate.measures.root import MOVING_M_S, ground_speed, smoothed
 
 LIFT_M = 0.025
+# Toes of a slow walk rise by 1.5 cm only: what tells a first step from a body that leans is less.
+STEP_M = 0.01
 LOW_M = 0.05
 SKATE_M = 0.025
 GLIDE_M_S = 0.5
@@ -73,9 +75,9 @@ def penetration(skeleton: Skeleton, positions: Tensor) -> float:
     return float((-foot_joints(skeleton, positions)[..., 1].amin(dim=-1)).clamp(min=0).mean())
 
 
-def lifted(skeleton: Skeleton, positions: Tensor, rest: Tensor) -> Tensor:
-    """(T, 2) bool: whether the left and right toe is 2.5 cm above where it rested (2), metres."""
-    return foot_joints(skeleton, positions)[:, [1, 3], 1] > rest + LIFT_M
+def lifted(skeleton: Skeleton, positions: Tensor, rest: Tensor, by_m: float = LIFT_M) -> Tensor:
+    """(T, 2) bool: whether the left and right toe is by_m above where it rested (2), metres."""
+    return foot_joints(skeleton, positions)[:, [1, 3], 1] > rest + by_m
 
 
 class FirstLift(NamedTuple):
@@ -93,7 +95,7 @@ def first_lift(skeleton: Skeleton, positions: Tensor, from_frame: int, fps: int)
     not glide: what glides is the slowest foot.
     """
     rest = foot_joints(skeleton, positions[max(0, from_frame - fps // 2) : from_frame])[:, [1, 3], 1].mean(dim=0)
-    frames = lifted(skeleton, positions[from_frame:], rest).any(dim=-1).nonzero()[:, 0]
+    frames = lifted(skeleton, positions[from_frame:], rest, STEP_M).any(dim=-1).nonzero()[:, 0]
     count = int(frames[0]) if len(frames) else len(positions) - 1 - from_frame
     before = positions[from_frame - 1 : from_frame + count]
     if len(before) < 2:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,9 @@ from torch import Tensor
 
 from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
 from motiongen_ardy.core.rotation import angle_of
+from motiongen_ardy.model.sampling.goal_curves import goal_curves
 from motiongen_ardy.model.sampling.options import SamplingOptions
+from motiongen_ardy.model.sampling.slowing import FREE_M_S, slowed
 
 _NEVER_M = 1e9
 
@@ -24,7 +25,8 @@ class RootProjection:
     ground, height, heading: (B, T, T), frame by goal: the curve that each goal's correction makes. asked: (B, T, 4), x
     and z in metres in the window's frame, height, heading in radians without jumps between goals; where: (B, T, 3) 0 or
     1 for ground, height, heading. slack: (B, T, 2) metres and radians that may be missing. most: (B, T) metres, the
-    greatest correction over the ground.
+    greatest correction over the ground. before: (B, 4), the root's place and speed that a row goes on from, as
+    `slowing.motion_before`; a speed of zero for rows whose way is laid out. slowing_s: over which a speed fades.
     """
 
     first: int
@@ -35,33 +37,39 @@ class RootProjection:
     where: Tensor
     slack: Tensor
     most: Tensor
+    before: Tensor
+    slowing_s: float
 
     def rows(self, index: Any) -> RootProjection:
         """The rows that an index of the first dimension chooses."""
-        return RootProjection(self.first, *(part[index] for part in self._parts()))
+        return RootProjection(self.first, *(part[index] for part in self._parts()), self.slowing_s)
 
     def _parts(self) -> list[Tensor]:
-        return [getattr(self, one.name) for one in fields(self) if one.name != "first"]
+        return [getattr(self, one.name) for one in fields(self) if one.name not in ("first", "slowing_s")]
 
     @staticmethod
     def stacked(rows: list[RootProjection]) -> RootProjection:
         """Single rows, whose tensors lack the first dimension, as one; `first` is of no more use."""
         parts = zip(*(row._parts() for row in rows), strict=True)
-        return RootProjection(0, *(torch.stack(part) for part in parts))
+        return RootProjection(0, *(torch.stack(part) for part in parts), rows[0].slowing_s)
 
     def none(self) -> RootProjection:
         """The same shape without goals."""
-        return RootProjection(self.first, *(torch.zeros_like(part) for part in self._parts()))
+        return RootProjection(self.first, *(torch.zeros_like(part) for part in self._parts()), self.slowing_s)
 
     def apply(self, layout: Representation, root: Tensor, active: Tensor | None = None) -> Tensor:
         """A normalised root (B, T, 5) on its goals; rows without goals, or not active (B), stay bit for bit."""
         scale = layout.root_stats.scale
         natural = layout.root_stats.denormalize(root)
         where = self.where if active is None else self.where * active[:, None, None]
-        missing = (self.asked[..., :2] - natural[..., [0, 2]]) * where[..., :1]
+        carried = torch.zeros_like(natural[..., :2])
+        if self.slowing_s:
+            before = self.before if active is None else self.before * active[:, None]
+            carried = slowed(natural[..., [0, 2]], before, self.slowing_s, layout.fps)
+        missing = (self.asked[..., :2] - natural[..., [0, 2]] - carried) * where[..., :1]
         length = missing.norm(dim=-1, keepdim=True)
         kept = torch.minimum((length - self.slack[..., :1]).clamp(min=0), self.most[..., None])
-        ground = self.ground @ (missing * (kept / length.clamp(min=1e-9)))
+        ground = carried + self.ground @ (missing * (kept / length.clamp(min=1e-9)))
         height = _product(self.height, (self.asked[..., 2] - natural[..., 1]) * where[..., 1])[..., None]
         turn = _product(self.heading, self._missing_heading(natural[..., 3:], where[..., 2]))
         cosine, sine = natural[..., 3], natural[..., 4]
@@ -101,16 +109,17 @@ def make_projection(
     first: int,
     num_frames: int,
     options: SamplingOptions,
+    before: Tensor,
 ) -> RootProjection | None:
-    """The projection of horizons that begin at frame `first` of windows; None where no root is constrained there.
+    """The projection of horizons that begin at frame `first` of windows; None where nothing would be projected.
 
     observed, mask: (B, T, D) normalised, in the windows' own frames. planned: (B, T, 2) bool, whose ground and whose
-    heading may be missed by the slack; None for no such frames.
+    heading may be missed by the slack; None for no such frames. before: (B, 4), as `slowing.motion_before`.
     """
     horizon = slice(first, first + num_frames)
     held = mask[:, horizon, :ROOT_WIDTH] != 0
     if not bool(held.any()):
-        return None
+        return free_projection(before, first, num_frames, options)
     natural = layout.root_stats.denormalize(observed[:, horizon, :ROOT_WIDTH])
     where = held[..., [0, 1, 3]]
     known = where.cpu().numpy()
@@ -133,7 +142,17 @@ def make_projection(
     asked = torch.stack(
         [natural[..., 0], natural[..., 2], natural[..., 1], torch.from_numpy(angle).to(natural)], dim=-1
     )
-    return RootProjection(first, *(curve.to(natural) for curve in curves), asked, where.to(natural.dtype), slack, most)
+    before = torch.where(held[..., 0].any(dim=1, keepdim=True), 0.0, before)
+    return RootProjection(
+        first,
+        *(curve.to(natural) for curve in curves),
+        asked,
+        where.to(natural.dtype),
+        slack,
+        most,
+        before,
+        options.projection.slowing_s,
+    )
 
 
 def _room(exact: Tensor, settle_frames: int) -> Tensor:
@@ -146,39 +165,16 @@ def _room(exact: Tensor, settle_frames: int) -> Tensor:
     return (nearest / settle_frames).clamp(max=1)
 
 
-@lru_cache(maxsize=512)
-def goal_curves(goals: tuple[int, ...], num_frames: int) -> np.ndarray:
-    """(T, T): column g is the correction over all frames for 1 at goal g and 0 at the others; other columns are 0.
+def free_projection(before: Tensor, first: int, num_frames: int, options: SamplingOptions) -> RootProjection | None:
+    """The projection of rows without goals, which only slow down; None where none moves or nothing is projected.
 
-    A cubic spline with two smooth derivatives through the goals; zero and flat at the frame before the first, flat at
-    the last goal, and after it as it is there.
+    before: (B, 4), as `slowing.motion_before`.
     """
-    curves = np.zeros((num_frames, num_frames))
-    if not goals:
-        return curves
-    knots = np.array([0.0, *(goal + 1.0 for goal in goals)])
-    values = np.eye(len(knots))[:, 1:]
-    slopes = _spline_slopes(knots, values)
-    time = np.minimum(np.arange(1.0, num_frames + 1.0), knots[-1])
-    left = np.clip(np.searchsorted(knots, time, side="left") - 1, 0, len(knots) - 2)
-    span = (knots[left + 1] - knots[left])[:, None]
-    share = (time[:, None] - knots[left][:, None]) / span
-    rise = share * share * (3.0 - 2.0 * share)
-    curve = values[left] * (1.0 - rise) + values[left + 1] * rise
-    curve += span * share * (1.0 - share) * (slopes[left] * (1.0 - share) - slopes[left + 1] * share)
-    curves[:, list(goals)] = curve
-    curves.setflags(write=False)
-    return curves
-
-
-def _spline_slopes(knots: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Slopes (K, C) of a cubic spline through values (K, C) that is flat at both ends."""
-    count, gaps = len(knots), np.diff(knots)
-    system, right = np.eye(count), np.zeros_like(values)
-    rises = np.diff(values, axis=0) / gaps[:, None]
-    for inner in range(1, count - 1):
-        before, after = gaps[inner - 1], gaps[inner]
-        system[inner, inner - 1 : inner + 2] = after, 2.0 * (before + after), before
-        right[inner] = 3.0 * (after * rises[inner - 1] + before * rises[inner])
-    slopes: np.ndarray = np.linalg.solve(system, right)
-    return slopes
+    if not options.project_root or not options.projection.slowing_s:
+        return None
+    if not bool((before[:, 2:].norm(dim=-1) > FREE_M_S).any()):
+        return None
+    square = before.new_zeros(len(before), num_frames, num_frames)
+    wide = [before.new_zeros(len(before), num_frames, width) for width in (4, 3, 2)]
+    most = before.new_zeros(len(before), num_frames)
+    return RootProjection(first, square, square, square, *wide, most, before, options.projection.slowing_s)

@@ -9,7 +9,8 @@ from motiongen_ardy.model.sampling.options import FeetOptions
 from motiongen_ardy.model.sampling.spread import held, spread, within
 from motiongen_ardy.model.sampling.stance import run_sums, segments
 
-STEP_FRAMES = 3  # on either side of the middle of a step that is put in
+# On either side of the middle of a step that is put in: when its foot goes over the ground, and is off it.
+STEP_FRAMES, AIR_FRAMES = 2, 4
 TORN_FRAMES = 6
 TORN_M, TORN_RAD = 0.005, 0.03  # how far off a foot may be held from where it shall be
 SLOW_M = 0.01  # a frame; a stance is held rather where the foot slips less than this
@@ -62,5 +63,5 @@ def ground_offsets(
     known = standing | pinned | (frames == 0)
     kept = torch.where(standing[..., None], place - moved, 0.0) * slipped.new_tensor([1.0, 0.0, 1.0, 1.0])
     kept = spread(kept, known, options.fade_frames)
-    bump = spread((broken & ~pinned)[..., None].to(slipped.dtype), broken | pinned, STEP_FRAMES + 1)[..., 0]
+    bump = spread((broken & ~pinned)[..., None].to(slipped.dtype), broken | pinned, AIR_FRAMES)[..., 0]
     return kept[..., :3], kept[..., 3], options.lift_m * bump, standing

@@ -42,7 +42,7 @@ from motiongen_server.rpc.handlers import ClipContext
 from motiongen_server.rpc.limits import ServiceLimits
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.session_entry import session_name
-from motiongen_server.rpc.stream_errors import reader_stuck
+from motiongen_server.rpc.stream_errors import CLIENT_GONE, reader_stuck
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 
 _log = logging.getLogger(__name__)
@@ -138,6 +138,8 @@ class ClipService:
         except StreamRefused as refusal:
             code = refusal.code.name
             await context.abort_with_status(refusal.status())
+        except CLIENT_GONE:
+            pass  # there is nobody to be told anything
         except Exception as error:
             code = "INTERNAL"
             error_id = secrets.token_hex(4)

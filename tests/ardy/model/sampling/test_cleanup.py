@@ -153,7 +153,7 @@ def test_a_body_that_turns_on_the_spot_takes_steps(layout: Representation, stand
     assert not up.all(dim=-1).any()  # one after the other
     low = ~(up[1:] | up[:-1])
     toes = (after[0, 1:, 1::2] - after[0, :-1, 1::2])[..., [0, 2]].norm(dim=-1)
-    assert (toes * low).sum(dim=0).mean() < 0.08
+    assert (toes * low).sum(dim=0).mean() < 0.02  # a foot goes while it is in the air
     sole = (after[0, -1, 1::2] - after[0, -1, 0::2])[:, [0, 2]]
     assert (torch.atan2(sole[:, 0], sole[:, 1]) > 2.0 - FeetOptions().twist_rad).all()
 

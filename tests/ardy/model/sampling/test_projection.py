@@ -14,8 +14,9 @@ from torch import Tensor
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
+from motiongen_ardy.model.sampling.goal_curves import goal_curves
 from motiongen_ardy.model.sampling.options import SamplingOptions
-from motiongen_ardy.model.sampling.projection import RootProjection, goal_curves, make_projection
+from motiongen_ardy.model.sampling.projection import RootProjection, make_projection
 
 TINY = Path(__file__).parents[3] / "data" / "golden" / "tiny-core27" / "checkpoint"
 HISTORY, HORIZON = 16, 40
@@ -30,7 +31,7 @@ def layout() -> Representation:
 def made(layout: Representation, targets: Targets, options: SamplingOptions = OPTIONS) -> RootProjection | None:
     observed, mask = (part[None] for part in targets.observe(layout, 0, HISTORY + HORIZON + 20))
     planned = targets.planned_frames(0, HISTORY + HORIZON + 20)[None]
-    return make_projection(layout, observed, mask, planned, HISTORY, HORIZON, options)
+    return make_projection(layout, observed, mask, planned, HISTORY, HORIZON, options, torch.zeros(1, 4))
 
 
 def walk(layout: Representation) -> Tensor:

@@ -16,7 +16,8 @@ from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.types import WindowJob
-from motiongen_server.rpc.limits import Limits
+from motiongen_server.rpc.limits import Limits, PeerLimits
+from motiongen_server.rpc.peers import Peer
 from tests.contract.local import LocalServer
 from tests.server.engine.fakes import FRAME, PROMPT, ROW_WIDTH, SEED, SPEED
 from tests.waiting import until_true
@@ -261,3 +262,24 @@ async def test_a_server_that_ends_ends_its_clips(server: LocalServer) -> None:
     code, info, _ = await refusal(server, clip())
     assert (code, info.reason) == (grpc.StatusCode.UNAVAILABLE, "DRAINING")
     release()
+
+
+class Gone:
+    """The context of a call whose client went while something was written to it."""
+
+    def time_remaining(self) -> None:
+        return None
+
+    async def write(self, response: service_pb2.GenerateClipResponse) -> None:
+        raise grpc.aio.InternalError("Failed execute_batch")
+
+
+async def test_a_client_that_goes_while_it_is_written_to_is_no_fault_of_the_server(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async with asyncio.timeout(LIMIT_S), LocalServer() as server:
+        peer = Peer(PeerLimits(), 0.0)
+        request = service_pb2.GenerateClipRequest(frame_count=8)
+        await server.service.clips.generate(request, Gone(), peer)  # type: ignore[arg-type]
+        await server.service.clips.finished()
+    assert [record.getMessage() for record in caplog.records if record.levelname == "ERROR"] == []

@@ -1,0 +1,101 @@
+"""The C++ client and a server that breaks the rules of frames, or says goodbye between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from motiongen.v1 import service_pb2, session_pb2
+from tests.client import test_hostile_server as hostile
+from tests.client.fake_server import FakeServer
+from tests.cpp.test_client import Character, character
+
+Program = Callable[[str], Path]
+
+
+@pytest.fixture
+def server() -> Iterator[FakeServer]:
+    with FakeServer() as running:
+        yield running
+
+
+def check_motion(walker: Character) -> None:
+    """The motion of the fake server goes 5 cm a frame, whatever the plans were."""
+    walker.tell("held")
+    words = walker.hear("held")
+    first, places = int(words[1]), [float(word) for word in words[2:]]
+    assert len(places) > 20
+    assert [round(place / 0.05) for place in places] == list(range(first, first + len(places)))
+
+
+def play_up(server: FakeServer, script: hostile.Script) -> None:
+    """Play the script when a velocity comes, on the thread that sends frames, so that none come in between."""
+
+    def refuse(event: session_pb2.SessionEvent) -> str:
+        if event.HasField("set_velocity"):
+            script(server.stream, server.stream.characters[1])
+        return ""
+
+    server.refuse = refuse
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        hostile.gap,
+        hostile.replay,
+        hostile.replayed_notice,
+        hostile.plan_of_the_past,
+        hostile.chunk_of_an_older_plan,
+        hostile.promise_taken_back,
+        hostile.half_a_row,
+    ],
+    ids=lambda script: script.__name__,
+)
+def test_a_broken_rule_ends_the_session_and_what_is_held_stays_right(
+    program: Program, server: FakeServer, script: hostile.Script
+) -> None:
+    play_up(server, script)
+    with character(program, server.address) as walker:
+        walker.tell("wait 60")
+        walker.hear("frame")
+        walker.tell("velocity 0 1")
+        assert walker.hear("closed")[1] == "PROTOCOL_VIOLATION"
+        check_motion(walker)
+
+
+def test_a_goodbye_between_the_chunks_of_a_plan_loses_no_frame(program: Program, server: FakeServer) -> None:
+    def say_goodbye(stream: object, told: object) -> None:
+        goodbye = service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASON_DRAINING)
+        goodbye.grace.FromSeconds(60)
+        server.stream.outgoing.put(service_pb2.StreamMotionResponse(goodbye=goodbye))
+
+    play_up(server, say_goodbye)
+    with character(program, server.address) as walker:
+        walker.tell("wait 60")
+        walker.hear("frame")
+        walker.tell("velocity 0 1")
+        walker.hear("draining")
+        assert walker.hear("edit")[2] == "OK"
+        walker.tell("wait 200")
+        assert walker.hear("frame")[2] == "OK"
+        check_motion(walker)
+
+
+def test_an_update_of_a_later_version_is_passed_over(program: Program, server: FakeServer) -> None:
+    def say_news(stream: object, told: object) -> None:
+        news = session_pb2.SessionUpdate(session=1)
+        news.MergeFromString(b"\xc2\x3e\x01x")  # a member that nobody knows yet
+        server.stream.outgoing.put(service_pb2.StreamMotionResponse(updates=[news]))
+
+    play_up(server, say_news)
+    with character(program, server.address) as walker:
+        walker.tell("wait 60")
+        walker.hear("frame")
+        walker.tell("velocity 0 1")
+        assert walker.hear("edit")[2] == "OK"
+        walker.tell("wait 120")
+        assert walker.hear("frame")[2] == "OK"
+        check_motion(walker)

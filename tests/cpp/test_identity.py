@@ -1,0 +1,88 @@
+"""The C++ client and the real service over TLS, with tokens that are known, wrong, or expire."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import grpc
+
+from motiongen_server.identity.tls import TlsFiles, server_credentials
+from motiongen_server.identity.tokens import new_token
+from tests.contract.local import LocalServer
+from tests.cpp.test_client import Character, character
+from tests.e2e.test_lost_lines import FACTS_AS_SERVED
+from tests.server.identity.files import AUTHORITY, CERTIFICATES, TenantsFile, copy_pair
+
+LIMIT_S = 60.0
+EXPIRES, EXPIRES_AT = "2027-01-15T08:01:00Z", 1_800_000_060.0
+Program = Callable[[str], Path]
+
+
+def served(tenants: TenantsFile, credentials: grpc.ServerCredentials | None = None) -> LocalServer:
+    return LocalServer(facts=FACTS_AS_SERVED, callers=tenants.callers(), credentials=credentials)
+
+
+def play(walker: Character) -> None:
+    walker.tell("wait 50")
+    assert walker.hear("frame")[2] == "OK"
+
+
+async def test_a_token_goes_with_every_call_over_tls(program: Program, tmp_path: Path) -> None:
+    tenants = TenantsFile(tmp_path)
+    shown = {
+        "MOTIONGEN_CERTIFICATE": str(CERTIFICATES / "client.pem"),
+        "MOTIONGEN_KEY": str(CERTIFICATES / "client.key"),
+    }
+    shown |= {"MOTIONGEN_CA": AUTHORITY, "MOTIONGEN_TOKEN": tenants.one()}
+
+    def stream(address: str) -> None:
+        with character(program, address, **shown) as walker:
+            play(walker)
+
+    credentials = server_credentials(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
+    async with asyncio.timeout(LIMIT_S), served(tenants, credentials) as server:
+        await asyncio.to_thread(stream, server.address)
+        nobody = {**shown, "MOTIONGEN_CERTIFICATE": "", "MOTIONGEN_KEY": ""}
+        assert "no motiongen server answers" in await refusal(program, server, nobody)
+
+
+async def test_who_is_not_let_in_is_told_why_at_once(program: Program, tmp_path: Path) -> None:
+    tenants = TenantsFile(tmp_path)
+    token = tenants.one("roles = ['metrics']")
+    async with asyncio.timeout(LIMIT_S), served(tenants) as server:
+        for given, reason in (
+            ("", "CREDENTIALS_MISSING"),
+            (new_token()[0], "CREDENTIALS_INVALID"),
+            (token, "ROLE_MISSING"),
+        ):
+            assert (await refusal(program, server, {"MOTIONGEN_TOKEN": given})).startswith(reason + " ")
+
+
+async def refusal(program: Program, server: LocalServer, variables: dict[str, str]) -> str:
+    """What the client says of why it does not connect."""
+
+    def connect() -> str:
+        command, environment = [program("told_events"), server.address], {**os.environ, **variables}
+        done = subprocess.run(command, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment)
+        assert done.returncode == 1
+        return done.stderr.splitlines()[-1]
+
+    return await asyncio.to_thread(connect)
+
+
+async def test_a_token_that_expires_ends_the_session(program: Program, tmp_path: Path) -> None:
+    tenants = TenantsFile(tmp_path)
+    token = tenants.one(expires=EXPIRES)
+
+    def stream(address: str) -> None:
+        with character(program, address, MOTIONGEN_TOKEN=token) as walker:
+            play(walker)
+            tenants.wall = EXPIRES_AT
+            assert walker.hear("closed")[1] == "CREDENTIALS_EXPIRED"
+
+    async with asyncio.timeout(LIMIT_S), served(tenants) as server:
+        await asyncio.to_thread(stream, server.address)

@@ -46,6 +46,12 @@ class Page:
         """Wait for the first character, playing."""
         self.until("globalThis.motiongen?.cast.one && motiongen.cast.one.track.playhead() > 1")
 
+    def until_drawn(self) -> None:
+        """Wait until everything that was changed is on the screen."""
+        self.driver.execute_async_script(
+            "const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(done))"
+        )
+
     def root(self) -> tuple[float, float]:
         """Where the chosen character is now, x and z in metres."""
         x, z = self.run("const m = motiongen.cast.one; return m.rig.rootOf(m.track.sample(m.track.playhead()))")

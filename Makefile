@@ -167,6 +167,10 @@ cpp-packages: ## see that what the C++ client is built with is there; installs i
 bench: $(READY) ## measure latency, throughput and memory of the built-in model; writes out/bench
 	$(PYTHON) -m tests.bench --out $(OUT)/bench $(ARGS)
 
+.PHONY: bench-scenarios
+bench-scenarios: $(READY) ## play every scenario of `motiongen bench` in both precisions; writes a table to out/scenarios
+	$(PYTHON) -m tests.bench.scenario_table --out $(OUT)/scenarios $(ARGS)
+
 .PHONY: bench-service
 bench-service: $(READY) ## measure what the service costs without a model; writes out/bench
 	$(PYTHON) -m tests.bench.service_cost --out $(OUT)/bench $(ARGS)

@@ -100,7 +100,7 @@ class Heard:
         if plan.cause == session_pb2.PLAN_CAUSE_CONTINUE:
             require(plan.valid_from >= self.next_frame, "a continuation replaces nothing")
         else:
-            causes = (session_pb2.PLAN_CAUSE_EDIT, session_pb2.PLAN_CAUSE_RESUME)
+            causes = (session_pb2.PLAN_CAUSE_EDIT, session_pb2.PLAN_CAUSE_RESUME, session_pb2.PLAN_CAUSE_CUT)
             require(plan.cause in causes, "a plan has a cause")
             told = len(plan.event_seqs) > 0 or plan.cause == session_pb2.PLAN_CAUSE_RESUME
             require(told, "an edit's plan names its events")

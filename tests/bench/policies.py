@@ -14,6 +14,8 @@ from motiongen_server.engine.scheduling.costs import CostTable
 from motiongen_server.engine.scheduling.scheduled_job import ScheduledJob
 from motiongen_server.engine.types import Priority, RowStatus, WindowJob
 
+_MOST_PASSES = 3  # evaluations of a window's step
+
 
 class Queue:
     """Jobs in the order they came. What the policies share; `schedule` and `rounds_ahead` are theirs."""
@@ -30,6 +32,11 @@ class Queue:
 
     def remove(self, job_id: int) -> None:
         del self._jobs[job_id]
+
+    @property
+    def largest_step(self) -> int:
+        """Evaluations: of one window, unless more are done at once."""
+        return _MOST_PASSES
 
     def wake_at(self) -> float:
         return inf
@@ -71,6 +78,10 @@ class StepsInOrder(Queue):
         super().__init__(costs)
         self._max_rows = max_rows
 
+    @property
+    def largest_step(self) -> int:
+        return self._max_rows * _MOST_PASSES
+
     def schedule(self, now: float) -> list[ScheduledJob]:
         del now
         return [held for held, _ in zip(self._jobs.values(), range(self._max_rows), strict=False)]
@@ -97,6 +108,10 @@ class WholeWindows(Queue):
         self._wait_s = wait_s
         self._shapes: dict[int, Hashable] = {}
         self._batch: list[int] = []
+
+    @property
+    def largest_step(self) -> int:
+        return self._max_rows * _MOST_PASSES
 
     def add(self, job: WindowJob, passes: int) -> None:
         super().add(job, passes)

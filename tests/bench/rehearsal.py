@@ -29,7 +29,10 @@ _OPENED_S = 1.0  # after its open, who has no frame misses them
 
 @dataclass
 class Rehearsal:
-    """What came of all engines together. waste: the share of denoising steps that were thrown away."""
+    """What came of all engines together, for the characters that were let in.
+
+    waste: the share of denoising steps that were thrown away.
+    """
 
     outcomes: dict[Priority, Outcomes]
     frames_s: dict[Priority, float]
@@ -76,6 +79,8 @@ def rehearse(
             mine, priority = outcomes[part.priority(number)], part.priority(number)
             mine.latencies_s += playback.latencies_s
             plan = schedule.characters[number]
+            if number in part.refused:  # nobody looks at it
+                continue
             shown = max(begin, plan.open_s + _OPENED_S), min(end, plan.close_s)
             if shown[0] < shown[1]:
                 mine.missed_s += playback.held_between(part.began_at + shown[0], part.began_at + shown[1])

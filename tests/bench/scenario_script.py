@@ -62,6 +62,8 @@ class Script:
         self._order, self._seqs = count(), dict.fromkeys(numbers, 0)
         self._opened_at: dict[int, float] = {}
         self._given: list[Event] = []
+        self.refused: set[int] = set()
+        """Characters that were not let in."""
         for number in numbers:
             plan = schedule.characters[number]
             self._later(plan.open_s, self._opens(number))
@@ -159,7 +161,9 @@ class Script:
                 case Chunk() if not had_begun:
                     outcomes.opens_s.append(now - self._opened_at[number])
                 case Outcome():
-                    outcomes.refused += output.field == "open"
+                    if output.field == "open":
+                        outcomes.refused += 1
+                        self.refused.add(number)
                 case ServiceLevel():
                     outcomes.degraded += output.tier is not ServiceTier.FULL
 

@@ -9,7 +9,9 @@ from collections.abc import Iterator
 import pytest
 
 from motiongen_client import EventRefused, ServerUnavailable, SessionEnded, Waypoint
+from motiongen_client import Session as Asynchronous
 from motiongen_client.blocking import MotionClient
+from motiongen_client.blocking_session import Session as Blocking
 from tests.client.fake_server import FakeServer
 
 
@@ -32,6 +34,14 @@ def test_frames_prompts_and_waypoints(client: MotionClient) -> None:
     assert len(session.motion(end_frame=100)) == 100  # a late reader is given more at once
     assert session.stats.plans >= 3
     assert session.close().reason == "client"
+
+
+def test_everything_a_character_can_be_told_can_be_told_here() -> None:
+    def methods(kind: type) -> set[str]:
+        return {name for name in dir(kind) if not name.startswith("_")}
+
+    only_there = {"begin", "fail", "hear", "interrupt", "is_over", "is_reporting", "reattach", "report"}
+    assert methods(Asynchronous) - methods(Blocking) == only_there
 
 
 def test_a_stream_of_several(client: MotionClient) -> None:

@@ -12,6 +12,7 @@ from motiongen_client import (
     Keyframe,
     Outcome,
     ProtocolViolation,
+    Rig,
     RootTrajectory,
     SessionOptions,
     UnknownName,
@@ -65,16 +66,16 @@ def chunk(**fields: object) -> motion_pb2.FrameChunk:
     return motion_pb2.FrameChunk(**{**values, **fields})  # type: ignore[arg-type]
 
 
-def test_chunks_become_rows() -> None:
-    rows = convert.chunk_rows(chunk(), ROW_WIDTH)
+def test_chunks_become_rows(stick_rig: Rig) -> None:
+    rows = convert.FrameReader(stick_rig).rows(chunk())
     assert rows.dtype == np.float32
     np.testing.assert_array_equal(rows, synthetic_rows(1, 5, 3))
 
 
 @pytest.mark.parametrize("fields", [{"frame_count": 4}, {"frame_count": 0, "data": b""}, {"scalar_type": 0}])
-def test_chunks_of_another_size_or_type_are_named(fields: dict[str, object]) -> None:
+def test_chunks_of_another_size_or_type_are_named(stick_rig: Rig, fields: dict[str, object]) -> None:
     with pytest.raises(ProtocolViolation, match="a chunk"):
-        convert.chunk_rows(chunk(**fields), ROW_WIDTH)
+        convert.FrameReader(stick_rig).rows(chunk(**fields))
 
 
 def test_constraints_become_messages() -> None:

@@ -13,8 +13,11 @@ from motiongen_client import (
     HeadingTarget,
     InvalidInput,
     JointTargets,
+    Motion,
     Placement,
+    Priority,
     RootPath,
+    StartPose,
     Waypoint,
     convert,
 )
@@ -92,6 +95,22 @@ def test_what_was_seen_from_the_character_is_asked_for_in_the_world_again() -> N
         found = placed(kind, HERE)
         assert found != kind
         assert not found.relative_to_character
+
+
+def test_a_cut_is_said_by_a_pose_or_by_frames(stick_motion: Motion) -> None:
+    pose = convert.seek(StartPose(1.0, 2.0, 0.5), None).start_pose
+    assert (pose.x, pose.z, pose.heading) == (1.0, 2.0, 0.5)
+    seek = convert.seek(None, stick_motion)
+    assert not seek.HasField("start_pose")
+    assert seek.prior_frames.frame_count == len(stick_motion)
+    assert convert.FrameReader(stick_motion.rig).rows(seek.prior_frames) == pytest.approx(stick_motion.rows)
+
+
+def test_options_leave_what_is_not_said() -> None:
+    message = convert.set_options(None, None, 6, (None, 2.0), None)
+    assert [field.name for field, _ in message.ListFields()] == ["denoise_steps", "guidance"]
+    assert not message.guidance.HasField("text")
+    assert convert.set_options(Priority.HERO, None, None, None, 8).priority == session_pb2.PRIORITY_CLASS_HERO
 
 
 def test_frames_from_the_effect_are_frames_of_the_session_again() -> None:

@@ -90,6 +90,22 @@ def test_a_replan_under_way_fades_in(stick_rig: Rig, playback: Playback) -> None
     assert sorted(seen) == seen
 
 
+def test_a_cut_is_neither_faded_nor_slid_over(stick_rig: Rig, playback: Playback) -> None:
+    sampler = Sampler(stick_rig, playback, blend_s=0.1)
+    before = sampler.row(0.0)[1]
+    playback.announce_plan(2, 2, is_cut=True)
+    playback.add_chunk(2, 2, synthetic_rows(9, 2, 8), 0)
+    seen = []
+    for tick in range(1, 16):
+        playback.advance(tick / 100)
+        seen.append(sampler.row(tick / 100)[1][0])
+    assert set(np.round(seen, 3)) == {np.round(before[0], 3), np.float32(9.0)}
+    assert playback.is_cut(2)
+    assert playback.last_cut == 2
+    playback.announce_plan(3, 2)
+    assert playback.last_cut is None, "another plan has taken its place"
+
+
 def test_after_a_wait_the_pose_does_not_jump(stick_rig: Rig, playback: Playback) -> None:
     sampler = Sampler(stick_rig, playback, blend_s=0.1)
     for tick in range(70):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import fields
 from pathlib import Path
@@ -89,3 +90,9 @@ def test_every_proxy_brings_a_client_back_by_its_key(repository: Any, name: str)
 
     text = (repository.root / "deploy" / "proxies" / name).read_text(encoding="utf-8")
     assert REPLICA_KEY in text or REPLICA_KEY.replace("-", "_") in text
+
+
+def test_a_server_without_a_store_of_sessions_alarms_nobody() -> None:
+    told = Metrics().registry.get_sample_value("motiongen_snapshot_store_up")
+    assert told is not None
+    assert math.isnan(told), "for which no comparison holds"

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from tests.scale.characters import Cast, percentile
 from tests.scale.proxies import CERTIFICATES, PROXIES, Missing
-from tests.scale.replicas import Replicas
+from tests.scale.replicas import NULL_SERVER, SERVER, Replicas
 
 BEFORE_S = 8.0
 
@@ -72,11 +72,16 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=12.0, help="to play after the kill")
     parser.add_argument("--proxy", choices=names, default=names[0])
     parser.add_argument("--how", choices=("kill", "drain"), default="kill")
+    parser.add_argument("--null", action="store_true", help="servers without a model, for a machine that is busy")
     options = parser.parse_args()
+    program = NULL_SERVER if options.null else SERVER
     with tempfile.TemporaryDirectory(prefix="scale-") as name:
         folder = Path(name)
         try:
-            with Replicas(folder, 2) as replicas, PROXIES[names.index(options.proxy)](folder, replicas.behind) as proxy:
+            with (
+                Replicas(folder, 2, program=program) as replicas,
+                PROXIES[names.index(options.proxy)](folder, replicas.behind) as proxy,
+            ):
                 print(f"two servers behind {proxy.name} on {proxy.address}, sessions in {replicas.store}", flush=True)
                 return 0 if asyncio.run(play(proxy.address, replicas, options)) else 1
         except Missing as missing:

@@ -30,15 +30,22 @@ SMALL = (
 """Of a server that shares a small machine with others: it lets in whoever comes."""
 
 
+SERVER = "motiongen_server"
+NULL_SERVER = "tests.bench.null_server"
+"""The same but for the model: its frames mean nothing, and cost nothing."""
+
+
 class Replica:
     """`python -m motiongen_server` on ports that it keeps when it is started again."""
 
-    def __init__(self, name: str, folder: Path, store: str, arguments: Sequence[str] = ()) -> None:
+    def __init__(
+        self, name: str, folder: Path, store: str, arguments: Sequence[str] = (), program: str = SERVER
+    ) -> None:
         self.name = name
         self.behind = Behind(free_port(), free_port())
         self._log = folder / f"{name}.log"
         self._command = [
-            sys.executable, "-m", "motiongen_server", "--port", str(self.behind.port), "--ops-port",
+            sys.executable, "-m", program, "--port", str(self.behind.port), "--ops-port",
             str(self.behind.ops_port), "--snapshot-store", store, *SMALL, *arguments,
         ]  # fmt: skip
         self.process: subprocess.Popen[bytes] | None = None
@@ -100,13 +107,21 @@ class Replica:
 class Replicas:
     """Use as `with Replicas(folder, 2) as replicas`: a Redis, and servers that are ready."""
 
-    def __init__(self, folder: Path, count: int, arguments: Sequence[str] = (), store: str | None = None) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        count: int,
+        arguments: Sequence[str] = (),
+        store: str | None = None,
+        program: str = SERVER,
+    ) -> None:
         """store: in place of a Redis of their own."""
         self._folder = folder
         self._has_redis = store is None
         self.redis: subprocess.Popen[bytes] | None = None
         self.store = store or url_in(folder)
-        self.all = [Replica(f"server-{name}", folder, self.store, arguments) for name in "abcdef"[:count]]
+        names = [f"server-{letter}" for letter in "abcdef"[:count]]
+        self.all = [Replica(name, folder, self.store, arguments, program) for name in names]
 
     @property
     def behind(self) -> list[Behind]:

@@ -31,6 +31,7 @@ from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Preset, TextEmbedding
 from motiongen_client.session import Session, SessionStats
+from motiongen_client.steering import camera_relative, drawn_corners, stick_velocity
 from motiongen_client.stream import Stream
 from motiongen_client.types import (
     Catalog,
@@ -38,6 +39,7 @@ from motiongen_client.types import (
     ConstraintReached,
     Deviation,
     Flexible,
+    FrameFormat,
     HeadingTarget,
     JointRotations,
     JointTargets,
@@ -66,8 +68,8 @@ __all__ = [
     "ChannelSettings", "LinePolicy", "Reopened", "Frame", "Motion", "Rig",
     "Axes", "UNREAL", "UNITY", "GODOT", "ROS",
     "SessionOptions", "StartPose", "Priority", "Waypoint", "RootTrajectory", "Keyframe", "JointTargets",
-    "HeadingTarget", "JointRotations", "RootPath", "Flexible", "Placement",
-    "Preset", "TextEmbedding",
+    "HeadingTarget", "JointRotations", "RootPath", "Flexible", "Placement", "FrameFormat",
+    "Preset", "TextEmbedding", "stick_velocity", "camera_relative", "drawn_corners",
     "Clip", "Residual", "Deviation", "Catalog", "Model", "Limits", "Opened", "Outcome", "ServiceLevel", "SessionEnd",
     "LocomotionPreset", "ModelWarning", "ConstraintReached",
     "MotiongenError", "InvalidInput", "UnknownName", "ServerUnavailable", "StreamLost", "SessionEnded",

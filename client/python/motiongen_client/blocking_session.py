@@ -11,7 +11,16 @@ from motiongen_client.background_loop import BackgroundLoop
 from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.prompts import Prompt
 from motiongen_client.session import SessionStats
-from motiongen_client.types import Constraint, ConstraintReached, Opened, Outcome, Reopened, ServiceLevel, SessionEnd
+from motiongen_client.types import (
+    Constraint,
+    ConstraintReached,
+    Opened,
+    Outcome,
+    Priority,
+    Reopened,
+    ServiceLevel,
+    SessionEnd,
+)
 
 
 class Edit:
@@ -94,9 +103,51 @@ class Session:
         """Drop prompts by the ids that `Edit.prompt_id` gave."""
         return self._edit(lambda: self._inner.remove_prompts(prompt_ids))
 
-    def add_waypoint(self, x_m: float, z_m: float, *, frame: int, heading_rad: float | None = None) -> Edit:
-        """Be at a ground position (world metres) at a frame."""
-        return self._edit(lambda: self._inner.add_waypoint(x_m, z_m, frame=frame, heading_rad=heading_rad))
+    def add_waypoint(
+        self, x_m: float, z_m: float, *, frame: int, last_frame: int | None = None, heading_rad: float | None = None
+    ) -> Edit:
+        """Be at a ground position (world metres) at a frame, or at any from the one to the other."""
+        return self._edit(
+            lambda: self._inner.add_waypoint(x_m, z_m, frame=frame, last_frame=last_frame, heading_rad=heading_rad)
+        )
+
+    def go_to(self, x_m: float, z_m: float, *, heading_rad: float | None = None, is_relative: bool = False) -> Edit:
+        """Walk to a ground position and be there as soon as a person can."""
+        return self._edit(lambda: self._inner.go_to(x_m, z_m, heading_rad=heading_rad, is_relative=is_relative))
+
+    def follow_path(
+        self, corners_m: ArrayLike, *, speed_mps: float | None = None, smoothing_m: float | None = None
+    ) -> Edit:
+        """Walk from here along lines through corners_m (N, 2), world x, z in metres, and stand at the last."""
+        return self._edit(lambda: self._inner.follow_path(corners_m, speed_mps=speed_mps, smoothing_m=smoothing_m))
+
+    def teleport(self, x_m: float, z_m: float, *, heading_rad: float = 0.0) -> Edit:
+        """Stand at a ground position, facing somewhere, from the first frame that can still change."""
+        return self._edit(lambda: self._inner.teleport(x_m, z_m, heading_rad=heading_rad))
+
+    def cut_to(self, prior: Motion) -> Edit:
+        """Go on from other frames, as if they had come just before."""
+        return self._edit(lambda: self._inner.cut_to(prior))
+
+    def set_options(
+        self,
+        *,
+        priority: Priority | None = None,
+        lookahead_frames: int | None = None,
+        denoise_steps: int | None = None,
+        guidance: tuple[float | None, float | None] | None = None,
+        history_frames: int | None = None,
+    ) -> Edit:
+        """Change what the session was opened with, from the next window on."""
+        return self._edit(
+            lambda: self._inner.set_options(
+                priority=priority,
+                lookahead_frames=lookahead_frames,
+                denoise_steps=denoise_steps,
+                guidance=guidance,
+                history_frames=history_frames,
+            )
+        )
 
     def add_trajectory(
         self, positions_m: ArrayLike, *, first_frame: int, headings_rad: ArrayLike | None = None

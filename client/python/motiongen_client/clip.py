@@ -31,7 +31,7 @@ class _Sample:
     opened: Opened | None = None
     residuals: tuple[Residual, ...] | None = None
 
-    def take(self, response: service_pb2.GenerateClipResponse, rig: Rig) -> None:
+    def take(self, response: service_pb2.GenerateClipResponse, reader: convert.FrameReader) -> None:
         match response.WhichOneof("part"):
             case "opened":
                 self.opened = convert.opened(response.opened)
@@ -39,7 +39,7 @@ class _Sample:
                 if response.chunk.first_frame != self.num_frames:
                     given = f"frame {response.chunk.first_frame} of a clip came after {self.num_frames} frames"
                     raise ProtocolViolation(given)
-                self.rows.append(convert.chunk_rows(response.chunk, rig.row_width))
+                self.rows.append(reader.rows(response.chunk, self.rows[-1][-1] if self.rows else None))
                 self.num_frames += len(self.rows[-1])
             case "summary":
                 self.residuals = tuple(convert.residual(one) for one in response.summary.residuals)
@@ -75,12 +75,12 @@ async def generate_clip(
     spans = [convert.prompt_span(number, timeline[frame], frame) for number, frame in enumerate(sorted(timeline), 1)]
     targets = [convert.constraint(number, target) for number, target in enumerate(constraints, 1)]
     request = convert.generate_clip(convert.open_session(options, spans, targets), num_frames, num_samples)
-    samples = [_Sample() for _ in range(num_samples)]
+    samples, reader = [_Sample() for _ in range(num_samples)], convert.FrameReader(rig, options.frame_format)
     try:
         async for response in stub.GenerateClip(request, timeout=timeout_s):
             if response.sample >= num_samples:
                 raise ProtocolViolation(f"sample {response.sample} came of {num_samples}")
-            samples[response.sample].take(response, rig)
+            samples[response.sample].take(response, reader)
     except grpc.aio.AioRpcError as failure:
         if failure.code() is grpc.StatusCode.DEADLINE_EXCEEDED:
             raise DeadlineExceeded("the clip", timeout_s) from None

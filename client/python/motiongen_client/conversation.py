@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from motiongen.v1 import session_pb2
 from motiongen_client import convert
-from motiongen_client.direction import PRESENT_PROMPT_ID, Carrier
+from motiongen_client.carrier import Carrier
+from motiongen_client.direction import PRESENT_PROMPT_ID
 from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolation, SessionEnded, UnknownName
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Prompt
@@ -118,12 +119,15 @@ class Conversation(Recovery):
                 self._hear_opened(convert.opened(update.opened), update.opened.session_token)
             case "plan":
                 valid_from = update.plan.valid_from + self._offset
-                self.playback.announce_plan(update.plan.plan, valid_from)
+                is_cut = update.plan.cause == session_pb2.PLAN_CAUSE_CUT
+                self.playback.announce_plan(update.plan.plan, valid_from, is_cut=is_cut)
                 self._num_plans += 1
                 self._edits.plan(update.plan.event_seqs, valid_from)
             case "chunk":
                 chunk, offset = update.chunk, self._offset
-                rows = convert.chunk_rows(chunk, self.rig.row_width)
+                first = chunk.first_frame + offset
+                held = self.playback.held_rows(first - 1, first)
+                rows = self._reader.rows(chunk, held[0] if held else None)
                 self.playback.add_chunk(chunk.plan, chunk.first_frame + offset, rows, chunk.committed_to + offset)
                 self._note_frames(len(rows), chunk.first_frame + offset + len(rows))
             case "outcome":
@@ -170,6 +174,7 @@ class Conversation(Recovery):
             start_frame=opened.start_frame,
             keep_frames=None if self._keep_s is None else self.rig.frames_in(self._keep_s),
         )
+        self._reader = convert.FrameReader(self.rig, self._options.frame_format)
         self._opened_s = self._clock() - self._opened_at_s
         if not self._opening.done():
             self._opening.set_result(opened)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import asyncio
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
-from typing import Protocol
 
 from numpy.typing import ArrayLike
 
 from motiongen.v1 import session_pb2
 from motiongen_client import convert
+from motiongen_client.carrier import Carrier
 from motiongen_client.edit import Edit, EditBook
 from motiongen_client.errors import InvalidInput, MotiongenError
 from motiongen_client.frame_shift import shifted
-from motiongen_client.motion import Rig
+from motiongen_client.motion import Motion, Rig
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Prompt, prompt_name
 from motiongen_client.reached import ReachedBook
@@ -24,6 +24,7 @@ from motiongen_client.types import (
     HeadingTarget,
     RootPath,
     RootTrajectory,
+    StartPose,
     Waypoint,
     as_array,
     check_finite,
@@ -31,31 +32,6 @@ from motiongen_client.types import (
 )
 
 PRESENT_PROMPT_ID = 1  # the prompt set without a frame; scheduled prompts take the ids above it
-
-
-class Carrier(Protocol):
-    """What a session needs of the stream that carries it."""
-
-    @property
-    def call_number(self) -> int:
-        """Rises with each call that takes the place of a lost one."""
-
-    @property
-    def draining(self) -> bool:
-        """Whether the server has said goodbye."""
-
-    @property
-    def recovers(self) -> bool:
-        """Whether a lost call is followed by another."""
-
-    def check(self, event: session_pb2.SessionEvent) -> None:
-        """Raise InvalidInput for an event that is too big to be sent."""
-
-    def send(self, event: session_pb2.SessionEvent) -> None:
-        """Queue an event; it goes out with the next message."""
-
-    def report_soon(self) -> None:
-        """Report playheads without waiting for the next regular report."""
 
 
 class Direction(ABC):
@@ -137,6 +113,15 @@ class Direction(ABC):
         With last_frame: at any frame from the one to the other.
         """
         return self.add_constraints([Flexible(Waypoint(frame, x_m, z_m, heading_rad), last_frame)])
+
+    def teleport(self, x_m: float, z_m: float, *, heading_rad: float = 0.0) -> Edit:
+        """Stand at a ground position (world metres), facing somewhere, from the first frame that can still change."""
+        seek = convert.seek(StartPose(x_m, z_m, heading_rad), None)
+        return self._send_edit("the cut", session_pb2.SessionEvent(seek=seek))
+
+    def cut_to(self, prior: Motion) -> Edit:
+        """Go on from other frames, whole patches of them, as if they had come just before."""
+        return self._send_edit("the cut", session_pb2.SessionEvent(seek=convert.seek(None, prior)))
 
     def go_to(self, x_m: float, z_m: float, *, heading_rad: float | None = None, is_relative: bool = False) -> Edit:
         """Walk to a ground position, however far, and be there as soon as a person can: `Outcome.placements` says when.

@@ -52,6 +52,7 @@ class Playback:
         self._rows: list[Rows] = []
         self._first_kept = start_frame
         self._received_to = start_frame  # where the next chunk must begin; below buffered_to only after a late plan
+        self._cuts: list[int] = []
         self._started = False
         self._playing = True
         self._due_s: float | None = None  # when the frame after the playhead is due; None: the clock starts anew
@@ -78,8 +79,10 @@ class Playback:
         """The oldest frame that can still be read."""
         return self._first_kept
 
-    def announce_plan(self, plan: int, valid_from: int) -> int:
+    def announce_plan(self, plan: int, valid_from: int, *, is_cut: bool = False) -> int:
         """Take a plan notice: drop what it replaces. Returns how many frames were dropped.
+
+        is_cut: its first frame does not continue the one before.
 
         Raises ProtocolViolation when the plan would replace committed frames, leave a gap or is not a newer one.
         """
@@ -90,6 +93,9 @@ class Playback:
                 f"plan {plan} replaces frames from {valid_from}, but frames below {self.committed_to} are committed"
             )
         self.plan = plan
+        self._cuts = [frame for frame in self._cuts if self._first_kept < frame < valid_from]
+        if is_cut:
+            self._cuts.append(valid_from)
         if valid_from > self._received_to:
             return 0  # frames before valid_from that are still to come will carry this plan's number
         self._received_to = valid_from
@@ -99,6 +105,15 @@ class Playback:
         dropped = max(self.buffered_to - first_replaceable, 0)
         del self._rows[len(self._rows) - dropped :]
         return dropped
+
+    def is_cut(self, frame: int) -> bool:
+        """Whether a frame does not continue the one before it: nothing is to be blended there."""
+        return frame in self._cuts
+
+    @property
+    def last_cut(self) -> int | None:
+        """The newest frame that does not continue the one before it; None while there is none, or it is not kept."""
+        return self._cuts[-1] if self._cuts else None
 
     @property
     def received_to(self) -> int:

@@ -18,7 +18,8 @@ import numpy as np
 from motiongen.v1 import session_pb2
 from motiongen_client import convert
 from motiongen_client.backoff import Backoff
-from motiongen_client.direction import PRESENT_PROMPT_ID, Carrier, Direction
+from motiongen_client.carrier import Carrier
+from motiongen_client.direction import PRESENT_PROMPT_ID, Direction
 from motiongen_client.edit import Edit
 from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolation, SessionEnded, UnknownName
 from motiongen_client.frame_shift import shifted
@@ -168,7 +169,9 @@ class Recovery(Direction):
             patch = max(model.patch_frames, 1)
             asked = self._options.history_frames or model.default_history_frames
             wanted = max(asked // patch, 1) * patch
-        rows = self.playback.rows(max(end_frame - wanted, self.playback.first_kept), end_frame)
+        cut = self.playback.last_cut
+        first = max(end_frame - wanted, self.playback.first_kept, 0 if cut is None or cut >= end_frame else cut)
+        rows = self.playback.rows(first, end_frame)
         missing = wanted - len(rows)
         if missing > 0:
             rows = np.concatenate((np.repeat(rows[:1], missing, axis=0), rows))

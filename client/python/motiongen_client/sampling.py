@@ -59,7 +59,7 @@ class Sampler:
         here = playback.row(index)
         is_there = index + 1 < playback.buffered_to
         ahead = playback.row(index + 1) if is_there else here
-        share = playback.share(now_s) if is_there else 0.0
+        share = playback.share(now_s) if is_there and not playback.is_cut(index + 1) else 0.0
         target = between_rows(self._rig, here, ahead, share)
         if self._shown is not None and self._has_jumped(index, here, ahead):
             self._apart, self._faded_at_s = self._gap(self._shown, target), now_s + self.blend_s
@@ -70,6 +70,9 @@ class Sampler:
     def _has_jumped(self, index: int, here: Float32, ahead: Float32) -> bool:
         if index == self._index:
             return ahead is not self._approached
+        if self._playback.is_cut(index):
+            self._apart = None  # what was fading belongs to where the character was
+            return False
         return index == self._index + 1 and here is not self._approached
 
     def _gap(self, shown: Float32, target: Float32) -> tuple[Float32, Float32]:

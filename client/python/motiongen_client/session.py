@@ -7,8 +7,8 @@ from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass
 
 from motiongen.v1 import session_pb2
+from motiongen_client.carrier import Carrier
 from motiongen_client.conversation import Conversation
-from motiongen_client.direction import Carrier
 from motiongen_client.motion import Frame, Motion
 from motiongen_client.posing import Poser
 from motiongen_client.recovery import Line

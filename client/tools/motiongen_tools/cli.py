@@ -1,4 +1,4 @@
-"""The command line: `motiongen stream`, `generate`, `catalog`, `demo`, `bench`, `view` and `admin`."""
+"""The command line: `motiongen stream`, `generate`, `catalog`, `demo`, `bench`, `view`, `replay` and `admin`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from motiongen_client.errors import MotiongenError
-from motiongen_tools import cli_admin, cli_bench, cli_catalog, cli_generate, cli_stream, cli_view
+from motiongen_tools import cli_admin, cli_bench, cli_catalog, cli_generate, cli_replay, cli_stream, cli_view
 from motiongen_tools.connection import add_connection
 from motiongen_tools.demo import command
 from motiongen_tools.demo.script import PLACE_BOUND_M, STORY_S
@@ -187,6 +187,16 @@ def _parser() -> argparse.ArgumentParser:
     viewed.add_argument("--start-server", action="store_true", help="start one with the built-in model for this")
     add_connection(view)
     cli_view.add_arguments(view)
+
+    again = commands.add_parser(
+        "replay",
+        help="play a session file of the viewer again",
+        description="Open a character as a session file says, tell it the same at the same frames, and write it.",
+    )
+    again.set_defaults(command=cli_replay.replay)
+    _add_server(again)
+    add_connection(again)
+    cli_replay.add_arguments(again)
 
     admin = commands.add_parser(
         "admin",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from motiongen.v1 import session_pb2
-from motiongen_compliance.talk import edit_constraints, waypoint
+from motiongen_compliance.messages import edit_constraints, waypoint
 from motiongen_compliance.target import Target
 
 
@@ -43,3 +43,15 @@ async def test_where_a_constraint_was_put_is_told(target: Target) -> None:
     while not heard.reached:
         await talk.plays_on(1)
     assert placement.first_frame <= heard.reached[0].frame <= placement.last_frame
+
+
+async def test_a_cut_is_a_plan_of_its_own_cause_and_the_session_goes_on(target: Target) -> None:
+    talk = await target.talk()
+    await talk.open(1)
+    pose = session_pb2.StartPose(x=3.0, z=-2.0, heading=1.0)
+    outcome = await talk.edit(1, session_pb2.SessionEvent(seek=session_pb2.Seek(start_pose=pose)))
+    assert outcome.code == 0
+    assert outcome.HasField("effective_frame")
+    await talk.plays_on(1)
+    refused = await talk.edit(1, session_pb2.SessionEvent(seek=session_pb2.Seek()))
+    assert (refused.reason, refused.field) == ("AMBIGUOUS_START", "seek")

@@ -71,7 +71,7 @@ class EngineConfig:
     max_root_height_m: float = 4.0
     max_coordinate_m: float = 10_000.0
     initial_step_s: float = 0.02
-    admit_load: tuple[float, float, float, float] = (0.95, 0.9, 0.85, 0.7)
+    admit_load: tuple[float, float, float, float] = (0.9, 0.88, 0.86, 0.75)
     retry_after_s: float = 2.0
     degrade: bool = True
     playback_rate: float = 1.05

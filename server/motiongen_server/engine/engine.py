@@ -33,10 +33,11 @@ from motiongen_server.engine.types import (
     Output,
     Playhead,
     Resume,
+    Seek,
     SetOptions,
     SetPlayState,
 )
-from motiongen_server.engine.types.refusals import handle_in_use, session_not_open
+from motiongen_server.engine.types.refusals import handle_in_use, prior_frames_failed, session_not_open
 from motiongen_server.engine.types.report import StepReport
 
 # The longest sleep: it keeps the heartbeat fresh.
@@ -185,6 +186,8 @@ class Engine:
                 job = state.running.job if state.running else None
                 if isinstance(event, SetOptions):
                     self._send_queue += self._change(state, event)
+                elif isinstance(event, Seek):
+                    self._send_queue += self._cut(state, event, now)
                 elif isinstance(event, SetPlayState):
                     self.sessions.count(state, -1)
                     self._send_queue += events.apply(state, event, now, self._report)
@@ -217,6 +220,12 @@ class Engine:
             return
         self.sessions.watch_silence(state, now + self._config.idle_timeout_s)
         self._send_queue += state.set_tier(self._load_monitor.level(spec.priority))
+
+    def _cut(self, state: SessionState, event: Seek, now: float) -> list[Output]:
+        features = None if event.prior_rows is None else self.windows.features(event.prior_rows)
+        if event.prior_rows is not None and features is None:
+            return [prior_frames_failed("seek.prior_frames").outcome(event.session, event.event_seq)]
+        return events.cut(state, event, features, now, self._report)
 
     def _change(self, state: SessionState, event: SetOptions) -> list[Output]:
         """Give a session other options, where there is room for what they ask."""
@@ -284,6 +293,8 @@ class Engine:
         # What came during the step counts for whether a window is too late: a client may have begun to play.
         self._take_events()
         for state, outputs in self.windows.land(results, self._clock.now(), self._report, self._load_monitor):
+            if state.plan == 1:
+                self._admission.note_begun(state.key)
             self._send_queue += outputs
             self.sessions.touch(state)
 

@@ -119,8 +119,8 @@ class RunningWindows:
             job = state.running.job if state.running else None
             misses = len(report.deadline_misses)
             said.append((state, planning.accept(state, result, now, report)))
-            if job is not None and not job.background:
-                load.note_window(job.priority)
+            if job is not None and job.cause is not PlanCause.CONTINUE and not job.background:
+                load.note_replan(job.priority)
             # Only who goes on shows whether the machine keeps up: edits may ask for more than it could ever do.
             if job is not None and job.cause is PlanCause.CONTINUE and job.first_frame and not job.background:
                 due += 1

@@ -139,5 +139,5 @@ def build_engine(
 
 def admit_loads(load: float) -> tuple[float, float, float, float]:
     """Up to which load each class is let in: heroes a little beyond, so that there is room for them, the rest below."""
-    hero, near, crowd, batch = 1.05, 1.0, 0.95, 0.8
+    hero, near, crowd, batch = 1.02, 1.0, 0.98, 0.85
     return hero * load, near * load, crowd * load, batch * load

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector
@@ -86,9 +87,10 @@ class Metrics:
         )
         self.snapshot_store_up = Gauge(
             "motiongen_snapshot_store_up",
-            "Whether the store of snapshots does its work; 0 too where there is none.",
+            "Whether the store of snapshots does its work; NaN where there is none.",
             registry=registry,
         )
+        self.snapshot_store_up.set(math.nan)  # which no alert takes for a store that is away
         self.parked = Gauge(
             "motiongen_sessions_parked", "Sessions that wait for a client that lost its transport.", registry=registry
         )

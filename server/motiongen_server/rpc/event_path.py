@@ -18,7 +18,7 @@ from motiongen_server.engine.types.refusals import session_closed, too_many_pend
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.budget import REFUSAL_COST
-from motiongen_server.rpc.convert import UNENCODED, engine_event, prompt_texts, warnings_of
+from motiongen_server.rpc.convert import UNENCODED, coding_of, engine_event, prompt_texts, warnings_of
 from motiongen_server.rpc.encoding import encoded
 from motiongen_server.rpc.event_errors import internal
 from motiongen_server.rpc.session_entry import SessionEntry
@@ -125,6 +125,7 @@ def _submit(entry: SessionEntry, message: session_pb2.SessionEvent, now: float, 
         entry.warnings[message.event_seq] = warnings
     entry.closing = isinstance(event, Close)
     if isinstance(event, Open):
+        entry.coding = coding_of(message.open, entry.model.catalog)
         entry.place.begin_steps(_steps_hz(event.spec.denoise_steps, entry.model))
         event = replace(event, spec=replace(event.spec, owner=entry.place.peer.owner))
     entry.known_to_engine = True

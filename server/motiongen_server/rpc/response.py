@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import PlanNotice
 from motiongen_server.rpc.convert import Parts, append_frames, append_plan, append_update, write_update
+from motiongen_server.rpc.convert.frames import PLAIN, FrameCoding
 from motiongen_server.rpc.send_queue import Run, Said
 
 
@@ -16,7 +17,14 @@ def response_of(waiting: Iterable[Run | Said]) -> bytes:
     for item in waiting:
         if isinstance(item, Run):
             append_frames(
-                response, item.handle, item.applied_seq, item.plan, item.first_frame, item.parts, item.committed_to
+                response,
+                item.handle,
+                item.applied_seq,
+                item.plan,
+                item.first_frame,
+                item.parts,
+                item.committed_to,
+                item.coding if isinstance(item.coding, FrameCoding) else PLAIN,
             )
             continue
         # The number as of then: since, later events may have been answered in later updates.

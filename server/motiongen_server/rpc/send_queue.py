@@ -16,14 +16,16 @@ class Run:
     """Neighbouring chunks of one session and plan, to be sent as one.
 
     parts: their rows, (T, row_width) float32 each, in order. fixed: something was said of the session after it, so that
-    later frames must not join it. num_bytes: about what it takes on the wire; 0 when nothing is left of it.
+    later frames must not join it. coding: how they are to be stored, None for plainly. num_bytes: the most that it
+    takes on the wire; 0 when nothing is left of it.
     """
 
     __slots__ = (
-        "applied_seq", "committed_to", "first_frame", "fixed", "handle", "num_bytes", "num_frames", "parts", "plan",
+        "applied_seq", "coding", "committed_to", "first_frame", "fixed", "handle", "num_bytes", "num_frames", "parts",
+        "plan",
     )  # fmt: skip
 
-    def __init__(self, chunk: Chunk, applied_seq: int) -> None:
+    def __init__(self, chunk: Chunk, applied_seq: int, coding: object) -> None:
         rows = chunk.rows
         self.handle = chunk.session.handle
         self.plan = chunk.plan
@@ -33,6 +35,7 @@ class Run:
         self.parts: list[Float32Array] = [rows]
         self.num_bytes = UPDATE_OVERHEAD_BYTES + rows.nbytes
         self.applied_seq = applied_seq
+        self.coding = coding
         self.fixed = False
 
     def joins(self, chunk: Chunk) -> bool:
@@ -81,13 +84,13 @@ class SendQueue:
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def put_chunk(self, chunk: Chunk, applied_seq: int) -> None:
-        """Add frames at the end, or to the frames before them. applied_seq: the session's as of now."""
+    def put_chunk(self, chunk: Chunk, applied_seq: int, coding: object = None) -> None:
+        """Add frames at the end, or to the frames before them. applied_seq, coding: the session's as of now."""
         runs = self._runs.get(chunk.session.handle)
         if runs is not None and runs[-1].joins(chunk):
             self.num_bytes += chunk.rows.nbytes
             return
-        run = Run(chunk, applied_seq)
+        run = Run(chunk, applied_seq, coding)
         if runs is None:
             self._runs[run.handle] = [run]
         else:

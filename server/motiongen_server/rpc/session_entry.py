@@ -26,6 +26,7 @@ from motiongen_server.engine.types import (
     Warned,
 )
 from motiongen_server.models.registry import LoadedModel
+from motiongen_server.rpc.convert.frames import PLAIN, FrameCoding
 from motiongen_server.rpc.event_errors import invalid_event_seq, sequence_gap
 from motiongen_server.rpc.peers import Place
 from motiongen_server.rpc.token_bucket import TokenBucket
@@ -64,8 +65,8 @@ class SessionEntry:
     the last one to resume it; is_resuming: until the engine has taken that up, and nothing is told. opened, level,
     closed: the last of each kind that the engine has said. answers: outcomes that the client may not have heard, by
     number. asked_options: by event number, those that the engine has not answered, and what gives their place back.
-    reached: what became of constraints that the client may not have heard of, oldest first. lease: to write its
-    record in the store, None where nothing is kept of it; durable: the last that was said of what is kept.
+    coding: of its frames. reached: what became of constraints that the client may not have heard of, oldest first.
+    lease: to write its record in the store, None where nothing is kept of it; durable: the last said of what is kept.
     """
 
     key: SessionKey
@@ -92,6 +93,7 @@ class SessionEntry:
     closed: Closed | None = None
     answers: dict[int, Outcome] = field(default_factory=dict)
     asked_options: dict[int, tuple[SetOptions, Callable[[], None]]] = field(default_factory=dict)
+    coding: FrameCoding = PLAIN
     reached: deque[ConstraintReached] = field(default_factory=lambda: deque(maxlen=MAX_KEPT_ANSWERS))
     lease: Lease | None = None
     durable: Durable | None = None
@@ -117,7 +119,8 @@ class SessionEntry:
         """Enter anything but frames into the books. Returns it with what is to be told beside it."""
         if isinstance(said, Opened) and self.opened is None:
             warnings, name = self.warnings.pop(1, ()), session_name(self.key)
-            self.opened = said = replace(said, warnings=warnings, session_id=name, session_token=self.token)
+            said = replace(said, warnings=warnings, session_id=name, session_token=self.token)
+            self.opened = said = replace(said, scalar_type=self.coding.scalar_type)
             self._answer(1)
         elif isinstance(said, Outcome) and said.event_seq:
             warnings = self.warnings.pop(said.event_seq, ()) if self.warnings else ()

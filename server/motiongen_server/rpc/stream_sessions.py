@@ -76,7 +76,7 @@ class StreamSessions(StreamOutput):
         if entry.key.handle != entry.handle:
             said = replace(said, session=SessionKey(self.number, entry.handle))
         if isinstance(said, Chunk):
-            self.send_queue.put_chunk(said, entry.applied_seq)
+            self.send_queue.put_chunk(said, entry.applied_seq, entry.coding)
         else:
             self.send_queue.put(said, entry.applied_seq)
 

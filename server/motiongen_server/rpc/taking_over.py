@@ -8,6 +8,7 @@ from dataclasses import replace
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import GoingOn, Open, SessionKey
 from motiongen_server.models.registry import ModelRegistry
+from motiongen_server.rpc.convert.frames import FrameCoding
 from motiongen_server.rpc.durability import Durability, NotKept
 from motiongen_server.rpc.event_errors import events_not_saved, resume_superseded, session_not_kept
 from motiongen_server.rpc.peers import Peer
@@ -63,6 +64,7 @@ def adopted(
     entry.applied_seq = min(unanswered, default=record.taken_seq + 1) - 1
     entry.answered = {seq for seq in range(entry.applied_seq + 1, record.taken_seq + 1) if seq not in unanswered}
     entry.warnings = dict(record.warnings)
+    entry.coding = FrameCoding(record.opened.scalar_type, len(model.catalog.facts.rig.joint_names))
     entry.opened = replace(record.opened, session=key, session_token=token)
     entry.level = None if record.level is None else replace(record.level, session=key)
     entry.answers = {answer.event_seq: replace(answer, session=key) for answer in record.answers}

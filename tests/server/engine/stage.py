@@ -26,6 +26,7 @@ from motiongen_server.engine.types import (
     PlayState,
     Priority,
     Prompt,
+    Seek,
     SessionKey,
     SessionSpec,
     SetConstraints,
@@ -33,6 +34,7 @@ from motiongen_server.engine.types import (
     SetPlayState,
     SetPrompts,
     SetVelocity,
+    StartPose,
 )
 from motiongen_server.engine.types.report import StepReport
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
@@ -79,7 +81,7 @@ def spec(
     )
 
 
-_Edit: TypeAlias = SetPrompts | SetConstraints | SetVelocity | SetPlayState | SetOptions
+_Edit: TypeAlias = SetPrompts | SetConstraints | SetVelocity | SetPlayState | SetOptions | Seek
 
 
 class Stage:
@@ -159,6 +161,10 @@ class Stage:
         viewer.set_paused(paused, self.clock.now())
         state = PlayState.PAUSED if paused else PlayState.PLAYING
         return self._ask(viewer, lambda seq, now: SetPlayState(viewer.key, seq, now, state))
+
+    def seek(self, viewer: Viewer, start: StartPose | None = None, prior_rows: np.ndarray | None = None) -> int:
+        pose = start or StartPose()
+        return self._ask(viewer, lambda seq, now: Seek(viewer.key, seq, now, pose, prior_rows))
 
     def set_options(self, viewer: Viewer, **options: object) -> int:
         return self._ask(viewer, lambda seq, now: SetOptions(viewer.key, seq, now, **options))  # type: ignore[arg-type]

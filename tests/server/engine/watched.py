@@ -50,8 +50,8 @@ class WatchedScheduler(Scheduler):
         _require(batch == sorted(batch, key=ScheduledJob.rank), "the rows are out of order")
         for priority in Priority:
             of_class = [held for held in self._jobs.values() if held.job.priority is priority]
-            # Who continues may come first, where its frames are endangered; newcomers may wait to begin together.
-            taken = [held.dueness for held in batch if held.job.priority is priority and not held.continues]
+            # Whose frames are endangered may come first; newcomers may wait to begin together.
+            taken = [held.dueness for held in batch if held.job.priority is priority and not held.is_played]
             left = [
                 held.dueness
                 for held in of_class

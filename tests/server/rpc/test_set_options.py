@@ -1,11 +1,21 @@
-"""SetOptions: as it comes over the wire, and the place that a session has for it."""
+"""SetOptions and Seek: as they come over the wire, and the place that a session has for it."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Code, EventRefused, Guidance, Priority, SessionKey, SetOptions
+from motiongen.v1 import motion_pb2, session_pb2
+from motiongen_server.engine.types import (
+    Code,
+    EventRefused,
+    Guidance,
+    Priority,
+    Seek,
+    SessionKey,
+    SetOptions,
+    StartPose,
+)
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert import engine_event
 from motiongen_server.rpc.limits import Limits
@@ -46,6 +56,46 @@ def test_what_cannot_be_is_refused_by_name(options: session_pb2.SetOptions, reas
     with pytest.raises(EventRefused) as refused:
         asked(options)
     assert (refused.value.reason, refused.value.field) == (reason, f"set_options.{field}")
+
+
+def sought(message: session_pb2.Seek) -> Seek:
+    event = engine_event(session_pb2.SessionEvent(event_seq=2, seek=message), KEY, 1.0, {}, CATALOG)
+    assert isinstance(event, Seek)
+    return event
+
+
+def test_a_cut_says_where_the_character_stands_or_what_it_goes_on_from() -> None:
+    pose = session_pb2.StartPose(x=1, z=2, heading=0.5)
+    assert sought(session_pb2.Seek(start_pose=pose)).start_pose == StartPose(1.0, 2.0, 0.5)
+    row = np.zeros((4, 12), "<f4")
+    row[:, 3] = 1.0
+    frames = motion_pb2.FrameChunk(frame_count=4, data=row.tobytes())
+    rows = sought(session_pb2.Seek(prior_frames=frames)).prior_rows
+    assert rows is not None
+    assert rows.shape == (4, 12)
+
+
+@pytest.mark.parametrize(
+    ("message", "reason", "field"),
+    [
+        (session_pb2.Seek(), "AMBIGUOUS_START", "seek"),
+        (session_pb2.Seek(start_pose=session_pb2.StartPose(x=1e9)), "COORDINATE_OUT_OF_RANGE", "seek.start_pose.x"),
+        (
+            session_pb2.Seek(start_pose=session_pb2.StartPose(), prior_frames=motion_pb2.FrameChunk(frame_count=4)),
+            "AMBIGUOUS_START",
+            "seek.start_pose",
+        ),
+        (
+            session_pb2.Seek(prior_frames=motion_pb2.FrameChunk(frame_count=3)),
+            "PRIOR_FRAMES_OUT_OF_RANGE",
+            "seek.prior_frames.frame_count",
+        ),
+    ],
+)
+def test_a_cut_that_cannot_be_is_refused_by_name(message: session_pb2.Seek, reason: str, field: str) -> None:
+    with pytest.raises(EventRefused) as refused:
+        sought(message)
+    assert (refused.value.reason, refused.value.field) == (reason, field)
 
 
 def test_a_place_of_another_class_is_counted_there_and_given_back_where_the_engine_refuses() -> None:

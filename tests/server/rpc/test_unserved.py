@@ -14,13 +14,13 @@ from motiongen_server.rpc.convert.unserved import UNSERVED_FIELDS, check_served
 
 PROTOS = Path(__file__).resolve().parents[3] / "proto" / "motiongen" / "v1"
 # sent by servers alone, so there is nothing to refuse
-TOLD = {"durable_seq", "spare_sessions", "SCALAR_TYPE_F16_LE"}
+TOLD = {"durable_seq", "spare_sessions"}
 TOLD_IN = {("SessionUpdate", "snapshot")}
 
 EXAMPLES = [
     (session_pb2.OpenSession(snapshot=b"x"), "open", "open.snapshot"),
     (session_pb2.OpenSession(outputs=["joint_positions_m"]), "open", "open.outputs"),
-    (session_pb2.SessionEvent(seek=session_pb2.Seek()), "", "seek"),
+    (session_pb2.Seek(frame=4), "seek", "seek.frame"),
     (session_pb2.SessionEvent(take_snapshot=session_pb2.TakeSnapshot()), "", "take_snapshot"),
 ]  # fmt: skip
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_server.engine.types import PlanCause, PlanNotice, SessionKey
 from motiongen_server.rpc.convert import Parts, append_frames, append_plan, append_update
+from motiongen_server.rpc.convert.frames import PLAIN
 from motiongen_server.rpc.convert.wire import varint
 
 uint32 = st.integers(0, 2**32 - 1)
@@ -27,7 +28,7 @@ def test_frames_are_read_as_the_message_that_was_meant(
     rows = np.arange(sum(counts) * 115, dtype=np.float32).reshape(-1, 115)
     parts = np.split(rows, np.cumsum(counts)[:-1])
     response: Parts = []
-    append_frames(response, session, applied_seq, plan, first_frame, parts, committed_to)
+    append_frames(response, session, applied_seq, plan, first_frame, parts, committed_to, PLAIN)
     chunk = motion_pb2.FrameChunk(
         plan=plan,
         first_frame=first_frame,
@@ -56,7 +57,7 @@ def test_updates_of_both_kinds_follow_each_other() -> None:
     notice = session_pb2.SessionUpdate(session=1, plan=session_pb2.PlanNotice(plan=3, valid_from=8, event_seqs=[2]))
     response: Parts = []
     append_update(response, notice)
-    append_frames(response, 1, 2, 3, 8, [np.ones((2, 3), np.float32)], 4)
+    append_frames(response, 1, 2, 3, 8, [np.ones((2, 3), np.float32)], 4, PLAIN)
     append_update(response, session_pb2.SessionUpdate())
     told = read(response).updates
     assert [update.WhichOneof("update") for update in told] == ["plan", "chunk", None]
@@ -66,7 +67,7 @@ def test_updates_of_both_kinds_follow_each_other() -> None:
 def test_rows_that_do_not_lie_together_are_sent_in_their_order() -> None:
     rows = np.arange(12, dtype=np.float32).reshape(2, 6)[:, ::-1]
     response: Parts = []
-    append_frames(response, 1, 0, 1, 0, [rows], 0)
+    append_frames(response, 1, 0, 1, 0, [rows], 0, PLAIN)
     (update,) = read(response).updates
     np.testing.assert_array_equal(np.frombuffer(update.chunk.data, "<f4").reshape(2, 6), rows)
 

@@ -130,3 +130,11 @@ async def test_frames_come_only_after_the_page_knows_whose_they_are(bridge: Brid
     assert browser._heads() == []
     assert "character" in [message["type"] for message in browser._news()]
     assert [head.character for head in browser._heads()] == [1]
+
+
+async def test_a_scheduled_prompt_claims_no_latency(page: Page) -> None:
+    await page.ask(op="add")
+    await page.ask(op="set_prompt", character=1, text="a person waves", frame=60, end_frame=80)
+    await page.ask(op="set_prompt", character=1, text="a person runs")
+    await page.until(lambda: [e for e in _accepted(page) if e["number"] == 2 and e["latency_ms"] is not None])
+    assert [e["latency_ms"] for e in _accepted(page) if e["number"] == 1] == [None]

@@ -56,7 +56,7 @@ def test_every_kind_comes_back_as_it_was(constraint: Constraint) -> None:
         ({"kind": "waypoint", "frame": 3, "x_m": "far", "z_m": 0}, "x_m"),
         ({"kind": "waypoint", "frame": 3}, "waypoint"),
         ({"kind": "keyframe", "frame": -1, "positions_m": [[0, 0, 0]]}, "frame"),
-        ({"kind": "joint_targets", "frame": 1, "joints": [3], "positions_m": [[0, 0, 0]]}, "joints"),
+        ({"kind": "joint_targets", "frame": 1, "joints": [0], "positions_m": [[0, 0]]}, "positions_m"),
         ({"kind": "joint_targets", "frame": 1, "joints": 3, "positions_m": []}, "joint_targets"),
     ],
 )

@@ -33,7 +33,10 @@ class Poses:
 
     def turn(self, joints: Sequence[int], delta: Tensor) -> None:
         """Turn joints (n) by world rotations (B, T, n or 1, 3, 3); what hangs on them keeps its own rotation."""
-        self.rotations[:, :, joints] = delta @ self.rotations[:, :, joints]
+        if len(joints) == self.layout.skeleton.num_joints:
+            self.rotations = delta @ self.rotations
+        else:
+            self.rotations[:, :, joints] = delta @ self.rotations[:, :, joints]
 
     def bend_limbs(
         self, limbs: Sequence[Limb], positions: Tensor, targets: Tensor, where: Tensor | None = None

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.core.rotation import axis_angle_to_matrix, matrix_to_6d, rotation_vector
-from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics, global_to_local
+from motiongen_ardy.core.skeleton import Skeleton, global_to_local
 from motiongen_ardy.model.sampling.options import JoinOptions
 from motiongen_ardy.model.sampling.spread import smooth_step
 
@@ -28,8 +28,9 @@ def settle_seam(layout: Representation, history: Tensor, new: Tensor, options: J
     if not history.shape[1]:
         return new
     skeleton = layout.skeleton
+    whole = layout.global_rotations(new)
     before = global_to_local(skeleton, layout.global_rotations(history[:, -2:]))
-    after = global_to_local(skeleton, layout.global_rotations(new))
+    after = global_to_local(skeleton, whole[:, :2])
     last = before[:, -1]
     going_on = rotation_vector(last @ before[:, 0].transpose(-1, -2))  # of one frame; zero where only one is known
     expected = axis_angle_to_matrix(going_on) @ last
@@ -42,19 +43,44 @@ def settle_seam(layout: Representation, history: Tensor, new: Tensor, options: J
     start = _beyond(going_on - setting_off, options.free_start_rad)
     start = start.index_fill(1, _legs_and_root(skeleton, start.device), 0.0)
     touched = (jump != 0).any(-1) | (start != 0).any(-1)  # (B, J)
-    if not bool(touched.any()):
+    joints = touched.any(dim=0).nonzero().flatten().tolist()
+    if not joints:
         return new
+    jump, start = jump[:, joints], start[:, joints]
     frames = torch.arange(new.shape[1], device=new.device)[None, :, None]
-    span = options.settle_frames * (1 + (jump.norm(dim=-1) / torch.pi).clamp(max=1))[:, None]  # (B, 1, J)
+    span = options.settle_frames * (1 + (jump.norm(dim=-1) / torch.pi).clamp(max=1))[:, None]  # (B, 1, n)
     share, slope = _settling(frames / span)
     curve = jump[:, None] * share[..., None] + start[:, None] * (span * slope)[..., None]
-    turned = axis_angle_to_matrix(curve) @ after
-    rows = touched.any(-1)
-    local = torch.where(touched[:, None, :, None, None], turned, after)
-    rotations, _ = forward_kinematics(skeleton, local, new[..., layout.root_position_block])
+    return _turned(layout, new, whole, curve, joints, touched)
+
+
+def _turned(
+    layout: Representation, new: Tensor, whole: Tensor, curve: Tensor, joints: list[int], touched: Tensor
+) -> Tensor:
+    """New frames (B, G, D) with joints (n) turned by rotation vectors (B, G, n, 3) of their parents' frames.
+
+    whole: the new frames' global rotations (B, G, J, 3, 3); touched: (B, J), joints that a row has turned. What hangs
+    on them turns with them; everything else stays bit for bit.
+    """
+    parents = layout.skeleton.parents
+    above = whole[:, :, [parents[joint] for joint in joints]]
+    turns = axis_angle_to_matrix((above @ curve[..., None]).squeeze(-1))  # in the world, where products need no locals
+    by_joint: dict[int, Tensor] = {}
+    follows = touched.clone()
+    for joint in range(1, layout.skeleton.num_joints):
+        carried = by_joint.get(parents[joint])
+        follows[:, joint] |= follows[:, parents[joint]]
+        if joint in joints:
+            own = turns[:, :, joints.index(joint)]
+            by_joint[joint] = own if carried is None else carried @ own
+        elif carried is not None:
+            by_joint[joint] = carried
+    moved = list(by_joint)
+    rotations = matrix_to_6d(torch.stack(list(by_joint.values()), dim=2) @ whole[:, :, moved])
     settled = new.clone()
-    settled[..., layout.rotation_block] = matrix_to_6d(rotations).flatten(-2)
-    return torch.where(rows[:, None, None], settled, new)
+    block = settled[..., layout.rotation_block].unflatten(-1, (-1, 6))
+    block[:, :, moved] = torch.where(follows[:, None, moved, None], rotations, block[:, :, moved])
+    return settled
 
 
 def _legs_and_root(skeleton: Skeleton, device: torch.device) -> Tensor:

@@ -12,11 +12,19 @@ from motiongen_client.convert.answers import (
     warnings,
 )
 from motiongen_client.convert.catalogs import catalog, rig
-from motiongen_client.convert.frames import chunk_rows
-from motiongen_client.convert.requests import constraint, generate_clip, open_session, ping, prompt_span, set_options
+from motiongen_client.convert.frames import FrameReader
+from motiongen_client.convert.requests import (
+    constraint,
+    generate_clip,
+    open_session,
+    ping,
+    prompt_span,
+    seek,
+    set_options,
+)
 
 __all__ = [
-    "catalog", "chunk_rows", "code_name", "constraint", "constraint_reached", "generate_clip", "open_session", "opened",
-    "outcome", "ping", "prompt_span", "residual", "rig", "seconds", "service_level", "session_end", "set_options",
-    "warnings",
+    "FrameReader", "catalog", "code_name", "constraint", "constraint_reached", "generate_clip", "open_session",
+    "opened", "outcome", "ping", "prompt_span", "residual", "rig", "seconds", "seek", "service_level",
+    "session_end", "set_options", "warnings",
 ]  # fmt: skip

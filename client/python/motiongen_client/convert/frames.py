@@ -1,22 +1,101 @@
-"""Frames, from the bytes of a chunk."""
+"""Frames, from the bytes of a chunk, as they are stored in it."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 
 from motiongen.v1 import motion_pb2
 from motiongen_client.errors import ProtocolViolation
-from motiongen_client.motion import Float32
+from motiongen_client.motion import CONTACT_BLOCK, ROOT_BLOCK, ROTATION_BLOCK, Float32, Rig
+from motiongen_client.types import FrameFormat
+
+SCALAR_TYPES = {
+    FrameFormat.F32: motion_pb2.SCALAR_TYPE_F32_LE,
+    FrameFormat.F16: motion_pb2.SCALAR_TYPE_F16_LE,
+    FrameFormat.QUANTISED: motion_pb2.SCALAR_TYPE_QUANTISED,
+}
+_PLACE_BYTES = 12
+_HALF, _SCALE = 511.5, 511.0 * math.sqrt(2.0)
+_OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 
-def chunk_rows(message: motion_pb2.FrameChunk, row_width: int) -> Float32:
-    """(T, row_width) float32, read-only. Raises ProtocolViolation when the bytes are not that many rows."""
-    if message.scalar_type != motion_pb2.SCALAR_TYPE_F32_LE:
-        raise ProtocolViolation(f"a chunk has scalar type {message.scalar_type}; F32_LE was asked for")
-    expected = message.frame_count * row_width * 4
-    if message.frame_count < 1 or len(message.data) != expected:
-        raise ProtocolViolation(
-            f"a chunk of {message.frame_count} frames has {len(message.data)} bytes, not the {expected} of its rig"
-        )
-    rows = np.frombuffer(message.data, dtype="<f4").reshape(message.frame_count, row_width)
-    return rows.astype(np.float32, copy=False)
+@dataclass(frozen=True)
+class FrameReader:
+    """Reads the chunks of one session. frame_format: the one that was asked for."""
+
+    rig: Rig
+    frame_format: FrameFormat = FrameFormat.F32
+
+    def rows(self, message: motion_pb2.FrameChunk, before: Float32 | None = None) -> Float32:
+        """(T, row_width) float32. before: the row of the frame before, whose signs of q and -q the quaternions keep to.
+
+        Raises ProtocolViolation when the bytes are not that many rows.
+        """
+        if message.scalar_type != SCALAR_TYPES[self.frame_format]:
+            given = f"a chunk has scalar type {message.scalar_type}"
+            raise ProtocolViolation(f"{given}; {self.frame_format.name} was asked for")
+        count = message.frame_count
+        expected = count * self.row_bytes
+        if count < 1 or len(message.data) != expected:
+            raise ProtocolViolation(
+                f"a chunk of {count} frames has {len(message.data)} bytes, not the {expected} of its rig"
+            )
+        if self.frame_format is FrameFormat.QUANTISED:
+            return self._continued(self._quantised(np.frombuffer(message.data, np.uint8).reshape(count, -1)), before)
+        if self.frame_format is FrameFormat.F16:
+            return self._halves(message)
+        rows = np.frombuffer(message.data, dtype="<f4").reshape(count, self.rig.row_width)
+        return rows.astype(np.float32, copy=False)
+
+    @property
+    def row_bytes(self) -> int:
+        """Of one frame."""
+        if self.frame_format is FrameFormat.QUANTISED:
+            return _PLACE_BYTES + 4 * len(self.rig.joint_names) + 1
+        return self.rig.row_width * (2 if self.frame_format is FrameFormat.F16 else 4)
+
+    def _halves(self, message: motion_pb2.FrameChunk) -> Float32:
+        if len(message.root_origin_m) != 3:
+            raise ProtocolViolation(f"a chunk of halves has an origin of {len(message.root_origin_m)} numbers, not 3")
+        rows = np.frombuffer(message.data, "<f2").reshape(message.frame_count, self.rig.row_width).astype(np.float32)
+        rows[:, self.rig.block_columns[ROOT_BLOCK]] += np.array(message.root_origin_m, np.float32)
+        turns = rows[:, self.rig.block_columns[ROTATION_BLOCK]].reshape(len(rows), -1, 4)
+        turns /= np.maximum(np.linalg.norm(turns, axis=-1, keepdims=True), 1e-6)
+        rows[:, self.rig.block_columns[ROTATION_BLOCK]] = turns.reshape(len(rows), -1)
+        return rows
+
+    def _quantised(self, data: NDArray[np.uint8]) -> Float32:
+        columns, rows = self.rig.block_columns, np.zeros((len(data), self.rig.row_width), np.float32)
+        places = np.ascontiguousarray(data[:, :_PLACE_BYTES]).view("<i4")
+        rows[:, columns[ROOT_BLOCK]] = places / 1000.0
+        packed = np.ascontiguousarray(data[:, _PLACE_BYTES:-1]).view("<u4")
+        rows[:, columns[ROTATION_BLOCK]] = unpacked_quaternions(packed).reshape(len(data), -1)
+        rows[:, columns[CONTACT_BLOCK]] = data[:, -1:] >> np.arange(4) & 1
+        return rows
+
+    def _continued(self, rows: Float32, before: Float32 | None) -> Float32:
+        """The same poses, each quaternion of the sign that is nearer to the one of the frame before."""
+        columns = self.rig.block_columns[ROTATION_BLOCK]
+        turns = rows[:, columns].reshape(len(rows), -1, 4)
+        last = turns[:1] if before is None else before[columns].reshape(1, -1, 4)
+        dots = (turns * np.concatenate([last, turns[:-1]])).sum(axis=-1, keepdims=True)
+        turns *= np.cumprod(np.where(dots < 0, -1.0, 1.0), axis=0).astype(np.float32)
+        rows[:, columns] = turns.reshape(len(rows), -1)
+        return rows
+
+
+def unpacked_quaternions(packed: NDArray[np.uint32]) -> Float32:
+    """(..., 4) unit quaternions w x y z of numbers (...): which is the greatest, and ten bits of each of the others."""
+    greatest = (packed >> 30).astype(np.intp)
+    steps = np.stack([packed >> 20 & 1023, packed >> 10 & 1023, packed & 1023], axis=-1)
+    rest = (steps.astype(np.float64) - _HALF) / _SCALE
+    quaternions = np.empty((*packed.shape, 4))
+    np.put_along_axis(quaternions, _OTHERS[greatest], rest, axis=-1)
+    largest = np.sqrt(np.maximum(1.0 - (rest**2).sum(axis=-1, keepdims=True), 0.0))
+    np.put_along_axis(quaternions, greatest[..., None], largest, axis=-1)
+    unit: Float32 = (quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)).astype(np.float32)
+    return unit

@@ -7,6 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
+from motiongen_client.convert.frames import SCALAR_TYPES
+from motiongen_client.motion import Motion
 from motiongen_client.prompts import Preset, Prompt, TextEmbedding
 from motiongen_client.types import (
     Constraint,
@@ -41,7 +43,7 @@ def open_session(
         seed=options.seed,
         priority=_PRIORITIES[options.priority],
         lookahead_frames=options.lookahead_frames or 0,
-        scalar_type=motion_pb2.SCALAR_TYPE_F32_LE,
+        scalar_type=SCALAR_TYPES[options.frame_format],
         prompts=prompts,
         constraints=constraints,
         denoise_steps=options.denoise_steps,
@@ -49,18 +51,33 @@ def open_session(
         keep_prompts=options.keep_prompts,
     )
     if options.prior is not None:
-        message.prior_frames.frame_count = len(options.prior)
-        message.prior_frames.scalar_type = motion_pb2.SCALAR_TYPE_F32_LE
-        message.prior_frames.data = np.ascontiguousarray(options.prior.rows, "<f4").tobytes()
+        message.prior_frames.CopyFrom(_prior_frames(options.prior))
     if options.start != StartPose():
-        message.start_pose.CopyFrom(
-            session_pb2.StartPose(x=options.start.x_m, z=options.start.z_m, heading=options.start.heading_rad)
-        )
+        message.start_pose.CopyFrom(_start_pose(options.start))
     if options.text_guidance is not None or options.constraint_guidance is not None:
         message.guidance.CopyFrom(
             session_pb2.Guidance(text=options.text_guidance, constraint=options.constraint_guidance)
         )
     return message
+
+
+def seek(start: StartPose | None, prior: Motion | None) -> session_pb2.Seek:
+    """The message that puts a character elsewhere: at a pose, or after other frames."""
+    message = session_pb2.Seek()
+    if prior is not None:
+        message.prior_frames.CopyFrom(_prior_frames(prior))
+    else:
+        message.start_pose.CopyFrom(_start_pose(start or StartPose()))
+    return message
+
+
+def _prior_frames(prior: Motion) -> motion_pb2.FrameChunk:
+    data = np.ascontiguousarray(prior.rows, "<f4").tobytes()
+    return motion_pb2.FrameChunk(frame_count=len(prior), scalar_type=motion_pb2.SCALAR_TYPE_F32_LE, data=data)
+
+
+def _start_pose(start: StartPose) -> session_pb2.StartPose:
+    return session_pb2.StartPose(x=start.x_m, z=start.z_m, heading=start.heading_rad)
 
 
 def set_options(

@@ -25,12 +25,12 @@ from motiongen_client.types.constraints import (
     Target,
     Waypoint,
 )
-from motiongen_client.types.options import NO_PROMPTS, Priority, SessionOptions, StartPose
+from motiongen_client.types.options import NO_PROMPTS, FrameFormat, Priority, SessionOptions, StartPose
 
 __all__ = [
-    "NO_PROMPTS", "Catalog", "Clip", "Constraint", "ConstraintReached", "Deviation", "Flexible", "HeadingTarget",
-    "JointRotations", "JointTargets", "Keyframe", "Limits", "LocomotionPreset", "Model", "ModelWarning", "Opened",
-    "Outcome", "Placement", "Priority", "Reopened", "Residual", "RootPath", "RootTrajectory", "ServiceLevel",
-    "SessionEnd", "SessionOptions", "StartPose", "Target", "Waypoint", "as_array", "check_finite", "check_frame",
-    "check_tolerance",
+    "Catalog", "Clip", "Constraint", "ConstraintReached", "Deviation", "Flexible", "FrameFormat", "HeadingTarget",
+    "JointRotations", "JointTargets", "Keyframe", "Limits", "LocomotionPreset", "Model", "ModelWarning",
+    "NO_PROMPTS", "Opened", "Outcome", "Placement", "Priority", "Reopened", "Residual", "RootPath",
+    "RootTrajectory", "ServiceLevel", "SessionEnd", "SessionOptions", "StartPose", "Target", "Waypoint", "as_array",
+    "check_finite", "check_frame", "check_tolerance",
 ]  # fmt: skip

@@ -23,6 +23,14 @@ class Priority(enum.Enum):
     BATCH = "batch"
 
 
+class FrameFormat(enum.Enum):
+    """How frames are stored on their way here. F16: half the bytes; QUANTISED: a quarter (`docs/protocol.md`)."""
+
+    F32 = "f32"
+    F16 = "f16"
+    QUANTISED = "quantised"
+
+
 @dataclass(frozen=True)
 class StartPose:
     """Where a character stands at frame 0: world metres, heading in radians (0 faces +Z)."""
@@ -60,6 +68,7 @@ class SessionOptions:
     history_frames: int | None = None
     prior: Motion | None = None
     keep_prompts: bool = False
+    frame_format: FrameFormat = FrameFormat.F32
 
     def __post_init__(self) -> None:
         if self.prior is not None and self.start != StartPose():

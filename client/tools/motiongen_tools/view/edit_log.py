@@ -84,7 +84,8 @@ class EditLog:
             entry.state, entry.effective_frame = "accepted", outcome.effective_frame
             entry.detail = "; ".join(warning.message for warning in outcome.warnings)
             entry.placements = outcome.placements
-            self._unshown.append(entry)
+            if "frame" not in entry.message:  # one that is scheduled shows when its time comes
+                self._unshown.append(entry)
             if entry.takes_back:
                 self._undoable.append(entry)
         on_answer(entry)

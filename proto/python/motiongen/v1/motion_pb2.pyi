@@ -11,9 +11,11 @@ class ScalarType(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     SCALAR_TYPE_UNSPECIFIED: _ClassVar[ScalarType]
     SCALAR_TYPE_F32_LE: _ClassVar[ScalarType]
     SCALAR_TYPE_F16_LE: _ClassVar[ScalarType]
+    SCALAR_TYPE_QUANTISED: _ClassVar[ScalarType]
 SCALAR_TYPE_UNSPECIFIED: ScalarType
 SCALAR_TYPE_F32_LE: ScalarType
 SCALAR_TYPE_F16_LE: ScalarType
+SCALAR_TYPE_QUANTISED: ScalarType
 
 class Rig(_message.Message):
     __slots__ = ("rig_id", "joints", "parents", "frame_rate", "blocks", "neutral_offsets_m", "hip_joints", "limbs")
@@ -190,17 +192,19 @@ class ConstraintPlacement(_message.Message):
     def __init__(self, constraint_id: _Optional[int] = ..., first_frame: _Optional[int] = ..., last_frame: _Optional[int] = ..., arrival_frame: _Optional[int] = ..., anchor_frame: _Optional[int] = ..., anchor_x: _Optional[float] = ..., anchor_z: _Optional[float] = ..., anchor_heading: _Optional[float] = ...) -> None: ...
 
 class FrameChunk(_message.Message):
-    __slots__ = ("plan", "first_frame", "frame_count", "committed_to", "data", "scalar_type")
+    __slots__ = ("plan", "first_frame", "frame_count", "committed_to", "data", "scalar_type", "root_origin_m")
     PLAN_FIELD_NUMBER: _ClassVar[int]
     FIRST_FRAME_FIELD_NUMBER: _ClassVar[int]
     FRAME_COUNT_FIELD_NUMBER: _ClassVar[int]
     COMMITTED_TO_FIELD_NUMBER: _ClassVar[int]
     DATA_FIELD_NUMBER: _ClassVar[int]
     SCALAR_TYPE_FIELD_NUMBER: _ClassVar[int]
+    ROOT_ORIGIN_M_FIELD_NUMBER: _ClassVar[int]
     plan: int
     first_frame: int
     frame_count: int
     committed_to: int
     data: bytes
     scalar_type: ScalarType
-    def __init__(self, plan: _Optional[int] = ..., first_frame: _Optional[int] = ..., frame_count: _Optional[int] = ..., committed_to: _Optional[int] = ..., data: _Optional[bytes] = ..., scalar_type: _Optional[_Union[ScalarType, str]] = ...) -> None: ...
+    root_origin_m: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, plan: _Optional[int] = ..., first_frame: _Optional[int] = ..., frame_count: _Optional[int] = ..., committed_to: _Optional[int] = ..., data: _Optional[bytes] = ..., scalar_type: _Optional[_Union[ScalarType, str]] = ..., root_origin_m: _Optional[_Iterable[float]] = ...) -> None: ...

@@ -29,6 +29,7 @@ class PlanCause(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     PLAN_CAUSE_EDIT: _ClassVar[PlanCause]
     PLAN_CAUSE_FALLBACK: _ClassVar[PlanCause]
     PLAN_CAUSE_RESUME: _ClassVar[PlanCause]
+    PLAN_CAUSE_CUT: _ClassVar[PlanCause]
 
 class ServiceTier(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -63,6 +64,7 @@ PLAN_CAUSE_CONTINUE: PlanCause
 PLAN_CAUSE_EDIT: PlanCause
 PLAN_CAUSE_FALLBACK: PlanCause
 PLAN_CAUSE_RESUME: PlanCause
+PLAN_CAUSE_CUT: PlanCause
 SERVICE_TIER_UNSPECIFIED: ServiceTier
 SERVICE_TIER_FULL: ServiceTier
 SERVICE_TIER_FEWER_STEPS: ServiceTier
@@ -234,10 +236,14 @@ class SetPlayState(_message.Message):
     def __init__(self, state: _Optional[_Union[PlayState, str]] = ...) -> None: ...
 
 class Seek(_message.Message):
-    __slots__ = ("frame",)
+    __slots__ = ("frame", "start_pose", "prior_frames")
     FRAME_FIELD_NUMBER: _ClassVar[int]
+    START_POSE_FIELD_NUMBER: _ClassVar[int]
+    PRIOR_FRAMES_FIELD_NUMBER: _ClassVar[int]
     frame: int
-    def __init__(self, frame: _Optional[int] = ...) -> None: ...
+    start_pose: StartPose
+    prior_frames: _motion_pb2.FrameChunk
+    def __init__(self, frame: _Optional[int] = ..., start_pose: _Optional[_Union[StartPose, _Mapping]] = ..., prior_frames: _Optional[_Union[_motion_pb2.FrameChunk, _Mapping]] = ...) -> None: ...
 
 class SetOptions(_message.Message):
     __slots__ = ("priority", "lookahead_frames", "denoise_steps", "guidance", "history_frames")

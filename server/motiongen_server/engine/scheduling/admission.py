@@ -1,7 +1,8 @@
 """Admission: who may come in, by what sessions ask of the machine and what it has been measured to do.
 
 A session asks for windows at the rate that was seen of its class, edits included, and at the rate at which its client
-plays them at the least. That, or the measured load where it is greater, counts. Clips take what sessions leave, and are
+plays them at the least. That, or the measured load where it is greater, counts. Who has just been let in takes a window
+at once besides, so that a rush is let in as fast as those who play can bear. Clips take what sessions leave, and are
 only counted.
 
 Threads: `reserve` and `release` from any, the rest from the engine's.
@@ -19,6 +20,9 @@ from motiongen_server.engine.spread import spread
 from motiongen_server.engine.types import Code, EventRefused, ModelFacts, Outcome, Priority, SessionKey, SessionSpec
 from motiongen_server.engine.types.refusals import draining, session_limit
 
+# First windows that have not been made count as if they had to be within so long.
+_BEGIN_S = 2.0
+
 
 @dataclass(frozen=True, slots=True)
 class Prices:
@@ -34,7 +38,7 @@ class Admission:
     def __init__(self, facts: ModelFacts, config: EngineConfig) -> None:
         self._config = config
         self._rates = WindowRates(facts.fps / facts.horizon)
-        self._least_steps = facts.min_steps
+        self._least_steps, self._default_steps = facts.min_steps, facts.default_steps
         self._prices = Prices()
         self._measured = self._elsewhere = 0.0
         self._lock = threading.Lock()
@@ -42,6 +46,7 @@ class Admission:
         self._steps: Counter[Priority] = Counter()
         self._sessions: Counter[Priority] = Counter()
         self._clips = 0
+        self._beginning: set[SessionKey] = set()
         self._refusals = 0
         self._refused: Counter[Code] = Counter()
         self._closed_for_good = False
@@ -74,6 +79,17 @@ class Admission:
         """The share of the machine that is spoken for, by other engines too."""
         return self._elsewhere + max(self.asked, self._measured)
 
+    @property
+    def _rush(self) -> float:
+        """The share of the machine that the first windows of those who were just let in take."""
+        prices = self._prices
+        return len(self._beginning) * (self._default_steps * prices.step_s + prices.window_s) / _BEGIN_S
+
+    def note_begun(self, session: SessionKey) -> None:
+        """A session's first window is there."""
+        with self._lock:
+            self._beginning.discard(session)
+
     def _share(self, priority: Priority, steps: int, sessions: int) -> float:
         prices = self._prices
         return self._rates[priority] * (steps * prices.step_s + sessions * prices.window_s)
@@ -87,6 +103,8 @@ class Admission:
             if refusal is None:
                 self._places[spec.session] = spec
                 self._count(spec, 1)
+                if not spec.is_clip:
+                    self._beginning.add(spec.session)
             else:
                 self._refused[refusal.code] += 1
             return None if refusal is None else refusal.outcome(spec.session, event_seq)
@@ -111,6 +129,7 @@ class Admission:
             held = self._places.get(session)
             if held is not None and (spec is None or held is spec):
                 del self._places[session]
+                self._beginning.discard(session)
                 self._count(held, -1)
 
     def change(self, spec: SessionSpec, changed: SessionSpec) -> EventRefused | None:
@@ -159,7 +178,8 @@ class Admission:
         if self._num_sessions >= config.max_sessions:
             return session_limit(config.max_sessions, self._retry_after_s())
         most = config.admit_load[spec.priority - 1]
-        load = self.load + self._share(spec.priority, spec.denoise_steps, 1)
+        load = max(self.load, self._elsewhere + self.asked + self._rush)
+        load += self._share(spec.priority, spec.denoise_steps, 1)
         if load <= most or (not self._num_sessions and self._elsewhere <= most):
             return None
         return self._full(

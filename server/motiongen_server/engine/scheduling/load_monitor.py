@@ -49,9 +49,9 @@ class LoadMonitor:
         """Where a class is."""
         return self._degradation.level(priority) if self._degradation is not None else FULL
 
-    def note_window(self, priority: Priority) -> None:
-        """A session's window was finished, whatever it was made for."""
-        self._rates.note(priority)
+    def note_replan(self, priority: Priority) -> None:
+        """A session's window was finished that changed what it would have shown."""
+        self._rates.note_replan(priority)
 
     def note_windows(self, now: float, windows: int, misses: int) -> None:
         """So many windows were due, so many of them late."""

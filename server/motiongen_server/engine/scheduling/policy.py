@@ -38,6 +38,11 @@ class SchedulingPolicy(Protocol):
         """The jobs of the next step, most urgent first. Empty: none before `wake_at`, unless more comes."""
         ...
 
+    @property
+    def largest_step(self) -> int:
+        """Evaluations of the largest step that it makes, however much there is to do."""
+        ...
+
     def wake_at(self) -> float:
         """When to ask again though nothing has come; infinity: no need to."""
         ...

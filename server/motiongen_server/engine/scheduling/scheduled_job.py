@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
-from motiongen_server.engine.types import PlanCause, WindowJob
+from motiongen_server.engine.types import WindowJob
 
 
 @dataclass(slots=True)
@@ -26,7 +27,11 @@ class ScheduledJob:
         return (self.job.priority, *self.dueness)
 
     @property
-    def continues(self) -> bool:
+    def urgency(self) -> tuple[float, int]:
+        """What orders the jobs whose frames clients would run out of."""
+        return (self.job.runs_out_at, self.job.job_id)
+
+    @property
+    def is_played(self) -> bool:
         """Whether it makes frames that a client would run out of."""
-        job = self.job
-        return job.first_frame > 0 and job.cause is not PlanCause.EDIT and not job.background
+        return self.job.runs_out_at < inf

@@ -1,9 +1,9 @@
 """Scheduler: which jobs are in the next denoising step. Pure: time comes in as an argument.
 
-Frames that a client would run out of come before anything that only changes frames: a window that goes on from frames
-being played is taken first, whatever its class, once it is endangered. Then classes go in order of priority, but each
-has a share of all rows reserved: while jobs of a class are left over, it gets a row at the latest when it is owed a
-whole one, so that no class starves. Within a class the earliest deadline goes first. Owners have shares of the
+Frames that a client would run out of come before anything that only changes frames: a window without which somebody's
+frames end soon is taken first, whatever its class and whatever it was begun for. Then classes go in order of priority,
+but each has a share of all rows reserved: while jobs of a class are left over, it gets a row at the latest when it is
+owed a whole one, so that no class starves. Within a class the earliest deadline goes first. Owners have shares of the
 same kind (`owner_shares`).
 
 Preparing and decoding cost little more for several windows than for one. So newcomers gather: where the windows of
@@ -73,7 +73,7 @@ class Scheduler:
         self._gather_s = gather_s
         self._jobs: dict[int, ScheduledJob] = {}
         self._queues: tuple[list[tuple[float, int]], ...] = tuple([] for _ in Priority)
-        self._continuing: list[tuple[float, int]] = []
+        self._played: list[tuple[float, int]] = []
         self._evaluations = [0 for _ in Priority]
         self._background = 0  # evaluations of those
         self._owed: OwedRows[Priority] = OwedRows()
@@ -86,16 +86,18 @@ class Scheduler:
         held = ScheduledJob(job, passes)
         self._jobs[job.job_id] = held
         insort(self._queues[job.priority - 1], held.dueness)
-        if held.continues:
-            insort(self._continuing, held.dueness)
+        if held.is_played:
+            insort(self._played, held.urgency)
         self._owners.add(held)
         self._evaluations[job.priority - 1] += passes
         self._background += passes if job.background else 0
 
     def remove(self, job_id: int) -> None:
         held = self._jobs.pop(job_id)
-        for queue in (self._queues[held.job.priority - 1], *([self._continuing] if held.continues else ())):
-            del queue[bisect_left(queue, held.dueness)]
+        queue = self._queues[held.job.priority - 1]
+        del queue[bisect_left(queue, held.dueness)]
+        if held.is_played:
+            del self._played[bisect_left(self._played, held.urgency)]
         self._owners.remove(held)
         self._evaluations[held.job.priority - 1] -= held.passes
         self._background -= held.passes if held.job.background else 0
@@ -140,10 +142,10 @@ class Scheduler:
         step_s = self.costs.step.seconds(self._step_cap(strained=True))
         window_s = self.costs.prepare.seconds(1) + self.costs.decode.seconds(1)
         endangered = []
-        for deadline, job_id in self._continuing:
+        for runs_out_at, job_id in self._played:
             held = self._jobs[job_id]
             left_s = window_s + step_s * (held.job.num_steps - held.steps_done)
-            if deadline - now > _ENDANGERED * left_s:
+            if runs_out_at - now > _ENDANGERED * left_s:
                 break
             endangered.append(held)
         return sorted(endangered, key=ScheduledJob.rank)
@@ -209,6 +211,11 @@ class Scheduler:
         allowed_s = self._max_step_s * (_STRAINED_STRETCH if strained else 1.0)
         within = max(self.costs.step.largest_within(allowed_s), self.least_efficient())
         return min(self._max_evaluations, within)
+
+    @property
+    def largest_step(self) -> int:
+        """Evaluations of a step under a backlog."""
+        return self._step_cap(strained=True)
 
     def least_efficient(self) -> int:
         """The fewest evaluations that do not waste the machine."""

@@ -47,8 +47,7 @@ class StepExecutor:
         self._policy = policy
         self._now = clock.now
         self._failed = failed
-        self._full = max_rows * runner.facts.guidance_passes
-        self._turnover = max(1, ceil(max_rows / runner.facts.default_steps))
+        self._default_steps = runner.facts.default_steps
         self._report = StepReport()
         self._prepares: BatchRetry[ScheduledJob, int] = BatchRetry(
             self._prepare, _id_of, self._give_up, self._prepared, clock.now, max_rows
@@ -140,9 +139,14 @@ class StepExecutor:
 
     def prices(self) -> Prices:
         """What a step and a window cost by now, where steps are full, with as many evaluations as steps have had."""
-        costs = self._policy.costs
-        window_s = costs.prepare.each_s(self._turnover) + costs.decode.each_s(self._turnover)
-        return Prices(self._passes * costs.step.each_s(self._full), window_s)
+        costs, turnover = self._policy.costs, self._turnover
+        window_s = costs.prepare.each_s(turnover) + costs.decode.each_s(turnover)
+        return Prices(self._passes * costs.step.each_s(self._policy.largest_step), window_s)
+
+    @property
+    def _turnover(self) -> int:
+        """Windows that begin and end with every step, where steps are full."""
+        return max(1, ceil(self._policy.largest_step / (self._passes * self._default_steps)))
 
     # ---- calls of the runner ----------------------------------------------------------------------------------------
 
@@ -167,7 +171,7 @@ class StepExecutor:
         self._passes += min(1.0, _PASSES_RATE * len(jobs)) * (evaluations / len(jobs) - self._passes)
         counted = sum(held.passes for held in jobs if not held.job.background)
         self.busy_s += seconds * counted / evaluations
-        self.work_s += counted * min(costs.step.each_s(self._full), seconds / evaluations)
+        self.work_s += counted * min(costs.step.each_s(self._policy.largest_step), seconds / evaluations)
 
     def _decoded(self, job_ids: Sequence[int], seconds: float) -> None:
         costs = self._policy.costs

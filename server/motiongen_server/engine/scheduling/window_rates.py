@@ -7,34 +7,43 @@ from collections.abc import Mapping
 
 from motiongen_server.engine.types import Priority
 
-_LEARNED_OVER_S = 5.0
+# What was seen counts half as much after so long.
+_HALF_LIFE_S = 10.0
+# Until more was seen, a session is taken for one that asks for so many replans a second. That counts as much as having
+# watched one session for so long.
+EXPECTED_HZ = {Priority.HERO: 1.0, Priority.NEAR: 0.3, Priority.CROWD: 0.2, Priority.BATCH: 0.1}
+_EXPECTED_S = 20.0
 
 
 class WindowRates:
-    """By class; at least what playing on alone takes, which is also what holds until something else was seen.
+    """By class: what playing on alone takes, and a window for every replan, which replaces about a whole one.
 
-    What sessions of a class did is kept when they have gone: it is what the next ones are expected to do.
+    Replans are counted by the seconds that sessions were there, so that many who come at once do not pass for sessions
+    that ask for little. What sessions of a class did is kept when they have gone: it is what the next ones are expected
+    to do.
     """
 
     def __init__(self, playing_hz: float) -> None:
         """playing_hz: windows a second of a session that is never edited."""
         self._playing_hz = playing_hz
-        self._seen_hz = dict.fromkeys(Priority, playing_hz)
+        self._replans = dict.fromkeys(Priority, 0.0)
+        self._watched_s = dict.fromkeys(Priority, 0.0)
         self._finished: Counter[Priority] = Counter()
 
     def __getitem__(self, priority: Priority) -> float:
         """Windows a second of one session."""
-        return max(self._playing_hz, self._seen_hz[priority])
+        replans = self._replans[priority] + EXPECTED_HZ[priority] * _EXPECTED_S
+        return self._playing_hz + replans / (self._watched_s[priority] + _EXPECTED_S)
 
-    def note(self, priority: Priority) -> None:
-        """A session's window was finished."""
+    def note_replan(self, priority: Priority) -> None:
+        """A session's window was finished that changed what it would have shown."""
         self._finished[priority] += 1
 
     def update(self, elapsed_s: float, present: Mapping[Priority, int]) -> None:
         """Take in what was finished in the last elapsed_s; present: sessions of each class."""
-        weight = min(1.0, elapsed_s / _LEARNED_OVER_S)
         for priority, sessions in present.items():
             if sessions > 0 and elapsed_s > 0:
-                each_hz = self._finished[priority] / (sessions * elapsed_s)
-                self._seen_hz[priority] += weight * (each_hz - self._seen_hz[priority])
+                kept = 0.5 ** (elapsed_s / _HALF_LIFE_S)
+                self._replans[priority] = kept * self._replans[priority] + self._finished[priority]
+                self._watched_s[priority] = kept * self._watched_s[priority] + sessions * elapsed_s
         self._finished.clear()

@@ -9,7 +9,8 @@ from motiongen_server.engine.session.events import apply
 from motiongen_server.engine.session.opening import open_session
 from motiongen_server.engine.session.snapshot import check_going_on, going_on
 from motiongen_server.engine.session.state import SessionState
-from motiongen_server.engine.types import Code, EventRefused, Float32Array, ModelFacts, Open, Output, Resume
+from motiongen_server.engine.types import Float32Array, ModelFacts, Open, Output, Resume
+from motiongen_server.engine.types.refusals import prior_frames_failed
 from motiongen_server.engine.types.report import StepReport
 
 MakeFeatures = Callable[[Float32Array], Float32Array | None]
@@ -28,8 +29,7 @@ def begun(
         return open_session(event.spec, event.received_at, ordinal, facts, config, now)
     features = features_of(rows)
     if features is None:
-        given, allowed = "the model can make nothing of the prior frames", "other frames, or none"
-        raise EventRefused(Code.INTERNAL, "PRIOR_FRAMES_FAILED", given, "open.prior_frames", allowed)
+        raise prior_frames_failed("open.prior_frames")
     if asked is None:
         return open_session(event.spec, event.received_at, ordinal, facts, config, now, features)
     return going_on(event, asked, ordinal, facts, config, now, features)

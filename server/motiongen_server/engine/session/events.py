@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from motiongen_server.engine.session.cutting import Cut
 from motiongen_server.engine.session.edits import EditEvent, PendingEdit, edited
 from motiongen_server.engine.session.placing import Anchor
 from motiongen_server.engine.session.state import SessionState
@@ -11,10 +12,12 @@ from motiongen_server.engine.session.windows import RunningWindow, history_crop,
 from motiongen_server.engine.types import (
     Code,
     EventRefused,
+    Float32Array,
     Outcome,
     Output,
     Playhead,
     Resume,
+    Seek,
     SetPlayState,
     SetPrompts,
 )
@@ -81,8 +84,27 @@ def _edit(state: SessionState, event: EditEvent, now: float, report: StepReport)
     ):
         running.accept_to, running.answers = dirty_from, (*running.answers, edit)
         return []
+    return _queue(state, edit, report)
+
+
+def cut(
+    state: SessionState, event: Seek, features: Float32Array | None, now: float, report: StepReport
+) -> list[Output]:
+    """Put the character elsewhere. features: (H, D), those of event.prior_rows. As for `apply`."""
+    try:
+        state.edits.require_room()
+    except EventRefused as refused:
+        return [refused.outcome(state.key, event.event_seq)]
+    state.cut = Cut(event.start_pose, event.prior_rows, features)
+    edit = PendingEdit(event.event_seq, "seek", event.received_at, state.replaceable_from(now, state.delivery.commit_s))
+    return _queue(state, edit, report)
+
+
+def _queue(state: SessionState, edit: PendingEdit, report: StepReport) -> list[Output]:
+    """Have the next window answer an edit; the one that runs is begun again where that is worth it."""
     state.edits.add(edit)
-    if running is not None and dirty_from < running.accept_to and _worth_restarting(state, running):
+    running = state.running
+    if running is not None and edit.dirty_from < running.accept_to and _worth_restarting(state, running):
         state.restarts += running.steps_done > 0
         report.windows_restarted += running.steps_done > 0
         state.withdraw(running, report)

@@ -60,3 +60,24 @@ def heading_across(right: Float64, left: Float64) -> Float64:
     """(...) radians: where hips at right and left, (..., 3) metres, face: their line turned by 90 degrees."""
     across = right - left
     return np.arctan2(across[..., 2], -across[..., 0])
+
+
+def continued(rig: RigLayout, rows: Float32Array, before: Float32Array) -> Float32Array:
+    """Rows (T, row_width) with the signs of their quaternions such that they go on from those of a row (row_width).
+
+    q and -q are one rotation; who interpolates the numbers needs neighbours to be near. Within the rows each joint is
+    of one sign already, so that it is turned in all of them or in none.
+    """
+    start = 0
+    for block in rig.blocks:
+        if block.name == ROTATION_BLOCK:
+            break
+        start += block.width
+    columns = slice(start, start + 4 * len(rig.joint_names))
+    first, last = rows[0, columns].reshape(-1, 4), before[columns].reshape(-1, 4)
+    signs = np.where((first * last).sum(axis=-1) < 0, np.float32(-1), np.float32(1))
+    if (signs > 0).all():
+        return rows
+    turned = rows.copy()
+    turned[:, columns] *= np.repeat(signs, 4)
+    return turned

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+from motiongen_server.engine.session.kinematics import continued
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.session.windows import RunningWindow, WindowSite
 from motiongen_server.engine.types import (
@@ -50,12 +52,16 @@ def next_window(state: SessionState, now: float, predicted_s: float, job_id: int
     """Start the window that is due. predicted_s: how long it will take from now."""
     assert window_due(state, now)
     first_frame, cause = _next_start(state, now, predicted_s)
-    site = WindowSite(
-        state.spec, state.facts, state.config, state.drift_state.guard, state.level, state.conditions, state.timeline
-    )
+    cut, spec, timeline = state.cut, state.spec, state.timeline
+    if cut is not None:
+        cause, spec = PlanCause.CUT, replace(spec, start_pose=cut.start_pose)
+        timeline, state.drift_state.correction = cut.timeline_at(first_frame, state.facts), None
+    site = WindowSite(spec, state.facts, state.config, state.drift_state.guard, state.level, state.conditions, timeline)
     state.predicted_s = predicted_s
     correction = state.drift_state.correction_from(first_frame)
-    job = site.job(first_frame, correction, job_id, state.plan + 1, cause, now, deadline(state, now))
+    job = site.job(
+        first_frame, correction, job_id, state.plan + 1, cause, now, deadline(state, now), runs_out_at(state, now)
+    )
     if state.replan_wanted:
         replans_hz = state.config.replans_hz[state.spec.priority - 1] * state.level.replan_cap_scale
         state.edits.space_replans(now, replans_hz)
@@ -63,6 +69,7 @@ def next_window(state: SessionState, now: float, predicted_s: float, job_id: int
     if cause is PlanCause.CONTINUE and state.clock.running:
         end, state.cut_frames = end - state.cut_frames, 0
     state.running = RunningWindow(job, end, state.edits.take(), state.conditions.velocity, state.drift_state.correction)
+    state.running.cut, state.cut = cut, None
     change = state.conditions.prompt_change_after(first_frame, end)
     state.running.accept_to = max(change, state.least_start(state.running))
     state.drift_state.correction = None
@@ -94,6 +101,16 @@ def deadline(state: SessionState, now: float) -> float:
     if state.edits.waiting:
         asked_at = max(min(edit.received_at for edit in state.edits.waiting), state.edits.not_before)
         return asked_at + state.config.target_s(state.spec.priority)
+    return _planned_until(state, now)
+
+
+def runs_out_at(state: SessionState, now: float) -> float:
+    """When frames of a window have to be there, whatever it is made for, for the client not to run out of them."""
+    is_played = state.planned_to > 0 and not state.spec.is_clip and state.clock.running
+    return _planned_until(state, now) if is_played else math.inf
+
+
+def _planned_until(state: SessionState, now: float) -> float:
     unplayed = state.delivery.unplayed_at_pace(now, state.planned_to)
     return now + unplayed / state.facts.fps - state.delivery.delivery_s
 
@@ -113,6 +130,9 @@ def accept(state: SessionState, result: WindowResult, now: float, report: StepRe
     first_frame, num_frames = running.first_frame, running.accept_to - running.first_frame
     # A runner may give fewer: from the next frame on it would tell the model something else.
     rows = result.frames[:num_frames]
+    if len(rows) and first_frame > state.timeline.first:
+        before = state.timeline.rows_between(first_frame - 1, first_frame)[0]
+        rows = continued(state.facts.rig, rows, before)
     state.timeline = state.timeline.spliced(
         first_frame, rows, result.features[:num_frames], result.tokens, anew=running.fresh
     )
@@ -121,7 +141,7 @@ def accept(state: SessionState, result: WindowResult, now: float, report: StepRe
     state.restarts, state.extra_lead_s = 0, 0.0
     state.drift_state.judge(rows, first_frame)
     state.conditions = state.conditions.with_velocity_landed(running.velocity, first_frame)
-    state.delivery.first_chunk_due |= running.job.cause is PlanCause.EDIT
+    state.delivery.first_chunk_due |= running.job.cause in (PlanCause.EDIT, PlanCause.CUT)
     report.windows.append((state.spec.priority, running.job.cause))
     report.soft_resets += running.correction is not None
     sent_to = state.delivery.sent_to

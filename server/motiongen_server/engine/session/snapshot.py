@@ -11,7 +11,7 @@ from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.edits import PendingEdit
 from motiongen_server.engine.session.opening import open_session
 from motiongen_server.engine.session.plan_log import PlanLog
-from motiongen_server.engine.session.residuals import Residual
+from motiongen_server.engine.session.residuals import Residual, nearest_frame
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.session.timeline import Timeline, TokenRun
 from motiongen_server.engine.session.velocity import Velocity
@@ -33,7 +33,12 @@ from motiongen_server.engine.types import (
 
 
 def news_of(state: SessionState) -> list[SnapshotTaken]:
-    """A snapshot, where one is wanted and the client was told of a plan or an answer that the last one lacks."""
+    """A snapshot, where one is wanted and the client was told of a plan or an answer that the last one lacks.
+
+    None while a cut waits for its window: frames that it goes on from are in no snapshot, and its client says it again.
+    """
+    if state.cut is not None or (state.running is not None and state.running.cut is not None):
+        return []
     if not state.config.snapshots or not state.plan or state.spec.is_clip:
         return []
     holds = state.plan, state.last_seq - len(_unanswered(state))
@@ -140,11 +145,14 @@ def going_on(
         delivery.clock.go_on(min(asked.playhead, end), now)
     delivery.clock.set_state(held.play_state, now, end)
     state.reach.measured_to = held.measured_to
-    state.reach.partial = [
-        (each, _measured(each, held, facts.rig))
-        for each in held.constraints
-        if each.first_frame < held.measured_to <= each.last_frame
-    ]
+    begun = [each for each in held.constraints if each.first_frame < held.measured_to <= each.last_frame]
+    state.reach.partial = [(each, _measured(each, held, facts.rig)) for each in begun]
+    state.reach.nearest = []
+    for each in begun:
+        first = max(each.first_frame, held.first_frame)
+        if first < held.measured_to:
+            rows = held.rows[first - held.first_frame : held.measured_to - held.first_frame]
+            state.reach.nearest.append((each, nearest_frame(facts.rig, each, first, rows)))
     return state
 
 

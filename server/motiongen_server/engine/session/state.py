@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import FULL, Level
 from motiongen_server.engine.session.conditions import Conditions
+from motiongen_server.engine.session.cutting import Cut
 from motiongen_server.engine.session.delivery import Delivery
 from motiongen_server.engine.session.drift import DriftState
 from motiongen_server.engine.session.edits import EditQueue
@@ -38,8 +39,8 @@ class SessionState:
 
     cut_frames: by which the first window that is made while the client plays is cut, so that sessions spread out.
     restarts, extra_lead_s: of windows in a row that did not land. predicted_s: how long the last one was to take.
-    placements: of the constraints that it was opened with. last_seq: of the last event that was taken. saved: what the
-    last snapshot holds, see `snapshot.news_of`.
+    placements: of the constraints that it was opened with. cut: what its next window goes on from, if not from itself.
+    last_seq: of the last event that was taken. saved: what the last snapshot holds, see `snapshot.news_of`.
     """
 
     spec: SessionSpec
@@ -67,6 +68,7 @@ class SessionState:
     last_seq: int = 1
     saved: tuple[int, int] = (0, 0)
     placements: tuple[Placement, ...] = ()
+    cut: Cut | None = None
 
     @property
     def key(self) -> SessionKey:
@@ -159,6 +161,7 @@ class SessionState:
         report.steps_discarded += running.steps_done
         self.edits.put_back(running.answers)
         self.drift_state.correction = running.correction
+        self.cut = self.cut or running.cut
         self.running = None
 
     def advance(self, steps_done: int) -> None:

@@ -9,6 +9,7 @@ from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import Level
 from motiongen_server.engine.session.aiming import Aiming
 from motiongen_server.engine.session.conditions import Conditions
+from motiongen_server.engine.session.cutting import Cut
 from motiongen_server.engine.session.drift import Correction, DriftGuard
 from motiongen_server.engine.session.edits import PendingEdit
 from motiongen_server.engine.session.pose import PoseReader
@@ -31,7 +32,7 @@ from motiongen_server.engine.types import (
 class RunningWindow:
     """The window being denoised. accept_to: its frames from there on will be dropped. answers: the edits it is for.
 
-    velocity: the one it obeys. correction: what the session asked of it.
+    velocity: the one it obeys. correction: what the session asked of it. cut: what it goes on from, if not from there.
     """
 
     job: WindowJob
@@ -40,6 +41,7 @@ class RunningWindow:
     velocity: Velocity | None
     correction: Correction | None
     steps_done: int = 0
+    cut: Cut | None = None
 
     @property
     def first_frame(self) -> int:
@@ -48,7 +50,7 @@ class RunningWindow:
     @property
     def fresh(self) -> bool:
         """Whether it goes on from no frames before it."""
-        return self.job.start_pose is not None
+        return self.job.start_pose is not None or self.cut is not None
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +74,7 @@ class WindowSite:
         cause: PlanCause,
         now: float,
         deadline: float,
+        runs_out_at: float,
     ) -> WindowJob:
         """The job of a window from first_frame on."""
         start_pose = self._start_pose(first_frame, correction)
@@ -103,11 +106,12 @@ class WindowSite:
             # a velocity has chosen its prompt already
             keep_prompt=self.spec.keep_prompts or any(each is path for each in constraints),
             owner=self.spec.owner,
+            runs_out_at=runs_out_at,
         )
 
     def _start_pose(self, first_frame: int, correction: Correction | None) -> StartPose | None:
         """Where a window without history starts; None for one that goes on from the frames before it."""
-        if first_frame == 0 and self.spec.prior_rows is None:
+        if first_frame == self.timeline.first:  # nothing is held before it
             return self.spec.start_pose
         if correction is not Correction.FRESH_START:
             return None
@@ -142,7 +146,8 @@ class WindowSite:
 
 def root_before(frame: int, timeline: Timeline, reader: PoseReader, start: StartPose, fps: int) -> RootState:
     """What the root does just before a frame; where nothing is held before it, it stands at `start`."""
-    rows = timeline.rows_between(max(timeline.first, frame - STATE_FRAMES), frame)
+    begin = max(timeline.first, min(timeline.motion_from, frame - 1), frame - STATE_FRAMES)  # not across a cut
+    rows = timeline.rows_between(begin, frame)
     if not len(rows):
         return RootState(start.x, start.z, 0.0, 0.0, start.heading)
     return root_state(reader.positions(rows)[:, [0, 2]], reader.heading(rows[-1]), fps)

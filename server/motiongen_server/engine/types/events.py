@@ -1,9 +1,9 @@
 """Events: what the service tells the engine.
 
 event_seq rises within a session and names the event in its Outcome; 0 means not sequenced. received_at is when the
-service read the event. SetPrompts, SetConstraints, SetVelocity, SetPlayState and SetOptions get exactly one Outcome
-each; Open gets Opened, or an Outcome that refuses it; Resume gets Resumed, or a Closed crosses it; Close gets Closed,
-or an Outcome where no session is open; Playhead gets no answer.
+service read the event. SetPrompts, SetConstraints, SetVelocity, SetPlayState, SetOptions and Seek get exactly one
+Outcome each; Open gets Opened, or an Outcome that refuses it; Resume gets Resumed, or a Closed crosses it; Close gets
+Closed, or an Outcome where no session is open; Playhead gets no answer.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeAlias
 
+from motiongen_server.engine.types.arrays import Float32Array
 from motiongen_server.engine.types.conditions import Asked, Prompt
 from motiongen_server.engine.types.names import CloseReason, PlayState, Priority, SessionKey
 from motiongen_server.engine.types.snapshot import GoingOn
-from motiongen_server.engine.types.spec import Guidance, SessionSpec
+from motiongen_server.engine.types.spec import Guidance, SessionSpec, StartPose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,6 +102,20 @@ class SetPlayState:
     state: PlayState
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Seek:
+    """Cut: the character stands at start_pose from the first frame that can still change, or goes on from prior_rows.
+
+    prior_rows: (H, row_width) float32, whole patches of them; start_pose counts only where there are none.
+    """
+
+    session: SessionKey
+    event_seq: int
+    received_at: float
+    start_pose: StartPose
+    prior_rows: Float32Array | None = None
+
+
 @dataclass(frozen=True, slots=True)
 class SetOptions:
     """Change what the session was opened with, from its next window on; None leaves it."""
@@ -147,5 +162,5 @@ class Close:
 
 
 Event: TypeAlias = (
-    Open | SetPrompts | SetConstraints | SetVelocity | Playhead | SetPlayState | SetOptions | Resume | Close
+    Open | SetPrompts | SetConstraints | SetVelocity | Playhead | SetPlayState | SetOptions | Seek | Resume | Close
 )

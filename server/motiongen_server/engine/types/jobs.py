@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
 from motiongen_server.engine.types.arrays import Float32Array
 from motiongen_server.engine.types.conditions import Constraint
@@ -21,7 +22,8 @@ class WindowJob:
     history_tokens: (H / patch, token_width) float32, the tokens that stand for `history`, in the world's frame; None
     where whole tokens of earlier windows do not cover it exactly, and the runner then encodes `history` again.
     embedding: the prompt's, None for no prompt. constraints: absolute frames, only those that reach past first_frame
-    and into the window. deadline: when the frames are due. cause and priority are for the scheduler and the metrics.
+    and into the window. deadline: when the frames are due; runs_out_at: when the client will have
+    shown all that it has, infinity where nobody plays. cause and priority are for the scheduler and the metrics.
     background: of a clip, which nobody plays while it is made. keep_prompt: the embedding is told even where the
     constraints contradict it. owner: whose session it is.
     """
@@ -45,6 +47,7 @@ class WindowJob:
     background: bool = False
     keep_prompt: bool = False
     owner: Owner = NOBODY
+    runs_out_at: float = inf
 
 
 @dataclass(frozen=True, slots=True)

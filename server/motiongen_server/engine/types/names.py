@@ -29,13 +29,14 @@ class Priority(IntEnum):
 class PlanCause(IntEnum):
     """Why a plan was made; the numbers are those of the protocol. FALLBACK: the server held or righted a character.
 
-    RESUME: all that a client missed while its transport was lost.
+    RESUME: all that a client missed while its transport was lost. CUT: the character is elsewhere from here on.
     """
 
     CONTINUE = 1
     EDIT = 2
     FALLBACK = 5
     RESUME = 6
+    CUT = 7
 
 
 class PlayState(IntEnum):

@@ -27,7 +27,8 @@ class Warned:
 class Opened:
     """The first output of a session. committed_horizon: least frames from the playhead to what an edit can change.
 
-    placements: of the constraints that it came with. warnings, session_id, session_token: the service fills them in.
+    placements: of the constraints that it came with. warnings, session_id, session_token and
+    scalar_type: the service fills them in.
     """
 
     session: SessionKey
@@ -43,6 +44,7 @@ class Opened:
     session_id: str = ""
     session_token: str = ""
     placements: tuple[Placement, ...] = ()
+    scalar_type: int = 1
 
 
 @dataclass(frozen=True, slots=True)

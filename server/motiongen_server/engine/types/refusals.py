@@ -49,6 +49,12 @@ def handle_in_use(handle: int) -> EventRefused:
     return EventRefused(Code.ALREADY_EXISTS, "HANDLE_IN_USE", given, "session", allowed)
 
 
+def prior_frames_failed(field: str) -> EventRefused:
+    """The model cannot read the frames that a session is to go on from."""
+    given, allowed = "the model can make nothing of the prior frames", "other frames, or none"
+    return EventRefused(Code.INTERNAL, "PRIOR_FRAMES_FAILED", given, field, allowed)
+
+
 def session_closed() -> EventRefused:
     """The event's session closed before it, or found it waiting."""
     given = "the session closed before the event took effect"

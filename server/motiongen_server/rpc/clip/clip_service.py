@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import grpc
 import grpc.aio
-import numpy as np
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_server.engine.types import (
@@ -35,7 +34,8 @@ from motiongen_server.engine.types.refusals import draining
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.clip.request import check_extent, clip_specs, last_frame_of, opening_event
-from motiongen_server.rpc.convert import UNENCODED, prompt_texts, residual_of, warnings_of, write_update
+from motiongen_server.rpc.convert import UNENCODED, coding_of, prompt_texts, residual_of, warnings_of, write_update
+from motiongen_server.rpc.convert.frames import FrameCoding
 from motiongen_server.rpc.encoding import encoded
 from motiongen_server.rpc.event_errors import too_many_clips
 from motiongen_server.rpc.handlers import ClipContext
@@ -51,9 +51,12 @@ _log = logging.getLogger(__name__)
 class Call:
     """One call: its samples, and what the engine has said of them."""
 
-    def __init__(self, specs: Sequence[SessionSpec], model: LoadedModel, warnings: tuple[Warned, ...] = ()) -> None:
+    def __init__(
+        self, specs: Sequence[SessionSpec], model: LoadedModel, coding: FrameCoding, warnings: tuple[Warned, ...] = ()
+    ) -> None:
         self.specs = specs
         self.model = model
+        self.coding = coding
         self.warnings = warnings
         self.said: asyncio.Queue[Output] = asyncio.Queue()
         self.under_way: set[SessionKey] = set()
@@ -177,7 +180,8 @@ class ClipService:
             embeddings = {text: await encoded(model.prompts, text, number, budget) for text in texts}
             specs = clip_specs(request, number, embeddings, received_at, model.catalog, peer.owner)
         opening = Open(specs[0], 1, received_at)
-        return Call(specs, model, warnings_of(opening_event(request), opening, model.catalog))
+        coding = coding_of(request.open, model.catalog)
+        return Call(specs, model, coding, warnings_of(opening_event(request), opening, model.catalog))
 
     async def _run(self, call: Call, number: int, context: ClipContext) -> None:
         self._calls[number] = call
@@ -229,10 +233,18 @@ class ClipService:
         """What the client is told of an output. Raises EventRefused where it ends the call."""
         sample = output.session.handle
         if isinstance(output, Chunk):
-            return [service_pb2.GenerateClipResponse(sample=sample, chunk=_frames(output))]
+            return [service_pb2.GenerateClipResponse(sample=sample, chunk=_frames(output, call.coding))]
         if isinstance(output, Opened):
             update = session_pb2.SessionUpdate()
-            write_update(update, replace(output, warnings=call.warnings, session_id=session_name(output.session)))
+            write_update(
+                update,
+                replace(
+                    output,
+                    warnings=call.warnings,
+                    session_id=session_name(output.session),
+                    scalar_type=call.coding.scalar_type,
+                ),
+            )
             update.opened.lookahead_frames = update.opened.committed_horizon_frames = 0
             return [service_pb2.GenerateClipResponse(sample=sample, opened=update.opened)]
         if isinstance(output, ConstraintReached):
@@ -250,14 +262,16 @@ class ClipService:
         return []
 
 
-def _frames(chunk: Chunk) -> motion_pb2.FrameChunk:
+def _frames(chunk: Chunk, coding: FrameCoding) -> motion_pb2.FrameChunk:
+    data, origin = coding.encode(chunk.rows)
     return motion_pb2.FrameChunk(
         plan=chunk.plan,
         first_frame=chunk.first_frame,
         frame_count=len(chunk.rows),
         committed_to=chunk.first_frame + len(chunk.rows),
-        data=np.ascontiguousarray(chunk.rows, "<f4").tobytes(),
-        scalar_type=motion_pb2.SCALAR_TYPE_F32_LE,
+        data=data.tobytes(),
+        scalar_type=coding.scalar_type,  # type: ignore[arg-type]  # a number of the contract
+        root_origin_m=() if origin is None else origin.tolist(),
     )
 
 

@@ -1,6 +1,7 @@
 """Protocol messages <-> engine values: pure, and the only room that checks what a client sent."""
 
 from motiongen_server.rpc.convert.events import engine_event, playhead_of, round_trip_s
+from motiongen_server.rpc.convert.options import coding_of
 from motiongen_server.rpc.convert.outputs import residual_of, write_update
 from motiongen_server.rpc.convert.prompts import UNENCODED, prompt_texts
 from motiongen_server.rpc.convert.resuming import check_resume
@@ -14,6 +15,7 @@ __all__ = [
     "append_plan",
     "append_update",
     "check_resume",
+    "coding_of",
     "engine_event",
     "playhead_of",
     "prompt_texts",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import secrets
 
-from motiongen.v1 import motion_pb2, service_pb2, session_pb2
+from motiongen.v1 import service_pb2, session_pb2
 from motiongen_server.engine.types import (
     Close,
     Code,
@@ -13,6 +13,7 @@ from motiongen_server.engine.types import (
     Open,
     Playhead,
     PlayState,
+    Seek,
     SessionKey,
     SessionSpec,
     SetConstraints,
@@ -35,6 +36,7 @@ from motiongen_server.rpc.convert.constraints import constraints_of
 from motiongen_server.rpc.convert.forms import check_forms
 from motiongen_server.rpc.convert.history import history_frames_of, prior_rows_of
 from motiongen_server.rpc.convert.options import (
+    coding_of,
     guidance_of,
     lookahead_of,
     priority_of,
@@ -43,7 +45,7 @@ from motiongen_server.rpc.convert.options import (
 )
 from motiongen_server.rpc.convert.prompts import Embeddings, prompts_of
 from motiongen_server.rpc.convert.resuming import check_no_resume
-from motiongen_server.rpc.convert.unserved import UNSERVED_SCALARS, check_served, not_served
+from motiongen_server.rpc.convert.unserved import check_served
 from motiongen_server.rpc.limits import MAX_FRAME, MAX_REQUEST_ID_CHARACTERS, MAX_SPEED_MPS
 
 MAX_ROUND_TRIP_S = 1.0
@@ -85,6 +87,8 @@ def engine_event(
         return SetPlayState(key, sequence, received_at, PlayState(event.set_play_state.state))
     if name == "set_options":
         return set_options_of(event.set_options, key, sequence, received_at, catalog)
+    if name == "seek":
+        return _seek(event.seek, key, sequence, received_at, catalog)
     if name == "close":
         return Close(key, sequence, received_at)
     raise EventRefused(
@@ -92,7 +96,8 @@ def engine_event(
         "UNKNOWN_EVENT",
         "this server does not know the event, or none was set",
         field="event",
-        allowed="open, edit_prompts, edit_constraints, set_velocity, playhead, set_play_state, set_options, close",
+        allowed="open, edit_prompts, edit_constraints, set_velocity, playhead, set_play_state, set_options, seek "
+        "or close",
     )
 
 
@@ -147,12 +152,7 @@ def _session_spec(
         )
     if message.rig_id not in ("", facts.rig.rig_id):
         raise refuse("UNKNOWN_RIG", "open.rig_id", f"no rig {message.rig_id[:80]!r}", facts.rig.rig_id, Code.NOT_FOUND)
-    if message.scalar_type in UNSERVED_SCALARS:
-        raise not_served("open.scalar_type", "F32_LE")
-    if message.scalar_type not in (motion_pb2.SCALAR_TYPE_UNSPECIFIED, motion_pb2.SCALAR_TYPE_F32_LE):
-        raise refuse(
-            "INVALID_SCALAR_TYPE", "open.scalar_type", f"scalar type {message.scalar_type} is not offered", "F32_LE"
-        )
+    coding_of(message, catalog)
     steps = message.denoise_steps if message.HasField("denoise_steps") else facts.default_steps
     return SessionSpec(
         session=key,
@@ -162,7 +162,7 @@ def _session_spec(
         lookahead=lookahead_of(message.lookahead_frames, "open", catalog),
         denoise_steps=steps_of(steps, "open", catalog),
         guidance=guidance_of(message.guidance, catalog.guidance, "open"),
-        start_pose=_start_pose(message.start_pose),
+        start_pose=_start_pose(message.start_pose, "open"),
         prompts=prompts_of(message.prompts, "open.prompts", embeddings, catalog),
         constraints=constraints_of(message.constraints, "open.constraints", catalog),
         history_frames=history_frames_of(message, catalog.facts, "open"),
@@ -172,8 +172,17 @@ def _session_spec(
     )
 
 
-def _start_pose(message: session_pb2.StartPose) -> StartPose:
-    check_coordinates((message.x,), "open.start_pose.x")
-    check_coordinates((message.z,), "open.start_pose.z")
-    heading = heading_of(message, "open.start_pose")
+def _seek(message: session_pb2.Seek, key: SessionKey, sequence: int, received_at: float, catalog: Catalog) -> Seek:
+    check_served(message, "seek")
+    if not message.HasField("start_pose") and not message.HasField("prior_frames"):
+        given, allowed = "it is not said where the character is", "start_pose or prior_frames"
+        raise refuse("AMBIGUOUS_START", "seek", given, allowed)
+    pose, rows = _start_pose(message.start_pose, "seek"), prior_rows_of(message, catalog, "seek")
+    return Seek(key, sequence, received_at, pose, rows)
+
+
+def _start_pose(message: session_pb2.StartPose, name: str) -> StartPose:
+    check_coordinates((message.x,), f"{name}.start_pose.x")
+    check_coordinates((message.z,), f"{name}.start_pose.z")
+    heading = heading_of(message, f"{name}.start_pose")
     return StartPose(message.x, message.z, 0.0 if heading is None else heading)

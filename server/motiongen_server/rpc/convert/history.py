@@ -27,14 +27,16 @@ def history_frames_of(
     return asked
 
 
-def prior_rows_of(message: session_pb2.OpenSession, catalog: Catalog) -> Float32Array | None:
-    """The frames (H, row_width) before frame 0, None where there are none. Raises EventRefused."""
+def prior_rows_of(
+    message: session_pb2.OpenSession | session_pb2.Seek, catalog: Catalog, name: str = "open"
+) -> Float32Array | None:
+    """The frames (H, row_width) before frame 0, None where there are none. name: the event's. Raises EventRefused."""
     if not message.HasField("prior_frames"):
         return None
-    field, prior, facts = "open.prior_frames", message.prior_frames, catalog.facts
+    field, prior, facts = f"{name}.prior_frames", message.prior_frames, catalog.facts
     if message.HasField("start_pose"):
         given, allowed = "there are prior frames too, which tell where the character is", "one of the two"
-        raise refuse("AMBIGUOUS_START", "open.start_pose", given, allowed)
+        raise refuse("AMBIGUOUS_START", f"{name}.start_pose", given, allowed)
     most = catalog.limits.max_trajectory_frames
     count, patch, width = prior.frame_count, facts.patch, facts.row_width
     if count % patch or not patch <= count <= most:

@@ -8,6 +8,7 @@ from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import Guidance, Priority, SessionKey, SetOptions
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert.checks import check_range, refuse
+from motiongen_server.rpc.convert.frames import F32, SCALAR_TYPES, FrameCoding
 from motiongen_server.rpc.convert.history import history_frames_of
 from motiongen_server.rpc.limits import MAX_GUIDANCE
 
@@ -29,6 +30,15 @@ def set_options_of(
         guidance=guidance_of(message.guidance, catalog.guidance, field) if message.HasField("guidance") else None,
         history_frames=history_frames_of(message, catalog.facts, field),
     )
+
+
+def coding_of(message: session_pb2.OpenSession, catalog: Catalog) -> FrameCoding:
+    """How the frames of a session are stored; what is not said is F32_LE."""
+    scalar_type = int(message.scalar_type) or F32
+    if scalar_type not in SCALAR_TYPES:
+        given = f"scalar type {scalar_type} is not offered"
+        raise refuse("INVALID_SCALAR_TYPE", "open.scalar_type", given, "F32_LE, F16_LE or QUANTISED")
+    return FrameCoding(scalar_type, len(catalog.facts.rig.joint_names))
 
 
 def priority_of(priority: int, field: str) -> Priority:

@@ -76,7 +76,7 @@ def _write_opened(opened: session_pb2.SessionOpened, output: Opened) -> None:
     opened.lookahead_frames = output.lookahead
     opened.committed_horizon_frames = output.committed_horizon
     opened.denoise_steps = output.denoise_steps
-    opened.scalar_type = motion_pb2.SCALAR_TYPE_F32_LE
+    opened.scalar_type = output.scalar_type  # type: ignore[assignment]  # a number of the contract
     opened.warnings.extend(_warnings(output.warnings))
     opened.placements.extend(_placements(output.placements))
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from google.protobuf.message import Message
 
-from motiongen.v1 import motion_pb2
 from motiongen_server.engine.types import Code
 from motiongen_server.errors import EventRefused
 
 UNSERVED_FIELDS: dict[str, tuple[str, ...]] = {
     "OpenSession": ("snapshot", "outputs"),
-    "SessionEvent": ("seek", "take_snapshot"),
+    "SessionEvent": ("take_snapshot",),
+    "Seek": ("frame",),
 }  # fmt: skip
 """By message. Their comments in the protos begin with "Not served": a test compares."""
-UNSERVED_SCALARS = (motion_pb2.SCALAR_TYPE_F16_LE,)
 
 
 def check_served(message: Message, field: str) -> None:

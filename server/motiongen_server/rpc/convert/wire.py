@@ -14,6 +14,7 @@ import numpy as np
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_server.engine.types import Float32Array, PlanNotice
+from motiongen_server.rpc.convert.frames import F32, FrameCoding
 
 Parts: TypeAlias = list[bytes | memoryview]
 """Of one message; to be joined."""
@@ -51,11 +52,10 @@ _PLAN = _tag(motion_pb2.FrameChunk, "plan", _VARINT)
 _FIRST_FRAME = _tag(motion_pb2.FrameChunk, "first_frame", _VARINT)
 _FRAME_COUNT = _tag(motion_pb2.FrameChunk, "frame_count", _VARINT)
 _COMMITTED_TO = _tag(motion_pb2.FrameChunk, "committed_to", _VARINT)
-_SCALAR_TYPE_AND_DATA = (
-    _tag(motion_pb2.FrameChunk, "scalar_type", _VARINT)
-    + varint(motion_pb2.SCALAR_TYPE_F32_LE)
-    + _tag(motion_pb2.FrameChunk, "data", _LENGTH_DELIMITED)
-)
+_SCALAR_TYPE = _tag(motion_pb2.FrameChunk, "scalar_type", _VARINT)
+_ORIGIN = _tag(motion_pb2.FrameChunk, "root_origin_m", _LENGTH_DELIMITED)  # packed
+_DATA = _tag(motion_pb2.FrameChunk, "data", _LENGTH_DELIMITED)
+_ORIGIN_BYTES = 12
 
 _F32_LE = np.dtype("<f4")
 
@@ -74,26 +74,32 @@ def append_frames(
     first_frame: int,
     parts: Sequence[Float32Array],
     committed_to: int,
+    coding: FrameCoding,
 ) -> None:
     """Add an update with a FrameChunk. parts: (T, row_width) each, consecutive frames one after another."""
-    rows = [np.ascontiguousarray(part, _F32_LE) for part in parts]
-    num_frames = num_bytes = 0
-    for part in rows:
-        num_frames += len(part)
-        num_bytes += part.nbytes
+    num_frames = sum(map(len, parts))
+    origin: Float32Array | None = None
+    if coding.scalar_type == F32:
+        data = [np.ascontiguousarray(part, _F32_LE).data for part in parts]
+    else:
+        whole, origin = coding.encode(np.concatenate(parts) if len(parts) > 1 else parts[0])
+        data = [whole]
+    num_bytes = sum(part.nbytes for part in data)
     chunk = b"".join(
         (
             _PLAN, varint(plan),
             _FIRST_FRAME, varint(first_frame),
             _FRAME_COUNT, varint(num_frames),
             _COMMITTED_TO, varint(committed_to),
-            _SCALAR_TYPE_AND_DATA, varint(num_bytes),
+            _SCALAR_TYPE, varint(coding.scalar_type),
+            *(() if origin is None else (_ORIGIN, varint(_ORIGIN_BYTES), origin.astype(_F32_LE).tobytes())),
+            _DATA, varint(num_bytes),
         )
     )  # fmt: skip
     num_bytes += len(chunk)
     update = b"".join((_SESSION, varint(session), _APPLIED_SEQ, varint(applied_seq), _UPDATE_CHUNK, varint(num_bytes)))
     response += (_UPDATES, varint(len(update) + num_bytes), update, chunk)
-    response += [part.data for part in rows]
+    response += data
 
 
 def append_plan(response: Parts, applied_seq: int, notice: PlanNotice) -> None:

@@ -11,7 +11,8 @@ from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.scheduling.admission import Admission, Prices
 from motiongen_server.engine.scheduling.device import Device, InTurns
 from motiongen_server.engine.scheduling.profile import profile
-from motiongen_server.engine.types import Code, Open, SessionKey
+from motiongen_server.engine.scheduling.window_rates import EXPECTED_HZ
+from motiongen_server.engine.types import Code, Open, Priority, SessionKey
 from tests.server.engine.engine_thread import EngineThread
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
 from tests.server.engine.stage import spec
@@ -90,9 +91,11 @@ def test_a_window_takes_no_longer_than_one_turn_of_each_engine_for_each_of_its_s
 @pytest.mark.parametrize("elsewhere", [0.45, 0.95])
 def test_what_other_engines_use_is_not_promised_again(elsewhere: float) -> None:
     admission = Admission(FACTS, EngineConfig(admit_load=(0.9, 0.9, 0.9, 0.9)))
-    admission.set_prices(Prices(step_s=0.0, window_s=0.1 * FACTS.horizon / FACTS.fps), 0.0, elsewhere)  # 0.1 a session
+    rate_hz = FACTS.fps / FACTS.horizon + EXPECTED_HZ[Priority.NEAR]
+    admission.set_prices(Prices(step_s=0.0, window_s=0.1 / rate_hz), 0.0, elsewhere)  # 0.1 a session
     taken = 0
     while (refusal := admission.reserve(spec(SessionKey(1, taken)), 1)) is None:
+        admission.note_begun(SessionKey(1, taken))
         taken += 1
     assert refusal.code is Code.RESOURCE_EXHAUSTED
     assert taken == (4 if elsewhere == 0.45 else 0)

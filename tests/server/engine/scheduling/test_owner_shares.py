@@ -1,3 +1,5 @@
+"""Shares of owners: rows by weight while there is too much to do, nothing else changed while there is not."""
+
 from collections import Counter
 from dataclasses import replace
 

@@ -89,11 +89,11 @@ def test_a_step_takes_no_longer_than_newcomers_may_wait() -> None:
 
 
 def _going_on(job_id: int, priority: Priority, deadline: float) -> WindowJob:
-    return replace(_job(job_id, priority, deadline), first_frame=40)
+    return replace(_job(job_id, priority, deadline), first_frame=40, runs_out_at=deadline)
 
 
 def _edit(job_id: int, priority: Priority, deadline: float) -> WindowJob:
-    return replace(_job(job_id, priority, deadline), first_frame=40, cause=PlanCause.EDIT)
+    return replace(_job(job_id, priority, deadline), first_frame=40, cause=PlanCause.EDIT, runs_out_at=deadline + LATER)
 
 
 def test_frames_that_somebody_would_run_out_of_come_before_anybodys_replan() -> None:
@@ -113,6 +113,13 @@ def test_an_edit_of_the_crowd_never_passes_a_hero() -> None:
 def test_of_those_who_would_run_out_of_frames_the_most_urgent_class_comes_first() -> None:
     crowd = [_going_on(number, CROWD, 0.01) for number in range(4)]
     assert _ids(_scheduler(2, *crowd, _going_on(9, HERO, 0.1)))[0] == 9
+
+
+def test_an_edit_whose_session_runs_out_of_frames_meanwhile_is_no_less_urgent() -> None:
+    heroes = [_edit(number, HERO, 0.05) for number in range(8)]
+    late = replace(_edit(9, CROWD, 0.3), runs_out_at=0.3)
+    for now, endangered in ((0.0, False), (0.25, True)):
+        assert (9 in _ids(_scheduler(4, *heroes, late), now)) is endangered
 
 
 # ---- newcomers gather ------------------------------------------------------------------------------------------------

@@ -1,3 +1,5 @@
+"""Quotas of steps: saved up for a second, overdrawn by a second, forgotten when full."""
+
 from motiongen_server.engine.scheduling.step_quotas import StepQuotas
 from motiongen_server.engine.types import NOBODY, Owner
 

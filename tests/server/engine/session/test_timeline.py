@@ -3,6 +3,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motiongen_server.engine.session.timeline import Timeline, TokenRun
+from motiongen_server.engine.types import WindowJob
+from tests.server.engine.stage import Stage
 
 
 def _frames(begin: int, end: int) -> np.ndarray:
@@ -101,3 +103,16 @@ def test_frames_made_anew_bound_the_history() -> None:
     timeline = Timeline.empty(3, 3).spliced(0, _frames(0, 40), _frames(0, 40))
     assert timeline.spliced(30, _frames(30, 70), _frames(30, 70)).motion_from == 0
     assert timeline.spliced(30, _frames(30, 70), _frames(30, 70), anew=True).motion_from == 30
+
+
+def test_quaternions_of_neighbouring_frames_have_one_sign_from_window_to_window() -> None:
+    stage = Stage()
+
+    def flips(job: WindowJob, frames: np.ndarray) -> None:
+        frames[:, 3:7] = (0.8, 0.6, 0.0, 0.0) if job.plan % 2 else (-0.8, -0.6, 0.0, 0.0)
+
+    stage.runner.moves = flips
+    viewer = stage.open()
+    stage.run(7.0)
+    assert {job.plan % 2 for job in stage.runner.prepared} == {0, 1}
+    assert np.allclose(np.stack(viewer.rows)[:, 3:7], (0.8, 0.6, 0.0, 0.0))

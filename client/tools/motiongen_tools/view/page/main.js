@@ -2,41 +2,46 @@
 import { Cast } from "./cast.js";
 import { Connection } from "./net/connection.js";
 import { Bodies, colourOf } from "./scene/bodies.js";
+import { Marks } from "./scene/marks.js";
 import { Stage } from "./scene/stage.js";
-import { goTo } from "./steer/commands.js";
 import { Pointer } from "./steer/pointer.js";
+import { Tools } from "./steer/tools.js";
 import { isTyping, Velocity } from "./steer/velocity.js";
+import { Timeline } from "./timeline/timeline.js";
 import { note, trying } from "./ui/dom.js";
+import { makeHelp } from "./ui/help.js";
+import { Inspect } from "./ui/inspect.js";
 import { People } from "./ui/people.js";
+import { Plots } from "./ui/plots.js";
 import { PromptBox } from "./ui/prompt.js";
 import { Status } from "./ui/status.js";
+import { Takes } from "./ui/takes.js";
 
 const byId = (id) => document.getElementById(id);
 const address = new URLSearchParams(location.search);
 const token = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
+const room = address.get("room") ?? "main";
 
 const stage = new Stage(byId("stage"));
-const connection = new Connection(address.get("room") ?? "main", token);
+const connection = new Connection(room, token);
 const cast = new Cast(connection);
 const bodies = new Bodies(stage.scene);
+const ghosts = new Bodies(stage.scene, { opacity: 0.35, castShadow: false });
+const marks = new Marks(stage.scene);
 const status = new Status(byId("status"), cast, connection);
+const timeline = new Timeline(byId("timeline"), cast);
+const takes = new Takes(cast, room, token);
+const plots = new Plots();
 new People(byId("people"), cast);
+new Inspect(byId("inspect"), cast, takes.element);
+byId("inspect").append(plots.element);
 const prompt = new PromptBox(byId("prompt"), cast);
-const canSteer = () => cast.role === "control" && Boolean(cast.one) && connection.isOpen;
+const tools = new Tools(byId("tools"), stage, cast, bodies, ghosts);
+const canSteer = () => cast.role === "control" && Boolean(cast.one) && connection.isOpen && timeline.seek === null;
 const velocity = new Velocity(stage, (message) => trying(() => cast.tell(message)), canSteer);
+new Pointer(stage, () => tools.current);
+makeHelp(byId("help"));
 let follows = true;
-
-const walking = {
-  click(event) {
-    const hit = stage.hit(event, [bodies.mesh]);
-    const place = stage.groundAt(event);
-    if (hit) cast.choose(bodies.ownerOf(hit.instanceId));
-    else if (place && canSteer()) {
-      trying(() => cast.tell({ op: "add_constraints", constraints: [goTo(place)] }));
-    }
-  },
-};
-new Pointer(stage, () => walking);
 
 cast.addEventListener("server", () => document.body.classList.toggle("watching", cast.role !== "control"));
 cast.addEventListener("catalog", addFirst, { once: true });
@@ -57,12 +62,51 @@ const prefersLight = matchMedia("(prefers-color-scheme: light)");
 setTheme(prefersLight.matches ? "light" : "dark");
 prefersLight.addEventListener("change", () => setTheme(prefersLight.matches ? "light" : "dark"));
 
+function step(by) {
+  const numbers = [...cast.members.keys()];
+  if (numbers.length) cast.choose(numbers[(numbers.indexOf(cast.chosen) + by + numbers.length) % numbers.length]);
+}
+
+function look() {
+  const row = cast.one?.track.sample(cast.one.track.playhead());
+  if (!row) return;
+  cast.one.rig.pose(row);
+  stage.frame(cast.one.rig.position(0), cast.one.rig.heading());
+}
+
+const KEYS = {
+  "/": () => prompt.focus(),
+  f: () => (follows = !follows),
+  v: look,
+  n: () => step(1),
+  p: () => step(-1),
+  u: () => cast.role === "control" && timeline.undo(),
+  " ": () => cast.role === "control" && timeline.togglePause(),
+  t: () => (marks.showsTrails = marks.showsContacts = !marks.showsTrails),
+  l: () => setTheme(document.documentElement.classList.contains("light") ? "dark" : "light"),
+  b: () => document.body.classList.toggle("bare"),
+  "?": () => byId("help").showModal(),
+};
+["walk", "path", "limb", "face", "pose"].forEach((name, n) => (KEYS[n + 1] = () => tools.choose(name)));
+
 addEventListener("keydown", (event) => {
-  if (isTyping(event.target) || event.ctrlKey || event.metaKey) return;
-  if (event.key === "/") {
-    event.preventDefault();
-    prompt.focus();
-  } else if (event.key === "f") follows = !follows;
+  const isControl = event.target instanceof HTMLElement && event.target.matches("button, summary, a");
+  if (isTyping(event.target) || event.ctrlKey || event.metaKey || (isControl && event.key === " ")) return;
+  const act = KEYS[event.key];
+  if (!act) return;
+  event.preventDefault();
+  act();
+});
+
+const tip = byId("tip");
+stage.canvas.addEventListener("pointermove", (event) => {
+  const hit = event.buttons || cast.members.size > 60 ? null : stage.hit(event, [bodies.mesh]);
+  const owner = hit && cast.members.get(bodies.ownerOf(hit.instanceId));
+  tip.hidden = !owner;
+  if (owner) {
+    tip.textContent = owner.info.name;
+    Object.assign(tip.style, { left: `${event.clientX + 12}px`, top: `${event.clientY + 8}px` });
+  }
 });
 
 function draw(nowMs) {
@@ -70,18 +114,38 @@ function draw(nowMs) {
   velocity.update(nowMs);
   bodies.begin();
   for (const member of cast.members.values()) {
-    const row = member.track.sample(member.track.playhead(nowMs));
+    const row = member.track.sample(timeline.place(member, nowMs));
     if (!row) continue;
     member.rig.pose(row);
     bodies.add(member.rig, colourOf(member.number), member.number);
-    if (member.number === cast.chosen && follows) stage.follow(member.rig.position(0));
   }
+  takes.draw(bodies, nowMs);
   bodies.end();
+  drawChosen(nowMs);
   stage.render();
+  timeline.draw(nowMs);
   const rateHz = status.count(nowMs);
-  if (rateHz !== null) stage.adapt(rateHz, nowMs);
+  if (rateHz !== null) {
+    stage.adapt(rateHz, nowMs);
+    bodies.refreshBounds();
+  }
+}
+
+/** What belongs to the chosen character alone; rigs are shared, so it is posed once more. */
+function drawChosen(nowMs) {
+  const member = cast.one;
+  if (!member) return;
+  const place = timeline.place(member, nowMs);
+  plots.draw(member, place, nowMs);
+  const row = member.track.sample(place);
+  if (row) {
+    member.rig.pose(row);
+    if (follows) stage.follow(member.rig.position(0));
+  }
+  marks.update(member, place, row, nowMs);
+  tools.update(member);
 }
 requestAnimationFrame(draw);
 
 // What tests and consoles look at.
-globalThis.motiongen = { cast, connection, stage, bodies, status };
+globalThis.motiongen = { cast, connection, stage, bodies, status, timeline, tools, takes };

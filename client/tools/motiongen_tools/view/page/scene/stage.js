@@ -3,12 +3,12 @@ import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 const GROUND_M = 400;
-const GRID_M = 60;
+const TILE_PX = 128;
 const LEAST_HZ = 24;
 const TRIED_MS = 2500;
 const THEMES = {
-  dark: { sky: 0x14171c, ground: 0x23272e, line: 0x3a414c, strong: 0x59636f },
-  light: { sky: 0xe9edf2, ground: 0xd7dde4, line: 0xb5bec9, strong: 0x8492a2 },
+  dark: { sky: 0x14171c, ground: "#2a2f37", line: "#4a5360" },
+  light: { sky: 0xe9edf2, ground: "#ccd3db", line: "#9aa6b4" },
 };
 
 export class Stage {
@@ -31,7 +31,6 @@ export class Stage {
     this.controls.enableDamping = true;
     this._raycaster = new THREE.Raycaster();
     this._plane = new THREE.Plane(new THREE.Vector3(0, 1, 0), 0);
-    this._followed = null;
     this._addLight();
     this._addGround();
     new ResizeObserver(() => this._resize()).observe(canvas);
@@ -42,21 +41,13 @@ export class Stage {
     const theme = THEMES[name];
     this.scene.background = new THREE.Color(theme.sky);
     this.scene.fog = new THREE.Fog(theme.sky, 30, 110);
-    this._ground.material.color.set(theme.ground);
-    this._grid?.removeFromParent();
-    this._grid?.dispose();
-    this._grid = new THREE.GridHelper(2 * GRID_M, 2 * GRID_M, theme.strong, theme.line);
-    this._grid.position.y = 0.002;
-    this.scene.add(this._grid);
+    this._ground.material.map?.dispose();
+    this._ground.material.map = this._tile(theme);
+    this._ground.material.needsUpdate = true;
   }
 
-  /** Move camera and target along with a place on the ground; null lets go. */
+  /** Move camera and target along with a place on the ground, gently. */
   follow(place) {
-    if (!place) {
-      this._followed = null;
-      return;
-    }
-    if (!this._followed) this._followed = this.controls.target.clone();
     const wanted = new THREE.Vector3(place.x, this.controls.target.y, place.z);
     const step = wanted.sub(this.controls.target).multiplyScalar(0.12);
     this.controls.target.add(step);
@@ -115,7 +106,6 @@ export class Stage {
   render() {
     this.controls.update();
     const { x, z } = this.controls.target;
-    this._grid.position.set(Math.round(x), 0.002, Math.round(z));
     this._ground.position.set(Math.round(x), 0, Math.round(z));
     this._sun.position.set(x + 5, 11, z - 4);
     this._sun.target.position.set(x, 0, z);
@@ -140,10 +130,28 @@ export class Stage {
   }
 
   _addGround() {
-    const material = new THREE.MeshLambertMaterial({ polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 8 });
+    const material = new THREE.MeshLambertMaterial({ depthWrite: false }); // nothing is below it
     this._ground = new THREE.Mesh(new THREE.PlaneGeometry(GROUND_M, GROUND_M).rotateX(-Math.PI / 2), material);
     this._ground.receiveShadow = true;
+    this._ground.renderOrder = -1;
     this.scene.add(this._ground);
+  }
+
+  /** A square metre of the ground, its edges drawn. */
+  _tile(theme) {
+    const canvas = Object.assign(document.createElement("canvas"), { width: TILE_PX, height: TILE_PX });
+    const context = canvas.getContext("2d");
+    context.fillStyle = theme.ground;
+    context.fillRect(0, 0, TILE_PX, TILE_PX);
+    context.strokeStyle = theme.line;
+    context.lineWidth = 3;
+    context.strokeRect(0, 0, TILE_PX, TILE_PX);
+    const tile = new THREE.CanvasTexture(canvas);
+    tile.colorSpace = THREE.SRGBColorSpace;
+    tile.wrapS = tile.wrapT = THREE.RepeatWrapping;
+    tile.repeat.set(GROUND_M, GROUND_M);
+    tile.anisotropy = Math.min(this.renderer.capabilities.getMaxAnisotropy(), 8);
+    return tile;
   }
 
   _resize() {

@@ -1,0 +1,32 @@
+"""Carrier: what a session needs of the stream that carries it."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from motiongen.v1 import session_pb2
+
+
+class Carrier(Protocol):
+    """What a session needs of the stream that carries it."""
+
+    @property
+    def call_number(self) -> int:
+        """Rises with each call that takes the place of a lost one."""
+
+    @property
+    def draining(self) -> bool:
+        """Whether the server has said goodbye."""
+
+    @property
+    def recovers(self) -> bool:
+        """Whether a lost call is followed by another."""
+
+    def check(self, event: session_pb2.SessionEvent) -> None:
+        """Raise InvalidInput for an event that is too big to be sent."""
+
+    def send(self, event: session_pb2.SessionEvent) -> None:
+        """Queue an event; it goes out with the next message."""
+
+    def report_soon(self) -> None:
+        """Report playheads without waiting for the next regular report."""

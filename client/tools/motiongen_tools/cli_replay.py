@@ -1,0 +1,91 @@
+"""`motiongen replay`: play a session file of the viewer again, in real time, and write the motion."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from motiongen_client.edit import Edit
+from motiongen_client.errors import EventRefused, InvalidInput
+from motiongen_client.motion import Motion
+from motiongen_client.session import Session
+from motiongen_client.types import StartPose
+from motiongen_tools.cli_generate import out_path, write_motion
+from motiongen_tools.connection import client_of
+from motiongen_tools.console import make_console
+from motiongen_tools.npz import write_npz
+from motiongen_tools.view.commands import apply, read_prompt
+from motiongen_tools.view.room import session_options
+from motiongen_tools.view.session_file import SessionFile, ToldAt, read_session
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command, but for which server."""
+    parser.add_argument("file", type=Path, metavar="FILE", help="that the viewer saved, or one like it")
+    parser.add_argument(
+        "--out", type=out_path, action="append", metavar="FILE", help="again for more (default: replay.npz)"
+    )
+
+
+async def replay(options: argparse.Namespace) -> int:
+    """Play it, write what came, and say which edits took effect at another frame than they did then."""
+    session_file = read_session(options.file)
+    console = make_console()
+    async with client_of(options, options.server) as client:
+        opening = session_file.opening
+        prompt = read_prompt(opening) if opening.get("text") or opening.get("preset") else None
+        session = await client.open(prompt, options=session_options(opening, StartPose()), keep_s=None)
+        with console.status(f"playing {session_file.num_frames / session.rig.frame_rate_hz:.0f} s"):
+            answers = await play(session, session_file)
+        motion = session.motion(0, session_file.num_frames)
+        await session.close()
+    for path in options.out or [Path("replay.npz")]:
+        for line in [f"wrote {path}", *_write(path, motion)]:
+            console.print(line, soft_wrap=True)
+    others = [f"{edit.message['op']} at frame {edit.at_frame}: {said}" for edit, said in answers if said]
+    console.print(f"{len(answers)} edits, {len(others)} of them took effect otherwise than then", soft_wrap=True)
+    for line in others:
+        console.print(f"  {line}", soft_wrap=True)
+    return 0
+
+
+async def play(session: Session, session_file: SessionFile) -> list[tuple[ToldAt, str]]:
+    """Tell a session everything at its frame. Returns each edit with how its outcome differs; "" where it does not.
+
+    Raises InvalidInput for an edit that no server could take, and what ended the session.
+    """
+    waiting = sorted(session_file.edits, key=lambda edit: edit.at_frame)
+    sent: list[tuple[ToldAt, Edit]] = []
+    seconds = session_file.num_frames / session.rig.frame_rate_hz
+    async for frame in session.frames(seconds=seconds):
+        while waiting and waiting[0].at_frame <= frame.index:
+            edit = waiting.pop(0)
+            if edit.message.get("op") in ("pause", "resume"):
+                continue  # the playhead stood then, and no frame came of it
+            try:
+                sent.append((edit, apply(session, edit.message)))
+            except InvalidInput as error:
+                raise InvalidInput(
+                    f"edit at frame {edit.at_frame}, {error.field}", edit.message, error.allowed
+                ) from None
+    return [(edit, await _difference(edit, answer)) for edit, answer in sent]
+
+
+async def _difference(edit: ToldAt, answer: Edit) -> str:
+    if not answer.done():
+        return "not answered before the end"
+    try:
+        outcome = await answer
+    except EventRefused as refusal:
+        return str(refusal)
+    if outcome.effective_frame == edit.effective_frame:
+        return ""
+    return f"from frame {outcome.effective_frame} on, then {edit.effective_frame}"
+
+
+def _write(path: Path, motion: Motion) -> list[str]:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.suffix == ".npz":
+        write_npz(path, motion)
+        return []
+    return write_motion(path, motion, "", None)

@@ -1,0 +1,87 @@
+"""Is as much let in as could be served? `python -m tests.bench.admission [--scenario crowd] [--cores 0.7 1 1.5 2]`.
+
+In virtual time, as `tests.bench.rehearsal`: first the most characters served with under 1 % of frames missed when
+nobody is refused or degraded, then how many of twice as many are let in, and what they get. A part of a core is one, or
+two, whose calls take longer, as a quota makes them on average.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import math
+import sys
+from dataclasses import dataclass
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_tools.bench.scenario import BUILT_IN, Scenario, load_scenario
+from tests.bench.costed_runner import Costs
+from tests.bench.rehearsal import Rehearsal, rehearse
+
+FULL_MISS = 0.01
+_FREE = EngineConfig(max_sessions=1 << 16, admit_load=(1e6, 1e6, 1e6, 1e6), degrade=False)
+_SERVED = EngineConfig(max_sessions=1 << 16)
+_PRECISION = 0.03  # of the search
+
+
+@dataclass(frozen=True)
+class Machine:
+    """cores: that there are, by the name of it 1.5 for two of three quarters each."""
+
+    cores: float
+    seed: int = 1
+
+    def play(self, scenario: Scenario, characters: int, seconds: int, config: EngineConfig) -> Rehearsal:
+        engines = math.ceil(self.cores)
+        return rehearse(scenario, characters, seconds, self.seed, Costs(slower=engines / self.cores), engines, config)
+
+
+def missed(found: Rehearsal) -> float:
+    """The share of frames that were not there, of the characters that were let in."""
+    return sum(seen.missed_s for seen in found.outcomes.values()) / max(sum(found.frames_s.values()), 1e-9)
+
+
+def most_servable(machine: Machine, scenario: Scenario, seconds: int) -> int:
+    """The most characters with under 1 % of frames missed, where everybody is let in and gets everything."""
+    low, high = 0, 8
+    while missed(machine.play(scenario, high, seconds, _FREE)) < FULL_MISS:
+        low, high = high, 2 * high
+    while high - low > max(1, _PRECISION * low):
+        middle = (low + high) // 2
+        is_served = missed(machine.play(scenario, middle, seconds, _FREE)) < FULL_MISS
+        low, high = (middle, high) if is_served else (low, middle)
+    return low
+
+
+def let_in(machine: Machine, scenario: Scenario, asked: int, seconds: int) -> tuple[int, int, Rehearsal]:
+    """How many of those who ask, how often one was told of less, and what they got."""
+    found = machine.play(scenario, asked, seconds, _SERVED)
+    refused = sum(seen.refused for seen in found.outcomes.values())
+    return asked - refused, sum(seen.degraded for seen in found.outcomes.values()), found
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.bench.admission", description=(__doc__ or "").splitlines()[0]
+    )
+    parser.add_argument("--scenario", nargs="+", default=["crowd"], choices=BUILT_IN)
+    parser.add_argument("--cores", type=float, nargs="+", default=[0.7, 1.0, 1.5, 2.0])
+    parser.add_argument("--seconds", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    logging.disable(logging.CRITICAL)
+    print("| scenario | cores | could be served | let in | of it | degraded | missed by them |")
+    print("|---|---:|---:|---:|---:|---:|---:|")
+    for name in options.scenario:
+        for cores in options.cores:
+            machine, scenario = Machine(cores, options.seed), load_scenario(name)
+            could = most_servable(machine, scenario, options.seconds)
+            count, degraded, found = let_in(machine, scenario, 2 * could, options.seconds)
+            share = count / max(could, 1)
+            figures = f"{could} | {count} | {share:.0%} | {degraded} | {missed(found):.2%}"
+            print(f"| {name} | {cores:g} | {figures} |", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

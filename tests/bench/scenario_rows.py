@@ -1,0 +1,75 @@
+"""Reports of `motiongen bench` as lines of one table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from statistics import median
+from typing import Any
+
+Report = dict[str, Any]
+
+# Latencies are p50 / p99.
+HEADER = (
+    "| scenario | characters | precision | missed | below FULL | refused | edits, ms | first frame, ms "
+    "| cores | others' | void |",
+    "|---|---:|---|---:|---:|---:|---:|---:|---:|---:|---|",
+)
+FOUND_HEADER = ("| scenario | precision | most served in full | limited by the load |", "|---|---|---:|---|")
+_EVENT, _OPEN = "event_to_first_frame", "open_to_first_frame"
+_LEVEL, _FULL = "service level: ", "service level: FULL"
+
+
+def rows_of(scenario: str, characters: int, precision: str, reports: Sequence[Report]) -> list[str]:
+    """A line for all characters, and one for each group where there are several.
+
+    Of several seeds: the median of medians and of cores, the worst of tails, all that was missed and refused.
+    """
+    groups = [name for name in reports[0]["figures"] if name != "all"]
+    lines = [_line([scenario, f"{characters}", precision, *_cells(reports, "all"), *_run_cells(reports)])]
+    if len(groups) > 1:
+        lines += [_line([f"- {name}", "", "", *_cells(reports, name), "", "", ""]) for name in groups]
+    return lines
+
+
+def found_row(scenario: str, precision: str, report: Report) -> str:
+    """What a search has found."""
+    found = report["search"]
+    most = f"{found['characters']}" if not found["limited_by_generator"] else f"at least {found['characters']}"
+    return _line([scenario, precision, most, "yes" if found["limited_by_generator"] else "no"])
+
+
+def _cells(reports: Sequence[Report], group: str) -> list[str]:
+    figures = [report["figures"][group] for report in reports]
+    due, missed = (sum(each[name] for each in figures) for name in ("due", "missed"))
+    refused = sum(each["refused"] for each in figures)
+    below = "" if group != "all" else f"{sum(map(_below_full, reports))}"
+    share = f"{missed / due:.2%}" if missed and due else "0" if due else "-"
+    return [share, below, f"{refused}", _latencies(reports, _EVENT, group), _latencies(reports, _OPEN, group)]
+
+
+def _run_cells(reports: Sequence[Report]) -> list[str]:
+    cores = [report["server_use"]["cores"] for report in reports if report["server_use"]]
+    void = sum(bool(report["void"]) for report in reports)
+    return [
+        f"{median(cores):.2f}" if cores else "-",
+        f"{max(report['others'] for report in reports):.0%}",
+        f"{void} of {len(reports)}" if void else "no",
+    ]
+
+
+def _below_full(report: Report) -> int:
+    """How often a session was told that it gets less."""
+    return sum(
+        count for name, count in report["counts"].items() if name.startswith(_LEVEL) and not name.startswith(_FULL)
+    )
+
+
+def _latencies(reports: Sequence[Report], what: str, group: str) -> str:
+    seen = [each for report in reports if (each := report["latencies_ms"][what][group])["count"]]
+    if not seen:
+        return "-"
+    return f"{median(each['p50'] for each in seen):.0f} / {max(each['p99'] for each in seen):.0f}"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"

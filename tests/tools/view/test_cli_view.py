@@ -1,0 +1,43 @@
+"""`motiongen view` and `motiongen replay` on the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motiongen_tools.cli import parse, run
+from motiongen_tools.npz import read_npz
+from motiongen_tools.view.session_file import SessionFile, ToldAt, write_session
+from tests.client.fake_server import FakeServer
+
+
+def test_the_page_is_for_this_machine_unless_told_otherwise() -> None:
+    options = parse(["view"])
+    assert (options.listen, options.port, options.token) == ("127.0.0.1", 8321, False)
+
+
+def test_without_three_it_says_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["view", "--three", str(tmp_path)]) == 1
+    assert "make viewer" in capsys.readouterr().err
+
+
+def test_a_session_file_is_replayed_to_a_motion(
+    server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    edits = (ToldAt(2, 50, {"op": "set_prompt", "text": "a person runs"}),)
+    (tmp_path / "a.session.json").write_text(write_session(SessionFile({"text": "a person stands"}, 70, edits)))
+    out = tmp_path / "again.npz"
+    assert run(["replay", str(tmp_path / "a.session.json"), "--server", server.address, "--out", str(out)]) == 0
+    motion = read_npz(out)
+    assert len(motion) == 70
+    np.testing.assert_array_equal(np.unique(motion.rows[50:, 0]) > motion.rows[0, 0], True)
+    assert "1 edits, 0 of them took effect otherwise" in capsys.readouterr().out
+
+
+def test_a_file_that_is_no_session_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.json").write_text(json.dumps([1, 2]))
+    assert run(["replay", str(tmp_path / "a.json")]) == 1
+    assert "motiongen-session-1" in capsys.readouterr().err

@@ -1,0 +1,80 @@
+"""Session files: written, read, refused, and played again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from motiongen_client import MotionClient
+from motiongen_client.errors import InvalidInput
+from motiongen_tools.cli_replay import play
+from motiongen_tools.view.room import Room
+from motiongen_tools.view.session_file import FORMAT, SessionFile, ToldAt, read_session, session_of, write_session
+from tests.client.fake_server import FakeServer
+from tests.tools.view.conftest import Page
+
+WAYPOINT = {"kind": "waypoint", "frame": 90, "x_m": 1.0, "z_m": 2.0}
+SESSION = SessionFile(
+    {"text": "a person stands", "seed": "7"},
+    60,
+    (
+        ToldAt(3, 50, {"op": "set_prompt", "text": "a person runs"}),
+        ToldAt(9, 50, {"op": "add_constraints", "constraints": [WAYPOINT]}),
+        ToldAt(11, None, {"op": "pause"}),
+    ),
+)
+
+
+def test_a_file_holds_the_session(tmp_path: Path) -> None:
+    (tmp_path / "a.session.json").write_text(write_session(SESSION))
+    assert read_session(tmp_path / "a.session.json") == SESSION
+    (tmp_path / "empty.json").write_text(write_session(SessionFile({}, 1, ())))
+    assert read_session(tmp_path / "empty.json").edits == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "field"),
+    [
+        ("{", "file"),
+        ("[]", "file"),
+        ('{"format": "other"}', "file"),
+        (json.dumps({"format": FORMAT, "edits": {}}), "edits"),
+        (json.dumps({"format": FORMAT, "edits": [], "opening": 3, "num_frames": 3}), "opening"),
+        (json.dumps({"format": FORMAT, "edits": [], "opening": {}, "num_frames": 0}), "num_frames"),
+        (json.dumps({"format": FORMAT, "edits": [{"op": "undo"}], "opening": {}, "num_frames": 3}), "at_frame"),
+    ],
+)
+def test_a_wrong_file_is_refused(tmp_path: Path, text: str, field: str) -> None:
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(InvalidInput) as refused:
+        read_session(tmp_path / "a.json")
+    assert refused.value.field == field
+
+
+async def test_what_a_character_was_told_is_written_down(page: Page, room: Room) -> None:
+    await page.ask(op="add", text="a person stands", steps=4)
+    await page.ask(op="set_prompt", character=1, text="a person runs")
+    await page.until(lambda: [e for e in page.last("character")["edits"] if e["state"] == "accepted"])
+    written = session_of(room.character(1))
+    assert written.opening["text"] == "a person stands"
+    assert written.opening["seed"] == "7"
+    (edit,) = written.edits
+    assert (edit.message, edit.effective_frame) == ({"op": "set_prompt", "text": "a person runs"}, 50)
+
+
+async def test_a_session_is_played_again(server: FakeServer) -> None:
+    async with MotionClient(server.address) as client:
+        session = await client.open("a person stands", keep_s=None)
+        answers = await play(session, SESSION)
+        assert [edit.message["op"] for edit, _ in answers] == ["set_prompt", "add_constraints"]
+        assert len(session.motion(0, SESSION.num_frames)) == 60
+
+
+async def test_an_edit_that_nobody_could_take_is_named(server: FakeServer) -> None:
+    wrong = SessionFile({}, 20, (ToldAt(4, 9, {"op": "dance"}),))
+    async with MotionClient(server.address) as client:
+        session = await client.open(keep_s=None)
+        with pytest.raises(InvalidInput, match="edit at frame 4"):
+            await play(session, wrong)

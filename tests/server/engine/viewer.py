@@ -57,6 +57,7 @@ class Viewer:
         self.close_seqs: set[int] = set()
         self.committed_to = 0
         self.reported = 0
+        self.claimed = self.received_to = 0
         self.position = 0.0
         self.played_at: float | None = None
         self.paused = False
@@ -95,7 +96,7 @@ class Viewer:
     def lie(self, frame: int, now: float) -> Playhead:
         """Report a frame that is not being shown. From now on the engine cannot know what was played."""
         self.honest = False
-        self.reported = max(self.reported, min(frame, self.buffered_to))
+        self.claimed = max(self.claimed, frame)
         return Playhead(self.key, 0, now, frame, frame, 0)
 
     def set_paused(self, paused: bool, now: float) -> None:
@@ -149,7 +150,10 @@ class Viewer:
         require(chunk.first_frame == self.buffered_to, f"chunk at {chunk.first_frame}, not {self.buffered_to}")
         require(len(chunk.rows) > 0, "empty chunk")
         end = chunk.first_frame + len(chunk.rows)
-        require(end <= self.reported + self.lookahead, f"frames to {end} with the playhead at {self.reported}")
+        # A claim counts for no more than had been sent, some of which was still on its way when it was made.
+        playhead = max(self.reported, min(self.claimed, self.received_to))
+        self.received_to = max(self.received_to, end)
+        require(end <= playhead + self.lookahead, f"frames to {end} with the playhead at {playhead}")
         require(chunk.committed_to >= self.committed_to, "committed_to fell")
         self.committed_to = chunk.committed_to
         for frame, row in enumerate(chunk.rows, chunk.first_frame):

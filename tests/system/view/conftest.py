@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import subprocess
 import sys
@@ -79,26 +80,36 @@ def motion_server() -> Iterator[ServerProcess]:
         yield one
 
 
-@pytest.fixture
-def view(motion_server: ServerProcess) -> Iterator[str]:
-    """The address of a page on that server."""
-    command = [sys.executable, "-m", "motiongen_tools", "view", "--server", motion_server.address, "--port", "0"]
+@contextlib.contextmanager
+def viewer(server: str, port: int = 0, *more: str) -> Iterator[list[str]]:
+    """A bridge to a server; the addresses that it prints: to steer, and to look on where it has tokens."""
+    command = [sys.executable, "-m", "motiongen_tools", "view", "--server", server, "--port", str(port), *more]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stderr is not None
         line = process.stdout.readline()
         if not line:
             pytest.fail(f"the viewer did not start: {process.stderr.read()}")
-        yield line.split()[-1]
+        addresses = [line.split()[-1]]
+        while "Ctrl+C" not in (line := process.stdout.readline()):
+            addresses.append(line.split()[-1])
+        yield addresses
         process.terminate()
 
 
 @pytest.fixture
-def open_page(view: str) -> Iterator[Callable[[], Page]]:
+def view(motion_server: ServerProcess) -> Iterator[str]:
+    """The address of a page on that server."""
+    with viewer(motion_server.address) as (address,):
+        yield address
+
+
+@pytest.fixture
+def open_page(view: str) -> Iterator[Callable[..., Page]]:
     """Opens pages in browsers of their own, and ends them."""
     drivers: list[webdriver.Chrome] = []
 
-    def open_one(more: str = "") -> Page:
+    def open_one(address: str = view) -> Page:
         chromium, chromedriver = shutil.which("chromium"), shutil.which("chromedriver")
         if chromium is None or chromedriver is None:
             pytest.fail("Chromium is not installed: make browser-packages")
@@ -109,7 +120,7 @@ def open_page(view: str) -> Iterator[Callable[[], Page]]:
         options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
         drivers.append(webdriver.Chrome(options=options, service=Service(chromedriver)))
         drivers[-1].set_script_timeout(PATIENCE_S)
-        return Page(drivers[-1], view + more)
+        return Page(drivers[-1], address)
 
     yield open_one
     for driver in drivers:
@@ -117,7 +128,7 @@ def open_page(view: str) -> Iterator[Callable[[], Page]]:
 
 
 @pytest.fixture
-def page(open_page: Callable[[], Page]) -> Page:
+def page(open_page: Callable[..., Page]) -> Page:
     opened = open_page()
     opened.until_shown()
     return opened

@@ -66,14 +66,15 @@ class ProjectionOptions(CheckedOptions):
     """How the predicted root is brought onto its goals.
 
     last_steps: at how many of the last denoising steps; all, unless said. slack_m, slack_rad: how far the root may sway
-    about a path that was only planned under its goals. acceleration_m_s2: the most that a correction adds where no path
-    was planned. slowing_s: over so long a root that nothing leads loses a speed that the network would have it lose at
-    once; 0: it stops as it is told.
+    about a path that was only planned under its goals; settle_frames: less within so many frames of a goal that was
+    asked for. acceleration_m_s2: the most that a correction adds where no path was planned. slowing_s: over so long a
+    root that nothing leads loses a speed that the network would have it lose at once; 0: it stops as it is told.
     """
 
     last_steps: int = option(1000, 1, 1000)
     slack_m: float = option(0.03, 0.0, 1.0)
     slack_rad: float = option(0.2, 0.0, 3.2)
+    settle_frames: int = option(10, 1, 100)
     acceleration_m_s2: float = option(4.0, 0.1, 50.0)
     slowing_s: float = option(0.6, 0.0, 5.0)
 

@@ -133,7 +133,8 @@ def make_projection(
     slack = torch.zeros_like(natural[..., :2])
     if planned is not None:
         allowed = slack.new_tensor([options.projection.slack_m, options.projection.slack_rad])
-        slack = planned[:, horizon].to(slack.dtype) * allowed
+        exact = (where[..., [0, 2]] & ~planned[:, horizon]).cpu()
+        slack = _room(exact, options.projection.settle_frames).to(slack) * planned[:, horizon] * allowed
     most = torch.full_like(natural[..., 0], _NEVER_M)
     if not options.plan_root:  # a goal that the root cannot get to in time is missed, not jumped to
         seconds = torch.arange(1, num_frames + 1, device=most.device) / layout.fps
@@ -152,6 +153,16 @@ def make_projection(
         before,
         options.projection.slowing_s,
     )
+
+
+def _room(exact: Tensor, settle_frames: int) -> Tensor:
+    """The share (B, T, 2) of its slack that each frame has: none at a goal (B, T, 2) that was asked for, all at
+    settle_frames from it. A root that used its slack up to the frame before would be jerked onto the goal.
+    """
+    frames = torch.arange(exact.shape[1])
+    away = (frames[:, None] - frames).abs().float()[None, :, :, None]  # from frame 1 to goal 2
+    nearest = torch.where(exact[:, None], away, float(settle_frames)).amin(dim=2)
+    return (nearest / settle_frames).clamp(max=1)
 
 
 def free_projection(before: Tensor, first: int, num_frames: int, options: SamplingOptions) -> RootProjection | None:

@@ -124,3 +124,17 @@ def test_curves_are_cubics_that_join_without_a_jump_of_acceleration() -> None:
     own = max(np.abs(np.diff(piece, n=3)).max() for piece in pieces)
     assert np.abs(np.diff(whole, n=3)).max() <= own + 1e-12
     assert abs(whole[1]) < 0.02
+
+
+def test_the_root_comes_onto_a_goal_without_a_jerk_where_each_frame_is_planned(layout: Representation) -> None:
+    targets = Targets(layout.skeleton)
+    frames = list(range(HISTORY, HISTORY + 21))
+    ways = torch.tensor([[0.1, (frame - HISTORY + 1) / 20] for frame in frames])
+    targets.add_waypoints(frames, ways, torch.full((21,), 0.3))
+    targets.planned, targets.faced = set(frames[:-1]), set(frames[:-1])
+    root = projected(layout, targets)[:21]
+    assert float(root[20, 0]) == pytest.approx(0.1, abs=1e-4)
+    assert float(torch.atan2(root[20, 4], root[20, 3])) == pytest.approx(0.3, abs=1e-3)
+    # Slack of 3 cm and 0.2 rad that were kept up to the frame before would go in one step.
+    assert float(root[10:, 0].diff().abs().max()) < 0.005
+    assert float(torch.atan2(root[10:, 4], root[10:, 3]).diff().abs().max()) < 0.03

@@ -49,10 +49,6 @@ export class Cast extends EventTarget {
     return this.models.find((model) => model.id === id);
   }
 
-  rigOf(described) {
-    return new Rig(described);
-  }
-
   _hear(message) {
     switch (message.type) {
       case "server":
@@ -86,7 +82,7 @@ export class Cast extends EventTarget {
 
   _note(info) {
     let member = this.members.get(info.number);
-    if (!member) {
+    if (!member || member.info.seed !== info.seed) { // another bridge may have given the number to somebody else
       const rig = this._rigs.get(info.rig);
       if (!rig) return; // the catalogue is on its way
       member = { number: info.number, rig, track: new Track(rig), info };

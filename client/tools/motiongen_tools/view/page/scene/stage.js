@@ -31,7 +31,6 @@ export class Stage {
     this.controls.enableDamping = true;
     this._raycaster = new THREE.Raycaster();
     this._plane = new THREE.Plane(new THREE.Vector3(0, 1, 0), 0);
-    this._followed = null;
     this._addLight();
     this._addGround();
     new ResizeObserver(() => this._resize()).observe(canvas);
@@ -47,13 +46,8 @@ export class Stage {
     this._ground.material.needsUpdate = true;
   }
 
-  /** Move camera and target along with a place on the ground; null lets go. */
+  /** Move camera and target along with a place on the ground, gently. */
   follow(place) {
-    if (!place) {
-      this._followed = null;
-      return;
-    }
-    if (!this._followed) this._followed = this.controls.target.clone();
     const wanted = new THREE.Vector3(place.x, this.controls.target.y, place.z);
     const step = wanted.sub(this.controls.target).multiplyScalar(0.12);
     this.controls.target.add(step);

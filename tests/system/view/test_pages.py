@@ -1,0 +1,50 @@
+"""In Chromium: several pages see one character, spectators only look, and a page outlives its bridge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from urllib.parse import urlsplit
+
+import pytest
+from selenium.webdriver.common.by import By
+
+from motiongen_tools.server_process import ServerProcess
+from tests.system.view.conftest import Page, viewer
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
+
+
+def test_two_pages_see_and_steer_one_character(page: Page, open_page: Callable[..., Page]) -> None:
+    other = open_page()
+    other.until_shown()
+    assert other.run("return motiongen.cast.members.size") == 1
+    page.driver.find_element(By.CSS_SELECTOR, "[data-preset=walk]").click()
+    other.until("motiongen.cast.one.info.spans.at(-1)?.preset === 'walk'")
+
+
+def test_spectators_look_on(motion_server: ServerProcess, open_page: Callable[..., Page]) -> None:
+    with viewer(motion_server.address, 0, "--token") as (to_steer, to_look_on):
+        stranger = open_page(to_steer.partition("#")[0])
+        stranger.until("document.getElementById('status-server').value.includes('token')")
+        steering = open_page(to_steer)
+        steering.until_shown()
+        watching = open_page(to_look_on)
+        watching.until_shown()
+        assert watching.run("return motiongen.cast.role") == "watch"
+        assert not watching.driver.find_element(By.ID, "prompt").is_displayed()
+        refused = watching.run(
+            "return motiongen.cast.tell({ op: 'pause' }).then(() => 'taken', (error) => error.message)"
+        )
+        assert "spectators" in refused
+
+
+def test_a_page_goes_on_with_the_next_bridge(motion_server: ServerProcess, open_page: Callable[..., Page]) -> None:
+    with viewer(motion_server.address) as (address,):
+        page = open_page(address)
+        page.until_shown()
+    page.until("document.getElementById('status-server').value.includes('trying again')")
+    with viewer(motion_server.address, urlsplit(address).port or 0) as (same,):
+        assert same == address
+        page.until("motiongen.connection.isOpen && motiongen.cast.members.size === 0")
+        page.driver.find_element(By.ID, "add").click()
+        page.until_shown()

@@ -111,7 +111,7 @@ class LocalServer:
         await asyncio.to_thread(self.service.write_last_snapshots)
         self.prompts.close()
         assert self._thread.failure is None
-        assert self.runner.breaches == []
+        assert self.runner.breaches == [], self.runner.breaches
 
     def _deliver(self, outputs: object) -> None:
         self.service.deliver(outputs)  # type: ignore[arg-type]

@@ -90,7 +90,7 @@ REFUSED_EDITS = [
         f"{CONSTRAINT}.heading.heading",
         "finite radians",
     ),
-    Mistake("no joint turned", lambda c: turned([], []), "INVALID_JOINTS", f"{TURNED}.joints", "one joint or more"),
+    Mistake("no joint turned", lambda c: turned([], []), "INVALID_JOINTS", f"{TURNED}.joints", "one or more"),
     Mistake("joint turned twice", lambda c: turned([0, 0], UNIT * 2), "INVALID_JOINTS", f"{TURNED}.joints", "once"),
     Mistake("too few turns", lambda c: turned([0], [1.0]), "WRONG_LENGTH", f"{TURNED}.rotations", "4 numbers"),
     Mistake("free turn", lambda c: turned([0], [0.0] * 4), "NOT_A_ROTATION", f"{TURNED}.rotations", "1 within"),

@@ -15,6 +15,7 @@ import numpy as np
 from motiongen_server.engine.types import (
     ChannelBlock,
     ModelFacts,
+    PlanCause,
     RigLayout,
     RowStatus,
     WindowJob,
@@ -171,7 +172,8 @@ class FakeRunner:
         self._expect(length % self.facts.patch == 0, f"history of {length} frames")
         self._expect(length <= self.facts.max_history, f"history of {length} frames")
         self._expect((length == 0) == (job.start_pose is not None), "a start pose beside a history, or neither")
-        self._expect(length > 0 or job.first_frame == 0 or self.rights, f"no history at {job.first_frame}")
+        begins = job.first_frame == 0 or job.cause is PlanCause.CUT
+        self._expect(length > 0 or begins or self.rights, f"no history at {job.first_frame}")
         if length:
             last = int(job.history[-1, 0])
             steps = np.diff(job.history[:, 0])

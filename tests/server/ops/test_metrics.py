@@ -29,6 +29,9 @@ SET_BY_THE_APPLICATION = {
     "motiongen_frames_dropped",
     "motiongen_streams",
     "motiongen_outbound_queue_bytes",
+    "motiongen_snapshots",
+    "motiongen_snapshot_lag_seconds",
+    "motiongen_snapshot_store_up",
 }
 OF_THE_PROCESS = "process_"
 

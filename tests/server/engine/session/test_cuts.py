@@ -14,7 +14,6 @@ THERE = StartPose(7.0, -2.0, 1.0)
 
 def test_it_stands_elsewhere_from_the_plan_that_says_so() -> None:
     stage, viewer = playing()
-    stage.runner.rights = True
     before = len(stage.runner.prepared)
     seq = stage.seek(viewer, THERE)
     stage.run(4.0)
@@ -30,7 +29,6 @@ def test_it_stands_elsewhere_from_the_plan_that_says_so() -> None:
 
 def test_it_goes_on_from_frames_that_are_given() -> None:
     stage, viewer = playing()
-    stage.runner.rights = True
     rows = np.zeros((8, ROW_WIDTH), np.float32)
     rows[:, FRAME] = 500.0
     rows[:, 3] = 1.0  # a quaternion
@@ -49,7 +47,6 @@ def test_it_goes_on_from_frames_that_are_given() -> None:
 @pytest.mark.parametrize("steps", [0, 1, 3])
 def test_it_waits_for_no_window_to_be_lost(steps: int) -> None:
     stage, viewer = playing()
-    stage.runner.rights = True
     if steps:
         start_job(stage, steps)
     seq = stage.seek(viewer, THERE)
@@ -62,7 +59,6 @@ def test_it_waits_for_no_window_to_be_lost(steps: int) -> None:
 
 def test_one_that_came_too_late_is_tried_again() -> None:
     stage, viewer = playing()
-    stage.runner.rights = True
     stage.runner.step_s = lambda rows: 0.12
     stage.seek(viewer, THERE)
     stage.run(6.0)
@@ -73,7 +69,6 @@ def test_one_that_came_too_late_is_tried_again() -> None:
 
 def test_what_is_asked_from_the_character_is_seen_from_where_it_is_after_it() -> None:
     stage, viewer = playing()
-    stage.runner.rights = True
     stage.seek(viewer, THERE)
     stage.run(1.0)
     job = next(job for job in stage.runner.prepared if job.cause is PlanCause.CUT)
@@ -89,7 +84,6 @@ def test_what_is_asked_from_the_character_is_seen_from_where_it_is_after_it() ->
 
 def test_a_session_may_be_cut_before_its_first_frame() -> None:
     stage = Stage()
-    stage.runner.rights = True
     viewer = stage.open()
     seq = stage.seek(viewer, THERE)
     stage.run(2.0)
@@ -100,7 +94,6 @@ def test_a_session_may_be_cut_before_its_first_frame() -> None:
 
 def test_frames_that_the_model_cannot_read_are_refused() -> None:
     stage, viewer = playing()
-    stage.runner.rights = True
     stage.runner.fails = lambda call, job_ids: call == "features"
     seq = stage.seek(viewer, prior_rows=np.zeros((8, ROW_WIDTH), np.float32))
     stage.run(0.5)
@@ -109,7 +102,6 @@ def test_frames_that_the_model_cannot_read_are_refused() -> None:
 
 def test_no_snapshot_is_taken_while_a_cut_waits() -> None:
     stage, viewer = playing(EngineConfig(snapshots=True))
-    stage.runner.rights = True
     seq = stage.seek(viewer, THERE)
     told = len(stage.outputs)
     stage.run(3.0)

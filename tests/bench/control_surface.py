@@ -29,6 +29,7 @@ from motiongen_client import (
     Waypoint,
 )
 from motiongen_client.types import Constraint
+from tests.bench.residual_row import residual_row
 
 STAND, WALK, WAVE = "a person stands still", "a person walks forward", "a person waves with the right hand"
 PROMPTS = (STAND, WALK, WAVE)
@@ -167,15 +168,8 @@ async def measure(address: str, steps: int | None, frame: int, samples: int, onl
                     residual = (await motion(prompt, seed, row.frames, target))[1]
                     assert residual is not None
                     residuals.append(residual)
-            positions = [each.position_m.worst for each in residuals if each.position_m]
-            angles = [one.worst for each in residuals for one in (each.heading_rad, each.rotation_rad) if one]
-            met = sum(each.met for each in residuals)
-            table.append(f"| {row.name} | {_cell(positions)} | {_cell(angles)} | {met} of {len(residuals)} |")
+            table.append(residual_row(row.name, residuals))
     return table
-
-
-def _cell(numbers: Sequence[float]) -> str:
-    return f"{np.mean(numbers):.3f} ({max(numbers):.3f})" if numbers else "-"
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from motiongen_client import (
     Waypoint,
 )
 from motiongen_client.types import Constraint
+from tests.bench.residual_row import residual_row
 
 PROMPTS = ("a person stands still", "a person walks forward", "a person waves with the right hand")
 FRAMES = 60
@@ -81,16 +82,8 @@ async def measure(address: str, steps: int | None, frame: int, samples: int) -> 
                     answer = await clips(prompt, 1 + sample, 1, [target(clip.motion)])
                     found.setdefault(name, []).append(answer[0].residuals[0])
     for name, residuals in found.items():
-        positions = [each.position_m.worst for each in residuals if each.position_m is not None]
-        angles = [angle.worst for each in residuals for angle in (each.heading_rad, each.rotation_rad) if angle]
-        met = sum(each.met for each in residuals)
-        rows.append(f"| {name} | {_cell(positions)} | {_cell(angles)} | {met} of {len(residuals)} |")
+        rows.append(residual_row(name, residuals))
     return rows
-
-
-def _cell(values: Iterable[float]) -> str:
-    numbers = list(values)
-    return f"{np.mean(numbers):.3f} ({max(numbers):.3f})" if numbers else "-"
 
 
 def main() -> None:

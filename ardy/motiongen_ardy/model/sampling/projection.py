@@ -133,7 +133,7 @@ def make_projection(
     slack = torch.zeros_like(natural[..., :2])
     if planned is not None:
         allowed = slack.new_tensor([options.projection.slack_m, options.projection.slack_rad])
-        exact = (where[..., [0, 2]] & ~planned[:, horizon]).cpu()
+        exact = where[..., [0, 2]] & ~planned[:, horizon]
         slack = _room(exact, options.projection.settle_frames).to(slack) * planned[:, horizon] * allowed
     most = torch.full_like(natural[..., 0], _NEVER_M)
     if not options.plan_root:  # a goal that the root cannot get to in time is missed, not jumped to
@@ -159,7 +159,7 @@ def _room(exact: Tensor, settle_frames: int) -> Tensor:
     """The share (B, T, 2) of its slack that each frame has: none at a goal (B, T, 2) that was asked for, all at
     settle_frames from it. A root that used its slack up to the frame before would be jerked onto the goal.
     """
-    frames = torch.arange(exact.shape[1])
+    frames = torch.arange(exact.shape[1], device=exact.device)
     away = (frames[:, None] - frames).abs().float()[None, :, :, None]  # from frame 1 to goal 2
     nearest = torch.where(exact[:, None], away, float(settle_frames)).amin(dim=2)
     return (nearest / settle_frames).clamp(max=1)

@@ -75,6 +75,14 @@ class Keyframe:
         object.__setattr__(self, "positions_m", as_array("positions_m", self.positions_m, (None, 3)))
 
 
+def _joints(joints: Sequence[int]) -> tuple[int, ...]:
+    """Raises InvalidInput for none."""
+    given = tuple(joints)
+    if not given:
+        raise InvalidInput("joints", given, "one index of the rig's joints or more")
+    return given
+
+
 @dataclass(frozen=True, eq=False)
 class JointTargets:
     """World targets for some joints (hands, feet) at one frame. Without joint 0, the root, that comes along as needed.
@@ -92,9 +100,7 @@ class JointTargets:
     def __post_init__(self) -> None:
         check_tolerance(self.tolerance_m, self.tolerance_rad)
         check_frame("frame", self.frame)
-        object.__setattr__(self, "joints", tuple(self.joints))
-        if not self.joints:
-            raise InvalidInput("joints", self.joints, "one index of the rig's joints or more")
+        object.__setattr__(self, "joints", _joints(self.joints))
         positions = as_array("positions_m", self.positions_m, (len(self.joints), 3))
         object.__setattr__(self, "positions_m", positions)
         if self.rotations_quat_wxyz is not None:
@@ -133,9 +139,7 @@ class JointRotations:
     def __post_init__(self) -> None:
         check_tolerance(self.tolerance_m, self.tolerance_rad)
         check_frame("frame", self.frame)
-        object.__setattr__(self, "joints", tuple(self.joints))
-        if not self.joints:
-            raise InvalidInput("joints", self.joints, "one index of the rig's joints or more")
+        object.__setattr__(self, "joints", _joints(self.joints))
         rotations = as_array("rotations_quat_wxyz", self.rotations_quat_wxyz, (len(self.joints), 4))
         object.__setattr__(self, "rotations_quat_wxyz", rotations)
 

@@ -120,6 +120,8 @@ class Application:
         self._manager.open(self._service)
         self._door.open(self._service)
         self.metrics.heartbeat_age.set_function(self._heartbeat_age_s)
+        loop = asyncio.get_running_loop()
+        self.metrics.tasks.set_function(lambda: len(asyncio.all_tasks(loop)))
         self.metrics.streams.set_function(lambda: self._service.num_streams)
         self.metrics.parked.set_function(lambda: self._service.num_parked)
         self.metrics.queue_bytes.set_function(lambda: self._service.num_waiting_bytes)

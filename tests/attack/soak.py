@@ -1,75 +1,177 @@
-"""Sessions that come and go for minutes, over TLS and with a token: `python -m tests.attack.soak [--minutes M]`.
+"""A server that is used for hours, over TLS and with tokens: `python -m tests.attack.soak [--minutes M]`.
 
-The load is that of `motiongen bench` (scenario churn), played in real time against a server that computes nothing.
-Prints what the gateway and its engine hold in memory and in descriptors, by a line through the later half, and how many
-frames were missed. Exit code 1 where descriptors grew, memory grew by more than a bound, or the load failed.
+Characters of every kind play in real time and come and go (`soak.yaml`), on the built-in model with snapshots in an
+SQLite file, or on engines that compute nothing (`--null`). The load is that of `motiongen bench`, in parts of some
+minutes, each over new connections; in the rest after each part nothing is open. Resident memory, descriptors, threads
+and tasks are read all the time and written to `readings.jsonl` in the folder of `--out` at once; `--report` tells what
+an unfinished run came to so far. Exit code 1 where memory grows by more than 1 MiB an hour (upper 95 % bound, after a
+warm-up of 20 minutes or a fifth of the time), what is counted at rest grew, 1 % of the frames were missed, or a part of
+the load failed.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 import json
+import re
+import subprocess
 import sys
 import tempfile
 import time
+import urllib.request
+from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
+import psutil
 
 from tests.attack.attack import machine
-from tests.attack.server import attacked
+from tests.attack.server import BUILT_IN, NULL, Attacked, attacked
+from tests.attack.soak_readings import WARM_S, Journal, Part, Reading, judge
 from tests.conftest import ROOT
 from tests.server.identity.files import AUTHORITY, TenantsFile, copy_pair
 
-SAMPLE_S = 2.0
-MOST_MIB_AN_HOUR = 60.0
-"""A bound for minutes: what settles in the first ones looks like growth. Over hours it must come to less than 1."""
+SAMPLE_S = 5.0
+REST_S = 20.0
+"""In which everything that a part of the load has opened must have gone."""
 MIB = 1 << 20
+SCENARIO = Path(__file__).with_name("soak.yaml")
 
 
-async def soak(minutes: float, characters: int, folder: Path) -> int:
+class Server:
+    """The server's processes, and what they tell of themselves."""
+
+    def __init__(self, server: Attacked) -> None:
+        self._server = server
+        self._engine = server.process.children()[0]
+        self._ready_s = time.monotonic()
+
+    def read(self) -> Reading:
+        """How it is now."""
+        gateway, engine = self._server.process, self._engine
+        told = self._metrics()
+        return Reading(
+            at_s=round(time.monotonic() - self._ready_s, 1),
+            rest=not told["motiongen_streams"] and not told["motiongen_sessions"],
+            gateway_mib=round(gateway.memory_info().rss / MIB, 3),
+            engine_mib=round(engine.memory_info().rss / MIB, 3),
+            gateway_descriptors=gateway.num_fds(),
+            engine_descriptors=engine.num_fds(),
+            gateway_threads=gateway.num_threads(),
+            engine_threads=engine.num_threads(),
+            tasks=round(told["motiongen_event_loop_tasks"]),
+        )
+
+    def _metrics(self) -> dict[str, float]:
+        """By name, the sum over its labels."""
+        sums = dict.fromkeys(("motiongen_streams", "motiongen_sessions", "motiongen_event_loop_tasks"), 0.0)
+        with urllib.request.urlopen(f"http://127.0.0.1:{self._server.ops_port}/metrics", timeout=30) as answer:
+            for name, value in re.findall(r"^(\w+)(?:\{.*\})? (\S+)$", answer.read().decode(), re.MULTILINE):
+                if name in sums:
+                    sums[name] += float(value)
+        return sums
+
+
+async def play_part(arguments: list[str], out: Path, sampled: Callable[[], None]) -> Part:
+    """The load for a part. sampled: is called every few seconds meanwhile."""
+    load = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "motiongen_tools", "bench", *arguments, "--out", str(out),
+        cwd=ROOT, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
+    )  # fmt: skip
+    telling = asyncio.create_task(load.communicate())
+    while not telling.done():
+        await asyncio.wait({telling}, timeout=SAMPLE_S)
+        sampled()
+    _, errors = telling.result()
+    if load.returncode:
+        return Part(0, 0, 0, 0, 0, 0.0, f"exit code {load.returncode}: {errors.decode(errors='replace')[-300:]}")
+    document = json.loads((out / "result.json").read_text())["result"]
+    figures, counts = document["figures"]["all"], document["counts"]
+    lost = {name: count for name, count in counts.items() if name.startswith(("sessions_lost", "streams_lost"))}
+    return Part(
+        counts["sessions_opened"], figures["edits"], figures["due"], figures["missed"], figures["refused"],
+        document["generator"]["loop_lag_ms"].get("p99", 0.0), f"lost: {lost}" if lost else "",
+    )  # fmt: skip
+
+
+async def soak(options: argparse.Namespace, journal: Journal, folder: Path) -> int | None:
+    """Returns what the server exited with."""
     tenants, token = TenantsFile(folder), folder / "token"
     token.write_text(tenants.one("quota = { calls_per_second = 1000 }"))
     certificate, key = copy_pair("server-1", folder)
-    settings = ("--tls-certificate", certificate, "--tls-key", key, "--tenants", str(tenants.path))
-    noted: list[tuple[float, float, float, float]] = []
-    with attacked(folder / "log", settings) as server:
-        load = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "motiongen_tools", "bench", "--server", server.address, "--scenario", "churn",
-            "--characters", str(characters), "--seconds", str(round(60 * minutes)), "--seed", "1",
-            "--tls-ca", AUTHORITY, "--token-file", str(token), "--out", str(folder / "out"), "--max-lag-ms", "60000",
-            cwd=ROOT, stdout=asyncio.subprocess.DEVNULL,
-        )  # fmt: skip
-        begun_s, waiting = time.perf_counter(), asyncio.create_task(load.wait())
-        engine = server.process.children()[0]
-        while not waiting.done():
-            await asyncio.wait({waiting}, timeout=SAMPLE_S)
-            rss = [each.memory_info().rss / MIB for each in (server.process, engine)]
-            noted.append(((time.perf_counter() - begun_s) / 3600, *rss, float(server.process.num_fds())))
-        left_fds = server.process.num_fds()
-    if waiting.result() or server.exit_code != 0:
-        print(f"the load ended with {waiting.result()}, the server with {server.exit_code}")
-        return 1
-    later = np.array(noted[len(noted) // 2 :])
-    slopes = [float(np.polyfit(later[:, 0], later[:, column], 1)[0]) for column in (1, 2)]
-    counts = json.loads((folder / "out" / "result.json").read_text())["result"]["counts"]
-    print(f"{minutes:g} minutes, {counts['sessions_opened']} sessions opened, "
-          f"{sum(count for name, count in counts.items() if 'missed' in name)} frames missed")  # fmt: skip
-    print(f"gateway {later[0, 1]:.1f} -> {later[-1, 1]:.1f} MiB ({slopes[0]:+.1f} MiB an hour), "
-          f"engine {later[0, 2]:.1f} -> {later[-1, 2]:.1f} MiB ({slopes[1]:+.1f} MiB an hour), "
-          f"descriptors {later[:, 3].max():.0f}, {left_fds} after it")  # fmt: skip
-    print(machine())
-    return 1 if max(slopes) > MOST_MIB_AN_HOUR or left_fds > later[:, 3].max() else 0
+    settings = ("--tls-certificate", certificate, "--tls-key", key, "--tenants", str(tenants.path),
+                "--snapshot-store", f"sqlite:{folder}/snapshots.sqlite")  # fmt: skip
+    with attacked(folder / "log", settings, module=NULL if options.null else BUILT_IN) as attacked_server:
+        server, begun_s = Server(attacked_server), time.monotonic()
+        number, left_s = 0, 60 * options.minutes
+        while left_s > 0:
+            number += 1
+            seconds = max(10, round(min(left_s, 60 * options.part_minutes)))
+            arguments = [
+                "--server", attacked_server.address, "--scenario", str(SCENARIO), "--characters",
+                str(options.characters), "--seconds", str(seconds), "--seed", str(options.seed + number),
+                "--tls-ca", AUTHORITY, "--token-file", str(token), "--max-lag-ms", "600000",
+            ]  # fmt: skip
+            part = await play_part(arguments, folder / "out", lambda: journal.add(server.read()))
+            journal.add(part)
+            reading = await at_rest(server)
+            journal.add(reading)
+            rest = f"gateway {reading.gateway_mib:.1f} MiB, engine {reading.engine_mib:.1f} MiB"
+            missed = f"{part.missed} of {part.due} frames missed"
+            print(f"{reading.at_s / 60:.1f} minutes: {missed}, {rest} {part.failed}", flush=True)
+            left_s = 60 * options.minutes - (time.monotonic() - begun_s)
+    return attacked_server.exit_code
+
+
+async def at_rest(server: Server) -> Reading:
+    """Once nothing is open, or how it is after a while in which that did not come."""
+    reading = server.read()
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(REST_S):
+            while not reading.rest:  # noqa: ASYNC110: a server of its own process tells no event
+                await asyncio.sleep(1)
+                reading = server.read()
+    return reading
+
+
+def report(journal: Journal) -> int:
+    """Print what a journal comes to. Returns the exit code."""
+    facts, readings, parts = journal.read()
+    minutes = readings[-1].at_s / 60 if readings else 0.0
+    warm_s = min(WARM_S, 60 * minutes / 5)
+    told, faults = judge(readings, parts, warm_s)
+    print(", ".join(f"{name}: {value}" for name, value in facts.items()))
+    print(f"{minutes:.0f} minutes so far, {len(parts)} parts; slopes without the first {warm_s / 60:.0f} minutes")
+    print("\n".join(told))
+    print("\n".join(f"DOES NOT HOLD: {fault}" for fault in faults) or "all of it holds")
+    return 1 if faults else 0
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.attack.soak", description=__doc__)
-    parser.add_argument("--minutes", type=float, default=10.0, help="default: %(default)s")
-    parser.add_argument("--characters", type=int, default=40, help="at once (default: %(default)s)")
+    parser.add_argument("--minutes", type=float, default=120.0, help="default: %(default)s")
+    parser.add_argument("--part-minutes", type=float, default=5.0, help="of the load (default: %(default)s)")
+    parser.add_argument("--characters", type=int, default=12, help="at once (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=1, help="of the load (default: %(default)s)")
+    parser.add_argument("--null", action="store_true", help="engines that compute nothing")
+    parser.add_argument("--out", type=Path, default=Path("out/soak"), help="default: %(default)s")
+    parser.add_argument("--report", action="store_true", help="only tell what the run in --out came to so far")
     options = parser.parse_args()
+    journal = Journal(options.out / "readings.jsonl")
+    if options.report:
+        return report(journal)
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=ROOT).stdout
+    journal.begin({
+        "commit": commit.strip(), "begun": time.strftime("%Y-%m-%d %H:%M"), "minutes": options.minutes,
+        "characters": options.characters, "model": "none" if options.null else "motiongen-mini",
+        "cores": psutil.cpu_count(), "seed": options.seed,
+    })  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
-        return asyncio.run(soak(options.minutes, options.characters, Path(folder)))
+        exit_code = asyncio.run(soak(options, journal, Path(folder)))
+    faulty = report(journal)
+    print(f"the server exited with {exit_code}; {machine()}")
+    return 1 if faulty or exit_code else 0
 
 
 if __name__ == "__main__":

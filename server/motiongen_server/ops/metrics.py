@@ -105,6 +105,7 @@ class Metrics:
             registry=registry,
         )  # fmt: skip
         self.streams = Gauge("motiongen_streams", "Open streams.", registry=registry)
+        self.tasks = Gauge("motiongen_event_loop_tasks", "Tasks of the gateway's event loop.", registry=registry)
         self.queue_bytes = Gauge(
             "motiongen_outbound_queue_bytes", "What waits to be written to all streams.", registry=registry
         )

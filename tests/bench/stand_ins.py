@@ -34,7 +34,7 @@ from motiongen_server.engine.types import (
     Playhead,
     SessionKey,
 )
-from motiongen_server.models.factory import make_catalog
+from motiongen_server.models.factory import make_catalog, make_limits
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.ops.memory import keep_freed_memory, settled_objects
 from motiongen_server.rpc.handlers import SERVICE_NAME, add_methods
@@ -68,11 +68,15 @@ class NullEngine:
         while True:
             self._mailbox.wait(1.0)
             time.sleep(STEP_S)  # what comes during a step of a model is answered together
-            outputs: list[Output] = []
-            for event in self._mailbox.take_all():
-                self._answer(event, outputs)
-            if outputs:
+            if outputs := self.answers():
                 self.deliver(outputs)
+
+    def answers(self) -> list[Output]:
+        """To all that has come."""
+        outputs: list[Output] = []
+        for event in self._mailbox.take_all():
+            self._answer(event, outputs)
+        return outputs
 
     def _answer(self, event: Event, outputs: list[Output]) -> None:
         key = event.session
@@ -92,12 +96,16 @@ class NullEngine:
         self._sent_to[key] = end
 
 
-async def serve_service(config: ServerConfig) -> None:
-    engine = NullEngine()
+def null_models(config: ServerConfig, engine: NullEngine) -> ModelRegistry:
+    """The null engine as the one model that is served."""
     prompts = PromptEncoder(NullEncoder(), config.prompt_cache)
     catalog = make_catalog(config, FACTS, "none", prompts.identity)
-    model = LoadedModel("null", engine, prompts, catalog)  # type: ignore[arg-type]
-    service = MotionService(ModelRegistry(model), config.flush_ms / 1000)
+    return ModelRegistry(LoadedModel("null", engine, prompts, catalog))  # type: ignore[arg-type]
+
+
+async def serve_service(config: ServerConfig) -> None:
+    engine = NullEngine()
+    service = MotionService(null_models(config, engine), config.flush_ms / 1000, limits=make_limits(config))
     engine.deliver = service.deliver
     engine.start()
     server = grpc.aio.server(options=[("grpc.max_send_message_length", 8 << 20)])

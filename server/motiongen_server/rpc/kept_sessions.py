@@ -50,10 +50,13 @@ class KeptSessions:
         """Whether a session of this name lives elsewhere than on the stream that it was opened on."""
         return key in self._away
 
+    @property
+    def has_away(self) -> bool:
+        """Whether any session is not on the stream it was opened on."""
+        return bool(self._away)
+
     def carrier_of(self, key: SessionKey) -> Carrier | None:
         """Who tells of a session that is not on the stream it was opened on; None for all others."""
-        if not self._away:
-            return None
         entry = self._away.get(key)
         return None if entry is None else entry.carrier
 

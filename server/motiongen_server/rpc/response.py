@@ -16,6 +16,7 @@ def response_of(waiting: Iterable[Run | Said]) -> bytes:
     response: Parts = []
     for item in waiting:
         if isinstance(item, Run):
+            coding = item.coding if isinstance(item.coding, FrameCoding) else PLAIN
             append_frames(
                 response,
                 item.handle,
@@ -24,7 +25,7 @@ def response_of(waiting: Iterable[Run | Said]) -> bytes:
                 item.first_frame,
                 item.parts,
                 item.committed_to,
-                item.coding if isinstance(item.coding, FrameCoding) else PLAIN,
+                coding,
             )
             continue
         # The number as of then: since, later events may have been answered in later updates.

@@ -137,17 +137,17 @@ class SendQueue:
         waiting = self._waiting
         while waiting:
             item = waiting[0]
-            size = size_of(item[0]) if isinstance(item, tuple) else item.num_bytes
+            size = item.num_bytes if isinstance(item, Run) else size_of(item[0])
             if taken and size > left:
                 break
             waiting.popleft()
             left -= size
-            self.num_bytes -= size
-            if not isinstance(item, tuple):
+            if isinstance(item, Run):
                 self._forget(item)
                 if not item.parts:
                     continue
             taken.append(item)
+        self.num_bytes -= max_bytes - left
         return taken
 
     def _forget(self, run: Run) -> None:

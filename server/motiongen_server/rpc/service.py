@@ -7,6 +7,7 @@ import itertools
 import logging
 import secrets
 import time
+from collections import defaultdict
 from collections.abc import AsyncIterator, Sequence
 
 import grpc
@@ -97,10 +98,11 @@ class MotionService:
             _log.debug("outputs after the event loop's end")
 
     def _dispatch(self, outputs: tuple[Output, ...]) -> None:
-        by_carrier: dict[int | Carrier, list[Output]] = {}
+        by_carrier: defaultdict[int | Carrier, list[Output]] = defaultdict(list)
+        carrier_of = self._kept.carrier_of if self._kept.has_away else None
         for output in outputs:
-            carrier = self._kept.carrier_of(output.session)
-            by_carrier.setdefault(output.session.stream if carrier is None else carrier, []).append(output)
+            carrier = None if carrier_of is None else carrier_of(output.session)
+            by_carrier[output.session.stream if carrier is None else carrier].append(output)
         for of, said in by_carrier.items():
             if not isinstance(of, int):
                 of.take(*said)

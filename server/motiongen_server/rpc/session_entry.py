@@ -170,9 +170,8 @@ class SessionEntry:
 
     def confirm(self, answered_seq: int) -> None:
         """The client has heard the answers to all events up to a number."""
-        if self.answers:
-            for number in [number for number in self.answers if number <= answered_seq]:
-                del self.answers[number]
+        for number in [number for number in self.answers if number <= answered_seq]:
+            del self.answers[number]
 
     def note_shown(self, frame: int) -> None:
         """The client shows a frame, so it holds what came after the news of constraints of a look-ahead before it."""

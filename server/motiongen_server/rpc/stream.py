@@ -74,11 +74,11 @@ class Stream(StreamTakeOvers):
 
     def receive(self, event: session_pb2.SessionEvent, now: float) -> None:
         """Take one event of the client, read at `now` and charged: hand it to the engine, or answer why not."""
-        kind = event.WhichOneof("event")
-        if event.session in self._held_back:
+        kind, handle = event.WhichOneof("event"), event.session
+        if handle in self._held_back:
             self._hold_back(event, now)
             return
-        entry = self._entries.get(event.session)
+        entry = self._entries.get(handle)
         try:
             if kind == "playhead":
                 self._report(event, entry, now)
@@ -86,7 +86,7 @@ class Stream(StreamTakeOvers):
             entry = self._open(event, entry, now) if kind == "open" else self._next_of(event, entry)
         except EventRefused as refusal:
             # It never became an event of the session, so the session's books must not know its number.
-            key = SessionKey(self.number, event.session)
+            key = SessionKey(self.number, handle)
             if kind == "open" and refusal.code is Code.RESOURCE_EXHAUSTED:
                 self._stream_metrics.reject(refusal.reason)
             self.budget.charge(REFUSAL_COST, now)
@@ -111,10 +111,13 @@ class Stream(StreamTakeOvers):
         if event.event_seq:
             raise invalid_event_seq(event.event_seq)
         self._take_token(entry, now)
-        entry.confirm(event.playhead.answered_seq)
-        entry.note_shown(event.playhead.frame)
+        report = event.playhead
+        if entry.answers:
+            entry.confirm(report.answered_seq)
+        if entry.reached:
+            entry.note_shown(report.frame)
         if entry.known_to_engine and not entry.closing:
-            entry.model.engine.submit(playhead_of(event.playhead, entry.key, now, self.rtt_s))
+            entry.model.engine.submit(playhead_of(report, entry.key, now, self.rtt_s))
 
     def _next_of(self, event: session_pb2.SessionEvent, entry: SessionEntry | None) -> SessionEntry | None:
         """The session that the event is the next one of; None where it is to be dropped. Raises EventRefused."""

@@ -83,9 +83,9 @@ class StreamReader:
 
     @staticmethod
     async def _events(stream: Stream, request: service_pb2.StreamMotionRequest) -> None:
-        now = time.monotonic()
+        now, receive = time.monotonic(), stream.receive
         for number, event in enumerate(request.events, 1):
-            stream.receive(event, now)
+            receive(event, now)
             if number % EVENTS_A_TURN == 0:
                 await stream.room()
 

@@ -26,6 +26,8 @@ from motiongen_server.rpc.session_entry import SessionEntry
 from motiongen_server.rpc.stream_metrics import StreamMetrics
 from motiongen_server.rpc.stream_output import StreamOutput
 
+_FRAMES_AND_PLANS = (Chunk, PlanNotice)  # a union would be made anew for every output
+
 
 class StreamSessions(StreamOutput):
     """The half of a `Stream` that hears the engine. empty_since: monotonic seconds, while there is no session."""
@@ -53,9 +55,10 @@ class StreamSessions(StreamOutput):
 
     def take_all(self, outputs: Iterable[Output]) -> None:
         """Take outputs for this stream's client, in order, and keep the books of their sessions."""
+        entries = self._by_key
         for said in outputs:
-            entry = self._by_key.get(said.session)
-            if isinstance(said, Chunk | PlanNotice):
+            entry = entries.get(said.session)
+            if isinstance(said, _FRAMES_AND_PLANS):
                 if entry is None or entry.muted or entry.is_resuming:
                     continue
                 self._put(said, entry)

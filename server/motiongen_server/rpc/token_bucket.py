@@ -17,7 +17,8 @@ class TokenBucket:
 
     def take(self, now: float) -> bool:
         """Use one token; false when none is left. now: monotonic seconds."""
-        self._refill(now)
+        if now != self._refilled_at:
+            self._refill(now)
         if self._tokens < 1:
             return False
         self._tokens -= 1

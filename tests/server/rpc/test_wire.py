@@ -11,7 +11,7 @@ from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_server.engine.types import PlanCause, PlanNotice, SessionKey
 from motiongen_server.rpc.convert import Parts, append_frames, append_plan, append_update
 from motiongen_server.rpc.convert.frames import PLAIN
-from motiongen_server.rpc.convert.wire import varint
+from motiongen_server.rpc.convert.wire import VARINT
 
 uint32 = st.integers(0, 2**32 - 1)
 uint64 = st.one_of(st.integers(0, 300), st.integers(0, 2**64 - 1))
@@ -88,4 +88,4 @@ def test_rows_that_do_not_lie_together_are_sent_in_their_order() -> None:
     ],
 )
 def test_numbers_take_seven_bits_a_byte(number: int, encoded: str) -> None:
-    assert varint(number).hex() == encoded
+    assert VARINT[number].hex() == encoded

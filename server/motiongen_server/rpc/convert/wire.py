@@ -16,28 +16,41 @@ from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_server.engine.types import Float32Array, PlanNotice
 from motiongen_server.rpc.convert.frames import F32, FrameCoding
 
-Parts: TypeAlias = list[bytes | memoryview]
-"""Of one message; to be joined."""
+Parts: TypeAlias = list[Any]
+"""Of one message; to be joined: bytes, and arrays, which give their memory (numpy's types do not say that they can)."""
 
 _VARINT, _LENGTH_DELIMITED = 0, 2
 
 
-def varint(number: int) -> bytes:
-    """A whole number of 0 or more, seven bits a byte, the lowest first (protobuf encoding, "Base 128 Varints")."""
-    if number < _NUM_SHORT:
-        return _SHORT[number]
-    return _CONTINUED[number % _NUM_SHORT] + varint(number // _NUM_SHORT)
+class _Varints(dict[int, bytes]):
+    """Whole numbers of 0 or more, seven bits a byte, the lowest first (protobuf encoding, "Base 128 Varints").
+
+    Those of up to two bytes are at hand: looking one up is a third of a call, and a chunk has nine.
+    """
+
+    def __init__(self) -> None:
+        super().__init__((number, _varint(number)) for number in range(1 << 14))
+
+    def __missing__(self, number: int) -> bytes:
+        return _varint(number)  # not kept: there is no end of them
+
+
+def _varint(number: int) -> bytes:
+    encoded = bytearray()
+    while number > 127:
+        encoded.append(number & 127 | 128)
+        number >>= 7
+    encoded.append(number)
+    return bytes(encoded)
+
+
+VARINT = _Varints()
 
 
 def _tag(message: Any, field: str, wire_type: int) -> bytes:
     """Of a field of a message's class."""
-    return varint(message.DESCRIPTOR.fields_by_name[field].number << 3 | wire_type)
+    return VARINT[message.DESCRIPTOR.fields_by_name[field].number << 3 | wire_type]
 
-
-_SHORT = [bytes([number]) for number in range(128)]
-_SHORT += [bytes([number & 127 | 128, number >> 7]) for number in range(128, 1 << 14)]
-_NUM_SHORT = len(_SHORT)
-_CONTINUED = [bytes([number & 127 | 128, number >> 7 | 128]) for number in range(_NUM_SHORT)]
 
 _UPDATES = _tag(service_pb2.StreamMotionResponse, "updates", _LENGTH_DELIMITED)
 _SESSION = _tag(session_pb2.SessionUpdate, "session", _VARINT)
@@ -58,12 +71,13 @@ _DATA = _tag(motion_pb2.FrameChunk, "data", _LENGTH_DELIMITED)
 _ORIGIN_BYTES = 12
 
 _F32_LE = np.dtype("<f4")
+_AS_F32 = _SCALAR_TYPE + VARINT[F32]
 
 
 def append_update(response: Parts, update: session_pb2.SessionUpdate) -> None:
     """Add an update to the parts of a StreamMotionResponse."""
     encoded = update.SerializeToString()
-    response += (_UPDATES, varint(len(encoded)), encoded)
+    response += (_UPDATES, VARINT[len(encoded)], encoded)
 
 
 def append_frames(
@@ -77,43 +91,55 @@ def append_frames(
     coding: FrameCoding,
 ) -> None:
     """Add an update with a FrameChunk. parts: (T, row_width) each, consecutive frames one after another."""
-    num_frames = sum(map(len, parts))
-    origin: Float32Array | None = None
-    if coding.scalar_type == F32:
-        data = [np.ascontiguousarray(part, _F32_LE).data for part in parts]
-    else:
-        whole, origin = coding.encode(np.concatenate(parts) if len(parts) > 1 else parts[0])
-        data = [whole]
-    num_bytes = sum(part.nbytes for part in data)
+    number = VARINT
+    data: Parts = []
+    num_frames = num_bytes = 0
+    for part in parts:
+        num_frames += len(part)
+        num_bytes += part.nbytes
+        data.append(np.ascontiguousarray(part, _F32_LE))
+    stored = _AS_F32
+    if coding.scalar_type != F32:
+        whole, stored = _coded(parts, coding)
+        data, num_bytes = [whole], whole.nbytes
     chunk = b"".join(
         (
-            _PLAN, varint(plan),
-            _FIRST_FRAME, varint(first_frame),
-            _FRAME_COUNT, varint(num_frames),
-            _COMMITTED_TO, varint(committed_to),
-            _SCALAR_TYPE, varint(coding.scalar_type),
-            *(() if origin is None else (_ORIGIN, varint(_ORIGIN_BYTES), origin.astype(_F32_LE).tobytes())),
-            _DATA, varint(num_bytes),
+            _PLAN, number[plan],
+            _FIRST_FRAME, number[first_frame],
+            _FRAME_COUNT, number[num_frames],
+            _COMMITTED_TO, number[committed_to],
+            stored,
+            _DATA, number[num_bytes],
         )
     )  # fmt: skip
     num_bytes += len(chunk)
-    update = b"".join((_SESSION, varint(session), _APPLIED_SEQ, varint(applied_seq), _UPDATE_CHUNK, varint(num_bytes)))
-    response += (_UPDATES, varint(len(update) + num_bytes), update, chunk)
+    update = b"".join((_SESSION, number[session], _APPLIED_SEQ, number[applied_seq], _UPDATE_CHUNK, number[num_bytes]))
+    response += (_UPDATES, number[len(update) + num_bytes], update, chunk)
     response += data
+
+
+def _coded(parts: Sequence[Float32Array], coding: FrameCoding) -> tuple[memoryview, bytes]:
+    """Frames as they were asked for, and the fields that say how they are stored."""
+    whole, origin = coding.encode(np.concatenate(parts) if len(parts) > 1 else parts[0])
+    stored = _SCALAR_TYPE + VARINT[coding.scalar_type]
+    if origin is not None:
+        stored += _ORIGIN + VARINT[_ORIGIN_BYTES] + origin.astype(_F32_LE).tobytes()
+    return whole, stored
 
 
 def append_plan(response: Parts, applied_seq: int, notice: PlanNotice) -> None:
     """Add an update with a PlanNotice."""
+    number = VARINT
     plan = b"".join(
         (
-            _NOTICE_PLAN, varint(notice.plan),
-            _VALID_FROM, varint(notice.valid_from),
-            _CAUSE, varint(notice.cause),  # the engine's numbers are the protocol's
+            _NOTICE_PLAN, number[notice.plan],
+            _VALID_FROM, number[notice.valid_from],
+            _CAUSE, number[notice.cause],  # the engine's numbers are the protocol's
         )
     )  # fmt: skip
     if notice.event_seqs:
-        seqs = b"".join(map(varint, notice.event_seqs))
-        plan += _EVENT_SEQS + varint(len(seqs)) + seqs
+        seqs = b"".join(number[seq] for seq in notice.event_seqs)
+        plan += _EVENT_SEQS + number[len(seqs)] + seqs
     session = notice.session.handle
-    update = b"".join((_SESSION, varint(session), _APPLIED_SEQ, varint(applied_seq), _UPDATE_PLAN, varint(len(plan))))
-    response += (_UPDATES, varint(len(update) + len(plan)), update, plan)
+    update = b"".join((_SESSION, number[session], _APPLIED_SEQ, number[applied_seq], _UPDATE_PLAN, number[len(plan)]))
+    response += (_UPDATES, number[len(update) + len(plan)], update, plan)

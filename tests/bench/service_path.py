@@ -1,9 +1,9 @@
 """What the service's own code costs a chunk, without gRPC: `python -m tests.bench.service_path [--sizes 1 50]`.
 
 All in one thread: requests as bytes are read, the null engine answers, its outputs are put into the streams' queues,
-and messages are made of them. Of each part the least processor time of many rounds is taken: what it costs where nothing
-disturbs it, so that figures of a busy machine can be compared too. `tests.bench.service_cost` adds gRPC, the threads,
-and what they do to each other.
+and messages are made of them. Of each part the least processor time of many rounds is taken: what it costs where
+nothing disturbs it, so that figures of a busy machine can be compared too. `tests.bench.service_cost` adds gRPC, the
+threads, and what they do to each other.
 """
 
 from __future__ import annotations

@@ -26,6 +26,7 @@ from motiongen_ardy.evaluate.context import QUICK, Context, Size
 from motiongen_ardy.evaluate.report import Report
 from motiongen_ardy.evaluate.rows.table import FAMILIES
 from motiongen_ardy.evaluate.sampler import Sampler, Sampling
+from motiongen_ardy.evaluate.take_files import write_takes
 from motiongen_ardy.model.config import ConfigError
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
 from motiongen_ardy.model.model import Model
@@ -75,6 +76,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--text-encoder", default="static")
     parser.add_argument("--json", type=Path, help="write the figures here; with several step counts one file each")
     parser.add_argument("--png", type=Path, help="folder to draw a sheet of each part into")
+    parser.add_argument("--takes", type=Path, help="folder to write a few takes of each part into, for a gallery")
     parser.add_argument("--threads", type=int, default=1, help="cores (default %(default)s)")
     return parser.parse_args()
 
@@ -128,8 +130,11 @@ def _judge(
         start = time.monotonic()
         FAMILIES[name](context)
         console.print(f"{name}: {time.monotonic() - start:.0f} s, {sampler.num_windows} windows so far")
+        if arguments.takes is not None:
+            write_takes(context.exhibits, context.layout, arguments.takes, steps)
         if arguments.png is not None:
-            _draw(context, name, arguments.png, steps)
+            _draw(context, arguments.png, steps)
+        context.exhibits.clear()
     captured = context.captured
     about = {
         "model": arguments.model,
@@ -146,13 +151,12 @@ def _judge(
     return Report(about, context.figures)
 
 
-def _draw(context: Context, name: str, folder: Path, steps: int) -> None:
+def _draw(context: Context, folder: Path, steps: int) -> None:
     from motiongen_ardy.evaluate.sheets import draw_sheet  # matplotlib takes a second to import
 
     folder.mkdir(parents=True, exist_ok=True)
     for family, exhibits in context.exhibits.items():
         draw_sheet(exhibits, context.layout, folder / f"{family}-{steps}.png")
-    context.exhibits.clear()
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The command line: `motiongen stream`, `generate`, `catalog`, `demo`, `bench`, `view`, `replay` and `admin`."""
+"""The command line: `motiongen stream`, `generate`, `view`, `gallery`, `bench` and others, a module each."""
 
 from __future__ import annotations
 
@@ -13,7 +13,16 @@ from pathlib import Path
 from typing import Any
 
 from motiongen_client.errors import MotiongenError
-from motiongen_tools import cli_admin, cli_bench, cli_catalog, cli_generate, cli_replay, cli_stream, cli_view
+from motiongen_tools import (
+    cli_admin,
+    cli_bench,
+    cli_catalog,
+    cli_gallery,
+    cli_generate,
+    cli_replay,
+    cli_stream,
+    cli_view,
+)
 from motiongen_tools.connection import add_connection
 from motiongen_tools.demo import command
 from motiongen_tools.demo.script import PLACE_BOUND_M, STORY_S
@@ -197,6 +206,17 @@ def _parser() -> argparse.ArgumentParser:
     _add_server(again)
     add_connection(again)
     cli_replay.add_arguments(again)
+
+    shown = commands.add_parser(
+        "gallery",
+        help="write a page of what a model makes of its presets and of targets",
+        description="Ask models for each of their presets and for a target of each kind, and write a page that plays "
+        "what came. It opens from the disk, without a server. Needs the motiongen package unless --server is given.",
+        epilog="Example: motiongen gallery motiongen-mini out/training/denoiser --out out/gallery.html",
+    )
+    shown.set_defaults(command=cli_gallery.gallery)
+    cli_gallery.add_arguments(shown)
+    add_connection(shown)
 
     admin = commands.add_parser(
         "admin",

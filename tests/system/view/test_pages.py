@@ -9,7 +9,7 @@ import pytest
 from selenium.webdriver.common.by import By
 
 from motiongen_tools.server_process import ServerProcess
-from tests.system.view.conftest import Page, viewer
+from tests.system.view.chromium import Page, viewer
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
 

@@ -12,7 +12,7 @@ from selenium.webdriver.common.by import By
 from motiongen_client import Motion
 from motiongen_client.blocking import MotionClient
 from motiongen_tools.server_process import ServerProcess
-from tests.system.view.conftest import Page
+from tests.system.view.chromium import Page
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
 

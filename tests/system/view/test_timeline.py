@@ -9,7 +9,7 @@ from selenium.webdriver.common.by import By
 
 from motiongen_tools.npz import read_npz
 from motiongen_tools.view.session_file import read_session
-from tests.system.view.conftest import Page
+from tests.system.view.chromium import Page
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
 

@@ -1,0 +1,121 @@
+"""Chromium without a screen, and the page in it: for the tests, the pictures of the docs and the measurements."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.support.ui import WebDriverWait
+
+from motiongen_client.errors import MotiongenError
+
+PATIENCE_S = 90.0
+SWITCHES = (
+    "--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-gl=angle", "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+)  # fmt: skip
+
+
+class Page:
+    """The page in Chromium. Its own module `motiongen` tells where things are."""
+
+    def __init__(self, driver: webdriver.Chrome, address: str) -> None:
+        self.driver = driver
+        self.address = address
+        driver.get(address)
+
+    def run(self, script: str, *arguments: Any) -> Any:
+        """The value of a piece of JavaScript."""
+        return self.driver.execute_script(script, *arguments)
+
+    def until(self, condition: str, *arguments: Any) -> Any:
+        """Wait until an expression is true; returns it."""
+        return WebDriverWait(self.driver, PATIENCE_S, 0.1).until(
+            lambda driver: driver.execute_script(f"return {condition}", *arguments), f"never came: {condition}"
+        )
+
+    def until_shown(self) -> None:
+        """Wait for the first character, playing."""
+        self.until("globalThis.motiongen?.cast.one && motiongen.cast.one.track.playhead() > 1")
+
+    def until_drawn(self) -> None:
+        """Wait until everything that was changed is on the screen."""
+        self.driver.execute_async_script(
+            "const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(done))"
+        )
+
+    def root(self) -> tuple[float, float]:
+        """Where the chosen character is now, x and z in metres."""
+        x, z = self.run("const m = motiongen.cast.one; return m.rig.rootOf(m.track.sample(m.track.playhead()))")
+        return x, z
+
+    @property
+    def keys(self) -> ActionChains:
+        return ActionChains(self.driver)
+
+    def picture(self, path: Path) -> None:
+        self.driver.save_screenshot(str(path))
+
+    def complaints(self) -> list[str]:
+        """What the console says beside what drawing by software brings."""
+        said = [entry for entry in self.driver.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")]
+        ours = [entry["message"] for entry in said if "GPU stall" not in entry["message"]]
+        return [message for message in ours if "GL Driver Message" not in message]
+
+
+class BrowserMissing(MotiongenError):
+    """Chromium or its driver is not installed."""
+
+    def __init__(self) -> None:
+        super().__init__("Chromium is not installed: make browser-packages")
+
+
+def start_chromium(*switches: str, size: tuple[int, int] = (1100, 760)) -> webdriver.Chrome:
+    """A browser of its own, to be ended with `quit`. size: of its window. Raises BrowserMissing."""
+    chromium, chromedriver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or chromedriver is None:
+        raise BrowserMissing
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for switch in (*SWITCHES, f"--window-size={size[0]},{size[1]}", *switches):
+        options.add_argument(switch)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options=options, service=Service(chromedriver))
+    driver.set_script_timeout(PATIENCE_S)
+    return driver
+
+
+class ViewerFailed(MotiongenError):
+    """`motiongen view` did not start; the message has what it said."""
+
+
+@contextlib.contextmanager
+def viewer(server: str, port: int = 0, *more: str) -> Iterator[list[str]]:
+    """A bridge to a server; the addresses that it prints: to steer, and to look on where it has tokens."""
+    with viewer_process(server, port, *more) as (addresses, _):
+        yield addresses
+
+
+@contextlib.contextmanager
+def viewer_process(server: str, port: int = 0, *more: str) -> Iterator[tuple[list[str], int]]:
+    """As `viewer`, with the process id of the bridge. Raises ViewerFailed."""
+    command = [sys.executable, "-m", "motiongen_tools", "view", "--server", server, "--port", str(port), *more]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        line = process.stdout.readline()
+        if not line:
+            raise ViewerFailed(f"the viewer did not start: {process.stderr.read()}")
+        addresses = [line.split()[-1]]
+        while "Ctrl+C" not in (line := process.stdout.readline()):
+            addresses.append(line.split()[-1])
+        yield addresses, process.pid
+        process.terminate()

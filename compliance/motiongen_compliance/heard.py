@@ -59,6 +59,8 @@ class Heard:
                 self._take_resumed(update.opened)
             else:
                 self.next_frame = self.end = update.opened.start_frame
+            if self.opened is None:
+                self.row_bytes += 4 * sum(block.width for block in update.opened.outputs)
             self.opened, self.is_resuming = update.opened, False
             return
         require(not self.is_resuming, f"SessionOpened comes before {kind}")

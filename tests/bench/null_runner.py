@@ -63,6 +63,10 @@ class NullRunner:
     def features(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
         return np.zeros((len(rows), FEATURE_DIM), np.float32)
 
+    def outputs(self, names: Sequence[str], rows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """None are offered."""
+        raise NotImplementedError(f"no outputs {names} of {len(rows)} rows")
+
     def prepare(self, jobs: Sequence[WindowJob]) -> None:
         self._steps_done.update((job.job_id, 0) for job in jobs)
 

@@ -89,6 +89,10 @@ class RolloutRunner:
             features_of_rows(self._model.representation, torch.from_numpy(rows).to(self._device)[None])[0].cpu().numpy()
         )
 
+    def outputs(self, names: Sequence[str], rows: np.ndarray) -> np.ndarray:
+        """None are offered."""
+        raise NotImplementedError(f"no outputs {names} of {len(rows)} rows")
+
     def _precision(self) -> AbstractContextManager[None]:
         return torch.autocast(self._device.type, torch.bfloat16, enabled=self._bf16)
 

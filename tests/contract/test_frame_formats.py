@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from motiongen_client import FrameFormat, ProtocolViolation, Rig
+from motiongen_client import FrameFormat, Motion, ProtocolViolation, Rig
 from motiongen_client.convert import FrameReader
 from motiongen_client.kinematics import quaternion_to_matrix
-from motiongen_server.engine.types import EventRefused, Guidance, SessionKey
+from motiongen_server.engine.types import ChannelBlock, EventRefused, Guidance, SessionKey
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert import append_frames, engine_event
 from motiongen_server.rpc.convert.frames import F16, F32, QUANTISED, FrameCoding
@@ -97,3 +98,80 @@ def test_a_scalar_type_that_is_not_offered_is_refused_by_name() -> None:
     with pytest.raises(EventRefused, match="9 is not offered") as refused:
         engine_event(session_pb2.SessionEvent(event_seq=1, open=opening), SessionKey(1, 1), 0.0, {}, catalog)
     assert (refused.value.reason, refused.value.field) == ("INVALID_SCALAR_TYPE", "open.scalar_type")
+
+
+OUTPUTS = {
+    "joint_velocities_mps": 3 * J,
+    "joint_positions_m": 3 * J,
+    "joint_global_rotation_quat_wxyz": 4 * J,
+}
+
+
+def walk_with_outputs(frames: int) -> np.ndarray:
+    """The same with speeds of up to 6 m/s, places within 2 m of the root, and turns as the joints' own."""
+    rows, generator = walk(frames), np.random.default_rng(4)
+    speeds = generator.uniform(-6, 6, (frames, 3 * J))
+    places = np.tile(rows[:, :3], J) + generator.uniform(-1, 1, (frames, 3 * J))
+    return np.concatenate([rows, speeds, places, rows[:, 3 : 3 + 4 * J]], axis=1).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("scalar_type", "frame_bytes", "metres", "metres_a_second", "radians"),
+    [
+        (F32, 460 + 4 * 270, 0.0, 0.0, 1e-6),
+        (F16, 230 + 2 * 270, 0.002, 0.002, 0.0015),
+        (QUANTISED, 121 + 162 + 162 + 108, 0.0011, 0.0006, 0.0035),
+    ],
+)
+def test_outputs_are_stored_with_the_errors_and_bytes_that_are_promised(
+    scalar_type: int, frame_bytes: int, metres: float, metres_a_second: float, radians: float
+) -> None:
+    rows, rig = walk_with_outputs(30), RIG.with_outputs(OUTPUTS)
+    response: list[bytes | memoryview] = []
+    blocks = tuple(ChannelBlock(*output) for output in OUTPUTS.items())
+    append_frames(response, 1, 2, 3, 8, [rows], 4, FrameCoding(scalar_type, J, blocks))
+    chunk = service_pb2.StreamMotionResponse.FromString(b"".join(response)).updates[0].chunk
+    assert len(chunk.data) == 30 * frame_bytes
+    found = Motion(rig, 8, FrameReader(rig, FORMATS[scalar_type]).rows(chunk))
+    sent_as = Motion(rig, 8, rows)
+    for name, most in (("joint_positions_m", metres), ("joint_velocities_mps", metres_a_second)):
+        assert np.abs(found.output(name) - sent_as.output(name)).max() <= most, name
+    assert worst_angle_rad(found.own().rows, sent_as.own().rows) <= radians
+    turns = "joint_global_rotation_quat_wxyz"
+    padding = np.zeros((30, 3)), np.zeros((30, 4))
+    with_turns = [np.concatenate([padding[0], each.output(turns), padding[1]], axis=1) for each in (found, sent_as)]
+    assert worst_angle_rad(*with_turns) <= radians
+    signs = found.output(turns).reshape(30, J, 4)
+    assert (signs[1:] * signs[:-1]).sum(axis=-1).min() > 0.9
+
+
+def test_the_root_of_a_robot_far_away_is_as_near_as_ours() -> None:
+    blocks = (ChannelBlock("g1_qpos", 36),)
+    rows = walk(10)
+    qpos = np.concatenate([rows[:, [2, 0, 1]], np.zeros((10, 33))], axis=1)  # forward, left, up are our z, x, y
+    response: list[bytes | memoryview] = []
+    both = np.concatenate([rows, qpos], axis=1).astype(np.float32)
+    append_frames(response, 1, 2, 3, 8, [both], 4, FrameCoding(F16, J, blocks))
+    chunk = service_pb2.StreamMotionResponse.FromString(b"".join(response)).updates[0].chunk
+    rig = RIG.with_outputs({"g1_qpos": 36})
+    found = Motion(rig, 8, FrameReader(rig, FrameFormat.F16).rows(chunk)).output("g1_qpos")
+    assert np.abs(found[:, :3] - qpos[:, :3]).max() <= 0.001
+
+
+@pytest.mark.parametrize("names", [["heart_rate"], ["joint_positions_m", "joint_positions_m"]])
+def test_outputs_that_are_not_offered_or_come_twice_are_refused_by_name(names: list[str]) -> None:
+    catalog = Catalog(FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", "hashed-1", history_frames=16)
+    opening = session_pb2.OpenSession(outputs=names)
+    with pytest.raises(EventRefused, match=names[0]) as refused:
+        engine_event(session_pb2.SessionEvent(event_seq=1, open=opening), SessionKey(1, 1), 0.0, {}, catalog)
+    assert refused.value.reason == "UNKNOWN_OUTPUT"
+    assert refused.value.field == f"open.outputs[{len(names) - 1}]"
+
+
+def test_a_robot_s_numbers_are_not_quantised() -> None:
+    facts = replace(FACTS, outputs=(ChannelBlock("g1_qpos", 36),))
+    catalog = Catalog(facts, Limits(), Guidance(1.5, 2.5), "CC0-1.0", "hashed-1", history_frames=16)
+    opening = session_pb2.OpenSession(outputs=["g1_qpos"], scalar_type=motion_pb2.SCALAR_TYPE_QUANTISED)
+    with pytest.raises(EventRefused, match="is not quantised") as refused:
+        engine_event(session_pb2.SessionEvent(event_seq=1, open=opening), SessionKey(1, 1), 0.0, {}, catalog)
+    assert (refused.value.reason, refused.value.field) == ("OUTPUT_NOT_QUANTISED", "open.outputs[0]")

@@ -116,11 +116,21 @@ def hinge_matrix(axes: Tensor, angles: Tensor) -> Tensor:
     return torch.eye(3, dtype=angles.dtype) + sine * cross + (1 - cosine) * (cross @ cross)
 
 
-def hinge_rotations(motion: Motion) -> Tensor:
-    """What the hinges would have to do (T, 29, 3, 3): each joint's rotation less its body's fixed one, robot frame."""
+def hinge_angles(local_rotations: Tensor) -> Tensor:
+    """Angles (T, 29) float64 in (-pi, pi] of parent-relative rotations (T, 34, 3, 3) of the skeleton g134.
+
+    Each is that of the rotation about the hinge's axis nearest to the joint's rotation less its body's fixed one.
+    """
     robot = load_g1()
-    local = motion.local_rotations.double()[..., list(robot.joints), :, :]
-    return robot.fixed.transpose(-1, -2) @ (TO_ROBOT @ local @ TO_ROBOT.T)
+    local = local_rotations.double()[..., list(robot.joints), :, :]
+    turn = robot.fixed.transpose(-1, -2) @ (TO_ROBOT @ local @ TO_ROBOT.T)
+    # trace(R(angle)^T turn) is largest where its derivative by the angle is 0
+    twice_axis = torch.stack(
+        [turn[..., 2, 1] - turn[..., 1, 2], turn[..., 0, 2] - turn[..., 2, 0], turn[..., 1, 0] - turn[..., 0, 1]], -1
+    )
+    along = torch.einsum("ji,...jik,jk->...j", robot.axes, turn, robot.axes)
+    trace = turn.diagonal(dim1=-2, dim2=-1).sum(-1)
+    return torch.atan2((twice_axis * robot.axes).sum(-1), trace - along)
 
 
 def motion_to_qpos(motion: Motion) -> Tensor:
@@ -134,14 +144,7 @@ def motion_to_qpos(motion: Motion) -> Tensor:
     num_joints = motion.local_rotations.shape[-3]
     if num_joints != robot.skeleton.num_joints:
         raise RobotError(f"the motion has {num_joints} joints; qpos is of {robot.skeleton.name}, which has 34")
-    turn = hinge_rotations(motion)
-    # trace(R(angle)^T turn) is largest where its derivative by the angle is 0
-    twice_axis = torch.stack(
-        [turn[..., 2, 1] - turn[..., 1, 2], turn[..., 0, 2] - turn[..., 2, 0], turn[..., 1, 0] - turn[..., 0, 1]], -1
-    )
-    along = torch.einsum("ji,...jik,jk->...j", robot.axes, turn, robot.axes)
-    trace = turn.diagonal(dim1=-2, dim2=-1).sum(-1)
-    angles = torch.atan2((twice_axis * robot.axes).sum(-1), trace - along)
+    angles = hinge_angles(motion.local_rotations)
     root = TO_ROBOT @ motion.local_rotations.double()[..., 0, :, :] @ TO_ROBOT.T
     position = motion.root_positions.double() @ TO_ROBOT.T
     return torch.cat([position, matrix_to_quaternion(root), angles], dim=-1)

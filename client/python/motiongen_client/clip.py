@@ -35,6 +35,7 @@ class _Sample:
         match response.WhichOneof("part"):
             case "opened":
                 self.opened = convert.opened(response.opened)
+                convert.check_outputs(self.opened.outputs, list(reader.rig.outputs))
             case "chunk":
                 if response.chunk.first_frame != self.num_frames:
                     given = f"frame {response.chunk.first_frame} of a clip came after {self.num_frames} frames"
@@ -69,7 +70,8 @@ async def generate_clip(
 ) -> list[Clip]:
     """See `MotionClient.generate_clip`."""
     model = catalog.model(options.model_id) if options.model_id else catalog.models[0]
-    rig = catalog.rig(model.rig_id)
+    asked = {name: model.outputs[name] for name in options.outputs if name in model.outputs}
+    rig = catalog.rig(model.rig_id).with_outputs(asked)  # the server refuses those it has not
     check_request(catalog, num_frames, num_samples, options)
     timeline = dict(later_prompts) if prompt is None else {0: prompt, **later_prompts}
     spans = [convert.prompt_span(number, timeline[frame], frame) for number, frame in enumerate(sorted(timeline), 1)]

@@ -165,9 +165,10 @@ class Conversation(Recovery):
         self._wishes.place(opened.placements)
         self.service_level = ServiceLevel("full", opened.denoise_steps)
         try:
-            self.rig = self._catalog.rig(opened.rig_id)
+            self.rig = self._catalog.rig(opened.rig_id).with_outputs(opened.outputs)
         except UnknownName as unknown:
             raise ProtocolViolation(f"a session was opened on a rig the catalogue does not have: {unknown}") from None
+        convert.check_outputs(opened.outputs, self._options.outputs)
         self.playback = Playback(
             self.rig.frame_rate_hz,
             self.rig.row_width,

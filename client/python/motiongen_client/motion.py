@@ -6,7 +6,7 @@ Right-handed, +Y up, +Z forward, metres, radians; a character that faces +Z has 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -21,6 +21,11 @@ Float32 = NDArray[np.float32]
 ROOT_BLOCK = "root_translation_m"
 ROTATION_BLOCK = "joint_rotation_quat_wxyz"
 CONTACT_BLOCK = "foot_contact"
+POSITIONS_BLOCK = "joint_positions_m"
+GLOBAL_ROTATION_BLOCK = "joint_global_rotation_quat_wxyz"
+VELOCITIES_BLOCK = "joint_velocities_mps"
+QPOS_BLOCK = "g1_qpos"
+QVEL_BLOCK = "g1_qvel"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,6 +37,7 @@ class Rig:
     blocks: name -> width of each block of a frame row, in the order they lie in it; width counts float32 numbers.
     hip_joints: the right and the left one, whose line a pose's heading is read from; None: its root's rotation tells.
     limbs: the joints of each part of the body that motion tools name, the one whose rotation is the limb's first.
+    outputs: name -> width of what a session asked for besides (`SessionOptions.outputs`), behind the blocks.
     """
 
     rig_id: str
@@ -42,6 +48,7 @@ class Rig:
     blocks: Mapping[str, int]
     hip_joints: tuple[int, int] | None = None
     limbs: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    outputs: Mapping[str, int] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"Rig({self.rig_id}, {self.num_joints} joints, {self.frame_rate_hz} Hz)"
@@ -53,13 +60,18 @@ class Rig:
     @cached_property
     def row_width(self) -> int:
         """Numbers in one frame row."""
+        return self.own_width + sum(self.outputs.values())
+
+    @cached_property
+    def own_width(self) -> int:
+        """Numbers in one frame row before the outputs."""
         return sum(self.blocks.values())
 
     @cached_property
     def block_columns(self) -> Mapping[str, slice]:
-        """Where each block lies in a frame row."""
+        """Where each block, and each output, lies in a frame row."""
         columns, start = {}, 0
-        for name, width in self.blocks.items():
+        for name, width in (*self.blocks.items(), *self.outputs.items()):
             columns[name] = slice(start, start + width)
             start += width
         return columns
@@ -70,6 +82,16 @@ class Rig:
             return self.joint_names.index(joint_name)
         except ValueError:
             raise UnknownName("joint", joint_name, self.joint_names) from None
+
+    def columns(self, name: str) -> slice:
+        """Where a block or an output lies in a frame row. Raises UnknownName, which lists those there are."""
+        if name not in self.block_columns:
+            raise UnknownName("block", name, list(self.block_columns))
+        return self.block_columns[name]
+
+    def with_outputs(self, outputs: Mapping[str, int]) -> Rig:
+        """The same skeleton with these outputs, name -> width, in its rows."""
+        return replace(self, outputs=dict(outputs))
 
     def frames_in(self, seconds: float) -> int:
         """The number of frames nearest to a duration in seconds."""
@@ -122,8 +144,14 @@ class Frame:
         """(4,) left heel, left toe, right heel, right toe: 1 on the ground, 0 not."""
         return self.row[self.rig.block_columns[CONTACT_BLOCK]]
 
+    def output(self, name: str) -> Float32:
+        """(W) the numbers of a block or an output by its name. Raises UnknownName."""
+        return self.row[self.rig.columns(name)]
+
     def joint_positions_m(self) -> Float32:
         """(J, 3) world positions of all joints."""
+        if POSITIONS_BLOCK in self.rig.outputs:
+            return self.output(POSITIONS_BLOCK).reshape(-1, 3)
         if self.poser is not None:
             return self.poser.positions_m(self.index, self.row)
         positions: Float32 = Motion(self.rig, self.index, self.row[None]).joint_positions_m()[0]
@@ -168,8 +196,20 @@ class Motion:
         """(T, 4) left heel, left toe, right heel, right toe: 1 on the ground, 0 not."""
         return self.rows[:, self.rig.block_columns[CONTACT_BLOCK]]
 
+    def output(self, name: str) -> Float32:
+        """(T, W) the numbers of a block or an output by its name. Raises UnknownName."""
+        return self.rows[:, self.rig.columns(name)]
+
+    def own(self) -> Motion:
+        """The same frames without outputs."""
+        if not self.rig.outputs:
+            return self
+        return Motion(self.rig.with_outputs({}), self.first_frame, self.rows[:, : self.rig.own_width])
+
     def joint_positions_m(self) -> Float32:
         """(T, J, 3) world positions of all joints."""
+        if POSITIONS_BLOCK in self.rig.outputs:
+            return self.output(POSITIONS_BLOCK).reshape(len(self.rows), -1, 3)
         positions, _ = forward_kinematics(
             self.rig.parents, self.rig.offsets_m, self.root_translation_m, self.joint_rotation_quat_wxyz
         )

@@ -65,6 +65,11 @@ def _into_world(target: motion_pb2.Constraint, seen_from: Placement) -> None:
             waypoint.x, waypoint.z = ground([waypoint.x, waypoint.z])
             if waypoint.HasField("heading"):
                 waypoint.heading += heading
+        case "foot_contact":
+            foot = target.foot_contact
+            foot.x, foot.z = ground([foot.x, foot.z])
+            if foot.HasField("heading"):
+                foot.heading += heading
         case "heading":
             target.heading.heading += heading
         case "root_trajectory":

@@ -208,7 +208,8 @@ class Recovery(Direction):
         self._carrier.report_soon()
 
     def _go_on_anew(self, opened: Opened) -> None:
-        if opened.rig_id != self.opened.rig_id or self._catalog.rig(opened.rig_id).row_width != self.rig.row_width:
+        fits = opened.rig_id == self.opened.rig_id and opened.outputs == self.opened.outputs
+        if not fits or self._catalog.rig(opened.rig_id).own_width != self.rig.own_width:
             self.fail(SessionEnded("model_unloaded", f"its rig, {self.opened.rig_id}, is not served any more"))
             return
         self._line, self.opened = Line.OPEN, opened

@@ -32,8 +32,8 @@ def slerp(earlier: Float32, later: Float32, share: float) -> Float32:
 
 
 def between_rows(rig: Rig, earlier: Float32, later: Float32, share: float) -> Float32:
-    """(D,) the row `share` of the way between those of two frames."""
-    row = (later if share > 0.5 else earlier).copy()
+    """(D,) the row `share` of the way between those of two frames, without outputs."""
+    row = (later if share > 0.5 else earlier)[: rig.own_width].copy()
     root, joints = rig.block_columns[ROOT_BLOCK], rig.block_columns[ROTATION_BLOCK]
     row[root] = (1 - share) * earlier[root] + share * later[root]
     row[joints] = slerp(earlier[joints].reshape(-1, 4), later[joints].reshape(-1, 4), share).ravel()

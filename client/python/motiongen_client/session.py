@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from motiongen.v1 import session_pb2
 from motiongen_client.carrier import Carrier
 from motiongen_client.conversation import Conversation
-from motiongen_client.motion import Frame, Motion
+from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.posing import Poser
 from motiongen_client.recovery import Line
 from motiongen_client.sampling import Sampler
@@ -54,6 +54,7 @@ class Session(Conversation):
         super().__init__(handle, carrier, catalog, clock)
         self._poser: Poser | None = None
         self._sampler: Sampler | None = None
+        self._sampled_rig: Rig
         self._untold = range(0)  # frames that the playhead has reached, but `frames` has not given yet
 
     # ---- the end
@@ -147,14 +148,15 @@ class Session(Conversation):
     def sample(self) -> Frame | None:
         """As `poll`, but with the pose of this very moment, between two frames: for a loop at 60 or 144 Hz.
 
-        Where a replan or a wait makes what is shown jump, the jump is faded (`sampling`). Use this or `poll`.
+        Where a replan or a wait makes what is shown jump, the jump is faded (`sampling`). Use this or `poll`. It has no
+        outputs: those are of the server's frames.
         """
         if self.poll() is None:
             return None
         if self._sampler is None:
-            self._sampler = Sampler(self.rig, self.playback)
+            self._sampler, self._sampled_rig = Sampler(self.rig, self.playback), self.rig.with_outputs({})
         share, row = self._sampler.row(self._clock())
-        return Frame(self.rig, self.playback.playhead, row, share=share)
+        return Frame(self._sampled_rig, self.playback.playhead, row, share=share)
 
     def set_time_scale(self, scale: float) -> None:
         """Play slower or faster than real time: 0.5 is half as fast. The server may not keep up with much above 1."""

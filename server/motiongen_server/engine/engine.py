@@ -19,6 +19,7 @@ from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.session import emission, events
 from motiongen_server.engine.session.beginning import begun, first_words
+from motiongen_server.engine.session.further_blocks import OutputsFailed
 from motiongen_server.engine.session.opening import change_options
 from motiongen_server.engine.session.snapshot import news_of
 from motiongen_server.engine.session.state import SessionState
@@ -272,7 +273,11 @@ class Engine:
         """Send what the touched sessions may send, start the windows that are due, and deliver."""
         now = self._clock.now()
         for state in self.sessions.take_touched():
-            self._send_queue += emission.emit(state, now, self._report)
+            try:
+                self._send_queue += emission.emit(state, now, self._report, self.windows.outputs)
+            except OutputsFailed as failure:
+                self._fail(state, str(failure))
+                continue
             self._send_queue += news_of(state)
             if state.complete:
                 self._close(state, CloseReason.CLIENT, Code.OK, "")

@@ -47,6 +47,11 @@ class Runner(Protocol):
         """Normalized features (H, D) of frames (H, row_width) as they are on the wire, one patch or more."""
         ...
 
+    def outputs(self, names: Sequence[str], rows: Float32Array) -> Float32Array:
+        """(T - 1, W) float32: the blocks of `facts.outputs` by name, side by side, of all rows (T, row_width) but the
+        first, which is the frame before them; for those that have none, it is as the second."""
+        ...
+
     def prepare(self, jobs: Sequence[WindowJob]) -> None:
         """Take in new jobs: history tokens, conditions, initial noise."""
         ...

@@ -74,6 +74,10 @@ class RunningWindows:
         """The features (H, D) of a client's frames (H, row_width); None where the model can make none of them."""
         return self._executor.features(rows)
 
+    def outputs(self, names: Sequence[str], rows: Float32Array) -> Float32Array | None:
+        """As `Runner.outputs`; None where the model can make none of these."""
+        return self._executor.outputs(names, rows)
+
     def start_due(self, state: SessionState, now: float) -> float:
         """Start the window that a session is due, if one is; when to look again, infinity: not for time alone."""
         ready_at = self._quotas.ready_at(state.spec.owner, now)

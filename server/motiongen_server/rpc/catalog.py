@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Sequence
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from motiongen_server.engine.types import DEFAULT_TOLERANCE, Gait, Guidance, ModelFacts
+from motiongen_server.engine.types import DEFAULT_TOLERANCE, ChannelBlock, Gait, Guidance, ModelFacts
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.rpc.limits import MAX_COORDINATE_M, MAX_GUIDANCE, MAX_SPEED_MPS, Limits
 from motiongen_server.text.presets import Preset
@@ -93,6 +93,7 @@ class Catalog:
             known_motions=self.abilities.known_motions,
             default_tolerance_m=DEFAULT_TOLERANCE.position_m,
             default_tolerance_rad=DEFAULT_TOLERANCE.angle_rad,
+            outputs=block_messages(facts.outputs),
         )
         self._response = service_pb2.GetCatalogResponse(
             rigs=[rig_message(facts)], limits=self.limits_message, models=[model]
@@ -114,8 +115,13 @@ def rig_message(facts: ModelFacts) -> motion_pb2.Rig:
         joints=facts.rig.joint_names,
         parents=facts.rig.parents,
         frame_rate=facts.fps,
-        blocks=[motion_pb2.ChannelBlock(name=block.name, width=block.width) for block in facts.rig.blocks],
+        blocks=block_messages(facts.rig.blocks),
         neutral_offsets_m=facts.rig.neutral_offsets.ravel().tolist(),
         hip_joints=facts.rig.hip_joints or (),
         limbs=[motion_pb2.Limb(name=limb.name, joints=limb.joints) for limb in facts.rig.limbs],
     )
+
+
+def block_messages(blocks: Sequence[ChannelBlock]) -> list[motion_pb2.ChannelBlock]:
+    """Blocks of a row, in their order."""
+    return [motion_pb2.ChannelBlock(name=block.name, width=block.width) for block in blocks]

@@ -120,7 +120,7 @@ class SessionEntry:
         if isinstance(said, Opened) and self.opened is None:
             warnings, name = self.warnings.pop(1, ()), session_name(self.key)
             said = replace(said, warnings=warnings, session_id=name, session_token=self.token)
-            self.opened = said = replace(said, scalar_type=self.coding.scalar_type)
+            self.opened = said = replace(said, scalar_type=self.coding.scalar_type, outputs=self.coding.outputs)
             self._answer(1)
         elif isinstance(said, Outcome) and said.event_seq:
             warnings = self.warnings.pop(said.event_seq, ()) if self.warnings else ()

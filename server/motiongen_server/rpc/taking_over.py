@@ -64,7 +64,9 @@ def adopted(
     entry.applied_seq = min(unanswered, default=record.taken_seq + 1) - 1
     entry.answered = {seq for seq in range(entry.applied_seq + 1, record.taken_seq + 1) if seq not in unanswered}
     entry.warnings = dict(record.warnings)
-    entry.coding = FrameCoding(record.opened.scalar_type, len(model.catalog.facts.rig.joint_names))
+    entry.coding = FrameCoding(
+        record.opened.scalar_type, len(model.catalog.facts.rig.joint_names), record.opened.outputs
+    )
     entry.opened = replace(record.opened, session=key, session_token=token)
     entry.level = None if record.level is None else replace(record.level, session=key)
     entry.answers = {answer.event_seq: replace(answer, session=key) for answer in record.answers}

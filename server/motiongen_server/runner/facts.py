@@ -8,6 +8,7 @@ from motiongen_ardy.core.constraint import limb_chains
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, needed_passes
 from motiongen_ardy.model.model import Model
 from motiongen_server.engine.types import ChannelBlock, Guidance, Limb, ModelFacts, RigLayout
+from motiongen_server.runner.outputs import output_blocks
 
 MIN_STEPS = 2  # one step alone would tell the model that pure noise is almost clean
 
@@ -44,4 +45,5 @@ def model_facts(model: Model, model_id: str, default_steps: int) -> ModelFacts:
         guidance=Guidance(own.text, own.constraint),
         guidance_joint=own.mode == "joint",
         num_parameters=model.num_parameters,
+        outputs=output_blocks(skeleton),
     )

@@ -18,6 +18,7 @@ from motiongen_server.runner.correction import corrected
 from motiongen_server.runner.device_errors import device_errors
 from motiongen_server.runner.facts import model_facts
 from motiongen_server.runner.frames import features_of_rows, wire_rows
+from motiongen_server.runner.outputs import outputs_of_rows
 from motiongen_server.runner.preparation import Preparation
 from motiongen_server.runner.row import Row
 
@@ -68,6 +69,11 @@ class TorchRunner:
         with device_errors():
             features = features_of_rows(self._model.representation, torch.from_numpy(rows).to(self._device)[None])
             return features[0].cpu().numpy()
+
+    @torch.inference_mode()
+    def outputs(self, names: Sequence[str], rows: Float32Array) -> Float32Array:
+        """(T - 1, W) of rows (T, row_width) after the frame before them, see `runner.outputs`."""
+        return outputs_of_rows(self._model.skeleton, self._facts.fps, names, rows)
 
     @torch.inference_mode()
     def prepare(self, jobs: Sequence[WindowJob]) -> None:

@@ -52,6 +52,7 @@ FACTS = ModelFacts(
     embedding_dim=2,
     token_width=TOKEN_WIDTH,
     num_parameters=1234,
+    outputs=(ChannelBlock("joint_positions_m", 3), ChannelBlock("joint_velocities_mps", 3)),
 )
 
 
@@ -110,6 +111,16 @@ class FakeRunner:
     def features(self, rows: np.ndarray) -> np.ndarray:
         self._raise_if_told("features", [])
         return np.repeat(rows[:, FRAME : FRAME + 1], FEATURE_DIM, axis=1)
+
+    def outputs(self, names: Sequence[str], rows: np.ndarray) -> np.ndarray:
+        """Of the one joint that there is."""
+        self._raise_if_told("outputs", [])
+        self._expect(len(rows) >= 2, "outputs of no frame")
+        made = {
+            "joint_positions_m": rows[1:, :3],
+            "joint_velocities_mps": np.diff(rows[:, :3], axis=0) * self.facts.fps,
+        }
+        return np.concatenate([made[name] for name in names], axis=1)
 
     def prepare(self, jobs: Sequence[WindowJob]) -> None:
         self._raise_if_told("prepare", [job.job_id for job in jobs])

@@ -61,6 +61,7 @@ def spec(
     gaits: tuple[Gait, ...] = (),
     keep_prompts: bool = False,
     owner: Owner = NOBODY,
+    outputs: tuple[str, ...] = (),
 ) -> SessionSpec:
     return SessionSpec(
         key,
@@ -78,6 +79,7 @@ def spec(
         gaits=gaits,
         keep_prompts=keep_prompts,
         owner=owner,
+        outputs=outputs,
     )
 
 

@@ -13,6 +13,7 @@ from motiongen_client.convert.answers import (
 )
 from motiongen_client.convert.catalogs import catalog, rig
 from motiongen_client.convert.frames import FrameReader
+from motiongen_client.convert.outputs import check_outputs
 from motiongen_client.convert.requests import (
     constraint,
     generate_clip,
@@ -24,7 +25,7 @@ from motiongen_client.convert.requests import (
 )
 
 __all__ = [
-    "FrameReader", "catalog", "code_name", "constraint", "constraint_reached", "generate_clip", "open_session",
-    "opened", "outcome", "ping", "prompt_span", "residual", "rig", "seconds", "seek", "service_level",
+    "FrameReader", "catalog", "check_outputs", "code_name", "constraint", "constraint_reached", "generate_clip",
+    "open_session", "opened", "outcome", "ping", "prompt_span", "residual", "rig", "seconds", "seek", "service_level",
     "session_end", "set_options", "warnings",
 ]  # fmt: skip

@@ -34,6 +34,7 @@ def opened(message: session_pb2.SessionOpened) -> Opened:
         denoise_steps=message.denoise_steps,
         warnings=warnings(message.warnings),
         placements=placements(message.placements),
+        outputs={block.name: block.width for block in message.outputs},
     )
 
 

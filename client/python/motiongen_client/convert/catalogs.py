@@ -47,6 +47,7 @@ def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
                 known_motions=tuple(entry.known_motions),
                 default_tolerance_m=entry.default_tolerance_m,
                 default_tolerance_rad=entry.default_tolerance_rad,
+                outputs={block.name: block.width for block in entry.outputs},
             )
             for entry in message.models
         ),

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from motiongen.v1 import motion_pb2
+from motiongen_client.convert.outputs import make_absolute, quantised_bytes, read_quantised
+from motiongen_client.convert.smallest_three import unpacked_quaternions
 from motiongen_client.errors import ProtocolViolation
-from motiongen_client.motion import CONTACT_BLOCK, ROOT_BLOCK, ROTATION_BLOCK, Float32, Rig
+from motiongen_client.motion import CONTACT_BLOCK, GLOBAL_ROTATION_BLOCK, ROOT_BLOCK, ROTATION_BLOCK, Float32, Rig
 from motiongen_client.types import FrameFormat
 
 SCALAR_TYPES = {
@@ -19,8 +20,6 @@ SCALAR_TYPES = {
     FrameFormat.QUANTISED: motion_pb2.SCALAR_TYPE_QUANTISED,
 }
 _PLACE_BYTES = 12
-_HALF, _SCALE = 511.5, 511.0 * math.sqrt(2.0)
-_OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 
 @dataclass(frozen=True)
@@ -55,14 +54,21 @@ class FrameReader:
     def row_bytes(self) -> int:
         """Of one frame."""
         if self.frame_format is FrameFormat.QUANTISED:
-            return _PLACE_BYTES + 4 * len(self.rig.joint_names) + 1
+            return self._own_bytes + sum(quantised_bytes(*output) for output in self.rig.outputs.items())
         return self.rig.row_width * (2 if self.frame_format is FrameFormat.F16 else 4)
+
+    @property
+    def _own_bytes(self) -> int:
+        """Of one quantised frame, before the outputs."""
+        return _PLACE_BYTES + 4 * len(self.rig.joint_names) + 1
 
     def _halves(self, message: motion_pb2.FrameChunk) -> Float32:
         if len(message.root_origin_m) != 3:
             raise ProtocolViolation(f"a chunk of halves has an origin of {len(message.root_origin_m)} numbers, not 3")
         rows = np.frombuffer(message.data, "<f2").reshape(message.frame_count, self.rig.row_width).astype(np.float32)
-        rows[:, self.rig.block_columns[ROOT_BLOCK]] += np.array(message.root_origin_m, np.float32)
+        origin = np.array(message.root_origin_m, np.float32)
+        rows[:, self.rig.block_columns[ROOT_BLOCK]] += origin
+        make_absolute(rows, self.rig, origin)
         turns = rows[:, self.rig.block_columns[ROTATION_BLOCK]].reshape(len(rows), -1, 4)
         turns /= np.maximum(np.linalg.norm(turns, axis=-1, keepdims=True), 1e-6)
         rows[:, self.rig.block_columns[ROTATION_BLOCK]] = turns.reshape(len(rows), -1)
@@ -72,30 +78,22 @@ class FrameReader:
         columns, rows = self.rig.block_columns, np.zeros((len(data), self.rig.row_width), np.float32)
         places = np.ascontiguousarray(data[:, :_PLACE_BYTES]).view("<i4")
         rows[:, columns[ROOT_BLOCK]] = places / 1000.0
-        packed = np.ascontiguousarray(data[:, _PLACE_BYTES:-1]).view("<u4")
+        own = self._own_bytes
+        packed = np.ascontiguousarray(data[:, _PLACE_BYTES : own - 1]).view("<u4")
         rows[:, columns[ROTATION_BLOCK]] = unpacked_quaternions(packed).reshape(len(data), -1)
-        rows[:, columns[CONTACT_BLOCK]] = data[:, -1:] >> np.arange(4) & 1
+        rows[:, columns[CONTACT_BLOCK]] = data[:, own - 1 : own] >> np.arange(4) & 1
+        read_quantised(data[:, own:], self.rig, rows)
         return rows
 
     def _continued(self, rows: Float32, before: Float32 | None) -> Float32:
         """The same poses, each quaternion of the sign that is nearer to the one of the frame before."""
-        columns = self.rig.block_columns[ROTATION_BLOCK]
-        turns = rows[:, columns].reshape(len(rows), -1, 4)
-        last = turns[:1] if before is None else before[columns].reshape(1, -1, 4)
-        dots = (turns * np.concatenate([last, turns[:-1]])).sum(axis=-1, keepdims=True)
-        turns *= np.cumprod(np.where(dots < 0, -1.0, 1.0), axis=0).astype(np.float32)
-        rows[:, columns] = turns.reshape(len(rows), -1)
+        for name in (ROTATION_BLOCK, GLOBAL_ROTATION_BLOCK):
+            columns = self.rig.block_columns.get(name)
+            if columns is None:
+                continue
+            turns = rows[:, columns].reshape(len(rows), -1, 4)
+            last = turns[:1] if before is None else before[columns].reshape(1, -1, 4)
+            dots = (turns * np.concatenate([last, turns[:-1]])).sum(axis=-1, keepdims=True)
+            turns *= np.cumprod(np.where(dots < 0, -1.0, 1.0), axis=0).astype(np.float32)
+            rows[:, columns] = turns.reshape(len(rows), -1)
         return rows
-
-
-def unpacked_quaternions(packed: NDArray[np.uint32]) -> Float32:
-    """(..., 4) unit quaternions w x y z of numbers (...): which is the greatest, and ten bits of each of the others."""
-    greatest = (packed >> 30).astype(np.intp)
-    steps = np.stack([packed >> 20 & 1023, packed >> 10 & 1023, packed & 1023], axis=-1)
-    rest = (steps.astype(np.float64) - _HALF) / _SCALE
-    quaternions = np.empty((*packed.shape, 4))
-    np.put_along_axis(quaternions, _OTHERS[greatest], rest, axis=-1)
-    largest = np.sqrt(np.maximum(1.0 - (rest**2).sum(axis=-1, keepdims=True), 0.0))
-    np.put_along_axis(quaternions, greatest[..., None], largest, axis=-1)
-    unit: Float32 = (quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)).astype(np.float32)
-    return unit

@@ -13,6 +13,7 @@ from motiongen_client.prompts import Preset, Prompt, TextEmbedding
 from motiongen_client.types import (
     Constraint,
     Flexible,
+    FootContact,
     HeadingTarget,
     JointRotations,
     JointTargets,
@@ -49,6 +50,7 @@ def open_session(
         denoise_steps=options.denoise_steps,
         history_frames=options.history_frames,
         keep_prompts=options.keep_prompts,
+        outputs=options.outputs,
     )
     if options.prior is not None:
         message.prior_frames.CopyFrom(_prior_frames(options.prior))
@@ -72,7 +74,7 @@ def seek(start: StartPose | None, prior: Motion | None) -> session_pb2.Seek:
 
 
 def _prior_frames(prior: Motion) -> motion_pb2.FrameChunk:
-    data = np.ascontiguousarray(prior.rows, "<f4").tobytes()
+    data = np.ascontiguousarray(prior.own().rows, "<f4").tobytes()
     return motion_pb2.FrameChunk(frame_count=len(prior), scalar_type=motion_pb2.SCALAR_TYPE_F32_LE, data=data)
 
 
@@ -152,6 +154,10 @@ def constraint(constraint_id: int, asked: Constraint) -> motion_pb2.Constraint:
             message.root_path.CopyFrom(path)
         case Keyframe():
             message.keyframe.positions.extend(target.positions_m.ravel().tolist())
+        case FootContact():
+            message.foot_contact.CopyFrom(
+                motion_pb2.FootContact(limb=target.limb, x=target.x_m, z=target.z_m, heading=target.heading_rad)
+            )
         case HeadingTarget():
             message.heading.CopyFrom(motion_pb2.HeadingTarget(heading=target.heading_rad))  # a heading of 0 too
         case JointRotations():

@@ -16,6 +16,7 @@ from motiongen_client.types.clips import Clip, Deviation, Residual
 from motiongen_client.types.constraints import (
     Constraint,
     Flexible,
+    FootContact,
     HeadingTarget,
     JointRotations,
     JointTargets,
@@ -28,9 +29,9 @@ from motiongen_client.types.constraints import (
 from motiongen_client.types.options import NO_PROMPTS, FrameFormat, Priority, SessionOptions, StartPose
 
 __all__ = [
-    "Catalog", "Clip", "Constraint", "ConstraintReached", "Deviation", "Flexible", "FrameFormat", "HeadingTarget",
-    "JointRotations", "JointTargets", "Keyframe", "Limits", "LocomotionPreset", "Model", "ModelWarning",
-    "NO_PROMPTS", "Opened", "Outcome", "Placement", "Priority", "Reopened", "Residual", "RootPath",
+    "Catalog", "Clip", "Constraint", "ConstraintReached", "Deviation", "Flexible", "FootContact", "FrameFormat",
+    "HeadingTarget", "JointRotations", "JointTargets", "Keyframe", "Limits", "LocomotionPreset", "Model",
+    "ModelWarning",    "NO_PROMPTS", "Opened", "Outcome", "Placement", "Priority", "Reopened", "Residual", "RootPath",
     "RootTrajectory", "ServiceLevel", "SessionEnd", "SessionOptions", "StartPose", "Target", "Waypoint", "as_array",
     "check_finite", "check_frame", "check_tolerance",
 ]  # fmt: skip

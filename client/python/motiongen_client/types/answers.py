@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,10 @@ class Placement:
 
 @dataclass(frozen=True)
 class Opened:
-    """What the server chose for a session. warnings: of its first prompts and constraints; placements: of these."""
+    """What the server chose for a session. warnings: of its first prompts and constraints; placements: of these.
+
+    outputs: name -> width of what its frames have besides, in their order.
+    """
 
     session_id: str
     seed: int
@@ -50,6 +54,7 @@ class Opened:
     denoise_steps: int
     warnings: tuple[ModelWarning, ...] = ()
     placements: tuple[Placement, ...] = ()
+    outputs: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -168,7 +168,31 @@ class RootPath:
                 check_finite(name, getattr(self, name))
 
 
-Target = Waypoint | RootTrajectory | Keyframe | JointTargets | HeadingTarget | JointRotations | RootPath
+@dataclass(frozen=True)
+class FootContact:
+    """A foot that stands flat at one frame. limb: "LeftFoot" or "RightFoot", of `Rig.limbs`.
+
+    x_m, z_m: world metres of the ankle; heading_rad: of the foot, None leaves it free.
+    """
+
+    frame: int
+    limb: str
+    x_m: float
+    z_m: float
+    heading_rad: float | None = None
+    tolerance_m: float | None = None
+    tolerance_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        check_tolerance(self.tolerance_m, self.tolerance_rad)
+        check_frame("frame", self.frame)
+        check_finite("x_m", self.x_m)
+        check_finite("z_m", self.z_m)
+        if self.heading_rad is not None:
+            check_finite("heading_rad", self.heading_rad)
+
+
+Target = Waypoint | RootTrajectory | Keyframe | JointTargets | HeadingTarget | JointRotations | RootPath | FootContact
 
 
 @dataclass(frozen=True)

@@ -54,6 +54,7 @@ class SessionOptions:
     constraint_guidance: how strongly prompt and constraints are followed, 0 not at all. history_frames: how many frames
     each window sees before it. prior: what the character did just before frame 0, in place of `start`. keep_prompts:
     they hold also where constraints ask for a pace that they contradict; else the model walks someone who stands.
+    outputs: of `Model.outputs`, what each frame shall have besides: `frame.output(name)`.
     """
 
     model_id: str = ""
@@ -69,6 +70,7 @@ class SessionOptions:
     prior: Motion | None = None
     keep_prompts: bool = False
     frame_format: FrameFormat = FrameFormat.F32
+    outputs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.prior is not None and self.start != StartPose():

@@ -78,7 +78,7 @@ class TextEmbedding(_message.Message):
     def __init__(self, text_encoder: _Optional[str] = ..., values: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Constraint(_message.Message):
-    __slots__ = ("constraint_id", "frame", "last_frame", "frames_from_effect", "at_any_frame", "weight", "tolerance_m", "tolerance_rad", "waypoint", "joint_targets", "keyframe", "root_trajectory", "heading", "joint_rotations", "root_path", "relative_to_character")
+    __slots__ = ("constraint_id", "frame", "last_frame", "frames_from_effect", "at_any_frame", "weight", "tolerance_m", "tolerance_rad", "waypoint", "joint_targets", "keyframe", "root_trajectory", "heading", "joint_rotations", "root_path", "foot_contact", "relative_to_character")
     CONSTRAINT_ID_FIELD_NUMBER: _ClassVar[int]
     FRAME_FIELD_NUMBER: _ClassVar[int]
     LAST_FRAME_FIELD_NUMBER: _ClassVar[int]
@@ -94,6 +94,7 @@ class Constraint(_message.Message):
     HEADING_FIELD_NUMBER: _ClassVar[int]
     JOINT_ROTATIONS_FIELD_NUMBER: _ClassVar[int]
     ROOT_PATH_FIELD_NUMBER: _ClassVar[int]
+    FOOT_CONTACT_FIELD_NUMBER: _ClassVar[int]
     RELATIVE_TO_CHARACTER_FIELD_NUMBER: _ClassVar[int]
     constraint_id: int
     frame: int
@@ -110,8 +111,9 @@ class Constraint(_message.Message):
     heading: HeadingTarget
     joint_rotations: JointRotations
     root_path: RootPath
+    foot_contact: FootContact
     relative_to_character: bool
-    def __init__(self, constraint_id: _Optional[int] = ..., frame: _Optional[int] = ..., last_frame: _Optional[int] = ..., frames_from_effect: bool = ..., at_any_frame: bool = ..., weight: _Optional[float] = ..., tolerance_m: _Optional[float] = ..., tolerance_rad: _Optional[float] = ..., waypoint: _Optional[_Union[Waypoint, _Mapping]] = ..., joint_targets: _Optional[_Union[JointTargets, _Mapping]] = ..., keyframe: _Optional[_Union[Keyframe, _Mapping]] = ..., root_trajectory: _Optional[_Union[RootTrajectory, _Mapping]] = ..., heading: _Optional[_Union[HeadingTarget, _Mapping]] = ..., joint_rotations: _Optional[_Union[JointRotations, _Mapping]] = ..., root_path: _Optional[_Union[RootPath, _Mapping]] = ..., relative_to_character: bool = ...) -> None: ...
+    def __init__(self, constraint_id: _Optional[int] = ..., frame: _Optional[int] = ..., last_frame: _Optional[int] = ..., frames_from_effect: bool = ..., at_any_frame: bool = ..., weight: _Optional[float] = ..., tolerance_m: _Optional[float] = ..., tolerance_rad: _Optional[float] = ..., waypoint: _Optional[_Union[Waypoint, _Mapping]] = ..., joint_targets: _Optional[_Union[JointTargets, _Mapping]] = ..., keyframe: _Optional[_Union[Keyframe, _Mapping]] = ..., root_trajectory: _Optional[_Union[RootTrajectory, _Mapping]] = ..., heading: _Optional[_Union[HeadingTarget, _Mapping]] = ..., joint_rotations: _Optional[_Union[JointRotations, _Mapping]] = ..., root_path: _Optional[_Union[RootPath, _Mapping]] = ..., foot_contact: _Optional[_Union[FootContact, _Mapping]] = ..., relative_to_character: bool = ...) -> None: ...
 
 class Waypoint(_message.Message):
     __slots__ = ("x", "z", "heading")
@@ -160,6 +162,18 @@ class JointRotations(_message.Message):
     joints: _containers.RepeatedScalarFieldContainer[int]
     rotations: _containers.RepeatedScalarFieldContainer[float]
     def __init__(self, joints: _Optional[_Iterable[int]] = ..., rotations: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class FootContact(_message.Message):
+    __slots__ = ("limb", "x", "z", "heading")
+    LIMB_FIELD_NUMBER: _ClassVar[int]
+    X_FIELD_NUMBER: _ClassVar[int]
+    Z_FIELD_NUMBER: _ClassVar[int]
+    HEADING_FIELD_NUMBER: _ClassVar[int]
+    limb: str
+    x: float
+    z: float
+    heading: float
+    def __init__(self, limb: _Optional[str] = ..., x: _Optional[float] = ..., z: _Optional[float] = ..., heading: _Optional[float] = ...) -> None: ...
 
 class RootPath(_message.Message):
     __slots__ = ("positions", "speed_mps", "smoothing_m")

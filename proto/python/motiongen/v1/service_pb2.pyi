@@ -48,7 +48,7 @@ class GetCatalogResponse(_message.Message):
     def __init__(self, catalog_etag: _Optional[str] = ..., rigs: _Optional[_Iterable[_Union[_motion_pb2.Rig, _Mapping]]] = ..., limits: _Optional[_Union[Limits, _Mapping]] = ..., models: _Optional[_Iterable[_Union[Model, _Mapping]]] = ...) -> None: ...
 
 class Model(_message.Message):
-    __slots__ = ("model_id", "rig_id", "licence", "horizon_frames", "patch_frames", "default_denoise_steps", "max_denoise_steps", "text_encoder", "default_guidance", "future_frames", "min_denoise_steps", "num_parameters", "default_history_frames", "max_history_frames", "text_width", "presets", "constraint_forms", "locomotion_presets", "known_motions", "default_tolerance_m", "default_tolerance_rad")
+    __slots__ = ("model_id", "rig_id", "licence", "horizon_frames", "patch_frames", "default_denoise_steps", "max_denoise_steps", "text_encoder", "default_guidance", "future_frames", "min_denoise_steps", "num_parameters", "default_history_frames", "max_history_frames", "text_width", "presets", "constraint_forms", "locomotion_presets", "known_motions", "default_tolerance_m", "default_tolerance_rad", "outputs")
     MODEL_ID_FIELD_NUMBER: _ClassVar[int]
     RIG_ID_FIELD_NUMBER: _ClassVar[int]
     LICENCE_FIELD_NUMBER: _ClassVar[int]
@@ -70,6 +70,7 @@ class Model(_message.Message):
     KNOWN_MOTIONS_FIELD_NUMBER: _ClassVar[int]
     DEFAULT_TOLERANCE_M_FIELD_NUMBER: _ClassVar[int]
     DEFAULT_TOLERANCE_RAD_FIELD_NUMBER: _ClassVar[int]
+    OUTPUTS_FIELD_NUMBER: _ClassVar[int]
     model_id: str
     rig_id: str
     licence: str
@@ -91,7 +92,8 @@ class Model(_message.Message):
     known_motions: _containers.RepeatedScalarFieldContainer[str]
     default_tolerance_m: float
     default_tolerance_rad: float
-    def __init__(self, model_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., licence: _Optional[str] = ..., horizon_frames: _Optional[int] = ..., patch_frames: _Optional[int] = ..., default_denoise_steps: _Optional[int] = ..., max_denoise_steps: _Optional[int] = ..., text_encoder: _Optional[str] = ..., default_guidance: _Optional[_Union[_session_pb2.Guidance, _Mapping]] = ..., future_frames: _Optional[int] = ..., min_denoise_steps: _Optional[int] = ..., num_parameters: _Optional[int] = ..., default_history_frames: _Optional[int] = ..., max_history_frames: _Optional[int] = ..., text_width: _Optional[int] = ..., presets: _Optional[_Iterable[_Union[Preset, _Mapping]]] = ..., constraint_forms: _Optional[_Iterable[_Union[ConstraintForm, _Mapping]]] = ..., locomotion_presets: _Optional[_Iterable[_Union[LocomotionPreset, _Mapping]]] = ..., known_motions: _Optional[_Iterable[str]] = ..., default_tolerance_m: _Optional[float] = ..., default_tolerance_rad: _Optional[float] = ...) -> None: ...
+    outputs: _containers.RepeatedCompositeFieldContainer[_motion_pb2.ChannelBlock]
+    def __init__(self, model_id: _Optional[str] = ..., rig_id: _Optional[str] = ..., licence: _Optional[str] = ..., horizon_frames: _Optional[int] = ..., patch_frames: _Optional[int] = ..., default_denoise_steps: _Optional[int] = ..., max_denoise_steps: _Optional[int] = ..., text_encoder: _Optional[str] = ..., default_guidance: _Optional[_Union[_session_pb2.Guidance, _Mapping]] = ..., future_frames: _Optional[int] = ..., min_denoise_steps: _Optional[int] = ..., num_parameters: _Optional[int] = ..., default_history_frames: _Optional[int] = ..., max_history_frames: _Optional[int] = ..., text_width: _Optional[int] = ..., presets: _Optional[_Iterable[_Union[Preset, _Mapping]]] = ..., constraint_forms: _Optional[_Iterable[_Union[ConstraintForm, _Mapping]]] = ..., locomotion_presets: _Optional[_Iterable[_Union[LocomotionPreset, _Mapping]]] = ..., known_motions: _Optional[_Iterable[str]] = ..., default_tolerance_m: _Optional[float] = ..., default_tolerance_rad: _Optional[float] = ..., outputs: _Optional[_Iterable[_Union[_motion_pb2.ChannelBlock, _Mapping]]] = ...) -> None: ...
 
 class ConstraintForm(_message.Message):
     __slots__ = ("form", "support")

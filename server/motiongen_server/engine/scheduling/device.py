@@ -126,6 +126,11 @@ class InTurns:
         with self._lease:
             return self._runner.features(rows)
 
+    def outputs(self, names: Sequence[str], rows: Float32Array) -> Float32Array:
+        """As the runner's."""
+        with self._lease:
+            return self._runner.outputs(names, rows)
+
     def prepare(self, jobs: Sequence[WindowJob]) -> None:
         """As the runner's."""
         with self._lease:

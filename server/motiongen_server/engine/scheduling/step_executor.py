@@ -137,6 +137,17 @@ class StepExecutor:
             return None
         return features if np.isfinite(features).all() else None
 
+    def outputs(self, names: Sequence[str], rows: Float32Array) -> Float32Array | None:
+        """As `Runner.outputs`; None where the model can make none of these."""
+        try:
+            made = self._runner.outputs(names, rows)
+        except DeviceLost:
+            raise
+        except Exception:
+            _log.exception("the runner failed for the outputs %s", ", ".join(names))
+            return None
+        return made if np.isfinite(made).all() else None
+
     def prices(self) -> Prices:
         """What a step and a window cost by now, where steps are full, with as many evaluations as steps have had."""
         costs, turnover = self._policy.costs, self._turnover

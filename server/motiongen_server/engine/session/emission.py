@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from motiongen_server.engine.session.further_blocks import MakeOutputs, with_outputs
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.session.windows import history_crop
 from motiongen_server.engine.types import (
@@ -14,8 +15,8 @@ from motiongen_server.engine.types import (
 from motiongen_server.engine.types.report import EventLatency, StepReport
 
 
-def emit(state: SessionState, now: float, report: StepReport) -> list[Output]:
-    """Send what the credit allows."""
+def emit(state: SessionState, now: float, report: StepReport, outputs_of: MakeOutputs) -> list[Output]:
+    """Send what the credit allows. outputs_of: makes further blocks of frames. Raises OutputsFailed."""
     outputs: list[Output] = _hold(state, now, report) if state.level.hold else []
     if state.spec.is_clip:
         state.delivery.promise(state.planned_to)
@@ -26,6 +27,8 @@ def emit(state: SessionState, now: float, report: StepReport) -> list[Output]:
     chunks = state.delivery.chunks(now, state.timeline, state.plan, promise_to)
     if not chunks:
         return outputs
+    if state.spec.outputs:
+        chunks = [with_outputs(chunk, state.spec.outputs, state.timeline, outputs_of) for chunk in chunks]
     outputs += chunks
     told = state.reach.reached(state.facts.rig, state.conditions, state.timeline, state.delivery.committed_to)
     if told:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motiongen_server.engine.types import Float32Array, RigLayout
-from motiongen_server.engine.types.facts import ROOT_BLOCK, ROTATION_BLOCK
+from motiongen_server.engine.types.facts import CONTACT_BLOCK, ROOT_BLOCK, ROTATION_BLOCK
 from motiongen_server.engine.types.rotations import rotation_matrices
 
 Float64 = NDArray[np.float64]
@@ -54,6 +54,16 @@ class Posed:
             return np.arctan2(turn[:, 0, 2], turn[:, 2, 2])
         right, left = self._rig.hip_joints
         return heading_across(self.positions[right], self.positions[left])
+
+
+def contacts_of(rig: RigLayout, rows: Float32Array) -> Float32Array:
+    """The contact block (T, 4) of rows (T, row_width)."""
+    start = 0
+    for block in rig.blocks:
+        if block.name == CONTACT_BLOCK:
+            break
+        start += block.width
+    return rows[:, start : start + block.width]
 
 
 def heading_across(right: Float64, left: Float64) -> Float64:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from motiongen_server.engine.session.kinematics import Float64, Posed, heading_across
+from motiongen_server.engine.session.kinematics import Float64, Posed, contacts_of, heading_across
 from motiongen_server.engine.types import (
     Constraint,
     Deviation,
@@ -23,6 +23,7 @@ from motiongen_server.engine.types import (
 )
 
 _GROUND = (0, 2)  # x and z
+_LIFTED_EXCESS = 1e-3  # not met, but only just: a frame that is farther away comes after it
 
 
 @dataclass(slots=True)
@@ -31,12 +32,14 @@ class Residual:
 
     Each list holds one array for each call of `add`: position in metres, of the root, over the ground where no height
     is asked for, and of joints; heading and rotation in radians, 0 to pi. Empty: nothing of that kind is asked for.
+    lifted: at which frames a foot that is to be on the ground is not.
     """
 
     num_frames: int = 0
     positions: list[Float64] = field(default_factory=list)
     headings: list[Float64] = field(default_factory=list)
     rotations: list[Float64] = field(default_factory=list)
+    lifted: list[NDArray[np.bool_]] = field(default_factory=list)
 
     def add(self, rig: RigLayout, constraint: Constraint, first_frame: int, rows: Float32Array) -> None:
         """Measure rows (T, row_width) of the frames from first_frame on, all of which the constraint asks for."""
@@ -60,6 +63,8 @@ class Residual:
                 if constraint.rotations is not None and (turns := constraint.turns):
                     turned = tuple(constraint.joints[turn] for turn in turns)
                     self._off_rotations(posed, turned, constraint.rotations[turns])
+                if constraint.contacts:
+                    self.lifted.append(contacts_of(rig, rows)[:, constraint.contacts].max(axis=1) <= 0.5)
             case JointRotations():
                 self._off_rotations(Posed(rig, rows, constraint.joints), constraint.joints, constraint.rotations)
             case HeadingTarget():
@@ -86,7 +91,7 @@ class Residual:
 
     def is_within(self, tolerance: Tolerance) -> bool:
         """Whether every error is within the tolerance of its kind."""
-        return all(
+        return not any(each.any() for each in self.lifted) and all(
             deviation is None or deviation.worst <= most
             for deviation, most in (
                 (self.position_m, tolerance.position_m),
@@ -131,6 +136,8 @@ def nearest_frame(rig: RigLayout, constraint: Constraint, first_frame: int, rows
             worst = np.broadcast_to(each.reshape(len(each), -1).max(axis=1), len(rows))
             # No error is within a tolerance of none.
             excess = np.maximum(excess, np.where(worst <= most, worst / max(most, 1e-9), 1.0 + worst - most))
+    for lifted in every.lifted:
+        excess = np.where(lifted, np.maximum(excess, 1.0) + _LIFTED_EXCESS, excess)
     best = int(excess.argmin())
     residual = Residual()
     residual.add(rig, constraint, first_frame + best, rows[best : best + 1])

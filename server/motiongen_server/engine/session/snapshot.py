@@ -126,7 +126,7 @@ def going_on(
     end = held.end_frame
     state = open_session(event.spec, event.received_at, ordinal, facts, config, now)
     no_tokens = TokenRun(end, np.empty((0, facts.token_width), np.float32), facts.patch)
-    state.timeline = Timeline(held.first_frame, held.rows, features, no_tokens, held.motion_from)
+    state.timeline = Timeline(held.first_frame, held.rows, features, no_tokens, held.motion_from, held.motion_from)
     velocity = held.velocity
     if velocity is not None:
         steered = Velocity(velocity.x, velocity.z, velocity.heading, velocity.hold_frames, velocity.steers_from)

@@ -52,7 +52,7 @@ class Timeline:
     """Consecutive frames from `first` on; a new value for every change, so that views of an old one stay true.
 
     rows: (T, row_width) float32, for the wire. features: (T, D) float32, normalized, for histories. motion_from: the
-    first frame that a history may reach back to.
+    first frame that a history may reach back to. cut_at: the first that goes on from none before it.
     """
 
     first: int
@@ -60,6 +60,7 @@ class Timeline:
     features: Float32Array
     run: TokenRun
     motion_from: int = 0
+    cut_at: int = 0
 
     @classmethod
     def empty(cls, row_width: int, feature_dim: int, token_width: int = 0, patch: int = 1) -> Timeline:
@@ -94,6 +95,7 @@ class Timeline:
             np.concatenate((self.features[:keep], features)),
             self.run.spliced(frame, tokens, len(rows)),
             frame if anew else self.motion_from,
+            frame if anew else self.cut_at,
         )
 
     def held(self, num_frames: int) -> Timeline:
@@ -108,6 +110,7 @@ class Timeline:
             np.concatenate((np.repeat(self.features[:1], num_frames, axis=0), self.features)),
             TokenRun(self.run.first + num_frames, self.run.tokens, self.run.patch),
             self.motion_from + num_frames,
+            self.cut_at,
         )
 
     def trimmed(self, frame: int) -> Timeline:
@@ -119,6 +122,7 @@ class Timeline:
             self.features[drop:],
             self.run.trimmed(frame),
             self.motion_from,
+            self.cut_at,
         )
 
     def rows_between(self, begin: int, end: int) -> Float32Array:
@@ -139,4 +143,5 @@ def first_timeline(facts: ModelFacts, prior_rows: Float32Array | None, prior_fea
     if prior_rows is None or prior_features is None:
         return Timeline.empty(facts.row_width, facts.feature_dim, facts.token_width, facts.patch)
     run = TokenRun(0, np.empty((0, facts.token_width), np.float32), facts.patch)
-    return Timeline(-len(prior_rows), prior_rows, prior_features, run, motion_from=-len(prior_rows))
+    first = -len(prior_rows)
+    return Timeline(first, prior_rows, prior_features, run, motion_from=first, cut_at=first)

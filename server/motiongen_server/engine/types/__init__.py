@@ -8,6 +8,7 @@ seconds of one clock. Shapes: T frames, J joints, D features, K joints of one co
 from motiongen_server.engine.types.arrays import (
     Float32Array,
 )
+from motiongen_server.engine.types.blocks import ChannelBlock
 from motiongen_server.engine.types.conditions import (
     DEFAULT_TOLERANCE,
     VELOCITY_ID,
@@ -40,7 +41,6 @@ from motiongen_server.engine.types.events import (
     SetVelocity,
 )
 from motiongen_server.engine.types.facts import (
-    ChannelBlock,
     Limb,
     ModelFacts,
     RigLayout,

@@ -108,12 +108,14 @@ class JointTargets(AtFrame):
 
     positions: (K, 3); rotations: (K, 3, 3) global matrices, or None.
     rotated: which of the joints the rotations count for, all of them unless given; the other matrices say nothing.
+    contacts: of the numbers of a frame's contact block, one of which is to be on the ground; none: nothing is asked.
     """
 
     joints: tuple[int, ...]
     positions: Float32Array
     rotations: Float32Array | None = None
     rotated: tuple[bool, ...] | None = None
+    contacts: tuple[int, ...] = ()
     tolerance: Tolerance = DEFAULT_TOLERANCE
     weight: float = 1.0
     span: Span | None = None

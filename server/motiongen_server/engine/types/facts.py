@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from motiongen_server.engine.types.arrays import Float32Array
+from motiongen_server.engine.types.blocks import ChannelBlock
 from motiongen_server.engine.types.spec import Guidance
 
 RELEASED_GUIDANCE = Guidance(2.0, 2.0)
@@ -12,14 +13,7 @@ RELEASED_GUIDANCE = Guidance(2.0, 2.0)
 # the names of blocks that the server itself reads
 ROOT_BLOCK = "root_translation_m"
 ROTATION_BLOCK = "joint_rotation_quat_wxyz"
-
-
-@dataclass(frozen=True, slots=True)
-class ChannelBlock:
-    """A named run of floats in a frame row, such as ("root_translation_m", 3)."""
-
-    name: str
-    width: int
+CONTACT_BLOCK = "foot_contact"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +55,8 @@ class ModelFacts:
     feature_dim: D. max_window_frames: history, horizon and future together. Steps are denoising steps per window.
     token_width: floats of one token, root and latent. guidance_passes: most evaluations of the denoiser in one step,
     with the model's own guidance, the weights of a session that does not say. guidance_joint: one
-    evaluation can be told text and constraints. num_parameters: of all networks together.
+    evaluation can be told text and constraints. num_parameters: of all networks together. outputs: further blocks of a
+    frame row, that a session may ask for.
     """
 
     model_id: str
@@ -80,6 +75,7 @@ class ModelFacts:
     guidance: Guidance = RELEASED_GUIDANCE
     guidance_joint: bool = False
     num_parameters: int = 0
+    outputs: tuple[ChannelBlock, ...] = ()
 
     @property
     def row_width(self) -> int:

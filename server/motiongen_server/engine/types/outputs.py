@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from motiongen_server.engine.types.arrays import Float32Array
+from motiongen_server.engine.types.blocks import ChannelBlock
 from motiongen_server.engine.types.conditions import Placement
 from motiongen_server.engine.types.names import CloseReason, Code, PlanCause, ServiceTier, SessionKey
 from motiongen_server.engine.types.snapshot import SnapshotTaken
@@ -28,7 +29,7 @@ class Opened:
     """The first output of a session. committed_horizon: least frames from the playhead to what an edit can change.
 
     placements: of the constraints that it came with. warnings, session_id, session_token and
-    scalar_type: the service fills them in.
+    scalar_type, outputs: the service fills them in.
     """
 
     session: SessionKey
@@ -45,6 +46,7 @@ class Opened:
     session_token: str = ""
     placements: tuple[Placement, ...] = ()
     scalar_type: int = 1
+    outputs: tuple[ChannelBlock, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +65,10 @@ class PlanNotice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chunk:
-    """Consecutive frames of the newest plan. rows: (T, row_width) float32. Frames below committed_to never change."""
+    """Consecutive frames of the newest plan. Frames below committed_to never change.
+
+    rows: (T, row_width) float32, and with the outputs that the session asked for (T, row_width + theirs).
+    """
 
     session: SessionKey
     plan: int

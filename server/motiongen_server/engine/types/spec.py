@@ -38,6 +38,7 @@ class SessionSpec:
     beside the sessions, with all that was asked for; it has no playhead, and closes itself after its last frame.
     gaits: the prompts that hold while a velocity leads; none: the session's own do. keep_prompts: its own hold also
     where constraints ask the root for a pace that they contradict. owner: whose share of the machine it uses.
+    outputs: of `ModelFacts.outputs` by name, which each row has besides, in this order.
     """
 
     session: SessionKey
@@ -56,6 +57,7 @@ class SessionSpec:
     gaits: tuple[Gait, ...] = ()
     keep_prompts: bool = False
     owner: Owner = NOBODY
+    outputs: tuple[str, ...] = ()
 
     @property
     def is_clip(self) -> bool:

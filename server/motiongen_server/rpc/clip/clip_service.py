@@ -243,6 +243,7 @@ class ClipService:
                     warnings=call.warnings,
                     session_id=session_name(output.session),
                     scalar_type=call.coding.scalar_type,
+                    outputs=call.coding.outputs,
                 ),
             )
             update.opened.lookahead_frames = update.opened.committed_horizon_frames = 0

@@ -25,7 +25,7 @@ def check_range(value: int, least: int, most: int, reason: str, field: str) -> N
 
 
 def heading_of(
-    message: motion_pb2.Waypoint | session_pb2.SetVelocity | session_pb2.StartPose, field: str
+    message: motion_pb2.Waypoint | motion_pb2.FootContact | session_pb2.SetVelocity | session_pb2.StartPose, field: str
 ) -> float | None:
     if not message.HasField("heading"):
         return None

@@ -37,6 +37,7 @@ from motiongen_server.rpc.convert.checks import (
     points,
     refuse,
 )
+from motiongen_server.rpc.convert.foot_contact import foot_contact_of
 from motiongen_server.rpc.convert.forms import check_forms
 from motiongen_server.rpc.convert.placing import asked_of, path_of
 
@@ -79,7 +80,10 @@ def _constraint(message: motion_pb2.Constraint, field: str, catalog: Catalog) ->
         return _joint_rotations(message.joint_rotations, identifier, frame, f"{field}.joint_rotations", catalog)
     if target == "root_path":
         return path_of(message.root_path, identifier, f"{field}.root_path")
-    allowed = "waypoint, joint_targets, keyframe, root_trajectory, heading, joint_rotations or root_path"
+    if target == "foot_contact":
+        contact = message.foot_contact
+        return foot_contact_of(contact, identifier, frame, f"{field}.foot_contact", catalog.facts.rig)
+    allowed = "waypoint, joint_targets, keyframe, root_trajectory, heading, joint_rotations, root_path or foot_contact"
     raise refuse("NO_TARGET", f"{field}.target", "no target is set", allowed)
 
 

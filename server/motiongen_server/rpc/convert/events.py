@@ -152,7 +152,7 @@ def _session_spec(
         )
     if message.rig_id not in ("", facts.rig.rig_id):
         raise refuse("UNKNOWN_RIG", "open.rig_id", f"no rig {message.rig_id[:80]!r}", facts.rig.rig_id, Code.NOT_FOUND)
-    coding_of(message, catalog)
+    coding = coding_of(message, catalog)
     steps = message.denoise_steps if message.HasField("denoise_steps") else facts.default_steps
     return SessionSpec(
         session=key,
@@ -169,6 +169,7 @@ def _session_spec(
         prior_rows=prior_rows_of(message, catalog),
         gaits=catalog.gaits,
         keep_prompts=message.keep_prompts,
+        outputs=tuple(block.name for block in coding.outputs),
     )
 
 

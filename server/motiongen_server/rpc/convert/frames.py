@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from motiongen.v1 import motion_pb2
-from motiongen_server.engine.types import Float32Array
+from motiongen_server.engine.types import ChannelBlock, Float32Array
+from motiongen_server.rpc.convert.output_coding import make_relative, quantised_outputs
+from motiongen_server.rpc.convert.smallest_three import smallest_three
 
 F32, F16, QUANTISED = (
     motion_pb2.SCALAR_TYPE_F32_LE,
@@ -17,54 +18,52 @@ F32, F16, QUANTISED = (
     motion_pb2.SCALAR_TYPE_QUANTISED,
 )
 SCALAR_TYPES = (F32, F16, QUANTISED)
-ROOT_WIDTH = 3
-_HALF, _SCALE = 511.5, 511.0 * math.sqrt(2.0)
+ROOT_WIDTH, NUM_CONTACTS = 3, 4
 _FARTHEST_MM = 2**31 - 1
 
 
 @dataclass(frozen=True, slots=True)
 class FrameCoding:
-    """scalar_type: a number of the contract. num_joints: of the rig, whose rows are root, quaternions, contacts."""
+    """scalar_type: a number of the contract. num_joints: of the rig, whose rows are root, quaternions, contacts, and
+    then the outputs.
+    """
 
     scalar_type: int
     num_joints: int
+    outputs: tuple[ChannelBlock, ...] = ()
 
     def encode(self, rows: Float32Array) -> tuple[memoryview, Float32Array | None]:
         """The bytes of rows (T, row_width), and what their roots are relative to (3), None where to nothing."""
         if self.scalar_type == F16:
             origin, halves = rows[0, :ROOT_WIDTH].copy(), rows.copy()
             halves[:, :ROOT_WIDTH] -= origin
+            make_relative(halves[:, self._own_width :], self.outputs, origin)
             return _bytes(halves.astype("<f2")), origin
         if self.scalar_type == QUANTISED:
             return _bytes(self._quantised(rows)), None
         return _bytes(np.ascontiguousarray(rows, "<f4")), None
 
+    @property
+    def _own_width(self) -> int:
+        """Numbers of a row before the outputs."""
+        return ROOT_WIDTH + 4 * self.num_joints + NUM_CONTACTS
+
     def _quantised(self, rows: Float32Array) -> NDArray[np.uint8]:
         end = ROOT_WIDTH + 4 * self.num_joints
         places = np.clip(np.rint(rows[:, :ROOT_WIDTH].astype(np.float64) * 1000), -_FARTHEST_MM, _FARTHEST_MM)
         turns = smallest_three(rows[:, ROOT_WIDTH:end].reshape(len(rows), self.num_joints, 4))
-        contacts = (rows[:, end : end + 4] > 0.5) @ np.array([1, 2, 4, 8])
+        contacts = (rows[:, end : end + NUM_CONTACTS] > 0.5) @ np.array([1, 2, 4, 8])
         parts = [
             places.astype("<i4").view(np.uint8).reshape(len(rows), -1),
             turns.view(np.uint8).reshape(len(rows), -1),
             contacts.astype(np.uint8)[:, None],
+            *quantised_outputs(rows[:, self._own_width :], self.outputs, rows[:, :ROOT_WIDTH]),
         ]
         return np.ascontiguousarray(np.concatenate(parts, axis=1))
 
 
 PLAIN = FrameCoding(F32, 0)
 """As a server stores them that was not asked for anything else."""
-
-
-def smallest_three(quaternions: Float32Array) -> NDArray[np.uint32]:
-    """(..., 4) unit quaternions as numbers (...), little endian: which is the greatest, and ten bits of each other."""
-    greatest = np.abs(quaternions).argmax(axis=-1)
-    sign = np.where(np.take_along_axis(quaternions, greatest[..., None], -1) < 0, -1.0, 1.0)
-    others = np.sort((greatest[..., None] + np.arange(1, 4)) % 4, axis=-1)
-    rest = np.take_along_axis(quaternions, others, -1) * sign
-    steps = np.clip(np.rint(_HALF + _SCALE * rest), 0, 1023).astype(np.uint32)
-    packed = greatest.astype(np.uint32) << 30 | steps[..., 0] << 20 | steps[..., 1] << 10 | steps[..., 2]
-    return np.asarray(packed, "<u4")
 
 
 def _bytes(array: NDArray[np.generic]) -> memoryview:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Guidance, Priority, SessionKey, SetOptions
+from motiongen_server.engine.types import ChannelBlock, Guidance, ModelFacts, Priority, SessionKey, SetOptions
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert.checks import check_range, refuse
-from motiongen_server.rpc.convert.frames import F32, SCALAR_TYPES, FrameCoding
+from motiongen_server.rpc.convert.frames import F32, QUANTISED, SCALAR_TYPES, FrameCoding
 from motiongen_server.rpc.convert.history import history_frames_of
+from motiongen_server.rpc.convert.output_coding import is_quantised
 from motiongen_server.rpc.limits import MAX_GUIDANCE
 
 
@@ -33,12 +35,28 @@ def set_options_of(
 
 
 def coding_of(message: session_pb2.OpenSession, catalog: Catalog) -> FrameCoding:
-    """How the frames of a session are stored; what is not said is F32_LE."""
+    """What the frames of a session hold and how that is stored; what is not said is F32_LE. Raises EventRefused."""
     scalar_type = int(message.scalar_type) or F32
     if scalar_type not in SCALAR_TYPES:
         given = f"scalar type {scalar_type} is not offered"
         raise refuse("INVALID_SCALAR_TYPE", "open.scalar_type", given, "F32_LE, F16_LE or QUANTISED")
-    return FrameCoding(scalar_type, len(catalog.facts.rig.joint_names))
+    outputs = outputs_named(message.outputs, catalog.facts)
+    for index, block in enumerate(outputs):
+        if scalar_type == QUANTISED and not is_quantised(block.name):
+            allowed = "F32_LE or F16_LE beside it"
+            raise refuse("OUTPUT_NOT_QUANTISED", f"open.outputs[{index}]", f"{block.name} is not quantised", allowed)
+    return FrameCoding(scalar_type, len(catalog.facts.rig.joint_names), outputs)
+
+
+def outputs_named(names: Sequence[str], facts: ModelFacts) -> tuple[ChannelBlock, ...]:
+    """The blocks of these names, in their order. Raises EventRefused for one that is not offered, or comes twice."""
+    offered = {block.name: block for block in facts.outputs}
+    for index, name in enumerate(names):
+        if name not in offered or name in names[:index]:
+            given = f"{name[:80]!r} comes twice" if name in names[:index] else f"no output {name[:80]!r}"
+            allowed = f"each of {', '.join(offered)} once" if offered else "none"
+            raise refuse("UNKNOWN_OUTPUT", f"open.outputs[{index}]", given, allowed)
+    return tuple(offered[name] for name in names)
 
 
 def priority_of(priority: int, field: str) -> Priority:

@@ -77,6 +77,7 @@ def _write_opened(opened: session_pb2.SessionOpened, output: Opened) -> None:
     opened.committed_horizon_frames = output.committed_horizon
     opened.denoise_steps = output.denoise_steps
     opened.scalar_type = output.scalar_type  # type: ignore[assignment]  # a number of the contract
+    opened.outputs.extend(motion_pb2.ChannelBlock(name=block.name, width=block.width) for block in output.outputs)
     opened.warnings.extend(_warnings(output.warnings))
     opened.placements.extend(_placements(output.placements))
 

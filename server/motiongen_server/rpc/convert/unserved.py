@@ -8,7 +8,7 @@ from motiongen_server.engine.types import Code
 from motiongen_server.errors import EventRefused
 
 UNSERVED_FIELDS: dict[str, tuple[str, ...]] = {
-    "OpenSession": ("snapshot", "outputs"),
+    "OpenSession": ("snapshot",),
     "SessionEvent": ("take_snapshot",),
     "Seek": ("frame",),
 }  # fmt: skip

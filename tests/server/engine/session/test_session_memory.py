@@ -53,7 +53,7 @@ class Day:
             self._edit(frame, report)
         if self.random.random() < 0.002:
             state.set_tier(self.random.choice((FULL, FULL, Level(ServiceTier.HOLD, hold=True))))
-        emission.emit(state, now, report)
+        emission.emit(state, now, report, lambda names, rows: None)
         if planning.window_due(state, now):
             self.jobs += 1
             self.runner.prepare([planning.next_window(state, now, WINDOW_S, self.jobs)])

@@ -1,0 +1,13 @@
+"""Blocks: what a frame row is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelBlock:
+    """A named run of floats in a frame row, such as ("root_translation_m", 3)."""
+
+    name: str
+    width: int

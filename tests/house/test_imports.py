@@ -100,6 +100,7 @@ ROOMS = (
         f"{SERVER}/config.py {SERVER}/devices.py {SERVER}/settings.py {SERVER}/addresses.py {SERVER}/protection.py",
         "_typeshed ~.addresses ~.devices ~.protection ~.settings",
     ),
+    room(f"{SERVER}/ready.py", "~.addresses ~.config ~.settings ~.text.encoder.config"),
     room(f"{SERVER}/identity/setup.py", "grpc ~.identity ~.addresses ~.protection ~.settings", never="asyncio"),
     room(f"{SERVER}/identity", "grpc jwt ~.identity ~.errors ~.settings ~.addresses", never="asyncio"),
     room(f"{SERVER}/errors.py", "grpc grpc_status google ~.engine.types"),

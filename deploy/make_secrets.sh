@@ -1,0 +1,52 @@
+#!/bin/sh
+# What deploy/compose.yaml needs and nobody may commit, in deploy/secrets: an authority with certificates for proxy,
+# servers and encoder, tokens with the file of their hashes, and passwords. Needs OpenSSL 3, and the server to make tokens:
+#   deploy/make_secrets.sh                     # where motiongen-server is installed
+#   IDENTITY="docker run --rm --entrypoint python motiongen-server:cpu -m motiongen_server.identity" deploy/make_secrets.sh
+# NAMES: those that clients know the proxy by (default: DNS:localhost,IP:127.0.0.1).
+set -eu
+identity=${IDENTITY:-python -m motiongen_server.identity}
+names=${NAMES:-DNS:localhost,IP:127.0.0.1}
+folder=${1:-$(dirname "$0")/secrets}
+if [ -e "$folder" ]; then
+    echo "$folder is there already; take it away to make new secrets" >&2
+    exit 1
+fi
+# Closed to others here; single files are open, since the containers' users read them where they are mounted.
+mkdir -m 700 "$folder"
+cd "$folder"
+umask 022
+
+key="-newkey ec -pkeyopt ec_paramgen_curve:P-256 -noenc"
+# shellcheck disable=SC2086
+openssl req -x509 $key -days 3650 -subj "/CN=motiongen deployment" -keyout authority.key -out authority.pem 2> openssl.log
+leaf() { # name, alternative names
+    # shellcheck disable=SC2086
+    openssl req $key -subj "/CN=$1" -keyout "$1.key" -out request.pem 2>> openssl.log
+    printf 'subjectAltName=%s\nbasicConstraints=critical,CA:FALSE\n' "$2" > extensions
+    openssl x509 -req -in request.pem -CA authority.pem -CAkey authority.key -days 825 -extfile extensions \
+        -out "$1.pem" 2>> openssl.log
+    chmod 644 "$1.key"
+    rm request.pem extensions
+}
+leaf server "DNS:server-a,DNS:server-b,DNS:encoder"
+leaf proxy "$names"
+cat proxy.pem proxy.key > proxy-with-key.pem
+
+token() { # tenant, role
+    $identity "$1" > "$1.token" 2> entry
+    cat entry >> tenants.toml
+    printf 'roles = ["%s"]\n\n' "$2" >> tenants.toml
+    rm entry
+}
+: > tenants.toml
+token player motion
+token prometheus metrics
+token servers text
+
+openssl rand -hex 24 > redis-password
+openssl rand -hex 24 > grafana-password
+echo "MOTIONGEN_SNAPSHOT_STORE=redis://:$(cat redis-password)@redis:6379/0" > store.env
+chmod 600 authority.key
+rm openssl.log
+echo "made $folder; a client shows player.token and trusts authority.pem"

@@ -1,0 +1,1 @@
+"""What deploy/ has, run for real: images, compose file, dashboards, Kubernetes objects."""

@@ -1,0 +1,104 @@
+"""What kustomize makes of deploy/kubernetes, against the schemas of Kubernetes, and what operators rely on in it."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from typing import Any
+
+import pytest
+import yaml
+
+from motiongen_server.config import parse_config
+from tests.deploy.dashboard import REPOSITORY
+
+pytestmark = pytest.mark.system
+FOLDER = REPOSITORY / "deploy" / "kubernetes"
+FOLDERS = ["base", "overlays/gpu", "overlays/autoscaling"]
+VERSIONS = ["1.29", "1.31", "1.33"]
+
+
+def built(folder: str) -> dict[str, Any]:
+    """The objects that kustomize makes, by kind."""
+    assert shutil.which("kubectl"), "kubectl is not installed (apt-get install kubernetes-client)"
+    done = subprocess.run(["kubectl", "kustomize", str(FOLDER / folder)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    objects = list(yaml.safe_load_all(done.stdout))
+    kinds = {each["kind"]: each for each in objects}
+    assert len(kinds) == len(objects)
+    return kinds
+
+
+def container_of(kinds: dict[str, Any]) -> dict[str, Any]:
+    (container,) = kinds["Deployment"]["spec"]["template"]["spec"]["containers"]
+    return dict(container)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_kubernetes_knows_every_field(folder: str, version: str) -> None:
+    import kubernetes_validate
+
+    for kind, each in built(folder).items():
+        kubernetes_validate.validate(each, version, strict=True)
+        assert each["metadata"]["namespace"] == "motiongen", kind
+
+
+def test_a_field_that_it_does_not_know_is_found() -> None:
+    import kubernetes_validate
+
+    wrong = built("base")["Deployment"]
+    container_of({"Deployment": wrong})["resources"]["limit"] = {}
+    with pytest.raises(kubernetes_validate.ValidationError):
+        kubernetes_validate.validate(wrong, VERSIONS[-1], strict=True)
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_the_server_takes_the_settings_and_is_protected(folder: str) -> None:
+    given = {each["name"]: each.get("value", "redis://store:6379/0") for each in container_of(built(folder))["env"]}
+    image = {"MOTIONGEN_HOST": "0.0.0.0", "MOTIONGEN_OPS_HOST": "0.0.0.0"}  # as deploy/Dockerfile sets them
+    config = parse_config([], image | given)
+    assert not config.insecure
+    assert config.tls_certificate
+    assert config.tenants
+    assert config.ops_tls
+
+
+def test_files_that_settings_name_are_mounted() -> None:
+    container = container_of(built("base"))
+    mounts = [each["mountPath"] for each in container["volumeMounts"]]
+    named = [each["value"] for each in container["env"] if str(each.get("value", "")).startswith("/")]
+    assert named
+    for path in named:
+        assert any(path.startswith(f"{mount}/") for mount in mounts), path
+
+
+def test_probes_speak_as_the_port_does_and_ask_for_readiness() -> None:
+    container = container_of(built("base"))
+    for probe, path in (("startupProbe", "/readyz"), ("readinessProbe", "/readyz"), ("livenessProbe", "/livez")):
+        assert container[probe]["httpGet"] == {"path": path, "port": "ops", "scheme": "HTTPS"}
+
+
+def test_selectors_find_the_pods() -> None:
+    kinds = built("base")
+    labels = kinds["Deployment"]["spec"]["template"]["metadata"]["labels"].items()
+    for selector in (
+        kinds["Deployment"]["spec"]["selector"]["matchLabels"],
+        kinds["Service"]["spec"]["selector"],
+        kinds["PodDisruptionBudget"]["spec"]["selector"]["matchLabels"],
+        kinds["NetworkPolicy"]["spec"]["podSelector"]["matchLabels"],
+    ):
+        assert selector.items() <= labels
+
+
+def test_the_overlays_change_what_they_are_for() -> None:
+    gpu = container_of(built("overlays/gpu"))
+    assert gpu["image"] == "motiongen-server:cuda"
+    assert gpu["resources"]["limits"]["nvidia.com/gpu"] == 1
+    scaled = built("overlays/autoscaling")
+    assert "replicas" not in scaled["Deployment"]["spec"], "two would say how many servers there are"
+    scaler = scaled["HorizontalPodAutoscaler"]["spec"]
+    assert scaler["scaleTargetRef"]["name"] == scaled["Deployment"]["metadata"]["name"]
+    (metric,) = scaler["metrics"]
+    assert metric["pods"]["metric"]["name"] == "motiongen_load"
+    assert metric["pods"]["target"]["averageValue"] == "600m"

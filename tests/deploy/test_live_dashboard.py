@@ -1,0 +1,78 @@
+"""Every query of the dashboard, asked of a real Prometheus that watches a real server with characters on it."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.deploy.dashboard import REPOSITORY, Panel, panels
+from tests.deploy.watched_servers import Prometheus
+from tests.scale.replicas import NULL_SERVER, Replica
+from tests.waiting import until
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
+
+QUIET = {
+    "Underruns that clients report",
+    "Sessions refused",
+    "Sessions gone on with",
+    "Prompts that were not in memory",
+    "Clips",
+}
+"""Panels of labels that a server without trouble, and without clips, has not seen yet: they may be empty."""
+
+
+@pytest.fixture(scope="module")
+def prometheus(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Prometheus]:
+    """It has seen some seconds of a scenario with all classes."""
+    folder = tmp_path_factory.mktemp("watched")
+    server = Replica("server", folder, f"sqlite:{folder / 'snapshots.sqlite'}", program=NULL_SERVER)
+    server.begin()
+    try:
+        until(lambda: server.is_ready)
+        with Prometheus(folder, [server.behind.ops_port]) as watching:
+            load = subprocess.run(
+                [
+                    *(sys.executable, "-m", "motiongen_tools", "bench", "--server", f"localhost:{server.behind.port}"),
+                    *("--scenario", "mixed", "--characters", "20", "--seconds", "8", "--seed", "1"),
+                    *("--processes", "1", "--max-lag-ms", "100000", "--out", str(folder / "load")),
+                ],
+                cwd=REPOSITORY,
+                capture_output=True,
+                text=True,
+            )
+            assert load.returncode in (0, 3), load.stdout + load.stderr  # 3: the load was late, which matters nothing
+            yield watching
+    finally:
+        server.stop()
+
+
+@pytest.mark.parametrize("panel", list(panels()), ids=lambda panel: panel.title)
+def test_a_panel_shows_something(prometheus: Prometheus, panel: Panel) -> None:
+    for query in panel.queries:
+        found = prometheus.query(query.filled("5m"))
+        assert found or panel.title in QUIET, query
+        for series in found:
+            assert set(re.findall(r"{{(\w+)}}", query.legend)) <= set(series["metric"]), (query, series["metric"])
+
+
+def test_servers_can_be_chosen(prometheus: Prometheus) -> None:
+    (server,) = prometheus.query("motiongen_build_info")
+    query = next(panels()).queries[0]
+    assert prometheus.query(query.filled("5m", server["metric"]["instance"]))
+    assert prometheus.query(query.filled("5m", "another:1")) == []
+
+
+def test_what_autoscaling_asks_is_answered(prometheus: Prometheus) -> None:
+    """As prometheus-adapter asks it, but that no Kubernetes has put namespace and pod on the series."""
+    rules = REPOSITORY / "deploy" / "kubernetes" / "overlays" / "autoscaling" / "adapter-rules.yaml"
+    (rule,) = yaml.safe_load(rules.read_text(encoding="utf-8"))["rules"]
+    asked = rule["metricsQuery"].replace("<<.GroupBy>>", "instance").replace("<<.Series>>", rule["name"]["as"])
+    (found,) = prometheus.query(asked.replace("{<<.LabelMatchers>>}", ""))
+    assert 0 <= float(found["value"][1]) < 1

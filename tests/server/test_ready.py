@@ -1,0 +1,65 @@
+"""motiongen-server-ready: the health check of containers, against the port that a server really has."""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+
+import pytest
+from prometheus_client import CollectorRegistry
+
+from motiongen_server.config import ServerConfig
+from motiongen_server.ops.http import ops_app
+from motiongen_server.ops.port import OpsPort
+from motiongen_server.ready import main, readiness_url
+from motiongen_server.settings import SettingError
+from motiongen_server.text.encoder.config import EncoderConfig
+from tests.scale.proxies import CERTIFICATES
+
+
+async def exit_code(port: int, **environment: str) -> int:
+    """Of the command, with these settings of the server beside it."""
+    settings = {"MOTIONGEN_OPS_PORT": str(port), **environment}
+    return await asyncio.to_thread(main, [], settings)
+
+
+@pytest.mark.parametrize("ready", [True, False])
+async def test_it_says_what_the_server_says(ready: bool) -> None:
+    port = OpsPort(ops_app(CollectorRegistry(), lambda: True, lambda: ready), "127.0.0.1", 0)
+    await port.start()
+    try:
+        assert await exit_code(port.port) == (0 if ready else 1)
+    finally:
+        await port.stop()
+    assert await exit_code(port.port) == 1, "nobody listens any more"
+
+
+async def test_a_server_with_https_is_asked_by_https() -> None:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    files = str(CERTIFICATES / "server-1.pem"), str(CERTIFICATES / "server-1.key")
+    context.load_cert_chain(*files)
+    port = OpsPort(ops_app(CollectorRegistry(), lambda: True, lambda: True), "127.0.0.1", 0, context)
+    await port.start()
+    tls = {"MOTIONGEN_OPS_TLS": "true", "MOTIONGEN_TLS_CERTIFICATE": files[0], "MOTIONGEN_TLS_KEY": files[1]}
+    try:
+        assert await exit_code(port.port, **tls) == 0
+    finally:
+        await port.stop()
+
+
+def test_all_addresses_are_asked_at_ones_own() -> None:
+    assert readiness_url(ServerConfig(ops_host="0.0.0.0", insecure=True)) == "http://127.0.0.1:9464/readyz"
+    assert readiness_url(ServerConfig(ops_host="::", insecure=True)) == "http://[::1]:9464/readyz"
+    assert readiness_url(ServerConfig(ops_host="10.1.2.3", insecure=True)) == "http://10.1.2.3:9464/readyz"
+    assert readiness_url(EncoderConfig()) == "http://127.0.0.1:9465/readyz"
+
+
+def test_a_port_that_nobody_knows_is_refused() -> None:
+    with pytest.raises(SettingError, match="ops_port is 0"):
+        readiness_url(ServerConfig(ops_port=0))
+
+
+def test_a_wrong_setting_is_told_apart_from_a_server_that_is_not_ready(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([], {"MOTIONGEN_OPS_PORT": "none"}) == 2
+    assert "ops_port is 'none'; it must be a whole number" in capsys.readouterr().err
+    assert main(["--encoder"], {"MOTIONGEN_ENCODER_OPS_PORT": "none"}) == 2

@@ -29,7 +29,7 @@ leaf() { # name, alternative names
     chmod 644 "$1.key"
     rm request.pem extensions
 }
-leaf server "DNS:server-a,DNS:server-b,DNS:encoder"
+leaf server "DNS:server-a,DNS:server-b,DNS:encoder,DNS:localhost"
 leaf proxy "$names"
 cat proxy.pem proxy.key > proxy-with-key.pem
 

@@ -24,17 +24,20 @@ CONFIGURATION = REPOSITORY / "deploy" / "prometheus" / "scrape.yaml"
 class Prometheus:
     """Use as `with Prometheus(folder, ports) as prometheus`. Its targets and its interval alone are changed."""
 
-    def __init__(self, folder: Path, ops_ports: Sequence[int], interval: str = "1s") -> None:
+    def __init__(
+        self, folder: Path, ops_ports: Sequence[int], interval: str = "1s", configuration: Path = CONFIGURATION
+    ) -> None:
         self._folder = folder
         self._port = free_port()
         self._targets = [f"localhost:{port}" for port in ops_ports]
         self._interval = interval
+        self._configuration = configuration
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> Prometheus:
         program = shutil.which("prometheus")
         assert program, "prometheus is not installed (apt-get install prometheus)"
-        content = yaml.safe_load(CONFIGURATION.read_text(encoding="utf-8"))
+        content = yaml.safe_load(self._configuration.read_text(encoding="utf-8"))
         content["global"].update(scrape_interval=self._interval, evaluation_interval=self._interval)
         content["rule_files"] = [str(CONFIGURATION.parent / name) for name in content["rule_files"]]
         (job,) = content["scrape_configs"]

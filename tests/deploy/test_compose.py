@@ -1,0 +1,95 @@
+"""deploy/compose.yaml: what the format allows, what the programs take, and nothing that is missing."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from motiongen_server.config import parse_config
+from motiongen_server.text.encoder.config import ENCODER
+from tests.deploy.compose_here import DEPLOY, IMAGE, SERVERS, make_secrets, read_compose
+
+COMPOSE = read_compose()
+SERVICES: dict[str, Any] = COMPOSE["services"]
+
+
+def names_in(service: dict[str, Any], kind: str) -> set[str]:
+    """Secrets, configs or networks that a service uses."""
+    return {each["source"] if isinstance(each, dict) else each for each in service.get(kind, ())}
+
+
+@pytest.mark.parametrize("kind", ["secrets", "configs", "networks"])
+def test_what_services_use_is_declared_and_all_of_it_is_used(kind: str) -> None:
+    used = {name for service in SERVICES.values() for name in names_in(service, kind)}
+    assert used == set(COMPOSE[kind])
+
+
+def test_the_script_makes_every_secret(tmp_path: Path) -> None:
+    made = make_secrets(tmp_path)
+    wanted = {Path(each["file"]).name for each in COMPOSE["secrets"].values()}
+    wanted |= {Path(file).name for service in SERVICES.values() for file in service.get("env_file", ())}
+    assert wanted <= {path.name for path in made.iterdir()}
+    assert made.stat().st_mode & 0o077 == 0, "others must not reach the keys"
+    ignored = (DEPLOY.parent / ".gitignore").read_text(encoding="utf-8").split()
+    assert "/deploy/secrets/" in ignored
+
+
+def test_files_that_are_mounted_are_there() -> None:
+    for name, service in SERVICES.items():
+        for source in (volume.split(":")[0] for volume in service.get("volumes", ())):
+            is_named = source in COMPOSE["volumes"]
+            assert is_named or (DEPLOY / source).exists(), (name, source)
+
+
+@pytest.mark.parametrize("name", SERVERS)
+def test_the_server_takes_its_settings_and_is_protected(name: str) -> None:
+    config = parse_config([], IMAGE | SERVICES[name]["environment"])
+    assert not config.insecure
+    named = {Path(path).name for path in (config.tls_certificate, config.tls_key, config.tenants)}
+    assert named <= names_in(SERVICES[name], "secrets")
+
+
+def test_the_encoder_takes_its_settings_and_is_protected() -> None:
+    service = SERVICES["encoder"]
+    config = ENCODER.parse([], IMAGE | service["environment"])
+    assert not config.insecure
+    assert config.tls_certificate
+    assert config.tenants
+    assert service["entrypoint"] == ["motiongen-text-encoder"]
+    assert service["healthcheck"]["test"] == ["CMD", "motiongen-server-ready", "--encoder"]
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_a_service_may_do_no_more_than_it_must(name: str) -> None:
+    service = SERVICES[name]
+    assert service["read_only"]
+    assert service["cap_drop"] == ["ALL"]
+    assert "no-new-privileges:true" in service["security_opt"]
+    published = [str(port) for port in service.get("ports", ())]
+    assert name == "proxy" or all(port.startswith("127.0.0.1:") for port in published)
+
+
+def test_only_the_proxy_and_grafana_are_where_others_reach_them() -> None:
+    outside = {name for name, each in COMPOSE["networks"].items() if not each.get("internal")}
+    assert {name for name, service in SERVICES.items() if names_in(service, "networks") & outside} == {
+        "proxy",
+        "grafana",
+    }
+
+
+def test_images_of_others_have_a_version() -> None:
+    for name, service in SERVICES.items():
+        assert re.search(r":v?\d+\.\d+|^motiongen-server:(cpu|cuda)$", service["image"]), name
+
+
+@pytest.mark.system
+def test_the_format_allows_it() -> None:
+    path = str(DEPLOY / "compose.yaml")
+    done = subprocess.run(
+        ["check-jsonschema", "--builtin-schema", "vendor.compose-spec", path], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -77,8 +77,13 @@ test: $(READY) cpp-packages ## run all tests that need no GPU, in JOBS=2 process
 	OMP_NUM_THREADS=1 $(PYTHON) -m pytest -n $(JOBS) -m 'not gpu and not system' $(if $(filter no,$(CPP)),--ignore tests/cpp) $(ARGS)
 
 .PHONY: test-system
-test-system: $(READY) test-lowest viewer browser-packages ## run the tests that build, install or take long, those with the oldest versions too
+test-system: $(READY) test-lowest viewer browser-packages system-packages ## run the tests that build, install or take long, those with the oldest versions too
 	$(PYTHON) -m pytest -m system $(ARGS)
+
+.PHONY: system-packages
+system-packages: $(READY) ## see that what deploy/ is tried with is there; installs it where apt-get may
+	@bash .ci/system_packages.sh
+	$(PYTHON) -m pip install --quiet --constraint constraints.txt --requirement requirements-system.txt
 
 .PHONY: test-lowest
 test-lowest: ## run the client's tests with the oldest grpcio, protobuf and numpy that it allows, in an environment of its own

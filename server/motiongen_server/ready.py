@@ -59,9 +59,9 @@ def main(arguments: Sequence[str] | None = None, environment: Mapping[str, str] 
     parser = argparse.ArgumentParser(prog="motiongen-server-ready", description="Whether the server here is ready.")
     parser.add_argument("--encoder", action="store_true", help="ask the text encoder, by its own settings")
     options = parser.parse_args(arguments)
-    program = ENCODER if options.encoder else SERVER
+    parse = ENCODER.parse if options.encoder else SERVER.parse
     try:
-        url = readiness_url(program.parse([], environment))  # type: ignore[attr-defined]
+        url = readiness_url(parse([], environment))
     except SettingError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

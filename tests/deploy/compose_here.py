@@ -1,4 +1,4 @@
-"""The services of deploy/compose.yaml as processes of this machine: their commands and settings, other ports and paths."""
+"""The services of deploy/compose.yaml as processes of this machine: with their settings, on other ports."""
 
 from __future__ import annotations
 

@@ -54,7 +54,8 @@ async def test_who_shows_no_token_is_turned_away(here: ComposeHere) -> None:
 
 @pytest.mark.parametrize("name", SERVERS)
 def test_metrics_are_for_prometheus_alone(here: ComposeHere, name: str) -> None:
-    tokens = {who: (here.secrets / f"{who}.token").read_text(encoding="utf-8").strip() for who in ("prometheus", "player")}
+    files = {who: here.secrets / f"{who}.token" for who in ("prometheus", "player")}
+    tokens = {who: file.read_text(encoding="utf-8").strip() for who, file in files.items()}
     assert here.status(name, "/metrics", tokens["prometheus"]) == 200
     assert here.status(name, "/metrics", tokens["player"]) == 401
     assert here.status(name, "/metrics") == 401

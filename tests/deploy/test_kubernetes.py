@@ -20,7 +20,7 @@ VERSIONS = ["1.29", "1.31", "1.33"]
 
 def built(folder: str) -> dict[str, Any]:
     """The objects that kustomize makes, by kind."""
-    assert shutil.which("kubectl"), "kubectl is not installed (apt-get install kubernetes-client)"
+    assert shutil.which("kubectl"), "kubectl 1.27 or later is not installed"
     done = subprocess.run(["kubectl", "kustomize", str(FOLDER / folder)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     objects = list(yaml.safe_load_all(done.stdout))

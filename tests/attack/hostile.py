@@ -26,6 +26,14 @@ async def empty_constraints(address: str) -> None:
     await flood(address, [Request(events=[Event(session=1, event_seq=2, edit_constraints=edit)]).SerializeToString()])
 
 
+async def many_removals(address: str) -> None:
+    """Of a session that is there, each with the next number."""
+    edit = session_pb2.EditConstraints(remove=range(1, 300_001))
+    events = [Event(session=1, event_seq=number, edit_constraints=edit) for number in range(2, 40)]
+    opening = Event(session=1, event_seq=1, open=session_pb2.OpenSession())
+    await flood(address, [Request(events=[event]).SerializeToString() for event in (opening, *events)])
+
+
 async def huge_messages(address: str) -> None:
     await flood(address, [Request(events=[Event()] * 450_000).SerializeToString()], reads=False, streams=40)
 
@@ -196,9 +204,9 @@ async def long_names(address: str) -> None:
 KINDS = {
     kind.__name__: kind
     for kind in (
-        empty_events, empty_constraints, huge_messages, pings, failing_opens, new_prompts, liars, silent_streams,
-        unread_clips, unread_streams, catalogs, connections, garbage, heroes, playheads, empty_streams, long_names,
-        idle_connections, unread_metrics, mutations,
+        empty_events, empty_constraints, many_removals, huge_messages, pings, failing_opens, new_prompts, liars,
+        silent_streams, unread_clips, unread_streams, catalogs, connections, garbage, heroes, playheads, empty_streams,
+        long_names, idle_connections, unread_metrics, mutations,
     )
 }  # fmt: skip
 

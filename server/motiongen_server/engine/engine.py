@@ -37,6 +37,7 @@ from motiongen_server.engine.types import (
     Seek,
     SetOptions,
     SetPlayState,
+    StepsOf,
 )
 from motiongen_server.engine.types.refusals import handle_in_use, prior_frames_failed, session_not_open
 from motiongen_server.engine.types.report import StepReport
@@ -48,8 +49,8 @@ _IDLE_TICK_S = 0.5
 class Engine:
     """Generates the motion of all sessions with one runner.
 
-    `submit`, `drain`, `stop` and the properties may be used from any thread. All else belongs to the thread that calls
-    `step`, which calls `deliver`. sessions, windows: those of the moment. observe: takes the report of every round.
+    What stands under "from any thread" may be used from any. All else belongs to the thread that calls `step`, which
+    calls `deliver`. sessions, windows: those of the moment. observe: takes the report of every round.
     """
 
     def __init__(
@@ -112,6 +113,10 @@ class Engine:
         """What an Open would be refused with as things stand; no place is held."""
         return self._intake.refusal_of(event)
 
+    def note_steps_elsewhere(self, taken: StepsOf) -> None:
+        """Other engines have done so many steps for owners that have a quota."""
+        self.windows.quotas.note_elsewhere(taken)
+
     def drain(self) -> None:
         """Take no new sessions; those that are open are served on."""
         self._admission.close()
@@ -147,6 +152,7 @@ class Engine:
             self._flush()
         report.opens += self._admission.take_refused().elements()
         report.sessions = self.sessions.take_counts()
+        report.quota_steps = self.windows.quotas.take_taken(now)
         return report
 
     def idle_s(self) -> float:

@@ -37,7 +37,7 @@ class RunningWindows:
         self._scheduler = scheduler
         self._lease = lease
         self._passes = runner.facts.guidance_passes
-        self._quotas = StepQuotas()
+        self.quotas = StepQuotas()
         self._owners: dict[int, SessionState] = {}
         self._job_ids = itertools.count(1)
         self._executor = StepExecutor(
@@ -80,7 +80,7 @@ class RunningWindows:
 
     def start_due(self, state: SessionState, now: float) -> float:
         """Start the window that a session is due, if one is; when to look again, infinity: not for time alone."""
-        ready_at = self._quotas.ready_at(state.spec.owner, now)
+        ready_at = self.quotas.ready_at(state.spec.owner, now)
         if ready_at > now:
             state.edits.wait_until(ready_at)
         look_at = ready_at if ready_at > now else inf
@@ -94,7 +94,7 @@ class RunningWindows:
             state.spec.priority, planning.deadline(state, now), state.num_steps, self._passes
         )
         job = planning.next_window(state, now, predicted_s * self._lease.stretch, next(self._job_ids))
-        self._quotas.charge(job.owner, job.num_steps, now)
+        self.quotas.charge(job.owner, job.num_steps, now)
         self._owners[job.job_id] = state
         self._executor.add(job)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 
 from motiongen_server.engine.types import Event, ModelFacts, Open, Outcome
 from motiongen_server.engine.types.refusals import draining, session_limit
@@ -107,9 +106,7 @@ class EngineGroup:
             return refused_without_engine(event)
         is_clip = event.spec.is_clip
         _, link = min(free, key=lambda member: _taken(member[0], member[1], is_clip))
-        owner = event.spec.owner
-        part = replace(owner, steps_per_s=owner.steps_per_s / len(self._members))  # each engine counts for itself
-        return link.submit(replace(event, spec=replace(event.spec, owner=part)))
+        return link.submit(event)
 
     def drain(self) -> None:
         """Take no new sessions; those that are open are served on."""

@@ -24,6 +24,7 @@ from motiongen_server.engine_process.messages import (
     Load,
     LoadEncoder,
     Ready,
+    StepsElsewhere,
     Stop,
     ToEngine,
     Unload,
@@ -178,6 +179,10 @@ class EngineHost:
             slot = self._slots.get(message.slot)
             if slot is not None:
                 slot.stop()
+        elif isinstance(message, StepsElsewhere):
+            for slot in tuple(self._slots.values()):
+                if slot.number != message.slot:
+                    slot.note_steps_elsewhere(message.taken)
         elif isinstance(message, EncodeTexts):
             self._texts.put(message)
         elif isinstance(message, Load | LoadEncoder):

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from motiongen_server.config import ServerConfig
-from motiongen_server.engine.types import Close, Event, Float32Array, ModelFacts, Output
+from motiongen_server.engine.types import Close, Event, Float32Array, ModelFacts, Output, StepsOf
 from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine_process.codec import Codec
 from motiongen_server.rpc.abilities import Abilities
@@ -82,6 +82,14 @@ class EncodeTexts:
 
     number: int
     texts: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StepsElsewhere:
+    """What engines but that of a slot did for owners with a quota. slot: 0 where it is of another engine process."""
+
+    slot: int
+    taken: StepsOf
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,10 +166,12 @@ class Ended:
     error: str
 
 
-ToEngine = Begin | Load | Unload | Events | CloseAhead | LoadEncoder | EncodeTexts | Stop
+ToEngine = Begin | Load | Unload | Events | CloseAhead | LoadEncoder | EncodeTexts | StepsElsewhere | Stop
 ToGateway = Joined | Ready | Unloaded | Outputs | Pulse | EncoderReady | Encoded | Ended
 
-TO_ENGINE: Codec[ToEngine] = Codec(Begin, Load, Unload, Events, CloseAhead, LoadEncoder, EncodeTexts, Stop)
+TO_ENGINE: Codec[ToEngine] = Codec(
+    Begin, Load, Unload, Events, CloseAhead, LoadEncoder, EncodeTexts, StepsElsewhere, Stop
+)
 TO_GATEWAY: Codec[ToGateway] = Codec(
     Joined, Ready, Unloaded, Outputs, Pulse, EncoderReady, Encoded, Ended, writable=False
 )

@@ -20,6 +20,7 @@ from motiongen_server.engine.types import (
     Priority,
     Resume,
     SessionKey,
+    StepsOf,
 )
 from motiongen_server.engine_process.ledger import Ledger, engine_restarting
 from motiongen_server.engine_process.messages import TO_GATEWAY, CloseAhead, Events, Pulse, Ready
@@ -42,6 +43,7 @@ class ModelLink:
         self.is_retired = False  # it is being unloaded
         self.silent_s = 0.0  # since the engine last said something
         self.observe: Observe | None = None
+        self.on_quota_steps: Callable[[StepsOf], None] = lambda taken: None  # which owners with a quota had there
         self.full: frozenset[Priority] = frozenset()  # classes that its engine lets nobody in of, as last told
         self._deliver = deliver
         self._ring = ring
@@ -130,6 +132,9 @@ class ModelLink:
                 self._load, self._opens_since = report.load, 0
             if self.observe is not None:
                 self.observe(report)
+        taken = tuple(each for report in pulse.reports for each in report.quota_steps)
+        if taken:
+            self.on_quota_steps(taken)
 
     def take_events(self) -> Events | None:
         """What is to be sent next, when there is room for it."""

@@ -7,12 +7,14 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import wait
+from functools import partial
 
 from motiongen_server.config import ServerConfig
 from motiongen_server.devices import EngineDevice, devices_of
 from motiongen_server.engine.ports import Deliver, Observe
-from motiongen_server.engine.types import ModelFacts
+from motiongen_server.engine.types import ModelFacts, StepsOf
 from motiongen_server.engine_process.group import EngineGroup
+from motiongen_server.engine_process.messages import StepsElsewhere
 from motiongen_server.engine_process.process import HUNG_S, EngineProcess
 from motiongen_server.engine_process.restarts import REST_S
 from motiongen_server.engine_process.text import EngineTextEncoder
@@ -69,7 +71,14 @@ class EnginePool:
             raise next((error for error in errors if isinstance(error, SettingError)), errors[0])
         for process, link in zip(self.processes, links, strict=True):
             link.observe = self._observer_of(link.ready.result().facts.model_id, process.name)
+            link.on_quota_steps = partial(self._tell_others, process, slot)
         return group
+
+    def _tell_others(self, process: EngineProcess, slot: int, taken: StepsOf) -> None:
+        """What the engine of a slot did for owners that have a quota counts for all engines."""
+        for each in self.processes:
+            if each.pid is not None:  # else one that begins later begins anew
+                each.tell(StepsElsewhere(slot if each is process else 0, taken))
 
     def load_text(self, facts: ModelFacts) -> TextEncoder:
         """The text encoder for a model, here where it needs no torch. Raises SettingError."""

@@ -10,7 +10,7 @@ from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.loop import run as run_loop
 from motiongen_server.engine.mailbox import Mailbox
 from motiongen_server.engine.ports import Deliver, Inbox, Observe
-from motiongen_server.engine.types import ModelFacts
+from motiongen_server.engine.types import ModelFacts, StepsOf
 from motiongen_server.engine_process.arrivals import Arrivals
 from motiongen_server.engine_process.messages import CloseAhead, Events
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
@@ -69,6 +69,11 @@ class Slot:
             refusal = self._engine.submit(event)
             if refusal is not None:
                 self._deliver((refusal,))
+
+    def note_steps_elsewhere(self, taken: StepsOf) -> None:
+        """Tell the engine what others did for owners that have a quota. From any thread."""
+        if self._engine is not None:
+            self._engine.note_steps_elsewhere(taken)
 
     def stop(self) -> None:
         """Let the engine finish."""

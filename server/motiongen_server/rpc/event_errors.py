@@ -68,6 +68,13 @@ def resume_out_of_range() -> EventRefused:
     return EventRefused(Code.FAILED_PRECONDITION, "RESUME_OUT_OF_RANGE", message, field, allowed)
 
 
+def too_many_fields(most: int) -> EventRefused:
+    """Of an event that was counted, and not read."""
+    allowed = f"at most {most}, some 16 for each constraint and prompt that a session may have; send several events"
+    message = "the event has too many fields"
+    return EventRefused(Code.RESOURCE_EXHAUSTED, "TOO_MANY_FIELDS", message, "event", allowed)
+
+
 def too_fast(rate: float, retry_after_s: float) -> EventRefused:
     code, message = Code.RESOURCE_EXHAUSTED, "the session sends events too fast"
     return EventRefused(code, "TOO_MANY_EVENTS", message, "event", f"{rate:g} a second", retry_after_s)

@@ -42,6 +42,11 @@ class Limits:
     backlog_s: float = 5.0
     resume_grace_s: float = 30.0
 
+    @property
+    def max_event_fields(self) -> int:
+        """Of one event, counted on the wire: more than one that sets all constraints and prompts at once has."""
+        return 64 + 16 * (self.max_constraints + self.max_prompts)
+
 
 @dataclass(frozen=True, slots=True)
 class PeerLimits:

@@ -1,38 +1,54 @@
 """RequestParts: a client's message, walked over and taken apart before anything of it is parsed.
 
-Parsed messages take many times the memory of their bytes: two bytes on the wire are an event of more than a hundred. So
-a long message is counted first, and parsed a few events at a time, each part a message of its own.
+Parsed messages take many times the memory of their bytes. So a long message is counted first, the fields of its long
+events too, and parsed a few events at a time, each part a message of its own. An event of more fields than one may have
+is never parsed: only what says of which session it is, and what kind of event.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from google.protobuf.message import DecodeError
 
-from motiongen.v1 import service_pb2
+from motiongen.v1 import service_pb2, session_pb2
+from motiongen_server.rpc.wire_fields import EVENT, LENGTH, Malformed, field, num_fields
 
 SMALL_BYTES = 4096
 """Messages up to this size are parsed as a whole."""
+SMALL_EVENT_BYTES = 1024
+"""Events up to this size may have as many fields as fit: their fields are not counted."""
 EVENTS_A_PART = 64
-_EVENTS_TAG = 1 << 3 | 2
-_FIXED_BYTES = {1: 8, 5: 4}
+FIELDS_A_PART = 4096
+FIELDS_AN_EVENT = 32
+"""So many fields are walked over in the time that an event takes."""
+MOST_CONTROL_FIELDS = 64
+"""Beside events; this version has three, and says one of them at a time."""
+_EVENTS_TAG = 1 << 3 | LENGTH
 
 
-class Malformed(ValueError):
-    """What came is no message."""
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Events to be parsed: a message of some, or the bytes of one that has too many fields."""
+
+    begin: int
+    end: int
+    is_overgrown: bool = False
 
 
 class RequestParts:
-    """`walk` until `is_done`, then `control` and `events` can be asked for."""
+    """`walk` until `is_done`, then `control` and `events` can be asked for. most_fields: of one event."""
 
-    def __init__(self, data: bytes) -> None:
+    def __init__(self, data: bytes, most_fields: int) -> None:
         self._data = data
+        self._most_fields = most_fields
         self._at = 0
-        self._num_events = 0
+        self._num_events = 0  # of the part that is being walked over
+        self._num_fields = 0
         self._control: list[bytes] = []
-        self._events_from: int | None = None  # of the part that is being walked over
-        self._cuts: list[tuple[int, int]] = []
+        self._part_from: int | None = None
+        self._parts: list[Part] = []
 
     @property
     def is_done(self) -> bool:
@@ -40,69 +56,93 @@ class RequestParts:
         return self._at == len(self._data)
 
     def walk(self, most: int) -> int:
-        """Walk over so many more of the events; returns how many those were. Raises Malformed."""
+        """Walk over so many more of the events, or what takes as long; returns how many that was. Raises Malformed."""
         data, count = self._data, 0
         while count < most and self._at < len(data):
             begin = self._at
-            tag, at = self._varint(begin)
-            end = self._end_of_field(tag, at)
+            tag, content, self._at = field(data, begin)
             if tag == _EVENTS_TAG:
-                if self._events_from is None:
-                    self._events_from = begin
-                count += 1
-                self._num_events += 1
-                if self._num_events % EVENTS_A_PART == 0:
-                    self._cut(end)
+                count += 1 + self._walk_event(begin, content) // FIELDS_AN_EVENT
             else:
                 self._cut(begin)
-                self._control.append(data[begin:end])
-            self._at = end
+                self._control.append(data[begin : self._at])
+                if len(self._control) > MOST_CONTROL_FIELDS:
+                    raise Malformed(f"a message has more than {MOST_CONTROL_FIELDS} fields beside its events")
         if self._at == len(data):
             self._cut(self._at)
         return count
 
-    def _cut(self, end: int) -> None:
-        if self._events_from is not None:
-            self._cuts.append((self._events_from, end))
-            self._events_from = None
-
-    def _end_of_field(self, tag: int, at: int) -> int:
-        wire_type = tag & 7
-        if wire_type == 0:
-            _, end = self._varint(at)
-        elif wire_type == 2:
-            length, begin = self._varint(at)
-            end = begin + length
-        elif wire_type in _FIXED_BYTES:
-            end = at + _FIXED_BYTES[wire_type]
+    def _walk_event(self, begin: int, content: int) -> int:
+        """Enter an event into the parts; returns how many of its fields were walked over."""
+        end = self._at
+        if end - content <= SMALL_EVENT_BYTES:
+            self._add(begin, (end - content) // 2)  # each takes two bytes or more
+            return 0
+        count = num_fields(self._data, content, end, EVENT, self._most_fields)
+        if count > self._most_fields:
+            self._cut(begin)
+            self._parts.append(Part(content, end, is_overgrown=True))
         else:
-            raise Malformed(f"wire type {wire_type} at byte {at}")
-        if end > len(self._data):
-            raise Malformed(f"a field at byte {at} ends beyond the message")
-        return end
+            self._add(begin, count)
+        return count
 
-    def _varint(self, at: int) -> tuple[int, int]:
-        """The number that begins at a byte, and where it ends."""
-        data, value, shift = self._data, 0, 0
-        while at < len(data):
-            byte = data[at]
-            at += 1
-            value |= (byte & 0x7F) << shift
-            if byte < 0x80:
-                return value, at
-            shift += 7
-            if shift > 63:
-                break
-        raise Malformed(f"a number before byte {at} does not end")
+    def _add(self, begin: int, num_fields: int) -> None:
+        if self._num_fields + num_fields > FIELDS_A_PART:
+            self._cut(begin)
+        if self._part_from is None:
+            self._part_from = begin
+        self._num_events += 1
+        self._num_fields += num_fields
+        if self._num_events == EVENTS_A_PART:
+            self._cut(self._at)
+
+    def _cut(self, end: int) -> None:
+        if self._part_from is not None:
+            self._parts.append(Part(self._part_from, end))
+            self._part_from = None
+        self._num_events = self._num_fields = 0
 
     def control(self) -> service_pb2.StreamMotionRequest:
         """The message without its events. Raises Malformed."""
         return parsed(b"".join(self._control))
 
-    def events(self) -> Iterator[service_pb2.StreamMotionRequest]:
-        """The events in order, some to a message. Raises Malformed."""
-        for begin, end in self._cuts:
-            yield parsed(self._data[begin:end])
+    def events(self) -> Iterator[tuple[service_pb2.StreamMotionRequest, bool]]:
+        """The events in order, some to a message, and whether it is one of too many fields. Raises Malformed.
+
+        Of such a one there is its session, its number, and its kind without content.
+        """
+        for part in self._parts:
+            if part.is_overgrown:
+                event = shell_of(self._data, part.begin, part.end, self._most_fields)
+                yield service_pb2.StreamMotionRequest(events=[event]), True
+            else:
+                yield parsed(self._data[part.begin : part.end]), False
+
+
+def shell_of(data: bytes, begin: int, end: int, most_fields: int) -> session_pb2.SessionEvent:
+    """An event whose texts and messages are emptied. Raises Malformed, also where there are too many fields."""
+    kept, at, count = [], begin, 0
+    while at < end:
+        start = at
+        tag, _, at = field(data, at)
+        kept.append(_tag_bytes(tag) + b"\x00" if tag & 7 == LENGTH else data[start:at])
+        count += 1
+        if count > most_fields:
+            raise Malformed(f"an event has more than {most_fields} fields of its own")
+    try:
+        return session_pb2.SessionEvent.FromString(b"".join(kept))
+    except DecodeError as error:
+        raise Malformed(str(error)) from error
+
+
+def _tag_bytes(tag: int) -> bytes:
+    """As a number of the wire."""
+    written = bytearray()
+    while tag > 0x7F:
+        written.append(tag & 0x7F | 0x80)
+        tag >>= 7
+    written.append(tag)
+    return bytes(written)
 
 
 def parsed(data: bytes) -> service_pb2.StreamMotionRequest:

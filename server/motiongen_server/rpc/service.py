@@ -127,7 +127,7 @@ class MotionService:
         """Samples of one clip, from the request to the last frame."""
         try:
             peer, _ = await self._charge_call(context, CALL_COST + len(request) / BYTES_A_CALL)
-            asked = clip_request(request)
+            asked = clip_request(request, self._models.limits.max_event_fields)
         except StreamRefused as refusal:
             await context.abort_with_status(refusal.status())
         await self.clips.generate(asked, context, peer)

@@ -72,14 +72,19 @@ class Stream(StreamTakeOvers):
 
     # ---- from the client --------------------------------------------------------------------------------------------
 
-    def receive(self, event: session_pb2.SessionEvent, now: float) -> None:
-        """Take one event of the client, read at `now` and charged: hand it to the engine, or answer why not."""
+    def receive(self, event: session_pb2.SessionEvent, now: float, unread: EventRefused | None = None) -> None:
+        """Take one event of the client, read at `now` and charged: hand it to the engine, or answer why not.
+
+        unread: why its content was not read.
+        """
         kind, handle = event.WhichOneof("event"), event.session
         if handle in self._held_back:
-            self._hold_back(event, now)
+            self._hold_back(event, now, unread)
             return
         entry = self._entries.get(handle)
         try:
+            if unread is not None and (kind == "open" or entry is None):
+                raise unread
             if kind == "playhead":
                 self._report(event, entry, now)
                 return
@@ -95,6 +100,8 @@ class Stream(StreamTakeOvers):
         if entry is None:
             return
         try:
+            if unread is not None:
+                raise unread
             if kind != "close":  # which asks for less work, not for more
                 self._take_token(entry, now)
             pass_on(entry, event, now)

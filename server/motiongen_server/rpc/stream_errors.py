@@ -37,6 +37,12 @@ def malformed(what: str) -> StreamRefused:
     return StreamRefused(grpc.StatusCode.INVALID_ARGUMENT, "MALFORMED_REQUEST", message)
 
 
+def request_of_too_many_fields(most: int) -> StreamRefused:
+    """Of the request for a clip, which was counted and not read."""
+    message = f"the request has more than {most} fields; ask for fewer constraints and prompts"
+    return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_FIELDS", message, field="open")
+
+
 def too_many_streams(most: int, kind: str = "") -> StreamRefused:
     """kind: of the peer whose quota it is; "": the server's own limit."""
     whose = f"your {kind} has as many streams as it may (quota streams)" if kind else "there are no more streams left"

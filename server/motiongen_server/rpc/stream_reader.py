@@ -9,9 +9,10 @@ from motiongen.v1 import service_pb2
 from motiongen_server.models.registry import ModelRegistry
 from motiongen_server.rpc.budget import EVENT_COST
 from motiongen_server.rpc.convert import round_trip_s
+from motiongen_server.rpc.event_errors import too_many_fields
 from motiongen_server.rpc.goodbye import say_draining
 from motiongen_server.rpc.handlers import StreamContext
-from motiongen_server.rpc.request_parts import SMALL_BYTES, Malformed, RequestParts, parsed
+from motiongen_server.rpc.request_parts import SMALL_BYTES, RequestParts, parsed
 from motiongen_server.rpc.stream import Stream
 from motiongen_server.rpc.stream_errors import (
     client_agent_too_long,
@@ -19,6 +20,7 @@ from motiongen_server.rpc.stream_errors import (
     hello_repeated,
     malformed,
 )
+from motiongen_server.rpc.wire_fields import Malformed
 
 _log = logging.getLogger(__name__)
 
@@ -60,14 +62,18 @@ class StreamReader:
             self._control(stream, request)
             await self._events(stream, request)
             return
-        parts = RequestParts(data)
+        parts = RequestParts(data, self._models.limits.max_event_fields)
         while not parts.is_done:
             stream.budget.charge(EVENT_COST * parts.walk(EVENTS_A_WALK), time.monotonic())
             await stream.room()
         self._control(stream, parts.control())
-        for request in parts.events():
+        for request, is_overgrown in parts.events():
             await stream.room()
-            await self._events(stream, request)
+            if is_overgrown:
+                refusal = too_many_fields(self._models.limits.max_event_fields)
+                stream.receive(request.events[0], time.monotonic(), refusal)
+            else:
+                await self._events(stream, request)
 
     def _control(self, stream: Stream, request: service_pb2.StreamMotionRequest) -> None:
         """What a message says of the stream itself."""

@@ -41,11 +41,11 @@ class StreamTakeOvers(StreamSessions):
         self.budget = StreamBudget(models.limits.stream_events_per_second, peer, now)
         self.accepts_opens = True
         self._models = models
-        self._held_back: dict[int, list[tuple[session_pb2.SessionEvent, float]]] = {}
+        self._held_back: dict[int, list[tuple[session_pb2.SessionEvent, float, EventRefused | None]]] = {}
         self._taking_over: set[asyncio.Task[None]] = set()
 
     @abstractmethod
-    def receive(self, event: session_pb2.SessionEvent, now: float) -> None:
+    def receive(self, event: session_pb2.SessionEvent, now: float, unread: EventRefused | None = None) -> None:
         """Take one event of the client."""
 
     def _begin_take_over(self, event: session_pb2.SessionEvent, durability: Durability, now: float) -> None:
@@ -74,8 +74,8 @@ class StreamTakeOvers(StreamSessions):
             self._say(refusal.outcome(key, 1), None)
         finally:
             held_back = self._held_back.pop(handle)
-        for event, received_at in held_back:
-            self.receive(event, received_at)
+        for event, received_at, unread in held_back:
+            self.receive(event, received_at, unread)
 
     def _adopt(
         self,
@@ -96,7 +96,7 @@ class StreamTakeOvers(StreamSessions):
         if refusal is not None:
             self.take_now(refusal)
 
-    def _hold_back(self, event: session_pb2.SessionEvent, now: float) -> None:
+    def _hold_back(self, event: session_pb2.SessionEvent, now: float, unread: EventRefused | None) -> None:
         """Keep an event until its session is there, or is not."""
         waiting = self._held_back[event.session]
         if event.WhichOneof("event") == "playhead":
@@ -108,4 +108,4 @@ class StreamTakeOvers(StreamSessions):
             return
         kept = session_pb2.SessionEvent()
         kept.CopyFrom(event)  # else the whole message would be kept with it
-        waiting.append((kept, now))
+        waiting.append((kept, now, unread))

@@ -55,6 +55,38 @@ def test_replans_wait_for_their_owners_quota_and_frames_do_not() -> None:
     assert steps_held <= 60 * (15 + 1)
 
 
+def _steered_at(stages: list[Stage], owner: Owner, seconds: float) -> list[int]:
+    """Six heroes at each of these engines, edited as fast as they may be; the steps that each engine did.
+
+    What one did for the owner the others are told every tenth of a second, as from their processes.
+    """
+    viewers = [[stage.open(n, seed=n, priority=Priority.HERO, owner=owner) for n in range(1, 7)] for stage in stages]
+    heard = [0] * len(stages)
+    for marker in range(round(seconds / 0.1)):
+        for number, stage in enumerate(stages):
+            stage.run(0.1)
+            for viewer in viewers[number]:
+                stage.set_prompts(viewer, prompt(marker))
+        for number, stage in enumerate(stages):
+            taken = [each for report in stage.reports[heard[number] :] for each in report.quota_steps]
+            heard[number] = len(stage.reports)
+            for other in stages:
+                if other is not stage:
+                    other.engine.note_steps_elsewhere(tuple(taken))
+    assert all(viewer.underruns == 0 for there in viewers for viewer in there)
+    return [sum(len(batch) for batch in stage.runner.batches) for stage in stages]
+
+
+def test_a_quota_is_that_of_all_engines_together_and_one_alone_may_use_it() -> None:
+    owner, seconds = Owner("studio", steps_per_s=100.0), 20.0
+    (alone,) = _steered_at([Stage(EVERYBODY)], owner, seconds)
+    together = _steered_at([Stage(EVERYBODY) for _ in range(3)], owner, seconds)
+    assert 100 * seconds * 0.9 < alone <= 100 * (seconds + 1)
+    # What each saves up at first, for a second; from then on the quota, and no engine is left out.
+    assert 100 * seconds * 0.9 < sum(together) <= 100 * (seconds + 3)
+    assert min(together) > 0.2 * sum(together)
+
+
 def test_a_clip_waits_for_its_owners_quota_too() -> None:
     stage = Stage(EVERYBODY)
     clip = stage.open_clip(1, 400, owner=Owner("studio", steps_per_s=8.0))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 
 import pytest
 
-from motiongen_server.engine.types import Chunk, Closed, CloseReason, Event, Open, Opened, Outcome, Owner, SessionKey
-from motiongen_server.engine_process.model_link import ModelLink
+from motiongen_server.engine.types import Chunk, Closed, CloseReason, Opened, Outcome, Owner, SessionKey
+from motiongen_server.engine_process.messages import StepsElsewhere, ToEngine
+from motiongen_server.engine_process.process import EngineProcess
 from tests.server.engine.fakes import FRAME, PLAN, SEED
 from tests.server.engine_process.audience import KEY, LIMIT_S, close, opening, play, playhead, remote
 
@@ -48,17 +50,30 @@ def test_refusals_of_the_engine_come_back_and_its_limits_hold() -> None:
         assert engine.num_sessions == 1
 
 
-def test_a_quota_of_steps_is_divided_among_the_engines_and_arrives_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    sent: list[Event] = []
-    submit = ModelLink.submit
-    monkeypatch.setattr(ModelLink, "submit", lambda link, event: sent.append(event) or submit(link, event))
+def test_what_an_owner_with_a_quota_had_of_one_engine_the_others_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[tuple[str, StepsElsewhere]] = []
+    is_told, tell = threading.Event(), EngineProcess.tell
+
+    def note(process: EngineProcess, message: ToEngine) -> None:
+        if isinstance(message, StepsElsewhere):
+            told.append((process.name, message))
+            is_told.set()
+        tell(process, message)
+
+    monkeypatch.setattr(EngineProcess, "tell", note)
+    owner = Owner("studio", 2.0, 1200.0)
     with remote(engines=2) as there:
+        there.engine.submit(opening(SessionKey(1, 2)))  # nobody counts it
         event = opening()
-        owner = Owner("studio", 2.0, 12.0)
         there.engine.submit(replace(event, spec=replace(event.spec, owner=owner)))
         there.audience.wait_for_frames(40)
-    assert isinstance(sent[0], Open)
-    assert sent[0].spec.owner == Owner("studio", 2.0, 6.0)
+        assert is_told.wait(LIMIT_S)
+        there.engine.submit(playhead(30))  # it is well afterwards
+        there.audience.wait_for_frames(60)
+    num_steps = event.spec.denoise_steps
+    assert {name for name, _ in told[:2]} == {"0", "1"}
+    assert sorted(message.slot for _, message in told[:2]) == [0, 1], "and the engine itself is not charged twice"
+    assert all(message.taken == ((owner, num_steps),) for _, message in told[:2])
 
 
 def test_what_waits_for_an_engine_that_does_not_take_it_is_bounded_and_nothing_is_lost() -> None:

@@ -25,12 +25,14 @@ from motiongen_server.engine.types import (
     Outcome,
     Playhead,
     RigLayout,
+    SetPlayState,
     SetPrompts,
 )
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc import event_path
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert import prompt_texts
+from motiongen_server.rpc.event_errors import too_many_fields
 from motiongen_server.rpc.limits import Limits
 from motiongen_server.rpc.stream import Stream
 
@@ -236,3 +238,22 @@ async def test_what_waits_when_the_stream_ends_is_answered(line: Line) -> None:
     assert line.refusals() == [(1, "SESSION_CLOSED"), (2, "SESSION_CLOSED")]
     assert line.stream.num_sessions == 0
     assert line.engine.events == []
+
+
+async def test_an_event_whose_content_was_not_read_is_answered_by_its_number(line: Line) -> None:
+    unread = too_many_fields(4416)
+    shell = session_pb2.SessionEvent(session=HANDLE, event_seq=2, edit_constraints=session_pb2.EditConstraints())
+    opening = session_pb2.SessionEvent(session=HANDLE, event_seq=1, open=session_pb2.OpenSession())
+    line.stream.receive(opening, time.monotonic(), unread)
+    assert line.engine.events == [], "an open without its content opens nothing"
+    line.open()
+    line.stream.receive(shell, time.monotonic(), unread)
+    line.send(3, set_play_state=PAUSE)
+    assert line.refusals() == [(1, "TOO_MANY_FIELDS"), (2, "TOO_MANY_FIELDS")]
+    assert line.engine.kinds() == [Open, SetPlayState]
+
+
+async def test_it_is_no_event_of_a_session_that_is_not_there(line: Line) -> None:
+    shell = session_pb2.SessionEvent(session=HANDLE, event_seq=2, edit_constraints=session_pb2.EditConstraints())
+    line.stream.receive(shell, time.monotonic(), too_many_fields(4416))
+    assert line.refusals() == [(2, "TOO_MANY_FIELDS")]

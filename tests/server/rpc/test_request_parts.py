@@ -6,8 +6,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motiongen.v1 import service_pb2, session_pb2
-from motiongen_server.rpc.request_parts import EVENTS_A_PART, Malformed, RequestParts
+from motiongen.v1 import motion_pb2, service_pb2, session_pb2
+from motiongen_server.rpc.request_parts import (
+    EVENTS_A_PART,
+    FIELDS_A_PART,
+    MOST_CONTROL_FIELDS,
+    SMALL_EVENT_BYTES,
+    RequestParts,
+)
+from motiongen_server.rpc.wire_fields import CLIP, Malformed, num_fields
+
+MOST = 500
+"""Fields of one event."""
 
 HELLO = service_pb2.ClientHello(client_agent="someone")
 KNOWN = st.builds(
@@ -20,7 +30,7 @@ UNKNOWN = st.sampled_from([b"\xf8\x01\x05", b"\xf9\x01" + bytes(8), b"\xfa\x01\x
 
 
 def walked(data: bytes, most: int = 10) -> tuple[RequestParts, int]:
-    parts, count = RequestParts(data), 0
+    parts, count = RequestParts(data, MOST), 0
     while not parts.is_done:
         count += parts.walk(most)
     return parts, count
@@ -35,13 +45,14 @@ def test_the_parts_are_the_message(events: list[session_pb2.SessionEvent], unkno
     assert count == len(events)
     assert parts.control().hello == HELLO
     assert not parts.control().events
-    given_back = list(parts.events())
+    assert not any(is_overgrown for _, is_overgrown in parts.events())
+    given_back = [part for part, _ in parts.events()]
     assert [event for part in given_back for event in part.events] == events
     assert all(len(part.events) <= EVENTS_A_PART for part in given_back)
 
 
 def test_no_more_is_walked_over_than_was_asked_for() -> None:
-    parts = RequestParts(b"\x0a\x00" * 1000)
+    parts = RequestParts(b"\x0a\x00" * 1000, MOST)
     assert parts.walk(300) == 300
     assert not parts.is_done
     assert parts.walk(10_000) == 700
@@ -52,7 +63,7 @@ def test_no_more_is_walked_over_than_was_asked_for() -> None:
 def test_garbage_is_called_that_or_read_as_protobuf_reads_it(data: bytes) -> None:
     try:
         parts, _ = walked(data)
-        found = [event for part in parts.events() for event in part.events]
+        found = [event for part, _ in parts.events() for event in part.events]
         control = parts.control()
     except Malformed:
         return
@@ -69,3 +80,70 @@ def test_garbage_is_called_that_or_read_as_protobuf_reads_it(data: bytes) -> Non
 def test_what_ends_too_early_is_malformed(data: bytes) -> None:
     with pytest.raises(Malformed):
         walked(data)
+
+
+def edit(num_constraints: int, sequence: int = 2) -> session_pb2.SessionEvent:
+    """Each constraint is a field, and has two."""
+    waypoint = motion_pb2.Constraint(frame=9, waypoint=motion_pb2.Waypoint(x=1, z=2))
+    change = session_pb2.EditConstraints(upsert=[waypoint] * num_constraints)
+    return session_pb2.SessionEvent(session=7, event_seq=sequence, edit_constraints=change)
+
+
+def test_an_event_of_more_fields_than_it_may_have_is_told_apart_and_not_read() -> None:
+    fits, too_many = edit((MOST - 10) // 3), edit(MOST // 3 + 1, 3)
+    after = session_pb2.SessionEvent(session=8, event_seq=4, close=session_pb2.CloseSession())
+    parts, _ = walked(service_pb2.StreamMotionRequest(events=[fits, too_many, after]).SerializeToString())
+    (first, is_first_over), (second, is_second_over), (third, _) = parts.events()
+    assert (list(first.events), is_first_over) == ([fits], False)
+    shell = session_pb2.SessionEvent(session=7, event_seq=3, edit_constraints=session_pb2.EditConstraints())
+    assert (list(second.events), is_second_over) == ([shell], True)
+    assert list(third.events) == [after]
+
+
+def test_fields_are_walked_over_no_further_than_an_event_may_have() -> None:
+    event = edit(100_000).SerializeToString()
+    _, count = walked(service_pb2.StreamMotionRequest.FromString(b"").SerializeToString() + wrapped(event))
+    assert count == 1 + (MOST + 1) // 32
+
+
+def wrapped(event: bytes) -> bytes:
+    """A message of one event."""
+    length, written = len(event), bytearray(b"\x0a")
+    while length > 0x7F:
+        written.append(length & 0x7F | 0x80)
+        length >>= 7
+    return bytes(written) + bytes([length]) + event
+
+
+def test_what_is_parsed_at_once_has_so_many_fields_at_most() -> None:
+    many = [edit(MOST // 3 - 10, number) for number in range(60)]
+    parts, _ = walked(service_pb2.StreamMotionRequest(events=many).SerializeToString())
+    sizes = [len(part.events) for part, _ in parts.events()]
+    assert sum(sizes) == len(many)
+    assert max(sizes) * (MOST - 40) <= FIELDS_A_PART
+    small = session_pb2.SessionEvent(
+        edit_constraints=session_pb2.EditConstraints(upsert=[motion_pb2.Constraint()] * 400)
+    )
+    assert SMALL_EVENT_BYTES // 2 < small.ByteSize() < SMALL_EVENT_BYTES
+    parts, _ = walked(service_pb2.StreamMotionRequest(events=[small] * 100).SerializeToString())
+    assert max(len(part.events) for part, _ in parts.events()) <= FIELDS_A_PART // 400
+
+
+def test_a_clip_is_counted_through_all_that_holds_messages() -> None:
+    opening = session_pb2.OpenSession(constraints=[motion_pb2.Constraint(waypoint=motion_pb2.Waypoint(x=1))] * 9)
+    data = service_pb2.GenerateClipRequest(frame_count=40, open=opening).SerializeToString()
+    assert num_fields(data, 0, len(data), CLIP, MOST) == 2 + 9 * 2
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"\x12\x00" * (MOST_CONTROL_FIELDS + 1),
+        wrapped(b"\x6a\x00" * (MOST + 100)),
+        wrapped(b"\x6a\x05\x0a\x7f" + bytes(1100)),
+    ],
+    ids=["control fields", "kinds of one event", "a field beyond its event"],
+)
+def test_what_no_client_says_is_malformed(data: bytes) -> None:
+    with pytest.raises(Malformed):
+        list(walked(data)[0].events())

@@ -14,9 +14,9 @@ import pytest
 from google.rpc import error_details_pb2
 from grpc_status import rpc_status
 
-from motiongen.v1 import service_pb2, service_pb2_grpc
+from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from motiongen_compliance.talk import Talk
-from motiongen_server.engine.types import Chunk, SessionKey
+from motiongen_server.engine.types import Chunk, Code, SessionKey
 from motiongen_server.rpc.handlers import SERVICE_NAME
 from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
 from motiongen_server.rpc.stream import Stream
@@ -123,6 +123,22 @@ async def test_what_is_no_message_ends_its_stream_alone() -> None:
         with pytest.raises(grpc.aio.AioRpcError, match="could not be read"):
             await anext(aiter(channel.unary_stream(f"/{SERVICE_NAME}/GenerateClip")(b"\x0a\xff")))
         await other.plays_on(1)
+
+
+async def test_of_what_has_too_many_parts_nothing_is_read_and_others_play_on() -> None:
+    parts = [motion_pb2.Constraint()] * 100_000
+    async with asyncio.timeout(LIMIT_S), LocalServer() as server, connected(server) as (channel, catalog):
+        talk = await talk_on(channel, catalog).hello()
+        await talk.open(1)
+        edit = session_pb2.EditConstraints(upsert=parts)
+        refused = await talk.edit(1, session_pb2.SessionEvent(edit_constraints=edit))
+        assert (refused.code, refused.reason, refused.field) == (Code.RESOURCE_EXHAUSTED, "TOO_MANY_FIELDS", "event")
+        await talk.plays_on(1)
+        clip = service_pb2.GenerateClipRequest(frame_count=40, open=session_pb2.OpenSession(constraints=parts))
+        call = service_pb2_grpc.MotionServiceStub(channel).GenerateClip(clip)
+        with pytest.raises(grpc.aio.AioRpcError, match="more than 4416 fields") as failed:
+            await call.read()
+        assert failed.value.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
 
 
 async def test_calls_of_a_peer_that_owes_are_refused_with_the_time_to_wait() -> None:

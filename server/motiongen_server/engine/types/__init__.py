@@ -80,6 +80,7 @@ from motiongen_server.engine.types.outputs import (
 from motiongen_server.engine.types.owner import (
     NOBODY,
     Owner,
+    StepsOf,
 )
 from motiongen_server.engine.types.refusals import (
     EventRefused,
@@ -160,6 +161,7 @@ __all__ = [
     "SetVelocity",
     "Span",
     "StartPose",
+    "StepsOf",
     "Tolerance",
     "Unplaced",
     "Warned",

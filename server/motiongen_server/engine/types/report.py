@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from motiongen_server.engine.types.names import CloseReason, Code, PlanCause, PlayState, Priority, ServiceTier
+from motiongen_server.engine.types.owner import StepsOf
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +26,8 @@ class StepReport:
     windows: those accepted. slacks: seconds of frames that a client held when it reported its playhead.
     client_underruns: how many a client has newly reported. memory_splits: calls made smaller for want of memory.
     steps_discarded: those done for windows that were restarted or came too late. soft_resets: windows that righted a
-    character. frames_held: frames that repeat a pose for want of a window.
+    character. frames_held: frames that repeat a pose for want of a window. quota_steps: begun of late, by owners that
+    have a quota.
     Where they were taken: sessions, how many there are; load, the share of the machine in use; tiers, what each class
     gets; full, the classes of which not the least session would be let in.
     """
@@ -50,6 +52,7 @@ class StepReport:
     memory_splits: int = 0
     soft_resets: int = 0
     frames_held: int = 0
+    quota_steps: StepsOf = ()
     client_underruns: list[tuple[Priority, int]] = field(default_factory=list)
     event_latencies: list[EventLatency] = field(default_factory=list)
     opens: list[Code] = field(default_factory=list)

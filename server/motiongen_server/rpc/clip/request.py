@@ -23,7 +23,8 @@ from motiongen_server.engine.types import (
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert import engine_event
 from motiongen_server.rpc.convert.checks import check_range, refuse
-from motiongen_server.rpc.stream_errors import malformed
+from motiongen_server.rpc.stream_errors import malformed, request_of_too_many_fields
+from motiongen_server.rpc.wire_fields import CLIP, Malformed, num_fields
 
 MAX_SEED = 1 << 64
 LOOKAHEAD_WINDOWS = 4
@@ -42,11 +43,13 @@ def check_extent(request: service_pb2.GenerateClipRequest, catalog: Catalog) -> 
             raise refuse("NOT_FOR_CLIPS", f"open.{name}", f"{name} is {value}", allowed)
 
 
-def clip_request(data: bytes) -> service_pb2.GenerateClipRequest:
-    """The message of a call. Raises StreamRefused for what is none."""
+def clip_request(data: bytes, most_fields: int) -> service_pb2.GenerateClipRequest:
+    """The message of a call. Raises StreamRefused for what is none, and for one of more fields than it may have."""
     try:
+        if num_fields(data, 0, len(data), CLIP, most_fields) > most_fields:
+            raise request_of_too_many_fields(most_fields)
         return service_pb2.GenerateClipRequest.FromString(data)
-    except DecodeError as error:
+    except (DecodeError, Malformed) as error:
         raise malformed(str(error)) from error
 
 

@@ -78,7 +78,9 @@ def identifier_of(value: int, field: str) -> int:
     return value
 
 
-def identifiers_of(values: Sequence[int], field: str) -> tuple[int, ...]:
+def identifiers_of(values: Sequence[int], most: int, reason: str, field: str) -> tuple[int, ...]:
+    """Of what is removed; more than there can be are refused."""
+    check_count(values, most, reason, field)
     return tuple(identifier_of(value, f"{field}[{index}]") for index, value in enumerate(values))
 
 

@@ -156,7 +156,11 @@ def _joint_rotations(
 
 def _joints(given: Sequence[int], field: str, catalog: Catalog) -> tuple[int, ...]:
     """Indices of the rig's joints, one or more, each at most once."""
-    joints, last = tuple(given), len(catalog.facts.rig.joint_names) - 1
+    last = len(catalog.facts.rig.joint_names) - 1
+    if len(given) > last + 1:
+        what = f"there are {len(given)}"
+        raise refuse("INVALID_JOINTS", field, what, f"one or more of 0 to {last}, each at most once")
+    joints = tuple(given)
     if not joints or any(joint > last for joint in joints) or len(set(joints)) != len(joints):
         what = f"joints {joints[:40]}" if joints else "there are none"
         raise refuse("INVALID_JOINTS", field, what, f"one or more of 0 to {last}, each at most once")

@@ -68,11 +68,14 @@ def engine_event(
     if name == "edit_prompts":
         edit = event.edit_prompts
         prompts = prompts_of(edit.upsert, "edit_prompts.upsert", embeddings, catalog)
-        return SetPrompts(key, sequence, received_at, prompts, identifiers_of(edit.remove, "edit_prompts.remove"))
+        most = catalog.limits.max_prompts
+        removed = identifiers_of(edit.remove, most, "TOO_MANY_PROMPTS", "edit_prompts.remove")
+        return SetPrompts(key, sequence, received_at, prompts, removed)
     if name == "edit_constraints":
         change = event.edit_constraints
         constraints = constraints_of(change.upsert, "edit_constraints.upsert", catalog)
-        removed = identifiers_of(change.remove, "edit_constraints.remove")
+        most = catalog.limits.max_constraints
+        removed = identifiers_of(change.remove, most, "TOO_MANY_CONSTRAINTS", "edit_constraints.remove")
         return SetConstraints(key, sequence, received_at, constraints, removed, change.clear)
     if name == "set_velocity":
         return _velocity(event.set_velocity, key, sequence, received_at, catalog)

@@ -6,11 +6,11 @@ import asyncio
 import time
 
 from motiongen_server.engine.types import Float32Array
-from motiongen_server.rpc.token_bucket import Share
+from motiongen_server.rpc.token_bucket import Share, TokenBucket
 from motiongen_server.text.prompts import PromptEncoder
 
 
-async def encoded(prompts: PromptEncoder, text: str, number: int, budget: Share) -> Float32Array:
+async def encoded(prompts: PromptEncoder, text: str, number: int, budget: Share | TokenBucket) -> Float32Array:
     """A text's embedding (E,). One that is not known waits until that is paid for.
 
     number: of the stream or call that asks, each of which has a queue of its own. budget: what it is charged to. Raises

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,6 +12,7 @@ from motiongen_server.engine.types import Owner, Priority
 from motiongen_server.identity.caller import Caller
 from motiongen_server.rpc.event_errors import peer_class, peer_clips, peer_sessions, peer_steps
 from motiongen_server.rpc.limits import PeerLimits
+from motiongen_server.rpc.stream_errors import too_many_calls
 from motiongen_server.rpc.token_bucket import Share, TokenBucket
 
 SESSION_WEIGHTS = {Priority.HERO: 4, Priority.NEAR: 2, Priority.CROWD: 1, Priority.BATCH: 1}
@@ -22,15 +24,17 @@ CLASS_QUOTAS = {
     Priority.BATCH: "batches",
 }
 """The field of `PeerLimits` that says how many sessions of a class there may be."""
+_NUMBERS = itertools.count(1)
 MOST_IDLE = 1024
 """Peers that have nothing open are remembered for what they owe, up to so many."""
 
 
 class Peer:
-    """One address, or one tenant. tenant: its name, "" for an address. name: no other peer's."""
+    """One address, or one tenant. tenant: its name, "" for an address. name, number: no other peer's."""
 
     def __init__(self, limits: PeerLimits, now: float, tenant: str = "", name: str = "") -> None:
         self.tenant = tenant
+        self.number = next(_NUMBERS)
         self._name = name
         self.num_streams = 0
         self._sessions: Counter[Priority] = Counter()
@@ -75,8 +79,18 @@ class Peer:
         """That it has open, of all classes."""
         return self._sessions.total()
 
+    def charge_call(self, cost: float, now: float) -> None:
+        """Charge a call. Raises StreamRefused while calls are owed for: there is nothing to be read later."""
+        self.check_paid(now)
+        self.calls.charge(cost, now)
+
+    def check_paid(self, now: float) -> None:
+        """Raises StreamRefused while calls are owed for."""
+        if (owed_s := self.calls.owed_s(now)) > 0:
+            raise too_many_calls(owed_s, self.kind)
+
     def prompts_share(self, now: float) -> Share:
-        """A session's, or a clip's, part of the prompts."""
+        """A session's part of the prompts."""
         return Share(self.prompts, lambda: self.num_sessions, now)
 
     def place(self, priority: Priority, now: float) -> Place:

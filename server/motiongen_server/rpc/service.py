@@ -30,10 +30,7 @@ from motiongen_server.rpc.limits import ServiceLimits
 from motiongen_server.rpc.peers import Peer, Peers
 from motiongen_server.rpc.session_entry import Carrier
 from motiongen_server.rpc.stream import Stream
-from motiongen_server.rpc.stream_errors import (
-    too_many_calls,
-    too_many_streams,
-)
+from motiongen_server.rpc.stream_errors import too_many_streams
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 from motiongen_server.rpc.stream_reader import StreamReader
 from motiongen_server.rpc.stream_watch import StreamWatch
@@ -140,16 +137,16 @@ class MotionService:
         metadata, now = context.invocation_metadata() or (), time.monotonic()
         address = self._peers.find(context.peer(), now)
         if self._callers.is_dear(metadata):
-            _check_paid(address, now)  # signatures are checked, and keys waited for, on credit of nobody
+            address.check_paid(now)  # signatures are checked, and keys waited for, on credit of nobody
         await keys_for(self._callers, metadata)
         now = time.monotonic()
         try:
             caller = self._callers.identify(metadata, context.auth_context())
         except StreamRefused:
-            _charge(address, cost, now)
+            address.charge_call(cost, now)
             raise
         peer = self._peers.of(caller, address, now)
-        _charge(peer, cost, now)
+        peer.charge_call(cost, now)
         return peer, caller
 
     async def StreamMotion(self, request_iterator: AsyncIterator[bytes], context: StreamContext) -> None:
@@ -251,13 +248,3 @@ class MotionService:
         """Wait until no stream and no clip is left."""
         await self._all_ended.wait()
         await self.clips.finished()
-
-
-def _charge(peer: Peer, cost: float, now: float) -> None:
-    _check_paid(peer, now)
-    peer.calls.charge(cost, now)
-
-
-def _check_paid(peer: Peer, now: float) -> None:
-    if (owed_s := peer.calls.owed_s(now)) > 0:
-        raise too_many_calls(owed_s, peer.kind)

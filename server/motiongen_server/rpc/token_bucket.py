@@ -34,6 +34,11 @@ class TokenBucket:
         self._refill(now)
         return max(0.0, -self._tokens) / self._rate
 
+    def left(self, now: float) -> float:
+        """What can be used at once, 0 or more."""
+        self._refill(now)
+        return max(0.0, self._tokens)
+
     def is_full(self, now: float) -> bool:
         """Whether nothing was taken of late."""
         self._refill(now)
@@ -63,7 +68,10 @@ class TokenBucket:
 
 
 class Share:
-    """One user's part of a bucket that several use: who keeps to an equal part never waits for the others."""
+    """One user's part of a bucket that several use: who keeps to an equal part never waits for the others.
+
+    It begins with a part of what the bucket has left: who comes again and again gets no more by that.
+    """
 
     __slots__ = ("_bucket", "_num_users", "_refilled_at", "_tokens")
 
@@ -71,7 +79,7 @@ class Share:
         """num_users: how many use the bucket now."""
         self._bucket = bucket
         self._num_users = num_users
-        self._tokens = self._rate
+        self._tokens = bucket.left(now) / max(1, num_users())
         self._refilled_at = now
 
     @property

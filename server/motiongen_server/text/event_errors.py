@@ -12,6 +12,12 @@ def encoder_busy(most: int) -> EventRefused:
     return _refusal("TEXT_ENCODER_BUSY", message, 1.0, Code.RESOURCE_EXHAUSTED)
 
 
+def too_many_texts(most_hz: float, kind: str, owed_s: float) -> EventRefused:
+    """A tenant, or an address, asks an encoder service for more new texts than it may."""
+    message = f"your {kind} asks for more than {most_hz:g} new texts a second (quota prompts_per_second)"
+    return _refusal("TEXT_ENCODER_BUSY", message, max(0.1, owed_s), Code.RESOURCE_EXHAUSTED)
+
+
 def encoder_slow(timeout_s: float) -> EventRefused:
     """The encoder has not answered in time."""
     message = f"the prompt has not been encoded within {timeout_s:g} s; it still is being encoded"

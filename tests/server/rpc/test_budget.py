@@ -148,3 +148,24 @@ def test_each_class_has_a_quota_that_a_refusal_names(priority: Priority, quota: 
     with pytest.raises(EventRefused, match=rf"1 sessions of the class {priority.name}, its quota \({quota}\)"):
         peer.place(priority, 0.0)
     peer.place(Priority.HERO, 0.0)
+
+
+def test_who_begins_streams_again_and_again_gets_no_more_by_that() -> None:
+    peer = peer_of(events_per_second=100.0, bytes_per_second=1e9)
+    peer.num_streams, sent = 1, 0.0
+    for tenth in range(100):
+        stream = StreamBudget(1e6, peer, tenth / 10)  # the one before has ended
+        while stream.owed_s(tenth / 10) == 0:
+            stream.charge(10.0, tenth / 10)
+            sent += 10.0
+    assert sent <= 100 * (10 + 1) + 100 * 10, "what ten seconds bring, and of each stream what tells that it owes"
+
+
+def test_a_session_that_comes_again_brings_no_new_prompts_with_it() -> None:
+    peer = peer_of(prompts_per_second=20.0)
+    first = peer.place(Priority.NEAR, 0.0)
+    first.prompts.charge(60.0, 0.0)
+    first.release()
+    second = peer.place(Priority.NEAR, 0.0)
+    second.prompts.charge(1.0, 0.0)
+    assert second.prompts.owed_s(0.0) > 0

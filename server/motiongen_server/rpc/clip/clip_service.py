@@ -176,8 +176,7 @@ class ClipService:
             refusal = model.engine.refusal_of(Open(specs[0], 1, received_at))
             if refusal is not None:
                 raise _refused(refusal)
-            budget = peer.prompts_share(received_at)
-            embeddings = {text: await encoded(model.prompts, text, number, budget) for text in texts}
+            embeddings = {text: await encoded(model.prompts, text, number, peer.prompts) for text in texts}
             specs = clip_specs(request, number, embeddings, received_at, model.catalog, peer.owner)
         opening = Open(specs[0], 1, received_at)
         coding = coding_of(request.open, model.catalog)

@@ -21,6 +21,7 @@ from motiongen_server.addresses import is_local, join_address
 from motiongen_server.identity.setup import listen, make_callers, make_credentials, make_ops_context, warn_of_exposure
 from motiongen_server.ops.http import ops_app
 from motiongen_server.ops.port import OpsPort
+from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.settings import SettingError
 from motiongen_server.text.encoder.config import EncoderConfig
 from motiongen_server.text.encoder.service import SERVICE_NAME, TextEncoderService
@@ -48,8 +49,11 @@ class EncoderApplication:
         encoder = await asyncio.to_thread(load, config)
         self._prompts = self._make_prompts(encoder)
         self._server = grpc.aio.server(options=[("grpc.so_reuseport", 0)])
+        limits = PeerLimits(
+            prompts_per_second=config.peer_texts_per_second, calls_per_second=config.peer_calls_per_second
+        )
         service = TextEncoderService(
-            self._prompts, encoder.width, config.max_texts, config.max_characters, self._callers
+            self._prompts, encoder.width, config.max_texts, config.max_characters, self._callers, limits
         )
         encoder_pb2_grpc.add_TextEncoderServiceServicer_to_server(service, self._server)
         health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import secrets
+import time
 from typing import TypeAlias
 
 import grpc
@@ -14,7 +15,11 @@ from motiongen.v1 import encoder_pb2, encoder_pb2_grpc, motion_pb2
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.identity.caller import Role
 from motiongen_server.identity.callers import Callers
+from motiongen_server.rpc.budget import BYTES_A_CALL, CALL_COST
 from motiongen_server.rpc.issuer_keys import keys_for
+from motiongen_server.rpc.limits import PeerLimits
+from motiongen_server.rpc.peers import Peer, Peers
+from motiongen_server.text.event_errors import too_many_texts
 from motiongen_server.text.prompts import Embedding, PromptEncoder
 
 _log = logging.getLogger(__name__)
@@ -26,15 +31,25 @@ Encoded: TypeAlias = "grpc.aio.ServicerContext[encoder_pb2.EncodeTextsRequest, e
 
 
 class TextEncoderService(encoder_pb2_grpc.TextEncoderServiceServicer):
-    """Answers with vectors of one encoder. Lives on one event loop."""
+    """Answers with vectors of one encoder. Lives on one event loop.
+
+    Every call is charged to its tenant, or its address, before it is looked at; texts that are not known take turns.
+    """
 
     def __init__(
-        self, prompts: PromptEncoder, width: int, max_texts: int, max_characters: int, callers: Callers | None = None
+        self,
+        prompts: PromptEncoder,
+        width: int,
+        max_texts: int,
+        max_characters: int,
+        callers: Callers | None = None,
+        limits: PeerLimits | None = None,
     ) -> None:
         """width: numbers in a vector. max_texts, max_characters: of one request, of one text. callers: who may call;
-        everybody where it is left out.
+        everybody where it is left out. limits: of one address, and of a tenant whose quota says nothing else.
         """
         self._callers = callers or Callers()
+        self._peers = Peers(limits)
         self._prompts = prompts
         self._width = width
         self._max_texts = max_texts
@@ -45,7 +60,7 @@ class TextEncoderService(encoder_pb2_grpc.TextEncoderServiceServicer):
     ) -> encoder_pb2.GetTextEncoderResponse:
         """Which encoder it is."""
         try:
-            await self._check_caller(context)
+            await self._charged(context, CALL_COST)
         except StreamRefused as refused:
             await context.abort_with_status(refused.status())
         return encoder_pb2.GetTextEncoderResponse(
@@ -60,9 +75,10 @@ class TextEncoderService(encoder_pb2_grpc.TextEncoderServiceServicer):
     ) -> encoder_pb2.EncodeTextsResponse:
         """Vectors of the texts. What is known is not encoded again, and those who ask for the same text share it."""
         try:
-            await self._check_caller(context)
+            peer = await self._charged(context, CALL_COST + request.ByteSize() / BYTES_A_CALL)
             self._check(request)
-            vectors = await asyncio.gather(*(self._prompts.encode(text) for text in request.texts))
+            self._charge_unknown(request, peer)
+            vectors = await asyncio.gather(*(self._prompts.encode(text, peer.number) for text in request.texts))
         except EventRefused as refusal:
             await context.abort_with_status(StreamRefused.of(refusal).status())
         except StreamRefused as refused:
@@ -77,10 +93,31 @@ class TextEncoderService(encoder_pb2_grpc.TextEncoderServiceServicer):
     def _message(self, vector: Embedding) -> motion_pb2.TextEmbedding:
         return motion_pb2.TextEmbedding(text_encoder=self._prompts.identity, values=vector.tolist())
 
-    async def _check_caller(self, context: Described | Encoded) -> None:
-        metadata = context.invocation_metadata() or ()
+    async def _charged(self, context: Described | Encoded, cost: float) -> Peer:
+        """Find out who calls, and charge the call. Raises StreamRefused for who may not call, and while he owes."""
+        metadata, now = context.invocation_metadata() or (), time.monotonic()
+        address = self._peers.find(context.peer(), now)
+        if self._callers.is_dear(metadata):
+            address.check_paid(now)  # signatures are checked, and keys waited for, on credit of nobody
         await keys_for(self._callers, metadata)
-        self._callers.identify(metadata, context.auth_context(), Role.TEXT)
+        now = time.monotonic()
+        try:
+            caller = self._callers.identify(metadata, context.auth_context(), Role.TEXT)
+        except StreamRefused:
+            address.charge_call(cost, now)
+            raise
+        peer = self._peers.of(caller, address, now)
+        peer.charge_call(cost, now)
+        return peer
+
+    def _charge_unknown(self, request: encoder_pb2.EncodeTextsRequest, peer: Peer) -> None:
+        """Charge the texts that are not known. Raises EventRefused while such are owed for: nothing waits for that."""
+        num_unknown = sum(self._prompts.cached(text) is None for text in request.texts)
+        if num_unknown:
+            now = time.monotonic()
+            if (owed_s := peer.prompts.owed_s(now)) > 0:
+                raise too_many_texts(peer.limits.prompts_per_second, peer.kind, owed_s)
+            peer.prompts.charge(num_unknown, now)
 
     def _check(self, request: encoder_pb2.EncodeTextsRequest) -> None:
         if request.text_encoder not in ("", self._prompts.identity):

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from motiongen.v1 import encoder_pb2, encoder_pb2_grpc
 from motiongen_ardy.text import TextEncoderUnavailable
+from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.text.encoder.service import TextEncoderService
 from motiongen_server.text.prompts import PromptEncoder
 
@@ -42,11 +43,12 @@ class LengthEncoder:
 
 
 @asynccontextmanager
-async def serving(encoder: LengthEncoder, **settings: Any) -> AsyncIterator[Any]:
+async def serving(encoder: LengthEncoder, limits: PeerLimits | None = None, **settings: Any) -> AsyncIterator[Any]:
     """A stub of the service, which knows 10 texts at most and takes 3 of 20 characters in a request."""
     prompts = PromptEncoder(encoder, 10, **settings)
     server = grpc.aio.server()
-    encoder_pb2_grpc.add_TextEncoderServiceServicer_to_server(TextEncoderService(prompts, 2, 3, 20), server)
+    service = TextEncoderService(prompts, 2, 3, 20, limits=limits)
+    encoder_pb2_grpc.add_TextEncoderServiceServicer_to_server(service, server)
     port = server.add_insecure_port("127.0.0.1:0")
     await server.start()
     async with grpc.aio.insecure_channel(f"127.0.0.1:{port}") as channel, asyncio.timeout(20):
@@ -147,3 +149,25 @@ async def test_a_failing_encoder_is_an_answer_and_what_is_known_goes_on() -> Non
     assert "the one behind it is away" in away[2]
     assert broken[:2] == (grpc.StatusCode.INTERNAL, "INTERNAL")
     assert "secret" not in broken[2]
+
+
+async def test_new_texts_of_a_caller_have_a_rate_and_known_ones_go_on() -> None:
+    encoder = LengthEncoder()
+    async with serving(encoder, PeerLimits(prompts_per_second=0.5)) as stub:
+        await stub.EncodeTexts(asking("a", "bb", "ccc"))
+        code, reason, said, after_s = await refusal(stub.EncodeTexts(asking("dddd")))
+        assert (code, reason) == (grpc.StatusCode.RESOURCE_EXHAUSTED, "TEXT_ENCODER_BUSY")
+        assert "more than 0.5 new texts a second (quota prompts_per_second)" in said
+        assert after_s is not None
+        assert after_s > 1
+        assert len((await stub.EncodeTexts(asking("ccc", "a"))).embeddings) == 2
+    assert sorted(encoder.asked) == ["a", "bb", "ccc"]
+
+
+async def test_calls_of_a_caller_have_a_rate_whatever_they_ask_for() -> None:
+    async with serving(LengthEncoder(), PeerLimits(calls_per_second=1.5)) as stub:
+        for _ in range(2):
+            await stub.GetTextEncoder(encoder_pb2.GetTextEncoderRequest())
+        code, reason, _, after_s = await refusal(stub.EncodeTexts(asking()))
+        assert (code, reason) == (grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_CALLS")
+        assert after_s is not None

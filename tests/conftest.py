@@ -11,6 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# how fast an example runs is the machine's affair, not the test's
+settings.register_profile("motiongen", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("motiongen")
 
 ROOT = Path(__file__).resolve().parents[1]
 TINY_MODEL = ROOT / "tests" / "data" / "golden" / "tiny-core27" / "checkpoint"

@@ -26,7 +26,6 @@ async def speeds(client: MotionClient, start_m: float, *waypoints: Waypoint) -> 
     return FPS * np.linalg.norm(np.diff(hips, axis=0), axis=1)
 
 
-@pytest.mark.timeout(300)
 async def test_motion_at_the_edge_is_as_smooth_as_in_the_middle() -> None:
     with ServerProcess(SETTINGS) as server:
         async with MotionClient(server.address) as client:

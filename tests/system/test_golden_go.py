@@ -32,14 +32,12 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "golden"
 
 
-@pytest.mark.timeout(600)
 def test_go_writes_and_reads_every_golden_message(program: Path) -> None:
     with FILE.open("rb") as lines:
         done = subprocess.run([program], stdin=lines, capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (0, f"{len(golden_messages())}\n"), done.stderr
 
 
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize("line", ["Ping\tclient_time_ns: 301\t08ae02\n", "Ping\tclient_time_ns: 301\t08ad0298060a\n"])
 def test_a_line_that_is_wrong_is_told(program: Path, line: str) -> None:
     done = subprocess.run([program], input=line, capture_output=True, text=True)

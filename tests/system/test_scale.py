@@ -9,7 +9,7 @@ import pytest
 
 from tests.scale.proxies import PROXIES, REPOSITORY, Proxy
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.system
 
 
 @pytest.mark.parametrize("how", ["kill", "drain"])

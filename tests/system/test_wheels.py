@@ -55,12 +55,10 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return python
 
 
-@pytest.mark.timeout(300)
 def test_a_stream_from_the_wheels(installed: Path, tmp_path: Path) -> None:
     assert run(installed, "-W", "error", "-c", PROGRAM, folder=tmp_path).strip() == "frames: 20"
 
 
-@pytest.mark.timeout(300)
 def test_the_commands_are_installed(installed: Path, tmp_path: Path) -> None:
     assert "usage:" in run(installed.parent / "motiongen", "--help", folder=tmp_path)
     assert "HOST:PORT" in run(installed.parent / "motiongen-compliance", "--help", folder=tmp_path)

@@ -11,7 +11,7 @@ from selenium.webdriver.common.by import By
 from motiongen_tools.server_process import ServerProcess
 from tests.system.view.chromium import Page, viewer
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
+pytestmark = pytest.mark.system
 
 
 def test_two_pages_see_and_steer_one_character(page: Page, open_page: Callable[..., Page]) -> None:

@@ -14,7 +14,7 @@ from motiongen_client.blocking import MotionClient
 from motiongen_tools.server_process import ServerProcess
 from tests.system.view.chromium import Page
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
+pytestmark = pytest.mark.system
 
 
 def test_a_newcomer_walks_a_character_around(page: Page, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from motiongen_tools.npz import read_npz
 from motiongen_tools.view.session_file import read_session
 from tests.system.view.chromium import Page
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
+pytestmark = pytest.mark.system
 
 SPAN_X = """
     const { timeline, cast } = motiongen;

@@ -13,6 +13,7 @@ import numpy as np
 from motiongen_client.types import Catalog
 from motiongen_tools.bench import edits
 from motiongen_tools.bench.character import Character, make_jitter
+from motiongen_tools.bench.clock import LoadClock, RealTime
 from motiongen_tools.bench.load import Load, Progress, Report
 from motiongen_tools.bench.recorder import GENERATOR, LOOP_LAG, SEND_LAG
 from motiongen_tools.bench.stream_client import StreamClient, report
@@ -27,7 +28,8 @@ _HANDLES_FROM = 1
 class Generator:
     """Plays one process's part of a load. Use: `connect`, then `play` with the moment at which the run starts."""
 
-    def __init__(self, load: Load, catalog: Catalog, process: int) -> None:
+    def __init__(self, load: Load, catalog: Catalog, process: int, clock: LoadClock | None = None) -> None:
+        self._clock = clock or RealTime()
         self._load = load
         self._catalog = catalog
         self._process = process
@@ -35,7 +37,7 @@ class Generator:
         self._phases = self._schedule.phases
         self._groups = load.scenario.groups
         self._recorder = load.new_book(self._phases)
-        self._started_at_s = math.nan  # on time.monotonic
+        self._started_at_s = math.nan  # on the clock
         self._cpu_from_s: float | None = None
         self._cpu_to_s: float | None = None
         self._make_lanes()
@@ -85,11 +87,11 @@ class Generator:
 
     async def connect(self) -> None:
         """Open the streams. Raises ServerUnavailable."""
-        self._started_at_s = time.monotonic()
+        self._started_at_s = self._clock.now_s()
         await asyncio.gather(*(stream_client.start() for stream_client in self._lanes))
 
     async def play(self, start_at_s: float, tell: Callable[[Progress], None]) -> Report:
-        """Play the schedule from the moment start_at_s of time.monotonic. tell: called once a second."""
+        """Play the schedule from the moment start_at_s of the clock. tell: called once a second."""
         self._started_at_s = start_at_s
         gc.collect()
         gc.freeze()  # so that collections are short: a pause of ours would be measured as one of the server
@@ -114,7 +116,7 @@ class Generator:
         )
 
     def _now_s(self) -> float:
-        return time.monotonic() - self._started_at_s
+        return self._clock.now_s() - self._started_at_s
 
     async def _drive(self, tell: Callable[[Progress], None]) -> None:
         intents, position = self._intents, 0
@@ -140,7 +142,7 @@ class Generator:
             if now_s >= self._phases.end_s:
                 return
             next_s = min(ticks * _TICK_S, intents[position][0] if position < len(intents) else math.inf)
-            await asyncio.sleep(max(next_s - self._now_s(), _LEAST_SLEEP_S))
+            await self._clock.sleep(max(next_s - self._now_s(), _LEAST_SLEEP_S))
 
     def _act(self, intended_s: float, number: int, rule: int, value: int) -> None:
         character, stream_client = self._character_of[number], self._lane_of[number]
@@ -176,7 +178,7 @@ class Generator:
         """How late the event loop wakes who sleeps."""
         while True:
             due_s = self._now_s() + _PROBE_S
-            await asyncio.sleep(_PROBE_S)
+            await self._clock.sleep(_PROBE_S)
             now_s = self._now_s()
             self._record_lag(LOOP_LAG, now_s, now_s - due_s)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,6 +12,7 @@ import pytest
 
 from motiongen_client import MotionClient, convert
 from motiongen_client.errors import ServerUnavailable
+from motiongen_tools.bench.clock import RealTime
 from motiongen_tools.bench.generator import Generator
 from motiongen_tools.bench.load import Load, Progress, Report
 from motiongen_tools.bench.recorder import ANSWER, EVENT, LATENCIES, Recorder
@@ -32,7 +32,7 @@ def load(server: FakeServer, short_scenario: Path) -> Load:
     return Load(server.address, load_scenario(str(short_scenario)), characters=6, seconds=1, seed=4)
 
 
-class SleptTime:
+class SleptTime(RealTime):
     """Goes on by what was asked to be slept, so that a busy machine makes the run longer, not the load late."""
 
     def __init__(self) -> None:
@@ -43,7 +43,7 @@ class SleptTime:
 
     async def sleep(self, seconds: float) -> None:
         wake_s = self._now_s + seconds
-        await asyncio.sleep(seconds)
+        await super().sleep(seconds)
         self._now_s = max(self._now_s, wake_s)
 
 

@@ -106,7 +106,7 @@ class _Reader:
 
     def retarget(self, document: Any) -> Retarget:
         required = ("name", "skeleton", "metres_per_unit", "joints", "root")
-        top = self.section(document, "top level", (*required, "values", "groups", "fill", "feet"), required)
+        top = self.section(document, "top level", (*required, "values", "groups", "fill", "feet", "follow"), required)
         try:
             skeleton = load_skeleton(self.word(top["skeleton"], "skeleton"))
         except UnknownSkeleton as error:

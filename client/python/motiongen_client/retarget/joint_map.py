@@ -1,0 +1,201 @@
+"""JointMap: which of our joints drives which of a user's, as data: the retarget file of `docs/data.md`, read backward.
+
+A file says how a user's joint drives ours: ours has the world rotation G of the user's joint, less the way T in which
+the user's own axes point when the body stands in our neutral pose. Backward, the user's joint has ours with T added.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motiongen_client.errors import InvalidInput
+from motiongen_client.kinematics import axis_angle_to_quaternion, quaternion_to_matrix
+
+Float64 = NDArray[np.float64]
+
+DIRECTIONS: Mapping[str, tuple[int, int, int]] = {
+    "left": (1, 0, 0),
+    "right": (-1, 0, 0),
+    "up": (0, 1, 0),
+    "down": (0, -1, 0),
+    "forward": (0, 0, 1),
+    "back": (0, 0, -1),
+}
+# name, skeleton, fill and feet are for the other direction, from the user's skeleton to ours
+_KEYS = ("name", "skeleton", "metres_per_unit", "values", "groups", "joints", "fill", "follow", "root", "feet")
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """One of the user's joints turns as ours do.
+
+    ours: the joint, or the two between whose world rotations it lies at `fraction`. axes: (3, 3), the columns being
+    where the user's joint has its own x, y and z when the body stands in our neutral pose.
+    """
+
+    ours: tuple[str, str]
+    fraction: float
+    axes: Float64
+
+
+@dataclass(frozen=True, eq=False)
+class JointMap:
+    """A checked joint map. Made by `of` or `read_joint_map`.
+
+    drives: by the user's joints. root_theirs, root_ours: joints whose middles lie over each other. scale: metres of
+    ours for one metre of theirs; None: by the lengths of leg_chains (theirs, ours). ground_theirs, in their units, lies
+    where ground_ours_m does; None: the lowest of feet_ours is at ground_ours_m where the lowest of theirs is as at
+    rest.
+    """
+
+    metres_per_unit: float
+    drives: Mapping[str, Drive]
+    root_theirs: tuple[str, ...]
+    root_ours: tuple[str, ...]
+    scale: float | None
+    leg_chains: tuple[tuple[tuple[str, ...], ...], tuple[tuple[str, ...], ...]] = ((), ())
+    ground_theirs: float | None = 0.0
+    ground_ours_m: float = 0.0
+    feet_ours: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any], group: str = "") -> JointMap:
+        """The map of a document as the file has it. group: the rest group, whose values hold.
+
+        Raises InvalidInput, naming the place.
+        """
+        _check_keys("joint map", document, _KEYS, ("metres_per_unit", "joints", "root"))
+        groups = document.get("groups", {})
+        if group and group not in groups:
+            raise InvalidInput("group", group, f"one of {', '.join(groups) or '(none)'}")
+        values = {**document.get("values", {}), **groups.get(group, {})}
+        unit = _positive("metres_per_unit", document["metres_per_unit"])
+        drives: dict[str, Drive] = {}
+        for ours, rule in document["joints"].items():
+            place = f"joints.{ours}"
+            _check_keys(place, rule, ("from", "axes", "turn"), ("from",))
+            if rule["from"] not in drives:  # of several of ours that follow one of theirs, the first drives it
+                drives[rule["from"]] = Drive((ours, ours), 0.0, _axes(place, rule, values))
+        for theirs, rule in document.get("follow", {}).items():
+            place = f"follow.{theirs}"
+            if theirs in drives:
+                raise InvalidInput(place, theirs, "a joint that no rule of joints names already")
+            drives[theirs] = _follow(place, rule, values)
+        root = document["root"]
+        _check_keys("root", root, ("from", "to", "scale", "ground"), ("from", "to", "scale", "ground"))
+        scale, chains = _scale(root["scale"])
+        ground_theirs, ground_ours_m, feet = _ground(root["ground"], values)
+        theirs, ours = _names("root.from", root["from"]), _names("root.to", root["to"])
+        return cls(unit, drives, theirs, ours, scale, chains, ground_theirs, ground_ours_m, feet)
+
+
+def read_joint_map(path: str | Path, group: str = "") -> JointMap:
+    """The map of a JSON file; what a YAML reader makes of a YAML file goes to `JointMap.of`.
+
+    Raises InvalidInput, and OSError for a file that cannot be read.
+    """
+    try:
+        document = json.loads(Path(path).read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        raise InvalidInput("path", str(path), f"a file of JSON ({error})") from None
+    return JointMap.of(document, group)
+
+
+def _check_keys(place: str, section: Any, known: Sequence[str], required: Sequence[str]) -> None:
+    if not isinstance(section, Mapping):
+        raise InvalidInput(place, section, f"the keys {', '.join(known)}")
+    for key in section:
+        if key not in known:
+            raise InvalidInput(f"{place}.{key}", section[key], f"the keys {', '.join(known)}")
+    for key in required:
+        if key not in section:
+            raise InvalidInput(place, list(section), f"the key {key} besides")
+
+
+def _number(place: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InvalidInput(place, value, "a finite number")
+    return float(value)
+
+
+def _positive(place: str, value: Any) -> float:
+    number = _number(place, value)
+    if number <= 0:
+        raise InvalidInput(place, value, "a number above 0")
+    return number
+
+
+def _names(place: str, value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list | tuple) or not value or not all(isinstance(name, str) for name in value):
+        raise InvalidInput(place, value, "a list of joints' names")
+    return tuple(value)
+
+
+def _named(place: str, value: Any, values: Mapping[str, float]) -> float:
+    if isinstance(value, str) and value not in values:
+        raise InvalidInput(place, value, f"a number, or one of {', '.join(values) or '(none)'}")
+    return _number(place, values[value] if isinstance(value, str) else value)
+
+
+def _axes(place: str, rule: Mapping[str, Any], values: Mapping[str, float]) -> Float64:
+    words = rule.get("axes", ("left", "up", "forward"))
+    if len(words) != 3 or any(word not in DIRECTIONS for word in words):
+        raise InvalidInput(f"{place}.axes", words, f"three of {', '.join(DIRECTIONS)}")
+    axes = np.array([DIRECTIONS[word] for word in words], np.float64).T
+    if round(float(np.linalg.det(axes))) != 1:
+        raise InvalidInput(f"{place}.axes", words, "a right-handed set of three directions")
+    if "turn" not in rule:
+        return axes
+    turn = rule["turn"]
+    _check_keys(f"{place}.turn", turn, ("about", "degrees"), ("about", "degrees"))
+    if turn["about"] not in DIRECTIONS:
+        raise InvalidInput(f"{place}.turn.about", turn["about"], f"one of {', '.join(DIRECTIONS)}")
+    angle = math.radians(_named(f"{place}.turn.degrees", turn["degrees"], values))
+    quaternion = axis_angle_to_quaternion(angle * np.array(DIRECTIONS[turn["about"]], np.float64))
+    return np.asarray(quaternion_to_matrix(quaternion) @ axes, np.float64)
+
+
+def _follow(place: str, rule: Any, values: Mapping[str, float]) -> Drive:
+    _check_keys(place, rule, ("from", "between", "fraction", "axes", "turn"), ())
+    if ("from" in rule) == ("between" in rule) or ("between" in rule) != ("fraction" in rule):
+        raise InvalidInput(place, list(rule), "from, or between with fraction")
+    if "from" in rule:
+        (name,) = _names(f"{place}.from", [rule["from"]])
+        return Drive((name, name), 0.0, _axes(place, rule, values))
+    ends = _names(f"{place}.between", rule["between"])
+    fraction = _number(f"{place}.fraction", rule["fraction"])
+    if len(ends) != 2 or not 0 <= fraction <= 1:
+        raise InvalidInput(place, rule, "two of our joints, and a fraction from 0 to 1")
+    return Drive((ends[0], ends[1]), fraction, _axes(place, rule, values))
+
+
+def _scale(value: Any) -> tuple[float | None, tuple[tuple[tuple[str, ...], ...], tuple[tuple[str, ...], ...]]]:
+    if not isinstance(value, Mapping):
+        return _positive("root.scale", value), ((), ())
+    _check_keys("root.scale", value, ("from", "to"), ("from", "to"))
+    theirs, ours = (
+        tuple(_names(f"root.scale.{key}", chain) for chain in value[key]) if value[key] else ()
+        for key in ("from", "to")
+    )
+    if not theirs or not ours:
+        raise InvalidInput("root.scale", value, "a chain of joints or more under from and to")
+    return None, (theirs, ours)
+
+
+def _ground(value: Any, values: Mapping[str, float]) -> tuple[float | None, float, tuple[str, ...]]:
+    known = ("source_height", "lowest_of", "percentile", "height")
+    _check_keys("root.ground", value, known, ("height",))
+    height_m = _number("root.ground.height", value["height"])
+    if "source_height" in value:
+        return _named("root.ground.source_height", value["source_height"], values), height_m, ()
+    if "lowest_of" not in value:
+        raise InvalidInput("root.ground", value, "source_height, or lowest_of, beside height")
+    return None, height_m, _names("root.ground.lowest_of", value["lowest_of"])

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from motiongen_server.processor_quota import quota_cores
 from motiongen_server.settings import SettingError
 
 MOST_BY_DEFAULT = 8
@@ -22,7 +23,6 @@ _CPU = re.compile(r"cpu:(\d{1,4})(?:x(\d{1,4}))?")
 _CUDA = re.compile(r"cuda:(\d{1,3}|all)")
 _PROBE = "import torch; print(torch.cuda.device_count() if torch.cuda.is_available() else 0)"
 _PROBE_S = 120.0
-_QUOTA = Path("/sys/fs/cgroup/cpu.max")
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,12 +96,8 @@ def _parsed(given: str, count_cuda: Callable[[], int]) -> tuple[EngineDevice, ..
 
 def usable_cores() -> int:
     """Cores that this process may use, by its affinity and by the quota of its control group."""
-    cores = len(os.sched_getaffinity(0))
-    try:
-        quota, period = _QUOTA.read_text(encoding="ascii").split()
-        return cores if quota == "max" else max(1, min(cores, math.ceil(int(quota) / int(period))))
-    except (OSError, ValueError):  # no control group, or one of the first version
-        return cores
+    cores, quota = len(os.sched_getaffinity(0)), quota_cores()
+    return cores if quota == math.inf else max(1, min(cores, math.ceil(quota)))
 
 
 def count_cuda_devices() -> int:

@@ -2,7 +2,7 @@
 
 In virtual time, as `tests.bench.rehearsal`: first the most characters served with under 1 % of frames missed when
 nobody is refused or degraded, then how many of twice as many are let in, and what they get. A part of a core is one, or
-two, whose calls take longer, as a quota makes them on average.
+two, whose calls take longer, as a quota makes them on average; with --quota, as it makes them in truth.
 """
 
 from __future__ import annotations
@@ -26,13 +26,17 @@ _PRECISION = 0.03  # of the search
 
 @dataclass(frozen=True)
 class Machine:
-    """cores: that there are, by the name of it 1.5 for two of three quarters each."""
+    """cores: that there are; 1.5 is two of three quarters each. quota: they are that by one, see `VirtualQuota`."""
 
     cores: float
     seed: int = 1
+    quota: bool = False
+    engines: int | None = None
 
     def play(self, scenario: Scenario, characters: int, seconds: int, config: EngineConfig) -> Rehearsal:
-        engines = math.ceil(self.cores)
+        engines = self.engines or math.ceil(self.cores)
+        if self.quota:
+            return rehearse(scenario, characters, seconds, self.seed, Costs(), engines, config, self.cores)
         return rehearse(scenario, characters, seconds, self.seed, Costs(slower=engines / self.cores), engines, config)
 
 
@@ -68,13 +72,15 @@ def main() -> int:
     parser.add_argument("--cores", type=float, nargs="+", default=[0.7, 1.0, 1.5, 2.0])
     parser.add_argument("--seconds", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--quota", action="store_true", help="stand still once a part of 100 ms is used up")
+    parser.add_argument("--engines", type=int, help="on the cores (default: one for each)")
     options = parser.parse_args()
     logging.disable(logging.CRITICAL)
     print("| scenario | cores | could be served | let in | of it | degraded | missed by them |")
     print("|---|---:|---:|---:|---:|---:|---:|")
     for name in options.scenario:
         for cores in options.cores:
-            machine, scenario = Machine(cores, options.seed), load_scenario(name)
+            machine, scenario = Machine(cores, options.seed, options.quota, options.engines), load_scenario(name)
             could = most_servable(machine, scenario, options.seconds)
             count, degraded, found = let_in(machine, scenario, 2 * could, options.seconds)
             share = count / max(could, 1)

@@ -36,28 +36,54 @@ class VirtualClock:
         return self.time_s
 
 
-class CostedRunner(NullRunner):
-    """Computes nothing, and takes the time that it costs."""
+class VirtualQuota:
+    """Part of a core, as the kernel gives it: within each period of 100 ms full speed until that part is used up."""
 
-    def __init__(self, clock: VirtualClock, costs: Costs) -> None:
+    def __init__(self, cores: float, period_s: float = 0.1) -> None:
+        self._cores, self._period_s = cores, period_s
+        self._period, self._left_s = -1, 0.0
+
+    def ends_at(self, now: float, processor_s: float) -> float:
+        """When a call that begins now ends, which takes so much of a processor."""
+        while True:
+            period = int(now / self._period_s)
+            if period != self._period:
+                self._period, self._left_s = period, self._cores * self._period_s
+            next_at = (period + 1) * self._period_s
+            runs_s = min(processor_s, self._left_s, next_at - now)
+            self._left_s -= runs_s
+            processor_s -= runs_s
+            if processor_s <= 0.0:
+                return now + runs_s
+            now = next_at + 1e-9
+
+
+class CostedRunner(NullRunner):
+    """Computes nothing, and takes the time that it costs. quota: what it may use of a core; None: all."""
+
+    def __init__(self, clock: VirtualClock, costs: Costs, quota: VirtualQuota | None = None) -> None:
         super().__init__()
-        self._clock, self._costs = clock, costs
+        self._clock, self._costs, self._quota = clock, costs, quota
         self.steps = self.steps_thrown_away = 0
         self._jobs: dict[int, WindowJob] = {}
+
+    def _take(self, seconds: float) -> None:
+        now = self._clock.time_s
+        self._clock.time_s = now + seconds if self._quota is None else self._quota.ends_at(now, seconds)
 
     def prepare(self, jobs: Sequence[WindowJob]) -> None:
         self._jobs.update((job.job_id, job) for job in jobs)
         goals_s = self._costs.slower * self._costs.goals_s * sum(bool(job.constraints) for job in jobs)
-        self._clock.time_s += self._costs.seconds(self._costs.prepare, len(jobs)) + goals_s
+        self._take(self._costs.seconds(self._costs.prepare, len(jobs)) + goals_s)
         super().prepare(jobs)
 
     def denoise(self, job_ids: Sequence[int]) -> list[RowStatus]:
-        self._clock.time_s += self._costs.seconds(self._costs.step, len(job_ids))
+        self._take(self._costs.seconds(self._costs.step, len(job_ids)))
         self.steps += len(job_ids)
         return super().denoise(job_ids)
 
     def decode(self, job_ids: Sequence[int]) -> list[WindowResult]:
-        self._clock.time_s += self._costs.seconds(self._costs.decode, len(job_ids))
+        self._take(self._costs.seconds(self._costs.decode, len(job_ids)))
         return super().decode(job_ids)
 
     def discard(self, job_ids: Sequence[int]) -> None:

@@ -21,7 +21,7 @@ from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.types import Priority
 from motiongen_tools.bench.scenario import Scenario, load_scenario
 from motiongen_tools.bench.schedule import make_schedule
-from tests.bench.costed_runner import CostedRunner, Costs, VirtualClock
+from tests.bench.costed_runner import CostedRunner, Costs, VirtualClock, VirtualQuota
 from tests.bench.scenario_script import Outcomes, Script
 
 _OPENED_S = 1.0  # after its open, who has no frame misses them
@@ -44,9 +44,16 @@ class Rehearsal:
 
 
 def rehearse(
-    scenario: Scenario, characters: int, seconds: int, seed: int, costs: Costs, engines: int, config: EngineConfig
+    scenario: Scenario,
+    characters: int,
+    seconds: int,
+    seed: int,
+    costs: Costs,
+    engines: int,
+    config: EngineConfig,
+    quota: float | None = None,
 ) -> Rehearsal:
-    """Play a scenario on so many engines; frames are counted from its measured part on."""
+    """Play a scenario on so many engines; frames are counted from its measured part on. quota: of cores, for all."""
     schedule = make_schedule(scenario, characters, seconds, seed)
     parts, runners = [], []
     steps = rows = restarted = windows = 0
@@ -54,9 +61,8 @@ def rehearse(
     begin, end = schedule.phases.measure_from_s, schedule.phases.end_s
     for index in range(engines):
         clock = VirtualClock()
-        runner = CostedRunner(clock, costs)
-        table = profile(runner, clock, 64, 16, 60.0).costs
-        runner.steps = runner.steps_thrown_away = 0
+        table = profile(CostedRunner(clock, costs), clock, 64, 16, 60.0).costs
+        runner = CostedRunner(clock, costs, None if quota is None else VirtualQuota(min(1.0, quota / engines)))
         numbers = [plan.number for plan in schedule.characters if plan.number % engines == index]
         script = Script(scenario, schedule, numbers, clock)
         scheduler = Scheduler(table, 64, max_step_s=config.max_step_s)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from motiongen_server.devices import EngineDevice, check_devices, count_cuda_devices, devices_of, usable_cores
@@ -62,16 +64,9 @@ def test_an_engine_process_sees_its_own_device_only(monkeypatch: pytest.MonkeyPa
 
 
 def test_the_quota_of_a_container_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Quota:
-        def __init__(self, text: str) -> None:
-            self.text = text
-
-        def read_text(self, encoding: str) -> str:
-            return self.text
-
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: set(range(16)))
-    for text, cores in (("max 100000", 16), ("250000 100000", 3), ("50000 100000", 1), ("nonsense", 16)):
-        monkeypatch.setattr("motiongen_server.devices._QUOTA", Quota(text))
+    for quota, cores in ((math.inf, 16), (2.5, 3), (0.5, 1), (64.0, 16)):
+        monkeypatch.setattr("motiongen_server.devices.quota_cores", lambda quota=quota: quota)
         assert usable_cores() == cores
 
 

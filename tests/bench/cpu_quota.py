@@ -1,0 +1,98 @@
+"""CpuQuota: part of a processor for some processes, by a control group of Linux, of its first version or its second.
+
+The kernel's own bandwidth control, the same that containers get: in every period of 100 ms all threads together may
+compute for so long, and then stand still until the next. Making a group takes the rights to.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+PERIOD_US = 100_000
+_ROOT = Path("/sys/fs/cgroup")
+_GONE_WITHIN_S = 5.0
+
+
+class NoQuota(RuntimeError):
+    """No group with a quota can be made here, and why."""
+
+
+class CpuQuota:
+    """A group that may use so many cores. Use it as `with CpuQuota(0.7) as quota`; it must be empty at the end.
+
+    shares: its weight against what else wants the processor; 1024 is what a single process has.
+    """
+
+    def __init__(self, cores: float, shares: int = 1024, root: Path = _ROOT) -> None:
+        """root: where the control groups are mounted."""
+        if not 0.01 <= cores <= (os.cpu_count() or 1):
+            raise ValueError(f"a quota of {cores} cores was given; allowed is 0.01 to {os.cpu_count()}")
+        self.cores = cores
+        self._is_second = "cpu" in _words(root / "cgroup.controllers")
+        self._parent = root if self._is_second else root / "cpu"
+        self._group = self._parent / f"motiongen-quota-{os.getpid()}-{time.monotonic_ns()}"
+        self._shares = shares
+
+    def __enter__(self) -> CpuQuota:
+        """Raises NoQuota."""
+        quota_us = round(self.cores * PERIOD_US)
+        try:
+            if self._is_second and "cpu" not in _words(self._parent / "cgroup.subtree_control"):
+                (self._parent / "cgroup.subtree_control").write_text("+cpu")
+            self._group.mkdir()
+            if self._is_second:
+                (self._group / "cpu.max").write_text(f"{quota_us} {PERIOD_US}")
+                (self._group / "cpu.weight").write_text(f"{max(1, self._shares * 100 // 1024)}")
+            else:
+                (self._group / "cpu.cfs_period_us").write_text(f"{PERIOD_US}")
+                (self._group / "cpu.cfs_quota_us").write_text(f"{quota_us}")
+                (self._group / "cpu.shares").write_text(f"{self._shares}")
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                self._group.rmdir()
+            raise NoQuota(f"no control group can be made in {self._parent}: {error}; run as root on Linux") from error
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Raises OSError where processes are left in it after a while."""
+        give_up_at = time.monotonic() + _GONE_WITHIN_S
+        while _words(self._group / "cgroup.procs") and time.monotonic() < give_up_at:
+            time.sleep(0.05)
+        self._group.rmdir()
+
+    @contextlib.contextmanager
+    def joined(self) -> Iterator[None]:
+        """What this process starts meanwhile stays in the group; this process itself leaves it again."""
+        home = self._home()
+        (self._group / "cgroup.procs").write_text(f"{os.getpid()}")
+        try:
+            yield
+        finally:
+            (home / "cgroup.procs").write_text(f"{os.getpid()}")
+
+    def _home(self) -> Path:
+        """The group that this process is in."""
+        for line in Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines():
+            _, controllers, path = line.split(":", 2)
+            if (controllers == "") if self._is_second else ("cpu" in controllers.split(",")):
+                return self._parent / path.lstrip("/")
+        return self._parent
+
+    def throttled_s(self) -> float:
+        """Seconds so far for which its threads stood still because the quota was used up, added over the cores."""
+        for line in (self._group / "cpu.stat").read_text(encoding="utf-8").splitlines():
+            name, _, value = line.partition(" ")
+            if name in ("throttled_time", "throttled_usec"):
+                return int(value) / (1e9 if name == "throttled_time" else 1e6)
+        return 0.0
+
+
+def _words(path: Path) -> list[str]:
+    try:
+        return path.read_text(encoding="utf-8").split()
+    except OSError:
+        return []

@@ -1,0 +1,153 @@
+"""Is as much let in as could be served, on part of a processor? `python -m tests.bench.throttled --cores 0.7 1 1.5`.
+
+A server with its engines runs under a quota of processor time (`tests.bench.cpu_quota`), the load beside it without.
+First the most characters that it serves in full when it refuses and degrades nobody; then, on a server with the
+settings that there are by default, how many of so many times as many are let in, and what they get.
+`tests.bench.admission` is the same in virtual time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from motiongen_tools.bench.bracket import Bracket
+from motiongen_tools.bench.load import Load
+from motiongen_tools.bench.recorder import EVENT
+from motiongen_tools.bench.result import Result, Standard
+from motiongen_tools.bench.run import run_load
+from motiongen_tools.bench.scenario import BUILT_IN, load_scenario
+from motiongen_tools.server_process import ServerProcess
+from tests.bench.cpu_quota import CpuQuota
+from tests.bench.machine import busy_share, machine_facts
+
+_FREE = ("--admit-load", "1000", "--degrade", "false")
+_BOTH = ("--log-level", "ERROR", "--max-sessions", "4096", "--events-per-second", "1000")
+_CHARACTERS_A_CORE = 60  # where the search begins
+_REST_S = 3.0
+_REFUSED, _LEVEL, _FULL = "refused open", "service level: ", "service level: FULL"
+HEADER = (
+    "| scenario | cores | engines | could be served | asked | let in | of it | told of less | missed by them "
+    "| edits, ms | cores used | others' | void |",
+    "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---|",
+)
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Part of a processor, and how many engines share it. settings: further ones of the server."""
+
+    cores: float
+    engines: int
+    settings: tuple[str, ...]
+    shares: int = 1024
+
+    @contextmanager
+    def server(self, *settings: str) -> Iterator[ServerProcess]:
+        """One that is ready, under the quota from its start on."""
+        process = ServerProcess(["--devices", f"cpu:{self.engines}", *_BOTH, *self.settings, *settings])
+        with CpuQuota(self.cores, self.shares) as quota:
+            with quota.joined():
+                process.start()
+            try:
+                yield process
+            finally:
+                process.stop()
+
+
+@dataclass(frozen=True)
+class Effort:
+    """scenario: its name. seconds: measured in each run. times: as many ask as could be served."""
+
+    scenario: str
+    seconds: int
+    seed: int
+    times: float
+    max_lag_ms: float
+
+
+async def play(server: ServerProcess, characters: int, effort: Effort) -> Result:
+    load = Load(server.address, load_scenario(effort.scenario), characters, effort.seconds, effort.seed)
+    result = await run_load(load, lambda _: None, Standard(max_lag_ms=effort.max_lag_ms), server.pid)
+    missed, use = result.figures().miss_ratio, result.server_use
+    used = "" if use is None else f", {use.cores:.2f} cores"
+    print(f"  {characters} asked: {missed:.2%} missed{used} {result.void_reasons() or ''}", file=sys.stderr, flush=True)
+    return result
+
+
+async def most_servable(machine: Machine, effort: Effort, guess: int) -> int:
+    """The most characters with under 1 % of frames missed where everybody is let in and gets everything."""
+    bracket = Bracket(guess)
+    with machine.server(*_FREE) as server:
+        while (characters := bracket.next()) is not None:
+            result = await play(server, characters, effort)
+            bracket.note(characters, result.figures().miss_ratio < Standard.max_miss_ratio)
+            await asyncio.sleep(_REST_S)
+    return bracket.most
+
+
+def row(machine: Machine, effort: Effort, could: int, result: Result, others: float) -> str:
+    """The line of one machine. could: be served."""
+    counts, asked = dict(result.counts()), result.load.characters
+    refused = sum(count for name, count in counts.items() if name.startswith(_REFUSED))
+    less = sum(count for name, count in counts.items() if name.startswith(_LEVEL) and not name.startswith(_FULL))
+    edits, use = result.latency_ms(EVENT), result.server_use
+    cells = [
+        effort.scenario, f"{machine.cores:g}", f"{machine.engines}", f"{could}", f"{asked}", f"{asked - refused}",
+        f"{(asked - refused) / max(could, 1):.0%}", f"{less}", f"{result.figures().miss_ratio:.2%}",
+        f"{edits['p50']:.0f} / {edits['p99']:.0f}" if edits["count"] else "-",
+        "-" if use is None else f"{use.cores:.2f}", f"{others:.0%}", "void" if result.void_reasons() else "no",
+    ]  # fmt: skip
+    return f"| {' | '.join(cells)} |"
+
+
+async def measure(machine: Machine, effort: Effort, could: int | None) -> str:
+    others = busy_share()
+    if could is None:
+        could = await most_servable(machine, effort, max(4, round(_CHARACTERS_A_CORE * machine.cores)))
+    with machine.server() as server:
+        result = await play(server, max(1, round(effort.times * could)), effort)
+    return row(machine, effort, could, result, others())
+
+
+def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.bench.throttled", description=(__doc__ or "").splitlines()[0]
+    )
+    parser.add_argument("server", nargs="*", metavar="-- SETTING", help="for the servers")
+    parser.add_argument("--cores", type=float, nargs="+", default=[0.7, 1.0, 1.5], help="quotas (default: 0.7 1 1.5)")
+    parser.add_argument("--engines", type=int, nargs="+", default=[1, 2], help="for each quota (default: 1 2)")
+    parser.add_argument("--scenario", nargs="+", default=["crowd"], choices=BUILT_IN)
+    parser.add_argument("--seconds", type=int, default=10, help="to measure in each run (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--times", type=float, default=2.0, help="as many ask as could be served (default: %(default)g)"
+    )
+    parser.add_argument("--could", type=int, help="be served, where it is known already: only the crowd is played")
+    parser.add_argument("--max-lag-ms", type=float, default=5.0, help="later loads are void (default: %(default)g)")
+    parser.add_argument("--shares", type=int, default=1024, help="weight of the quota's group against others")
+    return parser.parse_args(arguments)
+
+
+def main() -> int:
+    options = parse()
+    for line in HEADER:
+        print(line, flush=True)
+    for name in options.scenario:
+        effort = Effort(name, options.seconds, options.seed, options.times, options.max_lag_ms)
+        for cores in options.cores:
+            for engines in options.engines:
+                machine = Machine(cores, engines, tuple(options.server), options.shares)
+                print(asyncio.run(measure(machine, effort, options.could)), flush=True)
+    print()
+    for key, value in {**machine_facts(), "command": " ".join(sys.argv[1:])}.items():
+        print(f"- {key}: {value}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -37,6 +37,7 @@ class Heard:
     levels: list[session_pb2.ServiceLevel] = field(default_factory=list)
     reached: list[session_pb2.ConstraintReached] = field(default_factory=list)
     applied_seq: int = 0
+    durable_seq: int = 0
     next_frame: int = 0
     end: int = 0
     committed_to: int = 0
@@ -75,7 +76,10 @@ class Heard:
             decided = update.constraint_reached.frame < self.committed_to or self.attempt > 0  # or told of again
             require(decided, "a constraint is told of when its frame is decided")
             self.reached.append(update.constraint_reached)
-        else:
+        elif kind == "durability":
+            require(self.durable_seq <= update.durable_seq <= self.sent_seq, "durable_seq never falls, nor runs ahead")
+            self.durable_seq = update.durable_seq
+        elif kind == "closed":
             self.closed = update.closed
 
     def _take_resumed(self, opened: session_pb2.SessionOpened) -> None:

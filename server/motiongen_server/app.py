@@ -8,6 +8,7 @@ import json
 import logging
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
@@ -33,7 +34,8 @@ from motiongen_server.rpc.reflection import add_reflection
 from motiongen_server.rpc.service import MotionService
 from motiongen_server.rpc.starting import StartingService
 from motiongen_server.settings import SettingError
-from motiongen_server.snapshots.stores import open_snapshot_store
+from motiongen_server.snapshots.store import SnapshotStore
+from motiongen_server.snapshots.stores import NONE, open_snapshot_store, state_folder
 from motiongen_server.transport import make_grpc_server
 
 _log = logging.getLogger("motiongen_server")
@@ -67,6 +69,7 @@ class Application:
         self._engines: Engines | None = None
         self._factory = ModelFactory(config, self.metrics)
         self._manager = ModelManager(self._factory.load, self._factory.forget)
+        self._snapshots: SnapshotStore | None = None
         self._server: grpc.aio.Server | None = None
         self._admin: grpc.aio.Server | None = None
         self._health = health.aio.HealthServicer()
@@ -99,10 +102,17 @@ class Application:
             await self._stop_admin()
             await self._stop_engines()
             await self.stop_ops()
+            if self._snapshots is not None:
+                self._snapshots.close()
             raise
 
     async def _open(self) -> None:
         config = self._config
+        folder, asked = state_folder(config.state_dir), config.snapshot_store
+        snapshots = await asyncio.to_thread(open_snapshot_store, asked, config.snapshot_keep_s, folder)
+        self._snapshots = snapshots
+        if snapshots is None:
+            config = replace(config, snapshot_store=NONE)  # engines take snapshots only where they are kept
         make = partial(self._make_engines, config, self._deliver, self.metrics)
         self._engines = await self._unless_stopped(start_in_background(make, "starting"))
         self._factory.use(self._engines)
@@ -111,7 +121,6 @@ class Application:
             if model.model_id in self._manager:
                 raise SettingError(f"model is {config.model!r}, and two of these are {model.model_id}; give one")
             self._manager.adopt(model)
-        snapshots = open_snapshot_store(config.snapshot_store, config.snapshot_keep_s)
         self._service = MotionService(
             self._manager.models, config.flush_ms / 1000, self.metrics, make_limits(config), self._callers, snapshots
         )
@@ -122,6 +131,7 @@ class Application:
         self.metrics.heartbeat_age.set_function(self._heartbeat_age_s)
         loop = asyncio.get_running_loop()
         self.metrics.tasks.set_function(lambda: len(asyncio.all_tasks(loop)))
+        self.metrics.free_share.set_function(lambda: self._manager.models.free_share)
         self.metrics.streams.set_function(lambda: self._service.num_streams)
         self.metrics.parked.set_function(lambda: self._service.num_parked)
         self.metrics.queue_bytes.set_function(lambda: self._service.num_waiting_bytes)

@@ -23,7 +23,7 @@ ENCODERS = (
 
 
 SNAPSHOT_STORES = (
-    "where sessions are saved, so that another server goes on with them: none, sqlite: (a file of this user), "
+    "where sessions are saved, so that another server goes on with them: auto (a file in the state folder), none, "
     "sqlite:FILE, redis://HOST:PORT/0 (Valkey too), rediss://, unix://PATH"
 )
 
@@ -106,7 +106,8 @@ class ServerConfig:
     playback_rate: float = setting(1.05, "times its frame rate that a session may be played at", 1, 1e6)
     idle_timeout_s: float = setting(300.0, "silence after which a session is closed", 1, 1e6)
     resume_grace_s: float = setting(30.0, "for which sessions wait for a client that lost its line", 0, 3600)
-    snapshot_store: str = setting("none", SNAPSHOT_STORES)
+    snapshot_store: str = setting("auto", SNAPSHOT_STORES)
+    state_dir: str = setting("", "folder of what outlives the server; none: motiongen in $XDG_STATE_HOME")
     snapshot_keep_s: float = setting(600.0, "for which a session that nobody serves stays there", 10, 1e6)
     prompt_cache: int = setting(4096, "prompts whose embeddings are remembered", 1, 10_000_000)
     prompt_store: str = setting("", "file on this machine that remembers them beyond the end of the process")

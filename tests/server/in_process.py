@@ -43,6 +43,10 @@ class InProcessModel:
     def failure(self) -> BaseException | None:
         return self.thread.failure
 
+    @property
+    def free_share(self) -> float:
+        return self.engine.free_share
+
     def submit(self, event: Event) -> Outcome | None:
         return self.engine.submit(event)
 

@@ -105,6 +105,11 @@ class Engine:
         """When the loop last went round, on the engine's clock. At most half a second old while the engine is well."""
         return self._heartbeat_at
 
+    @property
+    def free_share(self) -> float:
+        """Of all that sessions may take, the share that is left to new ones, 0 to 1."""
+        return self._admission.free_share
+
     def submit(self, event: Event) -> Outcome | None:
         """Hand in an event. The answer comes through `deliver`; only one that is refused here is returned, at once."""
         return self._intake.submit(event)

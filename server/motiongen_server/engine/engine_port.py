@@ -40,6 +40,11 @@ class EnginePort(EventSink, Protocol):
         """What ended it, if it did not end as it should."""
         ...
 
+    @property
+    def free_share(self) -> float:
+        """Of all that sessions may take, the share that is left to new ones, 0 to 1: a reading of this moment."""
+        ...
+
     def drain(self) -> None:
         """Take no new sessions; those that are open are served on."""
         ...

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from motiongen_server.engine.types import Event, ModelFacts, Open, Outcome
+from motiongen_server.engine.types import Event, ModelFacts, Open, Outcome, Priority
 from motiongen_server.engine.types.refusals import draining, session_limit
 from motiongen_server.engine_process.ledger import RETRY_AFTER_S, no_room
 from motiongen_server.engine_process.model_link import ModelLink, refused_without_engine
@@ -20,9 +20,14 @@ LOAD_STEPS = 20
 class EngineGroup:
     """The `EnginePort` of a model. A session stays with the engine process that it was opened on."""
 
-    def __init__(self, members: Sequence[tuple[EngineProcess, ModelLink]], max_sessions: int) -> None:
-        """max_sessions: open on all engine processes together, clips left out."""
+    def __init__(
+        self, members: Sequence[tuple[EngineProcess, ModelLink]], max_sessions: int, admit_load: float = 1.0
+    ) -> None:
+        """max_sessions: open on all engine processes together, clips left out. admit_load: of each, up to which they
+        let sessions in.
+        """
         self._members = tuple(members)
+        self._admit_load = admit_load
         self._max_sessions = max_sessions
         self._is_draining = False
 
@@ -66,6 +71,22 @@ class EngineGroup:
         """The share in use of all devices together, as their engines see it."""
         return sum(process.load for process, _ in self._members) / len(self._members)
 
+    @property
+    def free_share(self) -> float:
+        """As in EnginePort: the mean over engine processes; one that is lost, or lets no NEAR in, has nothing left."""
+        if self._is_draining:
+            return 0.0
+        shares = [
+            max(0.0, 1.0 - process.load / self._admit_load)
+            for process, link in self._members
+            if link.is_up and Priority.NEAR not in link.full
+        ]
+        return max(0.0, min(sum(shares) / len(self._members), 1.0 - self._num_played / self._max_sessions))
+
+    @property
+    def _num_played(self) -> int:
+        return sum(link.num_sessions - link.num_clips for _, link in self._members)
+
     def submit(self, event: Event) -> Outcome | None:
         """Hand in an event. What is returned is a refusal; every other answer is delivered."""
         link = next((link for _, link in self._members if link.holds(event.session)), None)
@@ -92,7 +113,7 @@ class EngineGroup:
         if self._is_draining:
             return draining().outcome(event.session, event.event_seq)
         if not event.spec.is_clip:
-            num_sessions = sum(link.num_sessions - link.num_clips for _, link in self._members)
+            num_sessions = self._num_played
             if num_sessions >= self._max_sessions:
                 return session_limit(self._max_sessions, RETRY_AFTER_S).outcome(event.session, event.event_seq)
         return None if any(link.is_up for _, link in self._members) else refused_without_engine(event)

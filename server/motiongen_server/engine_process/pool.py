@@ -65,7 +65,8 @@ class EnginePool:
         links = [process.load_model(slot, source) for process in self.processes]
         done, _ = wait([link.ready for link in links])
         errors = [error for error in (future.exception() for future in done) if error is not None]
-        group = EngineGroup(tuple(zip(self.processes, links, strict=True)), self._config.max_sessions)
+        members = tuple(zip(self.processes, links, strict=True))
+        group = EngineGroup(members, self._config.max_sessions, self._config.admit_load)
         if errors:
             group.stop()
             raise next((error for error in errors if isinstance(error, SettingError)), errors[0])

@@ -92,10 +92,16 @@ class ModelRegistry:
             del self._served[served.model_id]
             self._response = _catalog_response(self._served.values())
 
+    @property
+    def free_share(self) -> float:
+        """The share of the default model's capacity that is left to new sessions, 0 to 1."""
+        return next(iter(self)).engine.free_share
+
     def catalog_response(self, known_etag: str) -> service_pb2.GetCatalogResponse:
-        """The catalogue, or its etag alone for a client that holds it already."""
+        """The catalogue, or its etag alone for a client that holds it already; with what is free at this moment."""
         if known_etag == self._response.catalog_etag:
-            return service_pb2.GetCatalogResponse(catalog_etag=known_etag)
+            return service_pb2.GetCatalogResponse(catalog_etag=known_etag, free_share=self.free_share)
+        self._response.free_share = self.free_share  # no part of what the etag stands for
         return self._response
 
 

@@ -105,6 +105,11 @@ class Metrics:
             registry=registry,
         )  # fmt: skip
         self.streams = Gauge("motiongen_streams", "Open streams.", registry=registry)
+        self.free_share = Gauge(
+            "motiongen_free_share",
+            "Of the default model's capacity, what is left to new sessions, 0 to 1; 0 while the server drains.",
+            registry=registry,
+        )
         self.tasks = Gauge("motiongen_event_loop_tasks", "Tasks of the gateway's event loop.", registry=registry)
         self.queue_bytes = Gauge(
             "motiongen_outbound_queue_bytes", "What waits to be written to all streams.", registry=registry

@@ -18,6 +18,8 @@ from tests.server.engine.fakes import FACTS
 
 
 class NoEngine:
+    free_share = 0.25
+
     def submit(self, event: object) -> None:
         raise AssertionError("nothing is submitted here")
 
@@ -66,6 +68,17 @@ def test_the_catalogue_lists_all_models_and_each_rig_once() -> None:
     assert [rig.rig_id for rig in after.rigs] == ["fake", "robot"]
     assert after.limits == before.limits
     assert not models.catalog_response(after.catalog_etag).models
+
+
+def test_the_catalogue_tells_what_is_free_now_whatever_its_etag() -> None:
+    models = ModelRegistry(served("one"))
+    first = models.catalog_response("")
+    etag, told = first.catalog_etag, first.free_share
+    models.find("").engine.free_share = 0.125  # type: ignore[misc]
+    known = models.catalog_response(etag)
+    assert (told, known.free_share) == (0.25, 0.125)
+    assert not known.models
+    assert models.catalog_response("").catalog_etag == etag
 
 
 def test_one_that_is_removed_is_offered_no_more_and_the_next_is_the_default() -> None:

@@ -10,7 +10,7 @@ import pytest
 from motiongen_server.settings import SettingError
 from motiongen_server.snapshots.sqlite_store import SqliteStore
 from motiongen_server.snapshots.store import Lease, Renewal, StoreFailed
-from motiongen_server.snapshots.stores import open_snapshot_store
+from motiongen_server.snapshots.stores import open_snapshot_store, state_folder
 from tests.server.snapshots.store_contract import StoreContract, Two
 
 KEEP_S = 60.0
@@ -65,13 +65,40 @@ def test_a_full_disk_fails_and_is_written_again_once_there_is_room(tmp_path: Pat
 
 
 @pytest.mark.parametrize("asked", ["file.sqlite", "http://localhost", "redis://localhost:port"])
-def test_a_store_that_there_is_not_is_refused(asked: str) -> None:
+def test_a_store_that_there_is_not_is_refused(asked: str, tmp_path: Path) -> None:
     with pytest.raises(SettingError, match="snapshot_store"):
-        open_snapshot_store(asked, KEEP_S)
+        open_snapshot_store(asked, KEEP_S, tmp_path)
 
 
 def test_the_store_is_where_the_setting_says(tmp_path: Path) -> None:
-    assert open_snapshot_store("none", KEEP_S) is None
-    of_user = open_snapshot_store("sqlite:", KEEP_S, {"XDG_STATE_HOME": str(tmp_path)})
-    assert str(of_user) == f"sqlite:{tmp_path}/motiongen/snapshots.sqlite"
-    assert str(open_snapshot_store("redis://:secret@localhost:7000/2", KEEP_S)) == "redis://localhost:7000/2"
+    assert open_snapshot_store("none", KEEP_S, tmp_path) is None
+    for asked in ("auto", "sqlite:"):
+        assert (
+            str(open_snapshot_store(asked, KEEP_S, tmp_path / "state")) == f"sqlite:{tmp_path}/state/snapshots.sqlite"
+        )
+    named = open_snapshot_store(f"sqlite:{tmp_path}/named", KEEP_S, tmp_path)
+    assert str(named) == f"sqlite:{tmp_path}/named"
+    redis = open_snapshot_store("redis://:secret@localhost:7000/2", KEEP_S, tmp_path)
+    assert str(redis) == "redis://localhost:7000/2"
+
+
+def test_where_nothing_can_be_written_only_who_asked_for_a_file_is_refused(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "state").write_text("a file where the folder should be")
+    assert open_snapshot_store("auto", KEEP_S, tmp_path / "state") is None
+    assert "sessions end with this server" in caplog.text
+    with pytest.raises(SettingError, match="cannot be used"):
+        open_snapshot_store("sqlite:", KEEP_S, tmp_path / "state")
+
+
+@pytest.mark.parametrize(
+    ("asked", "environment", "folder"),
+    [
+        ("/var/lib/motion", {"XDG_STATE_HOME": "/state"}, "/var/lib/motion"),
+        ("", {"XDG_STATE_HOME": "/state"}, "/state/motiongen"),
+        ("", {}, str(Path("~/.local/state/motiongen").expanduser())),
+    ],
+)
+def test_the_state_folder(asked: str, environment: dict[str, str], folder: str) -> None:
+    assert str(state_folder(asked, environment)) == folder

@@ -36,16 +36,18 @@ class GetCatalogRequest(_message.Message):
     def __init__(self, catalog_etag: _Optional[str] = ...) -> None: ...
 
 class GetCatalogResponse(_message.Message):
-    __slots__ = ("catalog_etag", "rigs", "limits", "models")
+    __slots__ = ("catalog_etag", "rigs", "limits", "models", "free_share")
     CATALOG_ETAG_FIELD_NUMBER: _ClassVar[int]
     RIGS_FIELD_NUMBER: _ClassVar[int]
     LIMITS_FIELD_NUMBER: _ClassVar[int]
     MODELS_FIELD_NUMBER: _ClassVar[int]
+    FREE_SHARE_FIELD_NUMBER: _ClassVar[int]
     catalog_etag: str
     rigs: _containers.RepeatedCompositeFieldContainer[_motion_pb2.Rig]
     limits: Limits
     models: _containers.RepeatedCompositeFieldContainer[Model]
-    def __init__(self, catalog_etag: _Optional[str] = ..., rigs: _Optional[_Iterable[_Union[_motion_pb2.Rig, _Mapping]]] = ..., limits: _Optional[_Union[Limits, _Mapping]] = ..., models: _Optional[_Iterable[_Union[Model, _Mapping]]] = ...) -> None: ...
+    free_share: float
+    def __init__(self, catalog_etag: _Optional[str] = ..., rigs: _Optional[_Iterable[_Union[_motion_pb2.Rig, _Mapping]]] = ..., limits: _Optional[_Union[Limits, _Mapping]] = ..., models: _Optional[_Iterable[_Union[Model, _Mapping]]] = ..., free_share: _Optional[float] = ...) -> None: ...
 
 class Model(_message.Message):
     __slots__ = ("model_id", "rig_id", "licence", "horizon_frames", "patch_frames", "default_denoise_steps", "max_denoise_steps", "text_encoder", "default_guidance", "future_frames", "min_denoise_steps", "num_parameters", "default_history_frames", "max_history_frames", "text_width", "presets", "constraint_forms", "locomotion_presets", "known_motions", "default_tolerance_m", "default_tolerance_rad", "outputs")

@@ -123,6 +123,14 @@ class Admission:
         load, steps, most = self.load, self._least_steps, self._config.admit_load
         return [each for each in Priority if load + self._share(each, steps, 1) > most[each - 1]]
 
+    @property
+    def free_share(self) -> float:
+        """Of all that sessions of class NEAR may take, the share that is left to new ones, 0 to 1."""
+        if self._closed_for_good:
+            return 0.0
+        most, sessions = self._config.admit_load[Priority.NEAR - 1], self._config.max_sessions
+        return max(0.0, min(1.0 - (self.load + self._rush) / most, 1.0 - self._num_sessions / sessions))
+
     def release(self, session: SessionKey, spec: SessionSpec | None = None) -> None:
         """Give up a session's place. spec: only if the place is this one's, not that of a later one of the same key."""
         with self._lock:

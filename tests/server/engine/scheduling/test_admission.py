@@ -81,6 +81,29 @@ def test_a_refusal_says_when_to_come_back_and_what_is_allowed() -> None:
     assert not admission.take_refused()
 
 
+def test_what_is_free_falls_to_nothing_as_sessions_come_in() -> None:
+    admission = _admission()
+    assert admission.free_share == 1.0
+    most = int(CONFIG.admit_load[Priority.NEAR - 1] / EACH[Priority.NEAR])
+    for number in range(most // 2):
+        admission.reserve(spec(SessionKey(1, number)), 1)
+        admission.note_begun(SessionKey(1, number))
+    assert admission.free_share == pytest.approx(0.5, abs=1 / most)
+    _fill(admission, first=1000)
+    assert admission.free_share < 1 / most
+    admission.set_prices(PRICES, measured=2.0)
+    assert admission.free_share == 0.0
+
+
+def test_nothing_is_free_where_no_more_sessions_may_be_open_or_the_server_goes() -> None:
+    few = Admission(FACTS, EngineConfig(max_sessions=4))
+    for number in range(3):
+        few.reserve(spec(SessionKey(1, number)), 1)
+    assert few.free_share == 0.25
+    few.close()
+    assert few.free_share == 0.0
+
+
 def test_urgent_classes_find_room_where_others_do_not() -> None:
     admission = _admission()
     for number, priority in enumerate(reversed(Priority)):

@@ -42,6 +42,11 @@ class Character:
         """Frame times with nothing new to show."""
         return self.session.stats.underruns
 
+    @property
+    def is_away(self) -> bool:
+        """Whether it is without a line now."""
+        return len(self.lost_at) > len(self.back_at)
+
     def away_s(self, begin: float) -> list[float]:
         """How long each line that was lost since `begin` was away, as far as it came back."""
         return [back - lost for lost, back in zip(self.lost_at, self.back_at, strict=False) if lost >= begin]

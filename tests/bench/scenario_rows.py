@@ -11,10 +11,13 @@ Report = dict[str, Any]
 # Latencies are p50 / p99.
 HEADER = (
     "| scenario | characters | precision | missed | below FULL | refused | edits, ms | first frame, ms "
-    "| cores | others' | void |",
-    "|---|---:|---|---:|---:|---:|---:|---:|---:|---:|---|",
+    "| thrown away | cores | others' | void |",
+    "|---|---:|---|---:|---:|---:|---:|---:|---:|---:|---:|---|",
 )
-FOUND_HEADER = ("| scenario | precision | most served in full | limited by the load |", "|---|---|---:|---|")
+FOUND_HEADER = (
+    "| scenario | precision | most served in full | limited by the load | confirmed | trials |",
+    "|---|---|---:|---|---|---:|",
+)
 _EVENT, _OPEN = "event_to_first_frame", "open_to_first_frame"
 _LEVEL, _FULL = "service level: ", "service level: FULL"
 
@@ -22,20 +25,23 @@ _LEVEL, _FULL = "service level: ", "service level: FULL"
 def rows_of(scenario: str, characters: int, precision: str, reports: Sequence[Report]) -> list[str]:
     """A line for all characters, and one for each group where there are several.
 
-    Of several seeds: the median of medians and of cores, the worst of tails, all that was missed and refused.
+    Of several seeds: the median of medians and of cores, the worst of tails and of what was thrown away, all that was
+    missed and refused.
     """
     groups = [name for name in reports[0]["figures"] if name != "all"]
     lines = [_line([scenario, f"{characters}", precision, *_cells(reports, "all"), *_run_cells(reports)])]
     if len(groups) > 1:
-        lines += [_line([f"- {name}", "", "", *_cells(reports, name), "", "", ""]) for name in groups]
+        lines += [_line([f"- {name}", "", "", *_cells(reports, name), "", "", "", ""]) for name in groups]
     return lines
 
 
 def found_row(scenario: str, precision: str, report: Report) -> str:
     """What a search has found."""
     found = report["search"]
-    most = f"{found['characters']}" if not found["limited_by_generator"] else f"at least {found['characters']}"
-    return _line([scenario, precision, most, "yes" if found["limited_by_generator"] else "no"])
+    ended = found["limited_by_generator"] or found.get("out_of_time")
+    most = f"at least {found['characters']}" if ended else f"{found['characters']}"
+    yes_or_no = ["yes" if each else "no" for each in (found["limited_by_generator"], "figures" in report)]
+    return _line([scenario, precision, most, *yes_or_no, f"{len(found['trials'])}"])
 
 
 def _cells(reports: Sequence[Report], group: str) -> list[str]:
@@ -48,9 +54,12 @@ def _cells(reports: Sequence[Report], group: str) -> list[str]:
 
 
 def _run_cells(reports: Sequence[Report]) -> list[str]:
-    cores = [report["server_use"]["cores"] for report in reports if report["server_use"]]
+    uses = [report["server_use"] for report in reports if report["server_use"]]
+    cores = [use["cores"] for use in uses]
+    thrown_away = [share for use in uses if (share := use.get("thrown_away")) is not None]  # earlier commits do not say
     void = sum(bool(report["void"]) for report in reports)
     return [
+        f"{max(thrown_away):.1%}" if thrown_away else "-",
         f"{median(cores):.2f}" if cores else "-",
         f"{max(report['others'] for report in reports):.0%}",
         f"{void} of {len(reports)}" if void else "no",

@@ -3,6 +3,8 @@
 A server is started for every run; load and server share the machine. Runs of one scenario follow each other: every
 precision, and with --before COMMIT every revision, each with the load and the server of its own tree but the scenario
 files of this one. Prints the table as it grows, with what it was measured on, and writes it and each run's report.
+With --resume, runs of the same command and commit that are in the folder already are taken from there: a long table can
+be made in parts.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from typing import Any
 
 from motiongen_tools.bench.scenario import BUILT_IN, load_scenario
 from motiongen_tools.bench.scenario import __file__ as scenario_file
-from tests.bench.machine import ROOT, busy_share, machine_facts
+from tests.bench.machine import ROOT, busy_share, commit, machine_facts
 from tests.bench.revision import Revision, commit_tree
 from tests.bench.scenario_rows import FOUND_HEADER, HEADER, found_row, rows_of
 
@@ -27,6 +29,7 @@ PRECISIONS = ("float32", "bfloat16")
 SIZES = {("crowd", "bfloat16"): 200}
 """Characters where they are not the scenario's own."""
 _VOID = 3
+_MARK = "run.json"
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,7 @@ def cases(options: argparse.Namespace, revisions: Sequence[Revision]) -> Iterato
     for index, name in enumerate(options.scenario):
         for precision in options.precision:
             own = SIZES.get((name, precision), load_scenario(name).characters)
-            characters = options.characters[index] if options.characters else own
+            characters = max(1, round(options.load * (options.characters[index] if options.characters else own)))
             for revision in revisions:
                 yield Case(name, characters, precision, revision)
 
@@ -57,9 +60,15 @@ def measure(case: Case, seed: int, options: argparse.Namespace) -> dict[str, Any
     command = [
         *case.revision.motiongen, "bench", "--start-server", "--scenario", str(scenario),
         "--characters", str(case.characters), "--seconds", str(options.seconds), "--seed", str(seed),
-        "--out", str(out.resolve()), "--max-lag-ms", str(options.max_lag_ms), *(["--find"] if options.find else []),
+        "--out", str(out.resolve()), "--max-lag-ms", str(options.max_lag_ms),
+        *(["--find", "--find-within", str(options.find_within), "--trial-seconds", "6"] if options.find else []),
         "--", "--precision", case.precision, *options.server,
     ]  # fmt: skip
+    mark = {"command": command, "commit": commit()}
+    # Where files differ from the commit nobody can tell whether they are the same as then.
+    if options.resume and " " not in mark["commit"] and (known := kept(out, mark)) is not None:
+        return known
+    (out / _MARK).unlink(missing_ok=True)
     others = busy_share()
     done = subprocess.run(
         command, cwd=case.revision.tree, env=case.revision.environment, stdout=subprocess.PIPE, text=True
@@ -67,8 +76,22 @@ def measure(case: Case, seed: int, options: argparse.Namespace) -> dict[str, Any
     if done.returncode not in (0, _VOID):
         print(done.stdout, file=sys.stderr)
         raise subprocess.CalledProcessError(done.returncode, command)
-    report: dict[str, Any] = json.loads((out / "result.json").read_text(encoding="utf-8"))
-    return {**(report["result"] or {}), "search": report["search"], "others": others()}
+    (out / _MARK).write_text(json.dumps({**mark, "others": others()}, indent=1) + "\n", encoding="utf-8")
+    found = kept(out, mark)
+    assert found is not None
+    return found
+
+
+def kept(out: Path, mark: dict[str, Any]) -> dict[str, Any] | None:
+    """The report of a run that is in its folder; None where that is another command's or commit's, or was cut short."""
+    try:
+        made = json.loads((out / _MARK).read_text(encoding="utf-8"))
+        report = json.loads((out / "result.json").read_text(encoding="utf-8"))
+    except OSError:
+        return None
+    if any(made[name] != value for name, value in mark.items()):
+        return None
+    return {**(report["result"] or {}), "search": report["search"], "others": made["others"]}
 
 
 def baseline() -> str:
@@ -125,13 +148,18 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--precision", nargs="+", default=list(PRECISIONS), choices=PRECISIONS)
     parser.add_argument("--seeds", type=int, nargs="+", default=[1], help="a run for each (default: 1)")
     parser.add_argument("--seconds", type=int, default=20, help="to measure in each run (default: %(default)s)")
+    parser.add_argument("--load", type=float, default=1.0, help="share of the characters (default: all)")
     parser.add_argument("--find", action="store_true", help="find the most characters served in full instead")
+    parser.add_argument("--find-within", type=float, default=420.0, help="seconds a search (default: %(default)g)")
+    parser.add_argument("--resume", action="store_true", help="take what is in the folder already")
     parser.add_argument("--max-lag-ms", type=float, default=5.0, help="later loads are void (default: %(default)g)")
     parser.add_argument("--before", nargs="*", default=[], metavar="COMMIT", help="measure these too, in the same run")
     parser.add_argument("--out", type=Path, default=Path("out/scenarios"), help="(default: %(default)s)")
     options = parser.parse_args(arguments)
     if options.characters and len(options.characters) != len(options.scenario):
         parser.error(f"--characters has {len(options.characters)} numbers; give one for each scenario")
+    if not 0.0 < options.load <= 1.0:
+        parser.error(f"--load is {options.load:g}; give a share above 0, up to 1")
     return options
 
 

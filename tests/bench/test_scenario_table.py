@@ -1,5 +1,6 @@
 """The table of scenarios: its cases, its lines, and revisions beside each other."""
 
+import json
 import os
 import subprocess
 from pathlib import Path
@@ -9,7 +10,7 @@ import pytest
 from tests.bench.machine import ROOT
 from tests.bench.revision import Revision, commit_tree
 from tests.bench.scenario_rows import HEADER, found_row, rows_of
-from tests.bench.scenario_table import cases, parse
+from tests.bench.scenario_table import cases, kept, parse
 
 NOW = Revision("now", ROOT)
 
@@ -22,7 +23,7 @@ def _report(missed: int, p99: float, **more: object) -> dict[str, object]:
         "figures": figures,
         "latencies_ms": {what: dict.fromkeys(figures, latency) for what in names},
         "counts": {"service level: FEWER_STEPS, 3 steps": 4, "service level: FULL, 4 steps": 4, "edits": 7},
-        "server_use": {"cores": 1.5},
+        "server_use": {"cores": 1.5, "thrown_away": missed / 100},
         "void": [],
         "others": 0.25,
         **more,
@@ -31,14 +32,41 @@ def _report(missed: int, p99: float, **more: object) -> dict[str, object]:
 
 def test_seeds_are_one_line_with_the_worst_tail_and_all_that_was_missed() -> None:
     lines = rows_of("mixed", 80, "float32", [_report(0, 200.0), _report(5, 300.0, void=["late"])])
-    assert lines[0] == ("| mixed | 80 | float32 | 0.25% | 8 | 4 | 100 / 300 | 100 / 300 | 1.50 | 25% | 1 of 2 |")
+    assert lines[0] == ("| mixed | 80 | float32 | 0.25% | 8 | 4 | 100 / 300 | 100 / 300 | 5.0% | 1.50 | 25% | 1 of 2 |")
     assert [line.split("|")[1].strip() for line in lines] == ["mixed", "- hero", "- near"]
-    assert {line.count("|") for line in (*HEADER, *lines)} == {12}
+    assert {line.count("|") for line in (*HEADER, *lines)} == {13}
+
+
+def test_what_an_earlier_commit_does_not_say_is_left_out() -> None:
+    (line, *_) = rows_of("mixed", 80, "float32", [_report(0, 200.0, server_use={"cores": 1.5})])
+    assert "| - | 1.50 | 25% | no |" in line
 
 
 def test_a_search_says_where_the_load_was_its_limit() -> None:
-    search = {"characters": 150, "limited_by_generator": True}
-    assert found_row("crowd", "float32", {"search": search}) == "| crowd | float32 | at least 150 | yes |"
+    search = {"characters": 150, "limited_by_generator": True, "trials": [{}] * 4}
+    assert found_row("crowd", "float32", {"search": search}) == "| crowd | float32 | at least 150 | yes | no | 4 |"
+
+
+def test_a_search_that_ran_out_of_time_says_so() -> None:
+    search = {"characters": 250, "limited_by_generator": False, "out_of_time": True, "trials": [{}] * 7}
+    row = found_row("crowd", "bfloat16", {"search": search, "figures": {}})
+    assert row == "| crowd | bfloat16 | at least 250 | no | yes | 7 |"
+
+
+def test_a_share_of_the_load_is_a_share_of_the_characters() -> None:
+    options = parse(["--scenario", "crowd", "--precision", "float32", "--characters", "206", "--load", "0.7"])
+    assert [case.characters for case in cases(options, [NOW])] == [144]
+
+
+def test_only_runs_of_the_same_command_and_commit_are_taken_again(tmp_path: Path) -> None:
+    mark = {"command": ["motiongen", "bench"], "commit": "abc"}
+    assert kept(tmp_path, mark) is None
+    (tmp_path / "run.json").write_text(json.dumps({**mark, "others": 0.1}))
+    assert kept(tmp_path, mark) is None  # it was cut short
+    (tmp_path / "result.json").write_text(json.dumps({"result": {"void": []}, "search": None}))
+    assert kept(tmp_path, mark) == {"void": [], "search": None, "others": 0.1}
+    assert kept(tmp_path, {**mark, "commit": "abd"}) is None
+    assert kept(tmp_path, {**mark, "command": ["motiongen", "bench", "--find"]}) is None
 
 
 def test_every_scenario_is_measured_in_both_precisions_at_its_own_size() -> None:

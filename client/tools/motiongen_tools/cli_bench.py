@@ -70,6 +70,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="to measure in each trial of --find; its answer is confirmed with --seconds (default: %(default)s)",
     )
     parser.add_argument(
+        "--find-within",
+        type=number_above_zero,
+        metavar="SECONDS",
+        help="--find answers with what is known then (default: when it knows)",
+    )
+    parser.add_argument(
         "--max-lag-ms",
         type=number_above_zero,
         default=Standard.max_lag_ms,
@@ -99,17 +105,17 @@ async def bench(options: argparse.Namespace) -> int:
         program=options.program,
     )
     with contextlib.ExitStack() as stack:
-        pid = None
+        pid, ops_address = None, ""
         if options.start_server:
             server = stack.enter_context(ServerProcess(options.server_arguments))
-            load, pid = replace(load, address=server.address), server.pid
+            load, pid, ops_address = replace(load, address=server.address), server.pid, server.ops_address
         console.print(terminal.describe(load), soft_wrap=True)
 
         async def run(load: Load) -> Result:
             alone = 1 if load.program is not None else num_processes(load.characters)
             load = replace(load, processes=options.processes or alone)
             with terminal.showing(console, load) as tell:
-                return await run_load(load, tell, standard, pid)
+                return await run_load(load, tell, standard, pid, ops_address)
 
         found: Found | None = None
         result: Result | None
@@ -120,6 +126,7 @@ async def bench(options: argparse.Namespace) -> int:
                 options.trial_seconds,
                 lambda trial: console.print(terminal.describe_trial(trial), soft_wrap=True),
                 lambda: asyncio.sleep(_REST_S),
+                options.find_within or math.inf,
             )
             result = found.result
         else:

@@ -122,3 +122,39 @@ async def test_nobody_served_is_an_answer_too() -> None:
 @pytest.mark.parametrize("start", [1, 20, 300])
 async def test_where_it_starts_does_not_matter(start: int) -> None:
     assert (await Machine(serves=20).search(start)).characters in (19, 20)
+
+
+class Hurried(Machine):
+    """A machine whose runs take 10 s beside what they measure, by a clock of its own."""
+
+    now = 0.0
+
+    async def run(self, load: Load) -> Result:
+        self.now += load.seconds + 10.0
+        return await super().run(load)
+
+    async def search_within(self, within_s: float) -> Found:
+        load = Load("localhost:1", load_scenario("crowd"), 100, LONG, seed=1)
+        return await find_most(load, self.run, 5, lambda _: None, self.rest, within_s, lambda: self.now)
+
+
+@pytest.mark.parametrize("within_s", [100.0, 130.0, 150.0])
+async def test_a_search_ends_in_time_with_what_it_knows(within_s: float) -> None:
+    machine = Hurried(serves=1530)
+    found = await machine.search_within(within_s)
+    assert machine.now <= within_s
+    assert found.out_of_time
+    assert found.result is not None
+    assert found.characters in (100, 200, 400, 800, 1200, 1400)
+
+
+async def test_an_answer_that_there_is_no_time_to_confirm_is_told_as_such() -> None:
+    machine = Hurried(serves=400, serves_long=0)
+    found = await machine.search_within(130.0)
+    assert (found.out_of_time, found.result) == (True, None)
+
+
+async def test_a_search_with_time_is_as_ever() -> None:
+    found = await Hurried(serves=150).search_within(1e6)
+    assert not found.out_of_time
+    assert 143 <= found.characters <= 150

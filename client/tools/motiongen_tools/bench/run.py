@@ -17,9 +17,15 @@ from motiongen_tools.bench.workers import Workers
 
 
 async def run_load(
-    load: Load, tell: Callable[[Progress], None], standard: Standard, server_pid: int | None = None
+    load: Load,
+    tell: Callable[[Progress], None],
+    standard: Standard,
+    server_pid: int | None = None,
+    ops_address: str = "",
 ) -> Result:
-    """Play a load and measure. tell: called once a second for each process. server_pid: of a server to watch.
+    """Play a load and measure. tell: called once a second for each process.
+
+    server_pid: of a server to watch; ops_address: host:port of its metrics, where these are to be read too.
 
     Raises InvalidInput for steps the model cannot do, ServerUnavailable, GeneratorFailed.
     """
@@ -27,7 +33,7 @@ async def run_load(
         catalog = client.catalog
     _check_steps(load, catalog.models[0])
     schedule = load.schedule()
-    watch = None if server_pid is None else ServerWatch(server_pid)
+    watch = None if server_pid is None else ServerWatch(server_pid, ops_address)
     async with Workers(load) if load.program is None else Programs(load, catalog) as workers:
         await workers.ready()
         started_at = datetime.now(UTC)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 
@@ -33,13 +35,15 @@ class Trial:
 class Found:
     """What a search came to. result: the confirming run of `characters`; None when not one was served.
 
-    limited_by_generator: a larger number was void, so the server may well serve more.
+    limited_by_generator: a larger number was void, so the server may well serve more. out_of_time: the search ended
+    before it had come as near as it does else, or before its answer was confirmed.
     """
 
     characters: int
     result: Result | None
     trials: tuple[Trial, ...]
     limited_by_generator: bool
+    out_of_time: bool = False
 
 
 async def find_most(
@@ -48,39 +52,52 @@ async def find_most(
     trial_seconds: int,
     note: Callable[[Trial], None],
     rest: Callable[[], Awaitable[None]],
+    within_s: float = math.inf,
+    clock: Callable[[], float] = time.monotonic,
 ) -> Found:
     """Start with load.characters. Trials measure trial_seconds, the run that confirms the answer load.seconds.
 
-    note: called after each trial. rest: lets the server get over a trial that was too much for it.
+    note: called after each trial. rest: lets the server get over a trial that was too much for it. within_s: no trial
+    is begun that would leave too little of it, by the clock, for the run that confirms.
     """
     bracket = Bracket(load.characters)
     trials: list[Trial] = []
+    began_at, beside_s = clock(), 0.0  # what a run takes beside what it measures, at the most so far
+
+    def is_time_for(*seconds: int) -> bool:
+        return clock() - began_at + sum(seconds) + len(seconds) * beside_s <= within_s
 
     async def attempt(characters: int, seconds: int) -> Result:
+        nonlocal beside_s
         for _ in range(_TRIES_WHEN_VOID):
+            begun_at = clock()
             result = await run(replace(load, characters=characters, seconds=seconds))
             trials.append(judge(result))
             note(trials[-1])
-            if trials[-1].passed:
-                break
-            await rest()
-            if not trials[-1].void:
+            if not trials[-1].passed:
+                await rest()
+            beside_s = max(beside_s, clock() - begun_at - seconds)
+            if not trials[-1].void or not is_time_for(seconds, load.seconds):
                 break
         bracket.note(characters, trials[-1].passed)
         return result
 
     confirmed: Result | None = None
+    out_of_time = False
     while confirmed is None:
         while (characters := bracket.next()) is not None:
+            out_of_time = bool(trials) and not is_time_for(trial_seconds, load.seconds)
+            if out_of_time:
+                break
             await attempt(characters, trial_seconds)
-        if bracket.most == 0:
+        if bracket.most == 0 or (out_of_time and not is_time_for(load.seconds)):
             break
         result = await attempt(bracket.most, load.seconds)
         if trials[-1].passed:
             confirmed = result
     last = {trial.characters: trial for trial in trials}
     limited = bracket.too_many in last and bool(last[bracket.too_many].void)
-    return Found(bracket.most, confirmed, tuple(trials), limited)
+    return Found(bracket.most, confirmed, tuple(trials), limited, out_of_time)
 
 
 def judge(result: Result) -> Trial:

@@ -1,9 +1,10 @@
-"""What a server process of one's own uses while it is measured: processor time and memory."""
+"""What a server process of one's own uses while it is measured: processor time, memory, and steps for nothing."""
 
 from __future__ import annotations
 
 import asyncio
 import time
+import urllib.request
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,20 +15,30 @@ if TYPE_CHECKING:
     from psutil import Process
 
 _SAMPLE_PERIOD_S = 0.5
+_METRICS_TIMEOUT_S = 5.0
+_STEPS, _DISCARDED = "motiongen_batch_rows_sum", "motiongen_steps_discarded_total"
 
 
 @dataclass(frozen=True)
 class ServerUse:
-    """Of a server and its child processes, while measuring. cores: processor seconds a second; memory is resident."""
+    """Of a server and its child processes, while measuring. cores: processor seconds a second; memory is resident.
+
+    thrown_away: the share of denoising steps whose windows nobody got; None where that is not known.
+    """
 
     cores: float
     peak_mib: float
+    thrown_away: float | None = None
 
 
 class ServerWatch:
-    """Reads a process from outside. Raises MissingExtra without psutil."""
+    """Reads a process from outside. Raises MissingExtra without psutil.
 
-    def __init__(self, pid: int) -> None:
+    ops_address: host:port of the server's metrics, "" where they are not to be read.
+    """
+
+    def __init__(self, pid: int, ops_address: str = "") -> None:
+        self._ops_address = ops_address
         try:
             import psutil
         except ImportError:
@@ -39,15 +50,27 @@ class ServerWatch:
         """Wait until measuring is over. start_at_s: on time.monotonic. None when the server ended."""
         try:
             await asyncio.sleep(max(start_at_s + phases.measure_from_s - time.monotonic(), 0))
+            steps = await self._steps()
             from_s, cpu_from_s = time.monotonic(), sum(map(_cpu_s, self._family()))
             peak = 0
             while time.monotonic() < start_at_s + phases.measure_to_s:
                 peak = max(peak, sum(process.memory_info().rss for process in self._family()))
                 await asyncio.sleep(_SAMPLE_PERIOD_S)
             used_s = sum(map(_cpu_s, self._family())) - cpu_from_s
-            return ServerUse(used_s / (time.monotonic() - from_s), peak / 2**20)
+            cores = used_s / (time.monotonic() - from_s)
+            return ServerUse(cores, peak / 2**20, thrown_away(steps, await self._steps()))
         except self._gone:
             return None
+
+    async def _steps(self) -> tuple[float, float] | None:
+        """Rows of denoising steps so far, and those of them that were for nothing."""
+        if not self._ops_address:
+            return None
+        try:
+            text = await asyncio.to_thread(_read, f"http://{self._ops_address}/metrics")
+        except OSError:
+            return None
+        return total(text, _STEPS), total(text, _DISCARDED)
 
     def _family(self) -> list[Process]:
         return [self._process, *self._process.children(recursive=True)]
@@ -56,3 +79,22 @@ class ServerWatch:
 def _cpu_s(process: Process) -> float:
     times = process.cpu_times()
     return times.user + times.system
+
+
+def total(metrics: str, name: str) -> float:
+    """The sum of a metric over its labels, from the text that a server gives. 0 where there is none of the name."""
+    found = (line.rsplit(" ", 1) for line in metrics.splitlines() if line.startswith((f"{name} ", f"{name}{{")))
+    return sum(float(value) for _, value in found)
+
+
+def thrown_away(before: tuple[float, float] | None, after: tuple[float, float] | None) -> float | None:
+    """The share of the steps between two readings that were for nothing."""
+    if before is None or after is None or after[0] <= before[0]:
+        return None
+    return (after[1] - before[1]) / (after[0] - before[0])
+
+
+def _read(url: str) -> str:
+    with urllib.request.urlopen(url, timeout=_METRICS_TIMEOUT_S) as answer:
+        text: str = answer.read().decode()
+    return text

@@ -89,6 +89,9 @@ def describe_found(found: Found) -> str:
             f"At least {found.characters} characters are served in full; with more the run is void, because the load "
             "itself was late. Use more --processes, or a machine of its own for the load."
         )
+    if found.out_of_time:
+        sure = "" if found.result is not None else "; that was not confirmed"
+        return f"{found.characters} characters are served in full, as far as was found out in the time given{sure}."
     if found.characters == 0:
         return "Not one character was served in full."
     return f"{found.characters} characters are served in full."
@@ -132,6 +135,8 @@ def use_line(result: Result) -> str:
     line = f"cores used by the load: {own}"
     if result.server_use is not None:
         line += f"; by the server: {result.server_use.cores:.2f}, {result.server_use.peak_mib:.0f} MiB at most"
+        if result.server_use.thrown_away is not None:
+            line += f"; steps thrown away: {result.server_use.thrown_away:.1%}"
     return line
 
 

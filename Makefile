@@ -185,9 +185,11 @@ bench-engine: $(READY) ## measure the engine against simpler ones: characters in
 	OMP_WAIT_POLICY=PASSIVE $(PYTHON) -m tests.bench.engine --out $(OUT)/bench $(ARGS)
 
 .PHONY: fuzz
-fuzz: $(READY) ## give the readers of checkpoints, motion and constraints 10,000 broken files each
+fuzz: $(READY) ## give the readers of files 10,000 broken ones each, and the edge what libFuzzer thinks up for 3 minutes
 	$(PYTHON) -m tests.bench.fuzz_checkpoints
 	$(PYTHON) -m tests.bench.fuzz_formats
+	$(PYTHON) -m pip install --quiet --constraint constraints.txt atheris
+	$(PYTHON) -m tests.bench.fuzz_edge $(ARGS)
 
 .PHONY: data
 data: $(READY) ## turn motion capture into a training set: make data CLIPS=folder-of-bvh LABELS=table.csv [DATA=out/data]

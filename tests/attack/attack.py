@@ -90,8 +90,8 @@ def hostile(attack: Attack, server: Attacked) -> Iterator[None]:
     at = f"127.0.0.1:{server.ops_port}" if attack.at_ops else server.address
     command = [sys.executable, "-m", "tests.attack.hostile", attack.kind, at]
     processes = [
-        subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        for _ in range(attack.clients if attack.kind else 0)
+        subprocess.Popen([*command, str(seed)], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        for seed in range(1, 1 + attack.clients if attack.kind else 1)
     ]
     try:
         yield

@@ -1,4 +1,4 @@
-"""Hostile clients, each a process of its own at the usual niceness: `python -m tests.attack.hostile KIND ADDRESS`.
+"""Hostile clients, each a process of its own at the usual niceness: `python -m tests.attack.hostile KIND ADDRESS SEED`.
 
 They go on until they are killed. Messages are serialized beforehand, so that an attack costs them little.
 """
@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import random
 import sys
 import time
 from collections.abc import Callable
 
 from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from tests.attack.calls import HELLO, STREAMS, Event, Request, bare_stream, channel_to, drain, flood, for_ever, many
+from tests.attack.hostile_load import Kind, burst_streams, byte_a_second, crowds, drawn
 from tests.attack.hostile_sockets import connections, garbage, idle_connections, unread_metrics
 from tests.attack.mutation import mutations
 
@@ -201,15 +203,25 @@ async def long_names(address: str) -> None:
     await flood(address, [Request(events=opens).SerializeToString()])
 
 
-KINDS = {
+KINDS: dict[str, Kind] = {
     kind.__name__: kind
     for kind in (
         empty_events, empty_constraints, many_removals, huge_messages, pings, failing_opens, new_prompts, liars,
         silent_streams, unread_clips, unread_streams, catalogs, connections, garbage, heroes, playheads, empty_streams,
-        long_names, idle_connections, unread_metrics, mutations,
+        long_names, idle_connections, unread_metrics, mutations, byte_a_second, burst_streams, crowds,
     )
 }  # fmt: skip
+ELSEWHERE = {connections, idle_connections, unread_metrics}
+"""They hold all connections that there may be, or are for the port of operations."""
+
+
+async def main(name: str, address: str, seed: int) -> None:
+    random.seed(seed)
+    if name == "drawn":
+        await drawn([kind for kind in KINDS.values() if kind not in ELSEWHERE], address, seed)
+    else:
+        await KINDS[name](address)
 
 
 if __name__ == "__main__":
-    asyncio.run(KINDS[sys.argv[1]](sys.argv[2]))
+    asyncio.run(main(sys.argv[1], sys.argv[2], int(sys.argv[3])))

@@ -32,7 +32,7 @@ def mutated(data: bytes, chance: random.Random) -> bytes:
 
 async def mutations(address: str) -> None:
     """Messages that were good before some of their bytes were changed, on streams and as requests for clips."""
-    chance = random.Random()
+    chance = random.Random(random.getrandbits(64))
     span = motion_pb2.PromptSpan(prompt_id=1, text="a person walks forward")
     waypoint = motion_pb2.Constraint(constraint_id=1, frame=40, waypoint=motion_pb2.Waypoint(x=1.0, z=2.0))
     opening = session_pb2.OpenSession(seed=1, prompts=[span], constraints=[waypoint], lookahead_frames=40)

@@ -10,7 +10,6 @@ import socket
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from pathlib import Path
 
 import grpc
 import grpc.aio
@@ -20,6 +19,7 @@ import pytest
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_compliance.talk import Talk
+from tests.attack.endings import catches_sigterm
 from tests.conftest import ROOT, TINY_MODEL
 
 LIMIT_S = 60.0
@@ -96,13 +96,8 @@ async def test_a_second_sigterm_waits_for_nobody_and_ends_with_0() -> None:
 
 
 async def catches_signals(process: asyncio.subprocess.Process) -> None:
-    """Wait until the process has a handler for SIGTERM; before that it is not Python yet that runs."""
-    bit = 1 << (signal.SIGTERM - 1)
-    while True:
-        status = Path(f"/proc/{process.pid}/status").read_text(encoding="ascii")  # noqa: ASYNC240  no file of a disk
-        caught = next(line for line in status.splitlines() if line.startswith("SigCgt"))
-        if int(caught.split()[1], 16) & bit:
-            return
+    """Wait until the process has a handler for SIGTERM."""
+    while not catches_sigterm(process.pid):  # noqa: ASYNC110  nothing tells of it
         await asyncio.sleep(0)
 
 

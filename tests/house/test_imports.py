@@ -88,7 +88,7 @@ ROOMS = (
         f"{SERVER}/text/encoder",
         f"{GRPC} google motiongen motiongen_ardy.text numpy prometheus_client torch"
         " ~.text ~.ops ~.errors ~.addresses ~.config ~.settings ~.background ~.engine.types ~.rpc.token_bucket"
-        " ~.identity ~.protection ~.rpc.issuer_keys ~.rpc.budget ~.rpc.limits ~.rpc.peers",
+        " ~.identity ~.protection ~.rpc.issuer_keys ~.rpc.budget ~.rpc.limits ~.rpc.peers ~.transport",
     ),
     room(f"{SERVER}/models/loader.py", "motiongen_ardy.text ~"),
     room(f"{SERVER}/models/repertoire.py", "numpy motiongen_ardy.capabilities ~"),

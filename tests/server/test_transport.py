@@ -1,12 +1,14 @@
-"""How many connections are let in, by the descriptors that the process may have."""
+"""How many connections are let in, by the descriptors that the process may have, and for how long they may last."""
 
 from __future__ import annotations
 
 import resource
 
+import grpc.aio
 import pytest
 
 from motiongen_server import transport
+from motiongen_server.config import ServerConfig
 from motiongen_server.settings import SettingError
 
 
@@ -42,3 +44,13 @@ def test_too_few_are_a_setting_that_is_named(limits: list[int]) -> None:
 
 def test_descriptors_are_counted() -> None:
     assert transport.open_files() > 3
+
+
+def test_clients_may_ask_once_a_second_and_stay_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: dict[str, int] = {}
+    monkeypatch.setattr(grpc.aio, "server", lambda options, **_: made.update(options))
+    transport.make_grpc_server(ServerConfig())
+    assert made["grpc.http2.min_ping_interval_without_data_ms"] <= 1000
+    assert made["grpc.http2.max_ping_strikes"] > 0, "who asks faster for long is cut off"
+    assert made["grpc.keepalive_permit_without_calls"] == 1
+    assert not any("max_connection_age" in name for name in made)

@@ -46,6 +46,12 @@ def test_a_model_that_is_not_there_is_refused_with_those_that_are() -> None:
     assert (refused.value.field, refused.value.allowed) == ("open.model_id", "one, two")
 
 
+def test_of_a_very_long_name_only_the_beginning_is_repeated() -> None:
+    with pytest.raises(EventRefused) as refused:
+        ModelRegistry(served("one")).find("m" * 5_000)
+    assert len(str(refused.value)) < 300
+
+
 def test_a_model_that_takes_no_sessions_says_why_by_name_and_as_the_default() -> None:
     first = served("one")
     models = ModelRegistry(first)

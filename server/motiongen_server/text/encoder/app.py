@@ -26,9 +26,11 @@ from motiongen_server.settings import SettingError
 from motiongen_server.text.encoder.config import EncoderConfig
 from motiongen_server.text.encoder.service import SERVICE_NAME, TextEncoderService
 from motiongen_server.text.prompts import PromptEncoder
+from motiongen_server.transport import allowed_connections
 
 _log = logging.getLogger("motiongen_server.text.encoder")
 
+MOST_REQUEST_BYTES = 64 << 20
 ENCODING_BUCKETS = (0.001, 0.005, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0)
 
 
@@ -48,7 +50,13 @@ class EncoderApplication:
         warn_of_exposure(config)
         encoder = await asyncio.to_thread(load, config)
         self._prompts = self._make_prompts(encoder)
-        self._server = grpc.aio.server(options=[("grpc.so_reuseport", 0)])
+        self._server = grpc.aio.server(
+            options=[
+                ("grpc.so_reuseport", 0),
+                ("grpc.max_receive_message_length", most_bytes(config)),
+                ("grpc.max_allowed_incoming_connections", allowed_connections()),
+            ]
+        )
         limits = PeerLimits(
             prompts_per_second=config.peer_texts_per_second, calls_per_second=config.peer_calls_per_second
         )
@@ -137,6 +145,11 @@ def load(config: EncoderConfig) -> TextEncoder:
         )
     except (ValueError, RuntimeError, ConnectionError) as error:
         raise SettingError(f"cannot serve text encoder {config.text_encoder!r}: {error}") from error
+
+
+def most_bytes(config: EncoderConfig) -> int:
+    """Of a request: all the texts that it may have, of characters of four bytes."""
+    return min(config.max_texts * (4 * config.max_characters + 8) + 4096, MOST_REQUEST_BYTES)
 
 
 async def run(config: EncoderConfig) -> int:

@@ -1,0 +1,142 @@
+"""Whether SIGTERM ends a server with 0, whatever goes on: `python -m tests.attack.endings [--times N]`.
+
+A table of moments, of a server each: while it loads the built-in model, at moments spread over the start; twice; and
+with clients that do not read. Exit code 1 where a server ended with anything else, or not within its grace and what it
+may take beyond.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.attack.attack import Attack, hostile, machine
+from tests.attack.server import BUILT_IN, NULL, ORDINARY, attacked
+from tests.conftest import ROOT
+
+LIMIT_S = 60.0
+BEYOND_GRACE_S = 5.0
+"""What an orchestrator adds to the grace; see docs/operations.md."""
+LONG_GRACE = ("--drain-grace-s", "3600")
+HOSTILE_S = 2.5
+
+
+def catches_sigterm(pid: int) -> bool:
+    """Whether a process has a handler for SIGTERM; before that it is not Python yet that runs."""
+    status = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
+    caught = next(line for line in status.splitlines() if line.startswith("SigCgt"))
+    return bool(int(caught.split()[1], 16) & 1 << (signal.SIGTERM - 1))
+
+
+@dataclass(frozen=True)
+class Ending:
+    """exit_code: None where it did not come in time. took_s: from the last SIGTERM."""
+
+    moment: str
+    exit_code: int | None
+    took_s: float
+
+    @property
+    def holds(self) -> bool:
+        return self.exit_code == 0 and self.took_s <= BEYOND_GRACE_S + 0.5
+
+
+@contextmanager
+def loading(log: Path) -> Iterator[subprocess.Popen[str]]:
+    """A server with the built-in model, which can be asked to end from now on."""
+    with log.open("w", encoding="utf-8") as errors:
+        process = subprocess.Popen(
+            [sys.executable, "-m", *BUILT_IN, *ORDINARY], cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True
+        )
+    try:
+        while not catches_sigterm(process.pid):
+            time.sleep(0.001)
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def seconds_to_load(log: Path) -> float:
+    """From the first moment at which SIGTERM is caught until it is ready."""
+    with loading(log) as process:
+        begun_s = time.perf_counter()
+        assert process.stdout is not None
+        process.stdout.readline()
+        return time.perf_counter() - begun_s
+
+
+def end(process: subprocess.Popen[str], moment: str, signals: int = 1) -> Ending:
+    """Ask it to end, so many times."""
+    for _ in range(signals):
+        process.send_signal(signal.SIGTERM)
+    begun_s = time.perf_counter()
+    try:
+        return Ending(moment, process.wait(LIMIT_S), time.perf_counter() - begun_s)
+    except subprocess.TimeoutExpired:
+        return Ending(moment, None, LIMIT_S)
+
+
+def while_it_loads(log: Path, times: int) -> list[Ending]:
+    """At moments spread evenly over the start, once and twice."""
+    whole_s = seconds_to_load(log)
+    endings = []
+    for number in range(times):
+        with loading(log) as process:
+            time.sleep(whole_s * number / times)
+            signals = 1 + number % 2
+            moment = f"{number / times:.0%} of the start, " + ("once", "twice")[signals - 1]
+            endings.append(end(process, moment, signals))
+    return endings
+
+
+def while_it_serves(log: Path, moment: str, kind: str, settings: tuple[str, ...], signals: int, at_ops: bool) -> Ending:
+    """With hostile clients of a kind."""
+    with ExitStack() as still_there, attacked(log, settings, module=NULL) as server:
+        still_there.enter_context(hostile(Attack(moment, kind, at_ops=at_ops), server))
+        time.sleep(HOSTILE_S)
+        for _ in range(signals - 1):
+            os.kill(server.process.pid, signal.SIGTERM)
+            time.sleep(0.2)
+        begun_s = time.perf_counter()
+    return Ending(moment, server.exit_code, time.perf_counter() - begun_s)
+
+
+SERVING = (
+    ("streams that are not read", "unread_streams", (), 1, False),
+    ("readers of a byte a second", "byte_a_second", (), 1, False),
+    ("clips that are not read", "unread_clips", (), 1, False),
+    ("metrics that are not read", "unread_metrics", (), 1, True),
+    ("twice, a grace of an hour, streams that are not read", "unread_streams", LONG_GRACE, 2, False),
+    ("twice, a grace of an hour, metrics that are not read", "unread_metrics", LONG_GRACE, 2, True),
+)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.attack.endings", description=__doc__)
+    parser.add_argument("--times", type=int, default=9, help="while it loads (default: %(default)s)")
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "log"
+        endings = while_it_loads(log, asked.times)
+        for moment, kind, settings, signals, at_ops in SERVING:
+            endings.append(while_it_serves(log, moment, kind, settings, signals, at_ops))
+    print("| SIGTERM | exit code | took |\n|---|---:|---:|")
+    for each in endings:
+        print(f"| {each.moment} | {each.exit_code} | {each.took_s:.1f} s |{'' if each.holds else ' FAILED'}")
+    print(machine())
+    return 0 if all(each.holds for each in endings) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,151 @@
+"""Hostile clients that keep to the protocol: too many, too slow, back again and again; see `tests.attack.hostile`."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import random
+import socket
+import time
+from collections.abc import Callable, Coroutine, Sequence
+from typing import Any
+
+from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
+from tests.attack.calls import HELLO, STREAMS, Event, Request, bare_stream, channel_to, many
+
+FPS = 20
+FREE_BYTES = 16_384
+"""That a slow line lets through at first: enough for a stream to begin."""
+RETRY_S = 0.5
+AT_ONCE = 5
+Kind = Callable[[str], Coroutine[Any, Any, None]]
+
+
+async def byte_a_second(address: str) -> None:
+    """Streams that play, and take a byte a second of what they are sent, over a line that is as slow."""
+    host, _, port = address.rpartition(":")
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        behind = socket.create_connection((host, int(port)), timeout=1)
+        behind.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        from_server, to_server = await asyncio.open_connection(sock=behind, limit=1024)
+
+        async def there() -> None:
+            while data := await reader.read(4096):
+                to_server.write(data)
+                await to_server.drain()
+
+        async def back() -> None:
+            passed = 0
+            while data := await from_server.read(1024 if passed < FREE_BYTES else 1):
+                passed += len(data)
+                writer.write(data)
+                await asyncio.sleep(0 if passed < FREE_BYTES else 1)
+
+        ways = [asyncio.create_task(there()), asyncio.create_task(back())]
+        await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+        for way in ways:
+            way.cancel()
+        await asyncio.gather(*ways, return_exceptions=True)
+        for end in (writer, to_server):
+            end.transport.abort()
+
+    async def once() -> None:
+        async with channel_to(f"127.0.0.1:{line.sockets[0].getsockname()[1]}") as channel:
+            call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion()
+            opens = [Event(session=n, event_seq=1, open=session_pb2.OpenSession()) for n in range(16)]
+            await call.write(Request(hello=service_pb2.ClientHello(), events=opens))
+            for tenth in itertools.count():
+                report = session_pb2.Playhead(frame=tenth * FPS // 10, buffered_to=tenth * FPS // 10)
+                await call.write(Request(events=[Event(session=n, playhead=report) for n in range(16)]))
+                await asyncio.sleep(0.1)
+
+    line = await asyncio.start_server(serve, "127.0.0.1", 0)
+    async with line:
+        await many(STREAMS, once)
+
+
+async def burst_streams(address: str) -> None:
+    """Streams that send a second's worth of events at once, end, and are begun anew."""
+    burst = Request(events=[Event()] * 500).SerializeToString()
+
+    async def once() -> None:
+        async with channel_to(address) as channel:
+            while True:
+                call = bare_stream(channel)
+                await call.write(HELLO)
+                for _ in range(10):
+                    await call.write(burst)
+                call.cancel()
+
+    await many(STREAMS, once)
+
+
+class Crowd:
+    """A stream of sessions that play in real time. Who is refused asks again."""
+
+    def __init__(self, call: Any, num_sessions: int) -> None:
+        self._call = call
+        self._begun_s: dict[int, float] = {}
+        self._sent_to: dict[int, int] = {}
+        self._refused = set(range(num_sessions))
+
+    async def play(self) -> None:
+        """Until the stream ends."""
+        await self._call.write(Request(hello=service_pb2.ClientHello()))
+        reading = asyncio.create_task(self._read())
+        opening = session_pb2.OpenSession(priority=session_pb2.PRIORITY_CLASS_CROWD)
+        try:
+            for tick in itertools.count():
+                now = time.perf_counter()
+                opens = []
+                if tick % round(RETRY_S / 0.25) == 0:
+                    opens = [Event(session=n, event_seq=1, open=opening) for n in self._refused]
+                    self._refused.clear()
+                reports = [Event(session=n, playhead=self._playhead(n, now)) for n in self._begun_s]
+                await self._call.write(Request(events=opens + reports))
+                await asyncio.sleep(0.25)
+        finally:
+            reading.cancel()
+            await asyncio.gather(reading, return_exceptions=True)
+
+    def _playhead(self, handle: int, now: float) -> session_pb2.Playhead:
+        end = self._sent_to[handle]
+        frame = min(int((now - self._begun_s[handle]) * FPS), max(0, end - 1))
+        return session_pb2.Playhead(frame=frame, buffered_to=end)
+
+    async def _read(self) -> None:
+        while isinstance(response := await self._call.read(), service_pb2.StreamMotionResponse):
+            for update in response.updates:
+                handle, kind = update.session, update.WhichOneof("update")
+                if kind == "chunk":
+                    self._sent_to[handle] = update.chunk.first_frame + update.chunk.frame_count
+                    self._begun_s.setdefault(handle, time.perf_counter())
+                elif kind == "closed" or (kind == "outcome" and update.outcome.event_seq == 1 and update.outcome.code):
+                    self._begun_s.pop(handle, None)
+                    self._refused.add(handle)
+
+
+async def crowds(address: str) -> None:
+    """512 sessions of the class CROWD, each of which plays once it is let in, and asks again until then."""
+
+    async def once() -> None:
+        async with channel_to(address) as channel:
+            await Crowd(service_pb2_grpc.MotionServiceStub(channel).StreamMotion(), 64).play()
+
+    await many(STREAMS, once)
+
+
+async def drawn(kinds: Sequence[Kind], address: str, seed: int) -> None:
+    """Some of these at a time, each for a moment, as the seed says."""
+
+    async def one_after_the_other(number: int) -> None:
+        chance = random.Random(f"{seed}-{number}")
+        while True:
+            kind, seconds = chance.choice(kinds), chance.uniform(0.5, 2.0)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(seconds):
+                    await kind(address)
+
+    await asyncio.gather(*(one_after_the_other(number) for number in range(AT_ONCE)))

@@ -1,4 +1,4 @@
-"""Child: an engine process as its parent holds it: started, seen to die, killed."""
+"""Child: an engine process as its gateway holds it: started, seen to die, killed."""
 
 from __future__ import annotations
 
@@ -6,18 +6,39 @@ import contextlib
 import os
 import signal
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Protocol
 
 END_S = 5.0
 """How long an engine process that has said its last may take to end."""
 
 
-class Child:
-    """A process that is given the folder of its gateway's sockets, and whose standard input ends with this process.
+class Child(Protocol):
+    """A process that is given the folder of its gateway's sockets, and whose standard input ends with the gateway."""
 
-    It is started anew, not forked: a process in which gRPC runs must not be forked.
-    """
+    @property
+    def pid(self) -> int: ...
+
+    def fileno(self) -> int:
+        """A descriptor that becomes readable when the process has died."""
+
+    def kill(self) -> None:
+        """At once, from any thread."""
+
+    def end(self, patience_s: float) -> str:
+        """Wait for its end, kill it where that does not come, and say how it ended."""
+
+    def close(self) -> None:
+        """After `end`."""
+
+
+StartChild = Callable[[Path, Mapping[str, str]], Child]
+"""Starts a process, given a folder and what it finds in its environment besides. Raises OSError where it cannot."""
+
+
+class FreshChild:
+    """A `Child` of this process. It is started anew, not forked: a process in which gRPC runs must not be forked."""
 
     def __init__(self, command: Sequence[str], folder: Path, environment: Mapping[str, str]) -> None:
         """environment: what it finds besides this process's. Raises OSError where it cannot be started."""
@@ -41,16 +62,13 @@ class Child:
         return self._process.pid
 
     def fileno(self) -> int:
-        """A descriptor that becomes readable when the process has died."""
         return self._death
 
     def kill(self) -> None:
-        """At once, from any thread."""
         with contextlib.suppress(ProcessLookupError):
             self._process.kill()
 
     def end(self, patience_s: float) -> str:
-        """Wait for its end, kill it where that does not come, and say how it ended."""
         try:
             code = self._process.wait(patience_s)
         except subprocess.TimeoutExpired:
@@ -58,8 +76,12 @@ class Child:
             code = self._process.wait()
         if self._process.stdin is not None:
             self._process.stdin.close()
-        return f"killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+        return how_it_ended(code)
 
     def close(self) -> None:
-        """After `end`."""
         os.close(self._death)
+
+
+def how_it_ended(code: int) -> str:
+    """code: an exit code, or below 0 the number of a signal."""
+    return f"killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"

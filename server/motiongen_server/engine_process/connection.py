@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import zmq
 
 from motiongen_server.engine_process.bell import Bell
-from motiongen_server.engine_process.child import END_S, Child
+from motiongen_server.engine_process.child import END_S, StartChild
 from motiongen_server.engine_process.codec import Codec, CodecError
 from motiongen_server.engine_process.messages import (
     GREETING,
@@ -45,7 +45,7 @@ class Connection:
 
     def __init__(
         self,
-        command: Sequence[str],
+        start: StartChild,
         bell: Bell,
         is_stopping: Callable[[], bool],
         environment: Mapping[str, str] | None = None,
@@ -56,7 +56,7 @@ class Connection:
         """
         self._end = GatewayEnd()
         try:
-            self._child = Child(command, self._end.folder, environment or {})
+            self._child = start(self._end.folder, environment or {})
         except OSError:
             self._end.close()
             raise

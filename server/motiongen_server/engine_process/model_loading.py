@@ -60,11 +60,23 @@ def prepare(begin: Begin) -> tuple[BuildEngine, LoadText]:
     return build, load_text
 
 
-def load_model(config: ServerConfig, source: str, kind: str = "cpu", threads: int = 1) -> RunnerOfModel:
-    """A model on a device of that kind. Raises SettingError saying what is wrong with the settings."""
+def import_libraries() -> None:
+    """Import what `prepare` and its loaders import when they are called, so that a fork need not."""
     # Threads that wait for each other by spinning make every product several times slower as soon as another process
     # wants a core. OpenMP reads this once, when torch is loaded.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    import torch
+
+    import motiongen_ardy.capabilities
+    import motiongen_ardy.checkpoint.model_card
+    import motiongen_server.runner
+
+    del torch, motiongen_ardy, motiongen_server
+
+
+def load_model(config: ServerConfig, source: str, kind: str = "cpu", threads: int = 1) -> RunnerOfModel:
+    """A model on a device of that kind. Raises SettingError saying what is wrong with the settings."""
+    import_libraries()
     import torch
 
     from motiongen_ardy.capabilities import read_capabilities

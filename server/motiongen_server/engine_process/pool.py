@@ -13,6 +13,8 @@ from motiongen_server.config import ServerConfig
 from motiongen_server.devices import EngineDevice, devices_of
 from motiongen_server.engine.ports import Deliver, Observe
 from motiongen_server.engine.types import ModelFacts, StepsOf
+from motiongen_server.engine_process.child import FreshChild, StartChild
+from motiongen_server.engine_process.forking import ForkServerLink
 from motiongen_server.engine_process.group import EngineGroup
 from motiongen_server.engine_process.messages import StepsElsewhere
 from motiongen_server.engine_process.process import HUNG_S, EngineProcess
@@ -40,17 +42,25 @@ class EnginePool:
         devices: Sequence[EngineDevice],
         deliver: Deliver,
         observer_of: ObserverOf,
-        command: Sequence[str] = ENGINE_COMMAND,
+        command: Sequence[str] | None = None,
         hung_s: float = HUNG_S,
         rest_s: float = REST_S,
     ) -> None:
-        """command: starts an engine process, given a folder of sockets."""
+        """command: starts an engine process that is not ours, given a folder of sockets."""
         self._config = config
         self._observer_of = observer_of
         self._slots = itertools.count(1)
         self._text: EngineTextEncoder | None = None
+        # One is the smaller where it is alone: what others are forked from stays in memory. CUDA is best left alone.
+        shares = command is None and sum(device.kind == "cpu" for device in devices) > 1
+        self._fork_server = ForkServerLink() if shares else None
+        fresh: StartChild = partial(FreshChild, command or ENGINE_COMMAND)
+
+        def start_for(device: EngineDevice) -> StartChild:
+            return fresh if self._fork_server is None or device.kind != "cpu" else self._fork_server.start
+
         self.processes = tuple(
-            EngineProcess(str(number), config, device, deliver, command, hung_s, rest_s)
+            EngineProcess(str(number), config, device, deliver, start_for(device), hung_s, rest_s)
             for number, device in enumerate(devices)
         )
         for process in self.processes:
@@ -99,11 +109,15 @@ class EnginePool:
         """End all engine processes; at once those that have loaded nothing yet."""
         for process in self.processes:
             process.stop()
+        if self._fork_server is not None:
+            self._fork_server.stop()
 
     def join(self, timeout_s: float = END_S) -> bool:
         """Wait for their end; those that do not end in time are killed."""
         ends_at = time.monotonic() + timeout_s
         ends = [process.join(max(0.0, ends_at - time.monotonic())) for process in self.processes]
+        if self._fork_server is not None:
+            self._fork_server.join(max(0.0, ends_at - time.monotonic()))
         return all(ends)
 
     def __str__(self) -> str:
@@ -111,7 +125,7 @@ class EnginePool:
 
 
 def start_engine_processes(
-    config: ServerConfig, deliver: Deliver, metrics: Metrics, command: Sequence[str] = ENGINE_COMMAND
+    config: ServerConfig, deliver: Deliver, metrics: Metrics, command: Sequence[str] | None = None
 ) -> EnginePool:
     """The engine processes that the settings ask for. Raises SettingError where there are no such devices."""
 

@@ -12,7 +12,7 @@ from motiongen_server.devices import EngineDevice
 from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import CloseReason
 from motiongen_server.engine_process.bell import Bell
-from motiongen_server.engine_process.child import END_S
+from motiongen_server.engine_process.child import END_S, StartChild
 from motiongen_server.engine_process.connection import Connection, EngineLost, Stopped
 from motiongen_server.engine_process.control import ControlQueue
 from motiongen_server.engine_process.messages import (
@@ -53,16 +53,16 @@ class EngineProcess:
         config: ServerConfig,
         device: EngineDevice,
         deliver: Deliver,
-        command: Sequence[str],
+        start_child: StartChild,
         hung_s: float = HUNG_S,
         rest_s: float = REST_S,
     ) -> None:
-        """name: in logs and metrics. command: starts an engine process, given a folder of sockets."""
+        """name: in logs and metrics. start_child: starts an engine process, given a folder of sockets."""
         self.name = name
         self.device = device
         self._config = config
         self._deliver = deliver
-        self._command = command
+        self._start_child = start_child
         self._hung_s = hung_s
         self._bell = Bell()
         self._control = ControlQueue()
@@ -191,7 +191,7 @@ class EngineProcess:
             link.end(error or EngineLost("the server is going away"))
 
     def _begin(self) -> None:
-        connection = Connection(self._command, self._bell, self._stopping.is_set, self.device.environment())
+        connection = Connection(self._start_child, self._bell, self._stopping.is_set, self.device.environment())
         self._connection = connection
         connection.begin(Begin(self._config, self.device.kind, self.device.threads))
         for link in self._control.begin():

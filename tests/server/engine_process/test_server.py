@@ -109,7 +109,9 @@ async def test_with_two_engines_half_of_the_sessions_notice_nothing() -> None:
         for name in ("0", "1"):
             assert f'motiongen_engine_up{{engine="{name}"}} 1.0' in metrics
             assert f'engine="{name}",model="{heard[1].opened.model_id}"' in metrics
-        engines = psutil.Process(process.pid).children()
+        (fork_server,) = psutil.Process(process.pid).children()
+        assert fork_server.num_threads() == 1, "what another thread holds, a forked process waits for for ever"
+        engines = fork_server.children()
         assert len(engines) == 2
         os.kill(engines[0].pid, signal.SIGKILL)
         await talk.until(lambda: sum(each.closed is not None for each in heard.values()) == 2)
@@ -118,9 +120,11 @@ async def test_with_two_engines_half_of_the_sessions_notice_nothing() -> None:
         assert (await ops.get("/readyz")).status_code == 200
         await talk.open(5)
         await talk.plays_on(5)
+        replaced = await until_true(lambda: [each for each in fork_server.children() if each not in engines])
         process.send_signal(signal.SIGTERM)
         assert await talk.to_the_end() is grpc.StatusCode.OK
         assert await process.wait() == 0
+        assert all(is_gone(each.pid) for each in (fork_server, *engines, *replaced))
 
 
 async def test_the_gateway_has_no_torch_and_an_engine_process_no_grpc() -> None:
@@ -133,15 +137,27 @@ async def test_the_gateway_has_no_torch_and_an_engine_process_no_grpc() -> None:
     assert "/grpc/" not in engine_has
 
 
-@pytest.mark.parametrize("when", ["at once", "with torch"])
-async def test_sigterm_while_it_loads_ends_it_with_0_and_nothing_stays(when: str) -> None:
+@pytest.mark.parametrize(
+    ("devices", "when"),
+    [
+        ("cpu:1", "at once"),
+        ("cpu:1", "with torch"),
+        ("cpu:2", "at once"),
+        ("cpu:2", "with torch"),
+        ("cpu:2", "with engines forked"),
+    ],
+)
+async def test_sigterm_while_it_loads_ends_it_with_0_and_nothing_stays(devices: str, when: str) -> None:
     async with asyncio.timeout(LIMIT_S):
-        process = await start("cpu:1")
-        engines = await until_true(psutil.Process(process.pid).children)
-        if when == "with torch":
-            await until_true(lambda: "/torch/" in loaded_libraries(engines[0].pid))
-        os.kill(engines[0].pid, signal.SIGTERM)  # as a service manager does, to every process of the group
+        process = await start(devices)
+        below = await until_true(psutil.Process(process.pid).children)
+        if when != "at once":
+            await until_true(lambda: "/torch/" in loaded_libraries(below[0].pid))
+        if when == "with engines forked":
+            below += await until_true(below[0].children)
+        for each in below:
+            each.send_signal(signal.SIGTERM)  # as a service manager does, to every process of the group
         process.send_signal(signal.SIGTERM)
         _, err = await process.communicate()
         assert (process.returncode, b"Traceback" in err, b"abort" in err.lower()) == (0, False, False)
-        assert is_gone(engines[0].pid)
+        assert all(is_gone(each.pid) for each in below)

@@ -1,0 +1,139 @@
+"""`python -m motiongen_server.engine_process.fork_server`: the process that engine processes are forked from.
+
+It has imported what they run and does nothing itself, so that they share the memory of that and start without it. It
+runs one thread and never computes: a lock that another thread held would stay locked in what is forked. Its standard
+input is a socket of packets from the gateway, each of which asks for one process. It ends with the gateway; and, once
+the gateway has closed the socket, with the last process.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import json
+import logging
+import os
+import select
+import signal
+import socket
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+_log = logging.getLogger(__name__)
+
+REQUEST_BYTES = 1 << 16
+REQUEST_FDS = 3
+"""Standard input of the process; what it holds open as long as it lives; where its number and its end are told."""
+NUMBER_BYTES = 8
+"""Of a process's number, and then of its exit code, below 0 of a signal. Signed, little endian."""
+
+RunEngine = Callable[[Path], int]
+"""What a forked process does, given the folder of its gateway's sockets. Returns its exit code."""
+
+
+class ForkServer:
+    """Forks a process for each request, and tells how each of them ended."""
+
+    def __init__(self, requests: socket.socket, run: RunEngine) -> None:
+        self._requests = requests
+        self._run = run
+        self._tells: dict[int, int] = {}  # by process, where its end is to be told
+        self._woken, self._wakes = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+
+    def serve(self) -> None:
+        """Until nobody will ask for another process, and all have ended."""
+        signal.set_wakeup_fd(self._wakes, warn_on_full_buffer=False)
+        signal.signal(signal.SIGCHLD, lambda *_: None)  # what is not handled at all does not wake
+        news = select.poll()
+        news.register(self._requests, select.POLLIN)
+        news.register(self._woken, select.POLLIN)
+        is_asked = True
+        while is_asked or self._tells:
+            for descriptor, _ in news.poll():
+                if descriptor == self._woken:
+                    self._tell_ends()
+                elif not self._answer():
+                    is_asked = False
+                    news.unregister(self._requests)
+
+    def _answer(self) -> bool:
+        """Take one request. False when there will be no more."""
+        request, fds, _, _ = socket.recv_fds(self._requests, REQUEST_BYTES, REQUEST_FDS)
+        if not request:
+            return False
+        lifeline_end, held_open, tells = fds
+        try:
+            pid = os.fork()
+        except OSError:  # the gateway hears of it when `tells` is closed
+            _log.exception("no engine process can be forked")
+            os.close(tells)
+        else:
+            if pid == 0:
+                self._become(json.loads(request), lifeline_end, tells)
+            self._tells[pid] = tells
+            self._tell(tells, pid)
+        os.close(lifeline_end)
+        os.close(held_open)
+        return True
+
+    def _become(self, request: dict[str, object], lifeline_end: int, tells: int) -> None:
+        """What a forked process does. It leaves here only by its end; `held_open` it never touches."""
+        code = 1
+        try:
+            signal.set_wakeup_fd(-1)
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+            os.dup2(lifeline_end, sys.stdin.fileno())
+            self._requests.close()
+            for descriptor in (lifeline_end, tells, self._woken, self._wakes, *self._tells.values()):
+                os.close(descriptor)
+            environment = request["environment"]
+            assert isinstance(environment, dict)
+            os.environ.update(environment)
+            code = self._run(Path(str(request["folder"])))
+        except BaseException:
+            _log.exception("an engine process failed")
+        finally:
+            # Not by the interpreter's own end: that takes seconds with torch loaded, and first returns into `serve`.
+            os._exit(code)
+
+    def _tell_ends(self) -> None:
+        """Say of those that have ended how they did."""
+        with contextlib.suppress(BlockingIOError):
+            os.read(self._woken, REQUEST_BYTES)
+        while self._tells:
+            pid, status = os.waitpid(-1, os.WNOHANG)
+            if not pid:
+                return
+            tells = self._tells.pop(pid)
+            self._tell(tells, os.waitstatus_to_exitcode(status))
+            os.close(tells)
+
+    @staticmethod
+    def _tell(tells: int, number: int) -> None:
+        with contextlib.suppress(BrokenPipeError):  # the gateway does not want to know any more
+            os.write(tells, number.to_bytes(NUMBER_BYTES, "little", signed=True))
+
+
+def main() -> None:
+    """Import all that an engine process needs, then serve."""
+    # As in engine processes: it is the gateway that drains and ends them.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
+    from motiongen_server.engine_process.main import run
+    from motiongen_server.engine_process.model_loading import import_libraries, prepare
+    from motiongen_server.ops.memory import give_back_freed_memory, keep_freed_memory
+
+    keep_freed_memory()
+    import_libraries()
+    gc.collect()
+    gc.freeze()  # looking for garbage writes into all objects, and what is written to is shared no more
+    give_back_freed_memory()
+    # Standard input itself becomes another one in every forked process.
+    requests = socket.socket(fileno=os.dup(sys.stdin.fileno()))
+    ForkServer(requests, lambda folder: run(folder, prepare)).serve()
+
+
+if __name__ == "__main__":
+    main()

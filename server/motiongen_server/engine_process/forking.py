@@ -1,0 +1,151 @@
+"""ForkServerLink: what engine processes are forked from, as the gateway holds it; ForkedChild: one of those."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from motiongen_server.engine_process.child import how_it_ended
+from motiongen_server.engine_process.fork_server import NUMBER_BYTES
+
+FORK_SERVER = (sys.executable, "-m", "motiongen_server.engine_process.fork_server")
+FORK_S = 60.0
+"""How long a fork may take; the first one waits until the fork server has imported what engines need."""
+
+
+class ForkedChild:
+    """A `Child` whose parent is a fork server."""
+
+    def __init__(self, lifeline: int, death: int, told: int) -> None:
+        """Takes the gateway's ends of its three pipes, and waits until the fork server has told its number.
+
+        Raises ChildProcessError where that does not come.
+        """
+        self._lifeline, self._death, self._told = lifeline, death, told
+        pid = _told_number(told, FORK_S)
+        if pid is None:
+            self.close()
+            raise ChildProcessError("the process that engines are forked from has forked none; its messages say why")
+        self._pid = pid
+
+    @property
+    def pid(self) -> int:
+        return self._pid
+
+    def fileno(self) -> int:
+        return self._death
+
+    def kill(self) -> None:
+        if not self._has_died(0.0):  # else its number may be another's by now
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self._pid, signal.SIGKILL)
+
+    def end(self, patience_s: float) -> str:
+        if not self._has_died(patience_s):
+            self.kill()
+            self._has_died(None)
+        code = _told_number(self._told, None)
+        return "ended after what it was forked from" if code is None else how_it_ended(code)
+
+    def close(self) -> None:
+        for descriptor in (self._lifeline, self._death, self._told):
+            os.close(descriptor)
+
+    def _has_died(self, patience_s: float | None) -> bool:
+        """Waits for it so long, None for as long as it takes."""
+        return _can_be_read(self._death, patience_s)
+
+
+class ForkServerLink:
+    """The fork server is started with the first engine process, and anew where it was lost. From any thread."""
+
+    def __init__(self, command: Sequence[str] = FORK_SERVER) -> None:
+        self._command = command
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._requests: socket.socket | None = None
+        self._has_forked = False
+        self._is_stopped = False
+
+    @property
+    def pid(self) -> int | None:
+        """Of the fork server; None before there is one."""
+        return None if self._process is None else self._process.pid
+
+    def start(self, folder: Path, environment: Mapping[str, str]) -> ForkedChild:
+        """A `StartChild`. Raises OSError where no process can be forked."""
+        request = json.dumps({"folder": str(folder), "environment": dict(environment)}).encode()
+        (lifeline_end, lifeline), (death, held_open), (told, tells) = os.pipe(), os.pipe(), os.pipe()
+        theirs = [lifeline_end, held_open, tells]
+        try:
+            with self._lock:
+                socket.send_fds(self._running(), [request], theirs)
+        except OSError:
+            for descriptor in (lifeline, death, told):
+                os.close(descriptor)
+            raise
+        finally:
+            for descriptor in theirs:
+                os.close(descriptor)
+        child = ForkedChild(lifeline, death, told)
+        self._has_forked = True
+        return child
+
+    def _running(self) -> socket.socket:
+        """The way to a fork server that lives, or lived a moment ago."""
+        if self._is_stopped:
+            raise ChildProcessError("the server is going away")
+        if self._requests is not None and self._process is not None and self._process.poll() is None:
+            return self._requests
+        if self._requests is not None:
+            self._requests.close()
+        self._requests, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            # One thread: more would wait in it for work that never comes, and would be missing in what is forked.
+            environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+            self._process = subprocess.Popen(
+                self._command, stdin=theirs.fileno(), stdout=subprocess.DEVNULL, env=environment
+            )
+        return self._requests
+
+    def stop(self) -> None:
+        """Fork no more. What has been forked lives on; whoever waits for the first fork is told that there is none."""
+        with self._lock:
+            self._is_stopped = True
+            if self._requests is not None:
+                self._requests.close()
+            if self._process is not None and not self._has_forked:
+                self._process.kill()
+
+    def join(self, timeout_s: float) -> None:
+        """After `stop`: wait for its end, which comes after that of all that it has forked; else it is killed."""
+        if self._process is None:
+            return
+        try:
+            self._process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+def _told_number(told: int, patience_s: float | None) -> int | None:
+    """The next number from a fork server; None where none comes in time, or ever."""
+    if not _can_be_read(told, patience_s):
+        return None
+    data = os.read(told, NUMBER_BYTES)
+    return int.from_bytes(data, "little", signed=True) if data else None
+
+
+def _can_be_read(descriptor: int, patience_s: float | None) -> bool:
+    poll = select.poll()  # `select.select` takes small descriptors only
+    poll.register(descriptor, select.POLLIN)
+    return bool(poll.poll(None if patience_s is None else 1000 * patience_s))

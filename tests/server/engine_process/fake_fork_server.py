@@ -1,0 +1,31 @@
+"""A fork server of processes that load nothing: `python -m tests.server.engine_process.fake_fork_server`.
+
+A forked process writes the names and values of its environment into its folder, as `environment`. Then it ends with
+the code that the file `code` there has, or where there is none, once its standard input has ended.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import sys
+from pathlib import Path
+
+from motiongen_server.engine_process.fork_server import ForkServer
+
+
+def run(folder: Path) -> int:
+    code = folder / "code"
+    if code.exists():
+        return int(code.read_text(encoding="ascii"))
+    written = folder / "environment.part"
+    written.write_text(json.dumps(dict(os.environ)), encoding="utf-8")
+    written.rename(folder / "environment")
+    while os.read(sys.stdin.fileno(), 1):
+        pass
+    return 0
+
+
+if __name__ == "__main__":
+    ForkServer(socket.socket(fileno=os.dup(sys.stdin.fileno())), run).serve()

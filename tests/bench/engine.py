@@ -13,10 +13,10 @@ import argparse
 import sys
 from pathlib import Path
 
+from motiongen_server.devices import usable_cores
 from tests.bench.contest import NAMES
 from tests.bench.engine_run import Settings, run
 from tests.bench.engine_table import as_json, markdown, write
-from tests.bench.machine import usable_cores
 from tests.bench.models import BUILT_IN
 from tests.bench.trial import QUICK, Effort
 
@@ -51,6 +51,7 @@ def settings(options: argparse.Namespace, model: str, device: str) -> Settings:
         threads=1 if options.processor_time else options.threads,
         effort=effort,
         processor_time=options.processor_time,
+        graphs=not getattr(options, "no_graphs", False),
     )
 
 

@@ -12,6 +12,7 @@ from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.precision import PRECISIONS
 from motiongen_server.ops.memory import keep_freed_memory
 from motiongen_server.runner import TorchRunner
+from motiongen_server.runner.loading import recorder_for
 from tests.bench.clocks import BenchClock, ProcessorClock, WallClock
 from tests.bench.contest import Contest, Standing, contest_config
 from tests.bench.crowd import Habits
@@ -27,7 +28,10 @@ FULL_SIZE_BATCHES = (1, 8, 32)
 
 @dataclass(frozen=True)
 class Settings:
-    """What to measure: names of contestants, and one model on one device in one precision."""
+    """What to measure: names of contestants, and one model on one device in one precision.
+
+    graphs: whether the layers are replayed as CUDA graphs, on a GPU.
+    """
 
     model: str
     device: str
@@ -38,6 +42,7 @@ class Settings:
     threads: int
     effort: Effort
     processor_time: bool = False
+    graphs: bool = True
 
     @property
     def clock(self) -> BenchClock:
@@ -92,14 +97,15 @@ def run(settings: Settings, full_size: bool = False) -> Report:
     }
     if settings.device != "cpu":
         facts["device"] = torch.cuda.get_device_name(settings.device)
+        facts["layers"] = "replayed as CUDA graphs" if settings.graphs else "called one by one"
     chosen = bench_model(settings.model, settings.device)
     habits = Habits(num_steps=settings.num_steps)
-    runner = serving_runner(chosen.model, chosen.name, settings.precision)
+    runner = serving_runner(chosen.model, chosen.name, settings.precision, settings.graphs)
     contest = Contest(
         model=chosen.model,
         embeddings=chosen.embeddings,
         runner=runner,
-        bf16_runner=serving_runner(chosen.model, chosen.name, "bfloat16"),
+        bf16_runner=serving_runner(chosen.model, chosen.name, "bfloat16", settings.graphs),
         habits=habits,
         config=contest_config(settings.max_rows),
         effort=settings.effort,
@@ -119,8 +125,11 @@ def run(settings: Settings, full_size: bool = False) -> Report:
     return Report(facts, settings, habits, tuple(ceilings), tuple(standings))
 
 
-def serving_runner(model: Model, name: str, precision: str) -> TorchRunner:
-    return TorchRunner(model, name, precision=PRECISIONS[precision])
+def serving_runner(model: Model, name: str, precision: str, graphs: bool = True) -> TorchRunner:
+    """graphs: whether the layers are replayed as CUDA graphs, on a GPU."""
+    device = str(model.representation.stats.mean.device)
+    recorder = recorder_for(device) if graphs else None
+    return TorchRunner(model, name, precision=PRECISIONS[precision], recorder=recorder)
 
 
 def ceiling(

@@ -1,32 +1,59 @@
-"""The engine's table on a GPU at the released size: `python -m tests.bench.gpu_engine --out out/gpu`.
+"""The engine's table on a GPU at the released size: `python -m tests.bench.gpu_engine --out out/gpu --part served`.
 
-Random weights, so nothing has to be downloaded; needs torch, numpy and this repository alone. `--device cpu --tiny`
+Random weights, so nothing has to be downloaded; needs torch, numpy, psutil and this repository alone. Each part ends
+within ten minutes; what parts have found is read from --out and held against the goals. `--device cpu --tiny --quick`
 tries the script where there is no GPU. The picture is drawn later, where matplotlib is: see tests.bench.engine_picture.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
+import time
+from collections.abc import Sequence
 
 import torch
 
 from tests.bench.engine import parser, settings
 from tests.bench.engine_run import run
 from tests.bench.engine_table import markdown, write
+from tests.bench.gpu_goals import goals, reports_in
+
+PARTS: dict[str, tuple[str, ...]] = {
+    "batches": (),
+    "single": ("B0",),
+    "served": ("B5",),
+    "others": ("B1", "B2", "null"),
+}
+"""Contestants. Every part also measures full batches, in both precisions."""
+
+
+def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
+    """The options. Exits with 2 where there is no such device."""
+    made = parser("python -m tests.bench.gpu_engine", (__doc__ or "").splitlines()[0])
+    made.set_defaults(rows=128, precision="bfloat16", only=None)
+    made.add_argument("--device", default="cuda", help="(default: %(default)s)")
+    made.add_argument("--tiny", action="store_true", help="a model of a few thousand weights: does the script run")
+    made.add_argument("--part", nargs="+", choices=PARTS, default=list(PARTS), help="(default: all)")
+    made.add_argument("--no-graphs", action="store_true", help="call the layers one by one, not as CUDA graphs")
+    options = made.parse_args(arguments)
+    if options.device.startswith("cuda") and not torch.cuda.is_available():
+        made.error(f"--device {options.device}: torch finds no CUDA device; with --device cpu --tiny the script runs")
+    return options
 
 
 def main() -> int:
-    made = parser("python -m tests.bench.gpu_engine", (__doc__ or "").splitlines()[0])
-    made.set_defaults(rows=128, precision="bfloat16")
-    made.add_argument("--device", default="cuda", help="(default: %(default)s)")
-    made.add_argument("--tiny", action="store_true", help="a model of a few thousand weights: does the script run")
-    options = made.parse_args()
-    if options.device.startswith("cuda") and not torch.cuda.is_available():
-        made.error(f"--device {options.device}: torch finds no CUDA device; with --device cpu --tiny the script runs")
-    report = run(settings(options, "tiny" if options.tiny else "full", options.device))
-    print(markdown(report))
+    options = parse()
+    for part in options.part:
+        begun_s = time.monotonic()
+        options.only = options.only or PARTS[part]
+        report = run(settings(options, "tiny" if options.tiny else "full", options.device))
+        print(f"{part}, {time.monotonic() - begun_s:.0f} s:\n\n{markdown(report)}", flush=True)
+        if options.out:
+            write(report, options.out / (f"{part}-without-graphs" if options.no_graphs else part))
+        options.only = None
     if options.out:
-        write(report, options.out)
+        print("\n".join(goals(reports_in(options.out))))
     return 0
 
 

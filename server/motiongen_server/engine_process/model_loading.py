@@ -87,7 +87,7 @@ def load_model(config: ServerConfig, source: str, kind: str = "cpu", threads: in
         raise SettingError("devices has cuda, but torch finds no such CUDA device and driver here; use cpu:1")
     torch.set_num_threads(threads)
     try:
-        runner = load_runner(source, kind, config.denoise_steps, config.precision)
+        runner = load_runner(source, kind, config.denoise_steps, config.precision, config.cuda_graphs)
         folder = model_folder(source)
         card = read_model_card(folder)
         abilities = as_abilities(read_capabilities(folder))

@@ -13,6 +13,7 @@ from motiongen_ardy.model.generation import world_tokens_of
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.packed import PackedBatch, PackedDenoiser
 from motiongen_ardy.model.packed.codec import packed_codec
+from motiongen_ardy.model.packed.graphs import GraphRecorder
 from motiongen_server.engine.types import Float32Array, ModelFacts, RowStatus, WindowJob, WindowResult
 from motiongen_server.runner.correction import corrected
 from motiongen_server.runner.device_errors import device_errors
@@ -33,15 +34,17 @@ class TorchRunner:
         default_steps: int = 4,
         precision: torch.dtype = torch.float32,
         owns_model: bool = False,
+        recorder: GraphRecorder | None = None,
     ) -> None:
         """precision: of the denoiser's layers, float32 or bfloat16; all else is float32.
 
-        owns_model: nobody else needs the model, so that weights which are held packed are not held twice.
+        owns_model: nobody else needs the model, so that weights which are held packed are not held twice. recorder: of
+        graphs that the denoiser's layers are replayed from; None: they are called each time.
         """
         config = model.config
         self._model = model
         self._device = model.representation.stats.mean.device
-        self._denoiser = PackedDenoiser(model.denoiser, config.num_base_steps, config.horizon, precision)
+        self._denoiser = PackedDenoiser(model.denoiser, config.num_base_steps, config.horizon, precision, recorder)
         if owns_model:
             self._denoiser.release_originals()
         self._codec = packed_codec(model.codec)
@@ -99,8 +102,9 @@ class TorchRunner:
         """The rows' tokens after a step, and whether each row's are all finite."""
         batch = self._batch(rows)
         tokens = torch.stack([row.tokens for row in rows.values()])
-        num_steps = torch.tensor([row.job.num_steps for row in rows.values()], device=self._device)
-        index = num_steps - 1 - torch.tensor([row.steps_done for row in rows.values()], device=self._device)
+        done = [[row.job.num_steps, row.steps_done] for row in rows.values()]
+        num_steps, steps_done = torch.tensor(done).to(self._device).unbind(1)  # both in one copy to the device
+        index = num_steps - 1 - steps_done
         last_steps = self._model.sampling.projection.last_steps
         project = [row.job.num_steps - row.steps_done <= last_steps for row in rows.values()]
         clean = self._denoiser.predict(batch, tokens, self._schedule.base_step[num_steps, index], project)

@@ -17,6 +17,7 @@ from motiongen_ardy.model.denoiser.base import Denoiser
 from motiongen_ardy.model.denoiser.two_stage import TwoStageDenoiser
 from motiongen_ardy.model.packed.batch import PackedBatch
 from motiongen_ardy.model.packed.conditions import RowConditions, RowGoals, RowRequest
+from motiongen_ardy.model.packed.graphs import GraphedStack, GraphRecorder, Stack
 from motiongen_ardy.model.packed.linear import PackedLinear
 from motiongen_ardy.model.packed.stage import PackedStage
 from motiongen_ardy.model.tokenizer.model import by_token, root_from_tokens
@@ -46,8 +47,18 @@ class Projection:
 class PackedDenoiser:
     """A denoiser's weights as they are served, and the evaluation. Inputs and outputs are float32."""
 
-    def __init__(self, denoiser: Denoiser, num_base_steps: int, horizon: int, dtype: torch.dtype) -> None:
-        """horizon: frames that a window generates. dtype: of the transformers' products, float32 or bfloat16."""
+    def __init__(
+        self,
+        denoiser: Denoiser,
+        num_base_steps: int,
+        horizon: int,
+        dtype: torch.dtype,
+        recorder: GraphRecorder | None = None,
+    ) -> None:
+        """horizon: frames that a window generates. dtype: of the transformers' products, float32 or bfloat16.
+
+        recorder: of graphs that the transformers' layers are replayed from; None: they are called each time.
+        """
         self._denoiser = denoiser
         self._layout = denoiser.representation
         self._patch = denoiser.config.patch
@@ -67,6 +78,9 @@ class PackedDenoiser:
             self._projections.append(Projection(denoiser.local_root_hybrid_proj, told, order))
         future = denoiser.future_constraints_proj
         self._future = None if future is None else PackedLinear.of(future, torch.float32)
+        self._stacks: list[Stack] = [
+            stage.stack if recorder is None else GraphedStack(stage.stack, recorder) for stage in self.stages
+        ]
         self._step_vectors = torch.stack([stage.step_vectors for stage in self.stages])
         self._horizon_positions: dict[int, Tensor] = {}
 
@@ -197,7 +211,7 @@ class PackedDenoiser:
             slot.step[number].copy_(step_vectors[number, slot.first : slot.end])
             slot.horizon[number].copy_(horizon[slot.first : slot.end])
         stage = self.stages[number]
-        return stage.output(batch.encoded_horizon(stage.stack(batch.inputs[number], batch.groups)))
+        return stage.output(batch.encoded_horizon(self._stacks[number](batch.inputs[number], batch.groups)))
 
     def _on_goals(self, batch: PackedBatch, result: Tensor, active: Tensor) -> Tensor:
         """Predictions (Q, G, 5P or more), their roots on the goals of the sequences that are active (Q)."""

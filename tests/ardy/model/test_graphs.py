@@ -1,0 +1,125 @@
+"""Recorded layers: which shapes are recorded, what is read and written when one is replayed, and that nothing changes.
+
+No GPU is needed: the recorder here keeps the work itself, and like a graph it reads and writes the memory that it was
+recorded with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor
+
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
+from motiongen_ardy.model.packed import PackedDenoiser
+from motiongen_ardy.model.packed.graphs import SIZES, GraphedStack, filled_size
+from motiongen_ardy.model.packed.stack import Group
+from tests.ardy.model.test_packed import GOLDEN, assert_equal
+
+WIDTH = 4
+
+
+class Recorder:
+    """Replays by doing the work again into the tensor of the first time. All results share `memory`, as CUDA's may."""
+
+    def __init__(self) -> None:
+        self.replays = 0
+        self.memory = torch.zeros(0)
+
+    def record(self, work: Callable[[], Tensor]) -> tuple[Callable[[], None], Tensor]:
+        first = work()
+        if self.memory.numel() < first.numel():
+            self.memory.resize_(first.numel())
+        result = self.memory[: first.numel()].view_as(first)
+        result.fill_(torch.nan)
+
+        def replay() -> None:
+            self.replays += 1
+            result.copy_(work())
+
+        return replay, result
+
+
+def mixed(vectors: Tensor, groups: list[Group]) -> Tensor:
+    """A stack whose every vector depends on all of its sequence, and on no other."""
+    parts = [group.of(vectors) + group.of(vectors).mean(dim=1, keepdim=True) for group in groups]
+    return torch.cat([part.reshape(-1, vectors.shape[-1]) for part in parts])
+
+
+def groups_of(*shapes: tuple[int, int]) -> list[Group]:
+    groups, start = [], 0
+    for count, length in shapes:
+        groups.append(Group(start, count, length))
+        start = groups[-1].end
+    return groups
+
+
+def vectors_for(groups: list[Group], seed: int = 0) -> Tensor:
+    return torch.randn(groups[-1].end, WIDTH, generator=torch.Generator().manual_seed(seed))
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.lists(st.lists(st.tuples(st.integers(1, 70), st.integers(1, 6)), min_size=1, max_size=4), max_size=6))
+def test_what_is_replayed_is_what_the_stack_gives(batches: list[list[tuple[int, int]]]) -> None:
+    graphed = GraphedStack(mixed, Recorder(), most=3)
+    for number, shapes in enumerate(batches):
+        groups = groups_of(*shapes)
+        vectors = vectors_for(groups, number)
+        before = vectors.clone()
+        assert torch.equal(graphed(vectors, groups), mixed(vectors, groups))
+        assert torch.equal(vectors, before)
+
+
+def test_a_shape_is_recorded_once_and_sizes_that_fill_up_alike_share_it() -> None:
+    recorder = Recorder()
+    graphed = GraphedStack(mixed, recorder)
+    for count in (13, 14, 16, 13):
+        groups = groups_of((count, 5))
+        graphed(vectors_for(groups), groups)
+    assert (graphed.num_recorded, recorder.replays) == (1, 4)
+    groups = groups_of((13, 6))
+    graphed(vectors_for(groups), groups)
+    assert graphed.num_recorded == 2
+
+
+def test_a_result_outlives_the_next_replay() -> None:
+    graphed = GraphedStack(mixed, Recorder())
+    groups = groups_of((3, 5))
+    first = graphed(vectors_for(groups, 1), groups)
+    kept = first.clone()
+    graphed(vectors_for(groups, 2), groups)
+    assert torch.equal(first, kept)
+
+
+def test_what_was_not_replayed_for_longest_goes_first() -> None:
+    graphed = GraphedStack(mixed, Recorder(), most=2)
+    for length in (1, 2, 1, 3, 1):  # the third shape takes the place of the second
+        groups = groups_of((1, length))
+        graphed(vectors_for(groups), groups)
+    assert graphed.num_recorded == 3
+    groups = groups_of((1, 2))
+    graphed(vectors_for(groups), groups)
+    assert graphed.num_recorded == 4
+
+
+@pytest.mark.parametrize("sequences", [1, 3, 17, 100, 512, 513, 2000])
+def test_batches_are_filled_up_to_few_sizes_and_by_less_than_twice(sequences: int) -> None:
+    filled = filled_size(sequences)
+    assert sequences <= filled < 2 * sequences
+    assert filled in SIZES or filled % SIZES[-1] == 0
+
+
+def test_a_denoiser_with_recorded_layers_gives_what_the_plain_one_gives() -> None:
+    model = load_checkpoint(GOLDEN / "tiny-core27" / "checkpoint")
+    recorder = Recorder()
+    with torch.no_grad():
+        config = model.config
+        packed = PackedDenoiser(model.denoiser, config.num_base_steps, config.horizon, torch.float32, recorder)
+        for shapes in ([(4, 0, False)], [(3, 0, False), (0, 0, False)], [(4, 3, True), (2, 0, True), (0, 1, True)]):
+            assert_equal(model, packed, shapes, GuidanceWeights(2, 1.5), 1)
+    assert recorder.replays == 3 * 2 * 2  # batches, steps of each, stages

@@ -15,8 +15,9 @@ from motiongen_tools.connection import client_of
 from motiongen_tools.console import make_console
 from motiongen_tools.npz import write_npz
 from motiongen_tools.view.commands import apply, read_prompt
+from motiongen_tools.view.rehearsal import Rehearsal, ToldAt
 from motiongen_tools.view.room import session_options
-from motiongen_tools.view.session_file import SessionFile, ToldAt, read_session
+from motiongen_tools.view.session_file import SessionFile, read_session
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,20 +55,19 @@ async def play(session: Session, session_file: SessionFile) -> list[tuple[ToldAt
 
     Raises InvalidInput for an edit that no server could take, and what ended the session.
     """
-    waiting = sorted(session_file.edits, key=lambda edit: edit.at_frame)
+    rehearsal = Rehearsal(session_file.edits, session_file.num_frames)
     sent: list[tuple[ToldAt, Edit]] = []
     seconds = session_file.num_frames / session.rig.frame_rate_hz
     async for frame in session.frames(seconds=seconds):
-        while waiting and waiting[0].at_frame <= frame.index:
-            edit = waiting.pop(0)
-            if edit.message.get("op") in ("pause", "resume"):
-                continue  # the playhead stood then, and no frame came of it
+        for then in rehearsal.due(frame.index):
             try:
-                sent.append((edit, apply(session, edit.message)))
+                edit = apply(session, rehearsal.renumbered(then.message))
             except InvalidInput as error:
                 raise InvalidInput(
-                    f"edit at frame {edit.at_frame}, {error.field}", edit.message, error.allowed
+                    f"edit at frame {then.at_frame}, {error.field}", then.message, error.allowed
                 ) from None
+            rehearsal.told(then, edit)
+            sent.append((then, edit))
     return [(edit, await _difference(edit, answer)) for edit, answer in sent]
 
 

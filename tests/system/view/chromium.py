@@ -13,11 +13,12 @@ from typing import Any
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.support.ui import WebDriverWait
 
 from motiongen_client.errors import MotiongenError
 
-PATIENCE_S = 90.0
+PATIENCE_S = 150.0
 SWITCHES = (
     "--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-gl=angle", "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
@@ -52,6 +53,62 @@ class Page:
             "const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(done))"
         )
 
+    def ground(self, x: float, z: float) -> tuple[int, int]:
+        """Where a place of the world, metres, is in the window."""
+        return self.at("const { x, z } = arguments[0]; return { x, y: 0, z }", {"x": x, "z": z})
+
+    def at(self, script: str, *arguments: Any) -> tuple[int, int]:
+        """Where a point {x, y, z} that a piece of JavaScript returns is in the window."""
+        point = self.run(script, *arguments)
+        place = """
+            const { stage } = motiongen;
+            stage.controls.enableDamping = false;
+            const { x, y, z } = arguments[0], box = stage.canvas.getBoundingClientRect();
+            const [right, down] = stage.onScreen(stage.camera.position.clone().set(x, y, z));
+            return [Math.round(box.left + right), Math.round(box.top + down)];
+        """
+        x, y = self.run(place, point)
+        return x, y
+
+    def drag(self, start: tuple[int, int], end: tuple[int, int]) -> None:
+        """With the left button, from one point of the window to another, by way of the middle."""
+        actions = ActionBuilder(self.driver, duration=50)
+        pointer = actions.pointer_action
+        pointer.move_to_location(*start).pointer_down()
+        pointer.move_to_location((start[0] + end[0]) // 2, (start[1] + end[1]) // 2).move_to_location(*end)
+        pointer.pointer_up()
+        actions.perform()
+
+    def press(self, *keys: str) -> None:
+        """Keys, one after another, to what has the focus."""
+        self.keys.send_keys(*keys).perform()
+
+    def tell(self, **message: Any) -> None:
+        """Tell the chosen character what a message of the page says."""
+        self.run("motiongen.cast.tell(arguments[0])", message)
+
+    def tool(self, name: str) -> None:
+        """Take a tool, with the camera at rest and the character paused, so that nothing moves while it is used."""
+        self.run("document.getElementById(arguments[0]).click()", f"tool-{name}")
+        self.until_drawn()
+
+    def pause(self) -> None:
+        """Let the playhead stand."""
+        self.run("document.getElementById('pause').click()")
+        self.until("motiongen.cast.one.info.is_paused")
+
+    def go_on(self) -> None:
+        """After `pause`."""
+        self.run("document.getElementById('pause').click()")
+        self.until("!motiongen.cast.one.info.is_paused")
+
+    def settled_target(self, kind: str) -> dict[str, Any]:
+        """The last target of a kind, once it is met or missed."""
+        script = """motiongen.cast.one.info.targets.findLast(
+            ({ spec, state }) => spec.kind === arguments[0] && (state === 'met' || state === 'missed'))"""
+        target: dict[str, Any] = self.until(script, kind)
+        return target
+
     def root(self) -> tuple[float, float]:
         """Where the chosen character is now, x and z in metres."""
         x, z = self.run("const m = motiongen.cast.one; return m.rig.rootOf(m.track.sample(m.track.playhead()))")
@@ -69,6 +126,14 @@ class Page:
         said = [entry for entry in self.driver.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")]
         ours = [entry["message"] for entry in said if "GPU stall" not in entry["message"]]
         return [message for message in ours if "GL Driver Message" not in message]
+
+
+def plain(address: str) -> str:
+    """A page's address, with the cheapest drawing there is."""
+    page, mark, token = address.partition("#")
+    if "draw=plain" in page:
+        return address
+    return f"{page}{'&' if '?' in page else '?'}draw=plain{mark}{token}"
 
 
 class BrowserMissing(MotiongenError):

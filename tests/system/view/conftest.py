@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 from selenium import webdriver
 
 from motiongen_tools.server_process import ServerProcess
-from tests.system.view.chromium import Page, start_chromium, viewer
+from tests.system.view.chromium import Page, plain, start_chromium, viewer
 
 KEPT = Path(__file__).parents[3] / "out" / "view"
 
@@ -29,7 +30,7 @@ def motion_server() -> Iterator[ServerProcess]:
         yield one
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def view(motion_server: ServerProcess) -> Iterator[str]:
     """The address of a page on that server."""
     with viewer(motion_server.address) as (address,):
@@ -52,16 +53,33 @@ def open_driver() -> Iterator[Callable[..., webdriver.Chrome]]:
 
 @pytest.fixture
 def open_page(view: str, open_driver: Callable[..., webdriver.Chrome]) -> Callable[..., Page]:
-    """Opens pages in browsers of their own."""
+    """Opens pages in browsers of their own, drawn as cheaply as they can be: there is no GPU here."""
 
-    def open_one(address: str = view, *switches: str, size: tuple[int, int] = (1100, 760)) -> Page:
-        return Page(open_driver(*switches, size=size), address)
+    def open_one(address: str = view, *switches: str, size: tuple[int, int] = (1000, 760)) -> Page:
+        return Page(open_driver(*switches, size=size), plain(address))
 
     return open_one
 
 
+@pytest.fixture(scope="session")
+def driver() -> Iterator[webdriver.Chrome]:
+    """A browser for all tests that leave it as it is."""
+    one = start_chromium(size=(1000, 760))
+    yield one
+    one.quit()
+
+
+_rooms = itertools.count(1)
+
+
 @pytest.fixture
-def page(open_page: Callable[..., Page]) -> Page:
-    opened = open_page()
+def page(view: str, driver: webdriver.Chrome) -> Iterator[Page]:
+    """A page on a room of its own, with the first character in it."""
+    driver.get_log("browser")  # what others said
+    opened = Page(driver, plain(f"{view}?room=room-{next(_rooms)}"))
     opened.until_shown()
-    return opened
+    yield opened
+    opened.run(
+        "for (const number of motiongen.cast.members.keys()) motiongen.cast.ask({ op: 'remove', character: number })"
+    )
+    opened.until("motiongen.cast.members.size === 0")

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.system
 
 
 def test_two_pages_see_and_steer_one_character(page: Page, open_page: Callable[..., Page]) -> None:
-    other = open_page()
+    other = open_page(page.address)
     other.until_shown()
     assert other.run("return motiongen.cast.members.size") == 1
     page.driver.find_element(By.CSS_SELECTOR, "[data-preset=walk]").click()
@@ -48,3 +48,22 @@ def test_a_page_goes_on_with_the_next_bridge(motion_server: ServerProcess, open_
         page.until("motiongen.connection.isOpen && motiongen.cast.members.size === 0")
         page.driver.find_element(By.ID, "add").click()
         page.until_shown()
+
+
+def test_a_page_goes_on_with_the_next_server(open_page: Callable[..., Page]) -> None:
+    settings = ["--devices", "cpu:1", "--profile-s", "0.5", "--admit-load", "1000", "--drain-wait-s", "0"]
+    with ServerProcess([*settings, "--drain-grace-s", "0"]) as first:
+        address = first.address
+        with viewer(address) as (view,):
+            page = open_page(view)
+            page.until_shown()
+            page.run("document.querySelector('[data-preset=walk]').click()")
+            page.until("motiongen.cast.one.info.spans.at(-1)?.preset === 'walk'")
+            first.stop()
+            page.until("document.getElementById('status-server').value.includes('lost')")
+            with ServerProcess([*settings, "--port", address.rpartition(":")[2]]) as second:
+                assert second.address == address
+                page.until("motiongen.cast.one.info.reopenings === 1")
+                at = page.run("return motiongen.cast.one.track.playhead()")
+                page.until("motiongen.cast.one.track.playhead() > arguments[0] + 30", at)
+                assert page.run("return motiongen.cast.one.info.spans.at(-1).preset") == "walk"

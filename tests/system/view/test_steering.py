@@ -17,19 +17,37 @@ from tests.system.view.chromium import Page
 pytestmark = pytest.mark.system
 
 
-def test_a_newcomer_walks_a_character_around(page: Page, tmp_path: Path) -> None:
+def test_w_held_for_three_seconds_walks_ahead(page: Page, pictures: Path) -> None:
     x, z = page.root()
     forward = page.run(
         "const d = motiongen.stage.camera.getWorldDirection(motiongen.stage.camera.position.clone()); return [d.x, d.z]"
     )
     page.run("document.getElementById('stage').focus()")
     page.keys.key_down("w").perform()
-    way = "const m = motiongen.cast.one; const r = m.rig.rootOf(m.track.sample(m.track.playhead()));"
-    page.run("globalThis.asked = arguments", x, z, *forward)
-    page.until(f"(() => {{ {way} return (r[0] - asked[0]) * asked[2] + (r[1] - asked[1]) * asked[3] > 1 }})()")
+    start = page.until(
+        "motiongen.cast.one.info.edits.find(({ op, state }) => op === 'set_velocity' && state === 'accepted')"
+    )
+    page.until("motiongen.cast.one.track.playhead() >= arguments[0] + 60", start["effective_frame"])  # three seconds
     page.keys.key_up("w").perform()
+    here = page.root()
+    assert (here[0] - x) * forward[0] + (here[1] - z) * forward[1] > 1.5
     page.until("motiongen.cast.one.info.latency_ms !== null")
-    page.picture(tmp_path / "walked.png")
+    page.picture(pictures / "held-w.png")
+    assert page.complaints() == []
+
+
+def test_a_gamepad_walks_as_far_as_it_is_tilted(page: Page) -> None:
+    page.run(
+        "globalThis.pad = { axes: [0, 0], buttons: [{ pressed: false }] }; navigator.getGamepads = () => [null, pad]"
+    )
+    page.run("document.getElementById('keep-prompt').click()")
+    page.run("pad.axes = [0, -0.5]")
+    slow = page.until("motiongen.velocity._last")
+    assert math.hypot(slow["x"], slow["z"]) == pytest.approx(0.6, abs=1e-6)
+    page.run("pad.axes = [0, -1]; pad.buttons[0].pressed = true")
+    page.until("Math.hypot(motiongen.velocity._last.x, motiongen.velocity._last.z) > 2.9")
+    page.run("pad.axes = [0.1, 0.05]")  # at rest, as sticks are
+    page.until("motiongen.velocity._last === null")
     assert page.complaints() == []
 
 

@@ -13,6 +13,7 @@ from motiongen_tools.view.access import Role
 from motiongen_tools.view.bridge import Bridge
 from motiongen_tools.view.fields import Message
 from motiongen_tools.view.room import Room
+from motiongen_tools.view.session_file import session_of
 from motiongen_tools.view.wire import Head, catalog_json, pack_frames, pack_history
 
 HEAD_PERIOD_S = 0.25
@@ -163,6 +164,9 @@ class Browser:
                 return {}
         character = self._room.character(fields.whole(message, "character"))
         match operation:
+            case "again":
+                changes = fields.mapping(message, "changes") if "changes" in message else {}
+                return {"numbers": [await self._room.again(session_of(character), changes)]}
             case "history":
                 first = fields.whole(message, "first_frame")
                 end = fields.whole(message, "end_frame", first, first + MOST_HISTORY_FRAMES)

@@ -13,6 +13,7 @@ from motiongen_tools.view.commands import apply
 from motiongen_tools.view.edit_log import EditLog, Entry
 from motiongen_tools.view.feed import Feed
 from motiongen_tools.view.fields import Message
+from motiongen_tools.view.rehearsal import Rehearsal
 from motiongen_tools.view.script import Script
 from motiongen_tools.view.wire import Head
 
@@ -21,12 +22,20 @@ LEAST_SCALE, MOST_SCALE = 0.1, 2.0
 
 
 class Character:
-    """number: its name on the wire; opening: the message that asked for it.
+    """number: its name on the wire; opening: the message that asked for it; rehearsal: what it is to be told again.
 
     revision rises with everything that the page shows of it beside frames.
     """
 
-    def __init__(self, number: int, name: str, session: Session, options: SessionOptions, opening: Message) -> None:
+    def __init__(
+        self,
+        number: int,
+        name: str,
+        session: Session,
+        options: SessionOptions,
+        opening: Message,
+        rehearsal: Rehearsal | None = None,
+    ) -> None:
         self.number = number
         self.name = name
         self.session = session
@@ -36,6 +45,7 @@ class Character:
         self.edits = EditLog()
         self.revision = 1
         self.failure = ""
+        self._rehearsal = rehearsal
         self.time_scale = 1.0
         self._feed = Feed(session.playback)
         self._seams: deque[int] = deque(maxlen=MOST_MARKS)
@@ -58,7 +68,7 @@ class Character:
         edit = apply(self.session, message)
         back = self.script.inverse(message, edit.prompt_id, edit.constraint_ids) if can_be_undone else []
         playhead = self.session.playback.playhead
-        entry = self.edits.add(message, edit.what, playhead, edit, back, self._note_answer)
+        entry = self.edits.add(message, _named(message, edit.what), playhead, edit, back, self._note_answer)
         self.revision += 1
         return entry
 
@@ -87,6 +97,7 @@ class Character:
             if not self.failure:
                 self.failure = str(failure)
                 self.revision += 1
+        self._rehearse()
         playback = self.session.playback
         changed = self._feed.changed_from()
         if playback.plan != self._plan and changed is not None:
@@ -113,6 +124,23 @@ class Character:
         place = playback.playhead + share
         return Head(self.number, place, pace, playback.committed_to, playback.buffered_to, first, rows)
 
+    def _rehearse(self) -> None:
+        """Tell what is due of what another was told; after its last frame, rest."""
+        if self._rehearsal is None or self.failure:
+            return
+        playhead = self.session.playback.playhead
+        for then in self._rehearsal.due(playhead):
+            try:
+                told = self.tell(self._rehearsal.renumbered(then.message), can_be_undone=False)
+            except MotiongenError as failure:
+                self.failure = f"what was said at frame {then.at_frame} cannot be said again: {failure}"
+                return
+            self._rehearsal.told(then, told.edit)
+        if playhead >= self._rehearsal.end_frame - 1:
+            self._rehearsal = None
+            self.session.pause()
+            self.revision += 1
+
     def history(self, first_frame: int, end_frame: int) -> tuple[int, list[Float32]]:
         """The frames shown so far within a range, as far as they are kept."""
         playback = self.session.playback
@@ -131,6 +159,7 @@ class Character:
             "steps": session.opened.denoise_steps,
             "lookahead_frames": session.opened.lookahead_frames,
             "is_paused": session.is_paused,
+            "is_rehearsing": self._rehearsal is not None,
             "time_scale": self.time_scale,
             "first_kept": session.playback.first_kept,
             "service_level": session.service_level.tier,
@@ -170,3 +199,12 @@ class Character:
 
     def _note_reopened(self, _: Reopened) -> None:
         self.revision += 1
+
+
+def _named(message: Message, what: str) -> str:
+    """An edit's name for the list: of constraints, which kinds."""
+    given = message.get("constraints")
+    kinds = [str(one["kind"]).replace("_", " ") for one in given] if isinstance(given, list) else []
+    if not kinds:
+        return what
+    return ", ".join(kinds[:3]) + (f" and {len(kinds) - 3} more" if len(kinds) > 3 else "")

@@ -8,12 +8,15 @@ from motiongen_client.edit import Edit
 from motiongen_client.errors import InvalidInput
 from motiongen_client.prompts import Preset, Prompt
 from motiongen_client.session import Session
-from motiongen_client.types import Constraint
+from motiongen_client.types import Constraint, Priority
 from motiongen_tools.view import fields
 from motiongen_tools.view.constraint_json import read_constraint
 from motiongen_tools.view.fields import Message
 
 LONGEST_HOLD_S = 20.0
+CUT_FRAMES = 16
+"""How many played frames a cut goes on from: whole patches, and all that a window looks back."""
+PRIORITIES = {each.value: each for each in Priority}
 
 
 def apply(session: Session, message: Message) -> Edit:
@@ -71,6 +74,38 @@ def _clear_constraints(session: Session, message: Message) -> Edit:
     return session.clear_constraints()
 
 
+def _set_constraints(session: Session, message: Message) -> Edit:
+    return session.set_constraints(_constraints(message))
+
+
+def _teleport(session: Session, message: Message) -> Edit:
+    return session.teleport(
+        fields.number(message, "x_m"),
+        fields.number(message, "z_m"),
+        heading_rad=fields.number(message, "heading_rad", 0.0),
+    )
+
+
+def _cut_to(session: Session, message: Message) -> Edit:
+    """Go on from frames that were played: those before `frame`, as many as a cut takes."""
+    end = fields.whole(message, "frame", CUT_FRAMES)
+    return session.cut_to(session.motion(end - CUT_FRAMES, end))
+
+
+def _set_options(session: Session, message: Message) -> Edit:
+    priority = fields.text(message, "priority") if message.get("priority") is not None else None
+    if priority is not None and priority not in PRIORITIES:
+        raise InvalidInput("priority", priority, f"one of {', '.join(PRIORITIES)}")
+    weights = (fields.optional_number(message, "text_guidance"), fields.optional_number(message, "constraint_guidance"))
+    return session.set_options(
+        priority=None if priority is None else PRIORITIES[priority],
+        lookahead_frames=fields.optional_whole(message, "lookahead_frames", 1, 1 << 31),
+        denoise_steps=fields.optional_whole(message, "steps", 1, 1 << 31),
+        guidance=None if weights == (None, None) else weights,
+        history_frames=fields.optional_whole(message, "history_frames", 1, 1 << 31),
+    )
+
+
 def _set_velocity(session: Session, message: Message) -> Edit:
     seconds = fields.number(message, "seconds", 1.0)
     if not 0 < seconds <= LONGEST_HOLD_S:
@@ -99,7 +134,11 @@ OPERATIONS: dict[str, Callable[[Session, Message], Edit]] = {
     "replace_constraint": _replace_constraint,
     "remove_constraints": _remove_constraints,
     "clear_constraints": _clear_constraints,
+    "set_constraints": _set_constraints,
     "set_velocity": _set_velocity,
     "pause": _pause,
     "resume": _resume,
+    "teleport": _teleport,
+    "cut_to": _cut_to,
+    "set_options": _set_options,
 }

@@ -1,48 +1,171 @@
-"""The targets of a take as the JSON list of constraints that ARDY's and Kimodo's tools exchange."""
+"""The targets of a take as the JSON list of constraints that ARDY's and Kimodo's tools exchange, and back."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import tempfile
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
-from motiongen_client.motion import Motion
-from motiongen_client.types import HeadingTarget, JointRotations, JointTargets, Keyframe, RootTrajectory, Waypoint
-from motiongen_tools.view.constraint_json import read_constraint
+import numpy as np
+
+from motiongen_client.kinematics import quaternion_to_matrix
+from motiongen_client.motion import Motion, Rig
+from motiongen_client.types import (
+    HeadingTarget,
+    JointRotations,
+    JointTargets,
+    Keyframe,
+    RootPath,
+    RootTrajectory,
+    Waypoint,
+)
+from motiongen_tools.constraint_file import read_constraints
+from motiongen_tools.view.constraint_json import write_constraint
+from motiongen_tools.view.pose_fit import Float64, axis_angles, fitted, pose, reached, to_local
 from motiongen_tools.view.script import Target
+from motiongen_tools.view.settled import settled
+
+MOST_FRAMES = 20_000
+Entry = dict[str, Any]
 
 
 def write_constraint_list(targets: Iterable[Target], take: Motion) -> tuple[str, list[str]]:
-    """The file's text, and what it has no words for. Frames are counted from the take's first.
+    """The file's text, and what it could not say, or says beside what was asked. Frames count from the take's first.
 
-    The list knows poses and limbs by rotations alone, which targets of joint positions do not have.
+    The list knows poses and limbs as rotations of a whole pose. A keyframe's are fitted to its places; those of a limb
+    are the take's at that frame, with the limb bent to where it was asked for.
     """
-    entries: list[dict[str, Any]] = []
-    left_out: list[str] = []
+    entries: list[Entry] = []
+    told: list[str] = []
     for target in targets:
         if target.is_removed:
             continue
-        constraint = read_constraint(target.spec)
-        match constraint:
-            case Waypoint(frame=frame) if _is_within(frame, take):
-                entry: dict[str, Any] = {"type": "root2d", "frame_indices": [frame - take.first_frame]}
-                entry["root_2d"] = [[constraint.x_m, constraint.z_m]]
-                if constraint.heading_rad is not None:
-                    entry["global_root_heading"] = [constraint.heading_rad]
-                entries.append(entry)
-            case RootTrajectory(first_frame=first):
-                inside = [n for n in range(len(constraint.positions_m)) if _is_within(first + n, take)]
-                if inside:
-                    entry = {"type": "root2d", "frame_indices": [first + n - take.first_frame for n in inside]}
-                    entry["root_2d"] = [constraint.positions_m[n].tolist() for n in inside]
-                    if constraint.headings_rad is not None:
-                        entry["global_root_heading"] = [float(constraint.headings_rad[n]) for n in inside]
-                    entries.append(entry)
-            case Keyframe() | JointTargets() | HeadingTarget() | JointRotations():
-                kind = target.spec["kind"]
-                left_out.append(f"constraint {target.constraint_id}: the list has no words for this {kind}")
-    return json.dumps(entries, indent=1) + "\n", left_out
+        try:
+            entry, beside = _entry(target, take)
+        except _Unsaid as why:
+            told.append(f"constraint {target.constraint_id}, {target.spec['kind']}: {why}")
+            continue
+        entries.append(entry)
+        if beside:
+            told.append(f"constraint {target.constraint_id}, {target.spec['kind']}: {beside}")
+    return json.dumps(entries, indent=1) + "\n", told
 
 
-def _is_within(frame: int, take: Motion) -> bool:
-    return take.first_frame <= frame < take.first_frame + len(take)
+def read_list(data: bytes, rig: Rig, first_frame: int, max_path_frames: int) -> list[Entry]:
+    """The constraints of such a list, as messages; its frame 0 is first_frame. Raises InvalidInput."""
+    with tempfile.TemporaryDirectory(prefix="motiongen-view-") as folder:
+        path = Path(folder) / "constraints.json"
+        path.write_bytes(data)
+        found = read_constraints(path, rig, MOST_FRAMES, max_path_frames)
+    specs = []
+    for constraint in found:
+        name = "first_frame" if isinstance(constraint, RootTrajectory) else "frame"
+        moved = dataclasses.replace(constraint, **{name: getattr(constraint, name) + first_frame})
+        specs.append(write_constraint(moved))
+    return specs
+
+
+class _Unsaid(Exception):
+    """The list has no words for a target; the message says why."""
+
+
+def _entry(target: Target, take: Motion) -> tuple[Entry, str]:
+    wanted = settled(target)
+    match wanted:
+        case None:
+            raise _Unsaid("the server has not said yet when and where it is meant")
+        case Waypoint(frame=frame, x_m=x, z_m=z, heading_rad=heading):
+            return _ground([_row(frame, take)], [[x, z]], None if heading is None else [heading]), ""
+        case RootTrajectory(first_frame=first, positions_m=places, headings_rad=headings):
+            inside = [n for n in range(len(places)) if 0 <= first + n - take.first_frame < len(take)]
+            if not inside:
+                raise _Unsaid("none of its frames is in the take")
+            facing = None if headings is None else [float(headings[n]) for n in inside]
+            return _ground([first + n - take.first_frame for n in inside], places[inside].tolist(), facing), ""
+        case RootPath():
+            if target.placement is None:
+                raise _Unsaid("the server has not said yet when it is walked")
+            first = max(target.placement.first_frame - take.first_frame, 0)
+            rows = list(range(first, min(target.placement.last_frame - take.first_frame + 1, len(take))))
+            if not rows:
+                raise _Unsaid("none of its frames is in the take")
+            return _ground(rows, take.root_translation_m[rows][:, [0, 2]].tolist()), "said as it was walked"
+        case HeadingTarget(frame=frame, heading_rad=heading):
+            row = _row(frame, take)
+            x, _, z = take.root_translation_m[row].tolist()
+            return _ground([row], [[x, z]], [heading]), "said with the place where the take had it"
+        case Keyframe(frame=frame, positions_m=places):
+            row, where = _row(frame, take), places.astype(np.float64)
+            local = to_local(take.rig, fitted(take.rig, where, _pose_of(take, row)[1]))
+            return _whole("fullbody", row, local, where[0]), ""
+        case JointTargets(frame=frame):
+            return _limbs(wanted, _row(frame, take), take)
+        case JointRotations(frame=frame):
+            return _rotated(wanted, _row(frame, take), take)
+
+
+def _limbs(wanted: JointTargets, row: int, take: Motion) -> tuple[Entry, str]:
+    rig = take.rig
+    names = [_limb_of(rig, joint) for joint in wanted.joints if joint] or ["Hips"]
+    root = take.root_translation_m[row].astype(np.float64)
+    asked = dict(zip(wanted.joints, wanted.positions_m.astype(np.float64), strict=True))
+    root = asked.get(0, root)
+    local = _local_of(take, row)
+    for joint, place in asked.items():
+        if joint:
+            local = reached(rig, root, local, joint, place)
+    entry = _whole("end-effector", row, local, root)
+    entry["joint_names"] = list(dict.fromkeys(names))
+    return entry, "said with the pose that the take had: where its root, its heading and the limb's other joints were"
+
+
+def _rotated(wanted: JointRotations, row: int, take: Motion) -> tuple[Entry, str]:
+    rig, local = take.rig, _local_of(take, row)
+    names = []
+    for joint, rotation in zip(wanted.joints, wanted.rotations_quat_wxyz, strict=True):
+        name = _limb_of(rig, joint)
+        if rig.limbs[name][0] != joint:
+            raise _Unsaid(f"the list turns the first joint of a limb only, and {rig.joint_names[joint]} is another")
+        names.append(name)
+        _, rotations = pose(rig, np.zeros(3), local)
+        parent = np.eye(3) if rig.parents[joint] < 0 else rotations[rig.parents[joint]]
+        local[joint] = parent.T @ quaternion_to_matrix(rotation.astype(np.float64))
+    entry = _whole("end-effector", row, local, take.root_translation_m[row].astype(np.float64))
+    entry["joint_names"] = names
+    return entry, "said with the places that the take had"
+
+
+def _limb_of(rig: Rig, joint: int) -> str:
+    for name, joints in rig.limbs.items():
+        if joint in joints:
+            return name
+    raise _Unsaid(f"{rig.joint_names[joint]} is of no limb that the list names ({', '.join(rig.limbs) or 'none'})")
+
+
+def _row(frame: int, take: Motion) -> int:
+    if not take.first_frame <= frame < take.first_frame + len(take):
+        raise _Unsaid(f"its frame {frame} is not in the take")
+    return frame - take.first_frame
+
+
+def _local_of(take: Motion, row: int) -> Float64:
+    return np.asarray(quaternion_to_matrix(take.joint_rotation_quat_wxyz[row].astype(np.float64)))
+
+
+def _pose_of(take: Motion, row: int) -> tuple[Float64, Float64]:
+    return pose(take.rig, take.root_translation_m[row].astype(np.float64), _local_of(take, row))
+
+
+def _ground(rows: list[int], places: Any, headings: list[float] | None = None) -> Entry:
+    entry: Entry = {"type": "root2d", "frame_indices": rows, "root_2d": places}
+    if headings is not None:
+        entry["global_root_heading"] = headings
+    return entry
+
+
+def _whole(kind: str, row: int, local: Float64, root_m: Float64) -> Entry:
+    turns = axis_angles(local).round(6).tolist()
+    return {"type": kind, "frame_indices": [row], "local_joints_rot": [turns], "root_positions": [root_m.tolist()]}

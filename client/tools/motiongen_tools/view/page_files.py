@@ -41,5 +41,5 @@ def content_policy() -> str:
     digest = base64.b64encode(hashlib.sha256(found["text"].encode() if found else b"").digest()).decode()
     return (
         f"default-src 'none'; script-src 'self' 'sha256-{digest}'; style-src 'self'; img-src 'self' data: blob:; "
-        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        "connect-src 'self' blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     )

@@ -10,12 +10,14 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from motiongen_client.errors import InvalidInput, MotiongenError
-from motiongen_client.types import Priority, SessionOptions, StartPose
+from motiongen_client.types import SessionOptions, StartPose
 from motiongen_tools.view import fields
 from motiongen_tools.view.character import Character
-from motiongen_tools.view.commands import read_prompt
+from motiongen_tools.view.commands import PRIORITIES, read_prompt
 from motiongen_tools.view.fields import Message
 from motiongen_tools.view.line import Line
+from motiongen_tools.view.rehearsal import Rehearsal
+from motiongen_tools.view.session_file import OPENING, SessionFile
 
 MOST_CHARACTERS = 200
 KEEP_S = 120.0
@@ -23,7 +25,6 @@ KEEP_S = 120.0
 SPACING_M = 1.6
 IDLE_S = 20.0
 """How long characters go on that nobody looks at, before they pause."""
-_STYLES = {each.value: each for each in Priority}
 
 
 class Viewer(Protocol):
@@ -72,15 +73,36 @@ class Room:
         return numbers
 
     async def _open(self, message: Message) -> int:
+        return await self._open_as(message, None)
+
+    async def _open_as(self, message: Message, rehearsal: Rehearsal | None) -> int:
         number, self._next = self._next, self._next + 1
         has_prompt = message.get("text") or message.get("preset")
         prompt = read_prompt(message) if has_prompt else None
         options = session_options(message, self._place(number))
         session = await self._line.client.open(prompt, options=options, keep_s=KEEP_S)
         name = fields.text(message, "name", "") or f"character {number}"
-        self.characters[number] = Character(number, name[:40], session, options, message)
+        self.characters[number] = Character(number, name[:60], session, options, message, rehearsal)
         self.changes += 1
         return number
+
+    async def again(self, recorded: SessionFile, changes: Message) -> int:
+        """Open a character that is told what another was told, at the same frames. Returns its number.
+
+        recorded: what that was; changes: other fields of its opening, such as `steps`. Raises InvalidInput and
+        EventRefused.
+        """
+        if len(self.characters) + self._num_opening >= MOST_CHARACTERS:
+            raise InvalidInput("characters", MOST_CHARACTERS, f"at most {MOST_CHARACTERS}: remove one")
+        unknown = [name for name in changes if name not in OPENING]
+        if unknown:
+            raise InvalidInput(unknown[0], changes[unknown[0]], f"only {', '.join(OPENING)}")
+        opening = {**recorded.opening, **{key: value for key, value in changes.items() if value is not None}}
+        self._num_opening += 1
+        try:
+            return await self._open_as(opening, Rehearsal(recorded.edits, recorded.num_frames))
+        finally:
+            self._num_opening -= 1
 
     def _place(self, number: int) -> StartPose:
         """On a grid that grows from the middle, so that the first stands where the camera looks."""
@@ -144,9 +166,9 @@ class Room:
 
 def session_options(message: Message, start: StartPose) -> SessionOptions:
     """What a message asks a session to be opened with. Raises InvalidInput."""
-    priority = fields.text(message, "priority", Priority.NEAR.value)
-    if priority not in _STYLES:
-        raise InvalidInput("priority", priority, f"one of {', '.join(_STYLES)}")
+    priority = fields.text(message, "priority", "near")
+    if priority not in PRIORITIES:
+        raise InvalidInput("priority", priority, f"one of {', '.join(PRIORITIES)}")
     seed = message.get("seed")
     if isinstance(seed, str) and seed.isdecimal():  # more digits than a browser's numbers have
         message = {**message, "seed": int(seed)}
@@ -157,7 +179,7 @@ def session_options(message: Message, start: StartPose) -> SessionOptions:
     return SessionOptions(
         model_id=fields.text(message, "model", ""),
         seed=fields.optional_whole(message, "seed", 0, (1 << 64) - 1),
-        priority=_STYLES[priority],
+        priority=PRIORITIES[priority],
         lookahead_frames=fields.optional_whole(message, "lookahead_frames", 1, 1 << 31),
         denoise_steps=fields.optional_whole(message, "steps", 1, 1 << 31),
         text_guidance=fields.optional_number(message, "text_guidance"),

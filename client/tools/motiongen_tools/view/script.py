@@ -87,7 +87,9 @@ class Script:
                 self._set_prompt(message, frame, prompt_id)
             case "remove_prompts":
                 self._end_spans(set(message["prompt_ids"]), frame)
-            case "add_constraints":
+            case "add_constraints" | "set_constraints":
+                if message["op"] == "set_constraints":
+                    self._remove(list(self.targets))
                 for key, spec in zip(ids, message["constraints"], strict=True):
                     self.targets[key] = Target(key, spec, effective_frame)
             case "replace_constraint":
@@ -123,6 +125,8 @@ class Script:
                 return [again for span in held if span is not None and (again := _again(span))]
             case "add_constraints":
                 return [{"op": "remove_constraints", "constraint_ids": list(ids)}]
+            case "set_constraints":
+                return [{"op": "remove_constraints", "constraint_ids": list(ids)}, *self._anew(list(self.targets))]
             case "replace_constraint":
                 before = self.targets.get(ids[0])
                 if before is None or before.is_removed:

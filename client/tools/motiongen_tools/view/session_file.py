@@ -1,7 +1,7 @@
 """Session files: how a character was opened and what it was told at which frame, to be played again.
 
-JSON: format, model, seed, options, start, prompt, frames, and `edits`: objects with at_frame (the playhead when it was
-said), effective_frame and the message.
+JSON: format, `opening` (model, seed, options, start and prompt), num_frames, and `edits`: objects with at_frame (the
+playhead when it was said), effective_frame, `gave` (the ids that it was given) and the message.
 """
 
 from __future__ import annotations
@@ -15,19 +15,16 @@ from motiongen_client.errors import InvalidInput
 from motiongen_tools.view import fields
 from motiongen_tools.view.character import Character
 from motiongen_tools.view.fields import Message
+from motiongen_tools.view.rehearsal import ToldAt
 
 FORMAT = "motiongen-session-1"
 MAX_BYTES = 64 << 20
-_OPENING = ("text", "preset", "priority", "lookahead_frames", "text_guidance", "constraint_guidance", "keep_prompts")
-
-
-@dataclass(frozen=True)
-class ToldAt:
-    """One edit. at_frame: where the playhead was; effective_frame: the first that showed it, if any did."""
-
-    at_frame: int
-    effective_frame: int | None
-    message: Message
+_AS_ASKED = (
+    "text", "preset", "priority", "lookahead_frames", "text_guidance", "constraint_guidance", "history_frames",
+    "keep_prompts",
+)  # fmt: skip
+OPENING = (*_AS_ASKED, "model", "seed", "steps", "start", "name")
+"""What an opening may say."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +39,7 @@ class SessionFile:
 def session_of(character: Character) -> SessionFile:
     """What a character was told so far; what was refused is left out, as it changed nothing."""
     session, start = character.session, character.options.start
-    opening = {key: character.opening[key] for key in _OPENING if character.opening.get(key) is not None}
+    opening = {key: character.opening[key] for key in _AS_ASKED if character.opening.get(key) is not None}
     opening |= {
         "model": session.opened.model_id,
         "seed": str(session.opened.seed),
@@ -50,7 +47,7 @@ def session_of(character: Character) -> SessionFile:
         "start": {"x_m": start.x_m, "z_m": start.z_m, "heading_rad": start.heading_rad},
     }
     edits = tuple(
-        ToldAt(entry.at_frame, entry.effective_frame, entry.message)
+        ToldAt(entry.at_frame, entry.effective_frame, entry.message, entry.edit.prompt_id, entry.edit.constraint_ids)
         for entry in character.edits.entries
         if entry.state == "accepted"
     )
@@ -59,11 +56,18 @@ def session_of(character: Character) -> SessionFile:
 
 def write_session(session: SessionFile) -> str:
     """The file's text."""
-    edits = [{"at_frame": e.at_frame, "effective_frame": e.effective_frame, **e.message} for e in session.edits]
+    edits = [
+        {"at_frame": e.at_frame, "effective_frame": e.effective_frame, "gave": _ids(e), **e.message}
+        for e in session.edits
+    ]
     whole = {"format": FORMAT, "opening": session.opening, "num_frames": session.num_frames}
     listed = ",\n    ".join(json.dumps(edit) for edit in edits)
     head = json.dumps(whole, indent=2).removesuffix("\n}")
     return f'{head},\n  "edits": [\n    {listed}\n  ]\n}}\n' if edits else f'{head},\n  "edits": []\n}}\n'
+
+
+def _ids(edit: ToldAt) -> dict[str, Any]:
+    return {"prompt_id": edit.prompt_id, "constraint_ids": list(edit.constraint_ids)}
 
 
 def read_session(path: Path) -> SessionFile:
@@ -71,11 +75,19 @@ def read_session(path: Path) -> SessionFile:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise InvalidInput("file", str(path), f"a file of at most {MAX_BYTES >> 20} MiB")
-        whole: Any = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise InvalidInput("file", str(path), f"a session file, which is JSON: {error}") from None
+        return parse_session(path.read_bytes(), str(path))
+    except OSError as error:
+        raise InvalidInput("file", str(path), f"a session file that can be read: {error.strerror}") from None
+
+
+def parse_session(data: bytes, name: str) -> SessionFile:
+    """A session file's bytes. name: for errors. Raises InvalidInput."""
+    try:
+        whole: Any = json.loads(data)
+    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        raise InvalidInput("file", name, f"a session file, which is JSON: {error}") from None
     if not isinstance(whole, dict) or whole.get("format") != FORMAT:
-        raise InvalidInput("file", str(path), f"a session file of the format {FORMAT}")
+        raise InvalidInput("file", name, f"a session file of the format {FORMAT}")
     edits = whole.get("edits")
     if not isinstance(edits, list) or not all(isinstance(edit, dict) for edit in edits):
         raise InvalidInput("edits", edits, "a list of objects")
@@ -85,5 +97,12 @@ def read_session(path: Path) -> SessionFile:
 
 
 def _read_edit(edit: dict[str, Any]) -> ToldAt:
-    message = {key: value for key, value in edit.items() if key not in ("at_frame", "effective_frame")}
-    return ToldAt(fields.whole(edit, "at_frame"), fields.optional_whole(edit, "effective_frame"), message)
+    message = {key: value for key, value in edit.items() if key not in ("at_frame", "effective_frame", "gave")}
+    gave = fields.mapping(edit, "gave") if "gave" in edit else {}
+    return ToldAt(
+        fields.whole(edit, "at_frame"),
+        fields.optional_whole(edit, "effective_frame"),
+        message,
+        fields.optional_whole(gave, "prompt_id"),
+        tuple(fields.wholes(gave, "constraint_ids")) if "constraint_ids" in gave else (),
+    )

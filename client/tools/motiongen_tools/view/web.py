@@ -19,14 +19,19 @@ from motiongen_client.errors import InvalidInput, MotiongenError
 from motiongen_tools.view.access import Access, Role, is_own_page
 from motiongen_tools.view.bridge import Bridge
 from motiongen_tools.view.browser import Browser
+from motiongen_tools.view.character import Character
+from motiongen_tools.view.constraint_list import read_list
 from motiongen_tools.view.motion_files import MAX_BYTES, read_upload
 from motiongen_tools.view.page_files import PAGE, content_policy
 from motiongen_tools.view.recording import write_take
+from motiongen_tools.view.session_file import parse_session
 from motiongen_tools.view.wire import pack_motion
 
 DENIED = 4401
 """Close code of a WebSocket whose token is wrong."""
 UNKNOWN_ROOM = 4400
+MARGIN_FRAMES = 12
+"""What may be committed while a list of constraints is under way, and is computed."""
 
 
 def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
@@ -60,12 +65,23 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
         return Response(data, media_type=media_type, headers=told)
 
     async def open_motion(request: Request) -> Response:
-        if int(request.headers.get("content-length", MAX_BYTES + 1)) > MAX_BYTES:
-            raise InvalidInput("file", "more", f"at most {MAX_BYTES >> 20} MiB")
         name = request.query_params.get("name", "")
         rigs = bridge.line.client.catalog.rigs
-        motion = await asyncio.to_thread(read_upload, name, await request.body(), rigs)
+        motion = await asyncio.to_thread(read_upload, name, await _body(request), rigs)
         return Response(pack_motion(Path(name).name, motion), media_type="application/octet-stream")
+
+    async def load(request: Request) -> Response:
+        room = bridge.room(request.path_params["room"])
+        data = await _body(request)
+        number = await room.again(parse_session(data, request.query_params.get("name", "the file")), {})
+        return JSONResponse({"numbers": [number]})
+
+    async def aim(request: Request) -> Response:
+        character = bridge.room(request.path_params["room"]).character(request.path_params["character"])
+        max_path_frames = bridge.line.client.catalog.limits.max_trajectory_frames
+        specs = read_list(await _body(request), character.session.rig, _first_free(character), max_path_frames)
+        entry = character.tell({"op": "add_constraints", "constraints": specs})
+        return JSONResponse({"entry": entry.number, "count": len(specs)})
 
     def guarded(answer: Callable[[Request], Awaitable[Response]], *roles: Role) -> Callable[..., Awaitable[Response]]:
         async def check(request: Request) -> Response:
@@ -84,11 +100,25 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
             WebSocketRoute("/ws", socket),
             Route("/take/{room}/{character:int}/{name}", guarded(take, Role.CONTROL, Role.WATCH)),
             Route("/motion", guarded(open_motion, Role.CONTROL), methods=["POST"]),
+            Route("/session/{room}", guarded(load, Role.CONTROL), methods=["POST"]),
+            Route("/constraints/{room}/{character:int}", guarded(aim, Role.CONTROL), methods=["POST"]),
             Mount("/three", StaticFiles(directory=three)),
             Mount("/", StaticFiles(directory=PAGE, html=True)),
         ],
         middleware=[Middleware(_Guard, access=access)],
     )
+
+
+def _first_free(character: Character) -> int:
+    """The frame that a list's frame 0 becomes: one that can surely still change when the message comes."""
+    playback = character.session.playback
+    return max(playback.committed_to, playback.playhead) + MARGIN_FRAMES
+
+
+async def _body(request: Request) -> bytes:
+    if int(request.headers.get("content-length", MAX_BYTES + 1)) > MAX_BYTES:
+        raise InvalidInput("file", "more", f"at most {MAX_BYTES >> 20} MiB")
+    return await request.body()
 
 
 class _Guard:

@@ -3,42 +3,48 @@ import { Cast } from "./cast.js";
 import { Connection } from "./net/connection.js";
 import { Bodies, colourOf } from "./scene/bodies.js";
 import { Marks } from "./scene/marks.js";
+import { Pick } from "./scene/pick.js";
 import { Stage } from "./scene/stage.js";
 import { Pointer } from "./steer/pointer.js";
 import { Tools } from "./steer/tools.js";
 import { isTyping, Velocity } from "./steer/velocity.js";
 import { Timeline } from "./timeline/timeline.js";
+import { Compare } from "./ui/compare.js";
 import { note, trying } from "./ui/dom.js";
 import { makeHelp } from "./ui/help.js";
 import { Inspect } from "./ui/inspect.js";
+import { Options } from "./ui/options.js";
 import { People } from "./ui/people.js";
 import { Plots } from "./ui/plots.js";
 import { PromptBox } from "./ui/prompt.js";
 import { Status } from "./ui/status.js";
 import { Takes } from "./ui/takes.js";
+import { TargetForm } from "./ui/targets.js";
 
 const byId = (id) => document.getElementById(id);
 const address = new URLSearchParams(location.search);
 const token = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
 const room = address.get("room") ?? "main";
 
-const stage = new Stage(byId("stage"));
+const stage = new Stage(byId("stage"), address.get("draw") === "plain");
 const connection = new Connection(room, token);
 const cast = new Cast(connection);
 const bodies = new Bodies(stage.scene);
 const ghosts = new Bodies(stage.scene, { opacity: 0.35, castShadow: false });
 const marks = new Marks(stage.scene);
+const pick = new Pick(stage);
 const status = new Status(byId("status"), cast, connection);
 const timeline = new Timeline(byId("timeline"), cast);
-const takes = new Takes(cast, room, token);
+const takes = new Takes(cast, room, token, stage.scene);
+const compare = new Compare(cast, takes);
 const plots = new Plots();
 new People(byId("people"), cast);
 new Inspect(byId("inspect"), cast, takes.element);
-byId("inspect").append(plots.element);
+byId("inspect").append(compare.element, new TargetForm(cast).element, new Options(cast, timeline).element, plots.element, marks.choice(cast));
 const prompt = new PromptBox(byId("prompt"), cast);
-const tools = new Tools(byId("tools"), stage, cast, bodies, ghosts);
+const tools = new Tools(byId("tools"), stage, cast, pick, ghosts);
 const canSteer = () => cast.role === "control" && Boolean(cast.one) && connection.isOpen && timeline.seek === null;
-const velocity = new Velocity(stage, (message) => trying(() => cast.tell(message)), canSteer);
+const velocity = new Velocity(stage, (message) => trying(() => cast.tell(message)), canSteer, () => tools.keepsPrompt);
 new Pointer(stage, () => tools.current);
 makeHelp(byId("help"));
 let follows = true;
@@ -82,6 +88,7 @@ const KEYS = {
   p: () => step(-1),
   u: () => cast.role === "control" && timeline.undo(),
   " ": () => cast.role === "control" && timeline.togglePause(),
+  c: () => compare.toggle(),
   t: () => (marks.showsTrails = marks.showsContacts = !marks.showsTrails),
   l: () => setTheme(document.documentElement.classList.contains("light") ? "dark" : "light"),
   b: () => document.body.classList.toggle("bare"),
@@ -100,8 +107,7 @@ addEventListener("keydown", (event) => {
 
 const tip = byId("tip");
 stage.canvas.addEventListener("pointermove", (event) => {
-  const hit = event.buttons || cast.members.size > 60 ? null : stage.hit(event, [bodies.mesh]);
-  const owner = hit && cast.members.get(bodies.ownerOf(hit.instanceId));
+  const owner = event.buttons ? null : cast.members.get(pick.at(event));
   tip.hidden = !owner;
   if (owner) {
     tip.textContent = owner.info.name;
@@ -109,25 +115,35 @@ stage.canvas.addEventListener("pointermove", (event) => {
   }
 });
 
+let drawnMs = performance.now();
+
 function draw(nowMs) {
   requestAnimationFrame(draw);
   velocity.update(nowMs);
+  compare.update(Math.min((nowMs - drawnMs) / 1000, 0.2), timeline.seek);
+  drawnMs = nowMs;
   bodies.begin();
+  ghosts.begin();
+  pick.begin();
   for (const member of cast.members.values()) {
+    if (compare.holds(member)) continue;
     const row = member.track.sample(timeline.place(member, nowMs));
     if (!row) continue;
     member.rig.pose(row);
-    bodies.add(member.rig, colourOf(member.number), member.number);
+    bodies.add(member.rig, colourOf(member.number));
+    pick.add(member.number, member.rig);
   }
-  takes.draw(bodies, nowMs);
+  takes.draw(bodies, nowMs, compare.pair?.[1]);
+  compare.draw(bodies, ghosts, stage.camera);
   bodies.end();
+  stage.setCrowd(cast.members.size);
   drawChosen(nowMs);
+  ghosts.end();
   stage.render();
   timeline.draw(nowMs);
   const rateHz = status.count(nowMs);
   if (rateHz !== null) {
     stage.adapt(rateHz, nowMs);
-    bodies.refreshBounds();
   }
 }
 
@@ -135,17 +151,17 @@ function draw(nowMs) {
 function drawChosen(nowMs) {
   const member = cast.one;
   if (!member) return;
-  const place = timeline.place(member, nowMs);
+  const place = compare.holds(member) ? compare.frame : timeline.place(member, nowMs);
   plots.draw(member, place, nowMs);
   const row = member.track.sample(place);
   if (row) {
     member.rig.pose(row);
     if (follows) stage.follow(member.rig.position(0));
   }
-  marks.update(member, place, row, nowMs);
+  marks.update(member, place, compare.pair ? null : row, nowMs); // two that stand aside of where they are have none
   tools.update(member);
 }
 requestAnimationFrame(draw);
 
 // What tests and consoles look at.
-globalThis.motiongen = { cast, connection, stage, bodies, status, timeline, tools, takes };
+globalThis.motiongen = { cast, connection, stage, bodies, status, timeline, tools, takes, compare, velocity, pick };

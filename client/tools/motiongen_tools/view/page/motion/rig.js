@@ -55,6 +55,14 @@ export class Rig {
     }
   }
 
+  /** Move the last pose over the ground, metres. */
+  shift(x, z) {
+    for (let at = 0; at < this.positions.length; at += 3) {
+      this.positions[at] += x;
+      this.positions[at + 2] += z;
+    }
+  }
+
   /** World position of a joint of the last pose. */
   position(joint, target = new Vector3()) {
     return target.fromArray(this.positions, 3 * joint);

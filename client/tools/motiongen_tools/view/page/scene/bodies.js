@@ -3,6 +3,8 @@ import * as THREE from "three";
 
 const PROFILE = [[0, -0.06], [0.55, -0.04], [0.92, 0.06], [1, 0.25], [0.9, 0.7], [0.78, 0.95], [0.45, 1.04], [0, 1.06]];
 const COLOURS = [0xf2a65a, 0x6fb3e0, 0x8fd18a, 0xe58aa5, 0xb79ae0, 0xe0cf6a, 0x6fd0c4, 0xd99a76];
+const FEW_POINTS = [[0, -0.06], [1, 0.25], [0.8, 0.95], [0, 1.06]];
+const MOST_FINE = 24; // characters whose bones are drawn round; more are far away, or small
 const GROWTH = 1.5;
 
 export function colourOf(number) {
@@ -12,13 +14,14 @@ export function colourOf(number) {
 export class Bodies {
   constructor(scene, { opacity = 1, castShadow = true } = {}) {
     this._scene = scene;
-    const points = PROFILE.map(([x, y]) => new THREE.Vector2(x, y));
-    this._geometry = new THREE.LatheGeometry(points, 9);
+    const turned = (points, sides) => new THREE.LatheGeometry(points.map(([x, y]) => new THREE.Vector2(x, y)), sides);
+    this._fine = turned(PROFILE, 9);
+    this._coarse = turned(FEW_POINTS, 5);
     this._material = new THREE.MeshLambertMaterial({ transparent: opacity < 1, opacity, depthWrite: opacity === 1 });
     this._castShadow = castShadow;
     this._room = 0;
     this._used = 0;
-    this._owners = [];
+    this._count = 0;
     this._grow(64);
     this._matrix = new THREE.Matrix4();
     this._turn = new THREE.Quaternion();
@@ -30,11 +33,11 @@ export class Bodies {
   /** Between begin and end, `add` puts one character after the other. */
   begin() {
     this._used = 0;
-    this._owners.length = 0;
+    this._count = 0; // characters
   }
 
-  /** The rig has been posed. owner: what `ownerOf` tells of its bones. */
-  add(rig, colour, owner) {
+  /** The rig has been posed. */
+  add(rig, colour) {
     const bones = rig.bones;
     if (this._used + bones.length > this._room) this._grow(GROWTH * (this._used + bones.length));
     this._colour.set(colour);
@@ -48,29 +51,20 @@ export class Bodies {
       this.mesh.setColorAt(this._used, this._colour);
       this._used++;
     }
-    this._owners.push({ end: this._used, owner });
+    this._count++;
   }
 
   end() {
+    this.mesh.geometry = this._count > MOST_FINE ? this._coarse : this._fine;
     this.mesh.count = this._used;
     this.mesh.instanceMatrix.needsUpdate = true;
     if (this.mesh.instanceColor) this.mesh.instanceColor.needsUpdate = true;
   }
 
-  /** Whose bone an instance is. */
-  ownerOf(instance) {
-    return this._owners.find(({ end }) => instance < end)?.owner ?? null;
-  }
-
-  /** Rays are tried against spheres around everything; those of the last frame are old. */
-  refreshBounds() {
-    this.mesh.computeBoundingSphere();
-  }
-
   _grow(room) {
     const before = this.mesh;
     this._room = Math.ceil(room);
-    this.mesh = new THREE.InstancedMesh(this._geometry, this._material, this._room);
+    this.mesh = new THREE.InstancedMesh(this._fine, this._material, this._room);
     this.mesh.instanceMatrix.setUsage(THREE.DynamicDrawUsage);
     this.mesh.castShadow = this._castShadow;
     this.mesh.frustumCulled = false;

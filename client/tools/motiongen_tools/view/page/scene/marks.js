@@ -1,5 +1,6 @@
 // Marks on the stage: targets of the chosen character, trails, the plan that was replaced, feet on the ground.
 import * as THREE from "three";
+import { labelled, make } from "../ui/dom.js";
 
 const KEPT_AFTER_S = 3;
 const TRAIL_S = 4;
@@ -14,11 +15,26 @@ export class Marks {
     this._trail = line(0x6fb3e0);
     this._ahead = line(0xf2a65a);
     this._ghost = line(0x9aa3ad);
+    this._jointTrail = line(0xb79ae0);
+    this._joint = make("select", { id: "trail-joint" });
     this._feet = FEET.map(() => disc(0.07, 0x59c36a));
-    this._group.add(this._trail, this._ahead, this._ghost, ...this._feet);
+    this._group.add(this._trail, this._jointTrail, this._ahead, this._ghost, ...this._feet);
     scene.add(this._group);
     this.showsTrails = true;
     this.showsContacts = true;
+  }
+
+  /** The choice of the joint that leaves a trail beside the root. */
+  choice(cast) {
+    const show = () => {
+      const joints = cast.one?.rig.joints ?? [];
+      const before = this._joint.value;
+      this._joint.replaceChildren(make("option", { value: "-1" }, "the root alone"), ...joints.map((name, n) => make("option", { value: n }, name)));
+      if (before) this._joint.value = before;
+    };
+    cast.addEventListener("choice", show);
+    show();
+    return labelled("trail of", this._joint);
   }
 
   /** At every frame that is drawn. place: the frame that is shown; row: of it. */
@@ -58,6 +74,13 @@ export class Marks {
     const isShown = this.showsTrails;
     setLine(this._trail, isShown ? rows(at - TRAIL_S * rig.frameRate, at + 1) : [], rig);
     setLine(this._ahead, isShown ? rows(at, track.end) : [], rig);
+    const joint = Number(this._joint.value || -1);
+    const of = isShown && joint >= 0 ? rows(at - TRAIL_S * rig.frameRate, at + 1) : [];
+    setPoints(this._jointTrail, of.map((each) => {
+      rig.pose(each);
+      return rig.positions.slice(3 * joint, 3 * joint + 3);
+    }));
+    if (of.length) rig.pose(track.sample(place));
     const ghost = track.replaced;
     setLine(this._ghost, isShown && ghost && nowMs - ghost.atMs < GHOST_MS ? ghost.rows : [], rig);
   }
@@ -120,18 +143,23 @@ function line(colour) {
 const MOST_POINTS = 512;
 
 function setLine(drawn, rows, rig) {
-  drawn.visible = rows.length > 1;
+  setPoints(drawn, rows.map((row) => {
+    const [x, z] = rig.rootOf(row);
+    return [x, 0.01, z];
+  }));
+}
+
+/** points: [[x, y, z]]; the last of them where there are too many. */
+function setPoints(drawn, points) {
+  drawn.visible = points.length > 1;
   if (!drawn.visible) return;
   let places = drawn.geometry.getAttribute("position");
   if (!places) {
     places = new THREE.BufferAttribute(new Float32Array(3 * MOST_POINTS), 3).setUsage(THREE.DynamicDrawUsage);
     drawn.geometry.setAttribute("position", places);
   }
-  const count = Math.min(rows.length, MOST_POINTS);
-  for (let n = 0; n < count; n++) {
-    const [x, z] = rig.rootOf(rows[rows.length - count + n]);
-    places.setXYZ(n, x, 0.01, z);
-  }
+  const count = Math.min(points.length, MOST_POINTS);
+  for (let n = 0; n < count; n++) places.setXYZ(n, ...points[points.length - count + n]);
   places.needsUpdate = true;
   drawn.geometry.setDrawRange(0, count);
 }

@@ -6,19 +6,24 @@ const GROUND_M = 400;
 const TILE_PX = 128;
 const LEAST_HZ = 24;
 const TRIED_MS = 2500;
+const LEAST_RATIO = 0.5;
 const THEMES = {
   dark: { sky: 0x14171c, ground: "#2a2f37", line: "#4a5360" },
   light: { sky: 0xe9edf2, ground: "#ccd3db", line: "#9aa6b4" },
 };
 
 export class Stage {
-  constructor(canvas) {
+  /** isPlain: for machines that draw by software: no shadows, no smooth edges, half as many pixels each way. */
+  constructor(canvas, isPlain = false) {
     this.canvas = canvas;
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: false });
-    this.renderer.shadowMap.enabled = true;
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !isPlain, preserveDrawingBuffer: false });
+    this.renderer.shadowMap.enabled = !isPlain;
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
-    this._ratio = Math.min(devicePixelRatio, 2);
+    this._ratio = isPlain ? LEAST_RATIO : Math.min(devicePixelRatio, 2);
     this._slowSinceMs = null;
+    this._drawn = 0;
+    this._shadowEvery = 1;
+    this.renderer.shadowMap.autoUpdate = false;
     this.renderer.setPixelRatio(this._ratio);
     this.scene = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(42, 1, 0.1, 300);
@@ -90,14 +95,19 @@ export class Stage {
     return [((seen.x + 1) / 2) * this.canvas.clientWidth, ((1 - seen.y) / 2) * this.canvas.clientHeight];
   }
 
+  /** Shadows of a crowd are drawn anew at every second or third picture: nobody sees that, and they cost half of it. */
+  setCrowd(count) {
+    this._shadowEvery = count <= 20 ? 1 : count <= 60 ? 2 : 3;
+  }
+
   /** Draw with less where this machine does not keep up: first without shadows, then coarser. */
   adapt(rateHz, nowMs) {
     this._slowSinceMs = rateHz >= LEAST_HZ || document.hidden ? null : (this._slowSinceMs ?? nowMs);
     if (this._slowSinceMs === null || nowMs - this._slowSinceMs < TRIED_MS) return;
     this._slowSinceMs = null;
-    if (this._sun.castShadow) this._sun.castShadow = false;
-    else if (this._ratio > 0.5) {
-      this._ratio = Math.max(this._ratio / 1.5, 0.5);
+    if (this.renderer.shadowMap.enabled && this._sun.castShadow) this._sun.castShadow = false;
+    else if (this._ratio > LEAST_RATIO) {
+      this._ratio = Math.max(this._ratio / 1.5, LEAST_RATIO);
       this.renderer.setPixelRatio(this._ratio);
       this._resize();
     }
@@ -107,8 +117,11 @@ export class Stage {
     this.controls.update();
     const { x, z } = this.controls.target;
     this._ground.position.set(Math.round(x), 0, Math.round(z));
-    this._sun.position.set(x + 5, 11, z - 4);
-    this._sun.target.position.set(x, 0, z);
+    if (this._drawn++ % this._shadowEvery === 0) { // the light stays where its shadows were drawn from
+      this._sun.position.set(x + 5, 11, z - 4);
+      this._sun.target.position.set(x, 0, z);
+      this.renderer.shadowMap.needsUpdate = true;
+    }
     this.renderer.render(this.scene, this.camera);
   }
 

@@ -1,7 +1,8 @@
 // The tools of the pointer: walk there, draw a path, drag a hand or foot, turn to face, place a pose.
 import * as THREE from "three";
+import { HeadingRing } from "../scene/ring.js";
 import { make, trying } from "../ui/dom.js";
-import { frameIn, goTo, leadFrames, pathAlong, rootAt } from "./commands.js";
+import { goTo, leadFrames, pathAlong, rootAt } from "./commands.js";
 
 const HANDLE_M = 0.07;
 const LIMB = /(hand|foot)$/i;
@@ -9,8 +10,9 @@ const STEP_M = 0.08;
 
 export class Tools {
   /** inSeconds: how far ahead a target of a tool is set. */
-  constructor(element, stage, cast, bodies, ghosts) {
-    Object.assign(this, { _stage: stage, _cast: cast, _bodies: bodies, _ghosts: ghosts });
+  constructor(element, stage, cast, pick, ghosts) {
+    Object.assign(this, { _stage: stage, _cast: cast, _pick: pick, _ghosts: ghosts });
+    this._ring = new HeadingRing(stage.scene);
     this._handles = new THREE.Group();
     this._drawn = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: 0xf2a65a }));
     this._drawn.frustumCulled = false;
@@ -20,19 +22,28 @@ export class Tools {
       walk: ["Walk", "click the ground: walk there", { click: (event) => this._walk(event) }],
       path: ["Path", "drag over the ground: walk along it", this._pathTool()],
       limb: ["Hand, foot", "drag a ball: be there with it", this._limbTool()],
-      face: ["Face", "drag over the ground: face that way, wherever the character is", this._faceTool()],
+      face: ["Face", "turn the ring: face that way then, wherever the character is", this._faceTool()],
       pose: ["Pose", "drag the ghost over the ground: have this pose there", this._poseTool()],
     };
-    this._seconds = make("input", { id: "tool-seconds", type: "number", min: 0.5, max: 10, step: 0.5, value: 2, title: "seconds from now" });
+    this._seconds = make("input", { id: "tool-seconds", type: "number", min: 0.5, max: 10, step: 0.5, value: 2, title: "seconds after it takes effect" });
     this._buttons = Object.entries(this._tools).map(([name, [label, title]]) =>
       make("button", { id: `tool-${name}`, title, onclick: () => this.choose(name) }, label));
     const clear = make("button", { id: "clear", title: "drop all targets", onclick: () => trying(() => cast.tell({ op: "clear_constraints" })) }, "Clear");
-    element.append(...this._buttons, make("label", { className: "inline" }, "in s", this._seconds), clear);
+    this._keeps = make("input", { type: "checkbox", id: "keep-prompt", title: "keys and stick shift the motion and leave its prompt" });
+    element.append(
+      ...this._buttons, make("label", { className: "inline" }, "in s", this._seconds),
+      make("label", { className: "inline" }, this._keeps, "keep prompt"), clear,
+    );
     this.choose("walk");
   }
 
   get current() {
     return this._tools[this._name][2];
+  }
+
+  /** Whether a velocity leaves the prompt as it is. */
+  get keepsPrompt() {
+    return this._keeps.checked;
   }
 
   choose(name) {
@@ -45,20 +56,38 @@ export class Tools {
   update(member) {
     this._handles.visible = Boolean(member) && this._name === "limb";
     if (member && this._name === "limb" && !this._drag) this._placeHandles(member);
-    this._ghosts.begin();
     const drag = this._drag;
+    this._showRing(member);
     if (member && this._name === "pose") {
       const row = drag?.row ?? member.track.row(Math.min(this._frame(member), member.track.end - 1));
       if (row) {
         member.rig.pose(row);
-        this._ghosts.add(member.rig, 0xffffff, null);
+        this._ghosts.add(member.rig, 0xffffff);
       }
     }
-    this._ghosts.end();
   }
 
+  _showRing(member) {
+    const root = member && this._name === "face" ? rootAt(member, Math.floor(member.track.playhead())) : null;
+    const place = this._drag?.place;
+    this._ring.show(root, place && root ? Math.atan2(place.x - root.x, place.z - root.z) : (member?.rig.heading() ?? 0));
+  }
+
+  /** Where a tool's handle is in the world, by a joint's name, or of the ring's knob. */
+  handleAt(name) {
+    if (name === "ring") return this._ring.knobAt();
+    const joint = this._cast.one?.rig.joints.indexOf(name);
+    return this._handles.children.find(({ userData }) => userData.joint === joint)?.position;
+  }
+
+  /** So many seconds after it takes effect: however late that is, there is time for it. */
+  _timing(member) {
+    return { frame: Math.round((Number(this._seconds.value) || 2) * member.rig.frameRate), frames_from_effect: true };
+  }
+
+  /** The frame that a target of now will be for, as far as can be told. */
   _frame(member) {
-    return Math.max(frameIn(member, Number(this._seconds.value) || 2), Math.floor(member.track.playhead()) + leadFrames(member) + 4);
+    return Math.floor(member.track.playhead()) + leadFrames(member) + this._timing(member).frame;
   }
 
   _say(...constraints) {
@@ -66,9 +95,9 @@ export class Tools {
   }
 
   _walk(event) {
-    const hit = this._stage.hit(event, [this._bodies.mesh]);
-    if (hit) {
-      this._cast.choose(this._bodies.ownerOf(hit.instanceId));
+    const hit = this._pick.at(event);
+    if (hit !== null && hit !== this._cast.chosen) {
+      this._cast.choose(hit);
       return;
     }
     const place = this._stage.groundAt(event);
@@ -119,7 +148,7 @@ export class Tools {
         const { x, y, z } = handle.position;
         // the target moves along with where the body will be by then
         const hand = [x + root.x - here.x, y, z + root.z - here.z];
-        this._say({ kind: "joint_targets", frame, joints: [0, handle.userData.joint], positions_m: [[root.x, root.y, root.z], hand] });
+        this._say({ kind: "joint_targets", ...this._timing(member), joints: [handle.userData.joint], positions_m: [hand] });
       },
     };
   }
@@ -131,19 +160,15 @@ export class Tools {
         return Boolean(this._drag);
       },
       move: (event) => {
-        const place = this._stage.groundAt(event), member = this._cast.one;
-        if (!place || !this._drag || !member) return;
-        this._drag.place = place;
-        const root = rootAt(member, Math.floor(member.track.playhead()));
-        this._drawLine([[root.x, root.z], [place.x, place.z]]);
+        const place = this._stage.groundAt(event);
+        if (place && this._drag) this._drag.place = place;
       },
       up: () => {
         const member = this._cast.one, place = this._drag?.place;
         this._drag = null;
-        this._drawLine([]);
         if (!member || !place) return;
         const root = rootAt(member, Math.floor(member.track.playhead()));
-        this._say({ kind: "heading", frame: this._frame(member), heading_rad: Math.atan2(place.x - root.x, place.z - root.z) });
+        this._say({ kind: "heading", ...this._timing(member), heading_rad: Math.atan2(place.x - root.x, place.z - root.z) });
       },
     };
   }
@@ -170,7 +195,7 @@ export class Tools {
         if (!member || !drag) return;
         member.rig.pose(drag.row);
         const positions = Array.from({ length: member.rig.numJoints }, (_, n) => Array.from(member.rig.positions.subarray(3 * n, 3 * n + 3)));
-        this._say({ kind: "keyframe", frame: this._frame(member), positions_m: positions });
+        this._say({ kind: "keyframe", ...this._timing(member), positions_m: positions });
       },
     };
   }

@@ -13,11 +13,12 @@ const DEAD_ZONE = 0.2;
 const SAME_MPS = 0.15;
 
 export class Velocity {
-  /** say: sends a message to the chosen character. canSteer: whether it may at present. */
-  constructor(stage, say, canSteer) {
+  /** say: sends a message to the chosen character. canSteer: whether it may at present. keepsPrompt: whether its prompt holds. */
+  constructor(stage, say, canSteer, keepsPrompt) {
     this._stage = stage;
     this._say = say;
     this._canSteer = canSteer;
+    this._keepsPrompt = keepsPrompt;
     this._held = new Set();
     this._last = null;
     this._saidMs = 0;
@@ -47,7 +48,7 @@ export class Velocity {
 
   _send(message, nowMs) {
     this._saidMs = nowMs;
-    this._say(message);
+    this._say(this._keepsPrompt() ? { ...message, keep_prompt: true } : message);
   }
 
   _press(event, isDown) {

@@ -7,7 +7,7 @@ const KEYS = [
   ["1 to 5", "tools: walk, path, hand or foot, face, pose"],
   ["/", "to the prompt"], ["Tab", "to the next control"], ["n, p", "next and previous character"],
   ["Space", "pause, go on"], ["u", "undo"], ["f", "the camera follows, or does not"], ["v", "look at the chosen one"],
-  ["t", "trails and contacts"], ["l", "light or dark"], ["b", "only the stage"], ["?", "this"],
+  ["c", "compare two takes"], ["t", "trails and contacts"], ["l", "light or dark"], ["b", "only the stage"], ["?", "this"],
 ];
 
 export function makeHelp(dialog) {

@@ -1,4 +1,5 @@
-// Plots of the chosen character that run with what is shown: root speed, and how feet on the ground slide.
+// Plots of the chosen character that run with what is shown: root speed, how feet on the ground slide, and how far it is
+// from its next target, which is the residual once that is reached.
 import { make } from "./dom.js";
 
 const SECONDS = 6;
@@ -9,9 +10,9 @@ const PERIOD_MS = 200;
 export class Plots {
   constructor() {
     this._canvas = make("canvas", { width: 262, height: HEIGHT });
-    this._canvas.setAttribute("aria-label", "Root speed and sliding of feet over the last seconds");
+    this._canvas.setAttribute("aria-label", "Root speed, sliding of feet and distance to the next target over the last seconds");
     this._context = this._canvas.getContext("2d");
-    this.element = make("section", {}, make("h2", {}, "Root speed, foot slide (m/s, to 3)"), this._canvas);
+    this.element = make("section", {}, make("h2", {}, "Root speed, foot slide (m/s), way to the target (m), to 3"), this._canvas);
     this._drawnMs = 0;
   }
 
@@ -22,18 +23,19 @@ export class Plots {
     const { width } = this._canvas;
     const context = this._context;
     context.clearRect(0, 0, width, HEIGHT);
-    const { speeds, slides } = figures(member, Math.floor(place));
+    const { speeds, slides, ways } = figures(member, Math.floor(place));
     const style = getComputedStyle(document.documentElement);
     draw(context, speeds, width, style.getPropertyValue("--accent"));
     draw(context, slides, width, style.getPropertyValue("--bad"));
+    draw(context, ways, width, style.getPropertyValue("--good"));
   }
 }
 
-/** Metres a second at each of the last frames: of the root, and of the fastest foot that is said to stand. */
+/** At each of the last frames, metres a second of the root and of the fastest foot that is said to stand; metres to go. */
 export function figures(member, last) {
   const { rig, track } = member;
   const feet = ["LeftFoot", "LeftToeBase", "RightFoot", "RightToeBase"].map((name) => rig.joints.indexOf(name));
-  const speeds = [], slides = [];
+  const speeds = [], slides = [], ways = [];
   let before = null;
   for (let frame = Math.max(last - SECONDS * rig.frameRate, track.first); frame <= last; frame++) {
     const row = track.row(frame);
@@ -41,6 +43,7 @@ export function figures(member, last) {
     rig.pose(row);
     const contacts = rig.contactsOf(row);
     const here = { root: rig.rootOf(row), feet: feet.map((joint) => [rig.positions[3 * joint], rig.positions[3 * joint + 2]]), contacts };
+    ways.push(wayLeft(member, frame, rig));
     if (before) {
       const mps = ([x, z], [px, pz]) => Math.hypot(x - px, z - pz) * rig.frameRate;
       speeds.push(mps(here.root, before.root));
@@ -48,12 +51,26 @@ export function figures(member, last) {
     }
     before = here;
   }
-  return { speeds, slides };
+  return { speeds, slides, ways };
+}
+
+/** Metres from the pose of the rig to the target that comes next at a frame; NaN where there is none. */
+function wayLeft(member, frame, rig) {
+  const next = member.info.targets.find(({ last, arrival, state }) => state !== "removed" && (arrival ?? last) >= frame);
+  const { spec } = next ?? {};
+  if (!spec || spec.is_relative) return NaN;
+  if (spec.kind === "waypoint") return Math.hypot(rig.positions[0] - spec.x_m, rig.positions[2] - spec.z_m);
+  if (spec.kind !== "joint_targets" && spec.kind !== "keyframe") return NaN;
+  const off = spec.positions_m.map(([x, y, z], n) => {
+    const at = 3 * (spec.joints?.[n] ?? n);
+    return Math.hypot(rig.positions[at] - x, rig.positions[at + 1] - y, rig.positions[at + 2] - z);
+  });
+  return Math.max(...off);
 }
 
 function draw(context, values, width, colour) {
   context.strokeStyle = colour;
   context.beginPath();
-  values.forEach((value, n) => context.lineTo((n / (values.length - 1 || 1)) * width, HEIGHT - 2 - (Math.min(value, MOST_MPS) / MOST_MPS) * (HEIGHT - 4)));
+  values.forEach((value, n) => Number.isNaN(value) || context.lineTo((n / (values.length - 1 || 1)) * width, HEIGHT - 2 - (Math.min(value, MOST_MPS) / MOST_MPS) * (HEIGHT - 4)));
   context.stroke();
 }

@@ -1,33 +1,33 @@
-// Takes: download what was played, open a motion file and see it played beside.
+// Takes: download what was played; open a motion file, a session file or a list of constraints.
+import { openScene, OpenedMotion } from "../motion/opened.js";
 import { Rig } from "../motion/rig.js";
 import { splitRows, unpack } from "../net/messages.js";
 import { make, note, trying } from "./dom.js";
 
 const FORMATS = ["npz", "bvh", "glb", "session.json", "constraints.json"];
+const BESIDE_M = 1.2;
 
-export class Takes {
-  constructor(cast, room, token) {
-    this._cast = cast;
-    this._room = room;
+export class Takes extends EventTarget {
+  /** Event: "opened", whenever `opened` has changed. scene: of three.js. */
+  constructor(cast, room, token, scene) {
+    super();
+    Object.assign(this, { _cast: cast, _room: room, _scene: scene });
     this._headers = { Authorization: `Bearer ${token}` };
-    this.opened = []; // {name, rig, rows, fromMs}
+    this.opened = []; // of motion/opened.js
     const buttons = FORMATS.map((format) =>
       make("button", { className: "preset", dataset: { take: format }, onclick: () => trying(() => this._save(format)) }, format));
-    this._file = make("input", { type: "file", id: "open-file", accept: ".npz,.bvh,.csv", onchange: () => trying(() => this._open()) });
+    this._file = make("input", { type: "file", id: "open-file", accept: ".npz,.bvh,.csv,.glb,.json", onchange: () => trying(() => this._open()) });
     this._list = make("ul", { id: "opened" });
     this.element = make(
       "section", { "aria-label": "Takes" }, make("h2", {}, "Save what was played as"), make("div", { id: "takes" }, ...buttons),
-      make("label", { className: "steering" }, make("span", {}, "open a motion file"), this._file), this._list,
+      make("label", { className: "steering" }, make("span", {}, "open a motion, a session file or constraints"), this._file), this._list,
     );
   }
 
-  /** Draw the opened motions, looped. */
-  draw(bodies, nowMs) {
-    this.opened.forEach(({ rig, rows, fromMs }, n) => {
-      const frame = Math.floor(((nowMs - fromMs) / 1000) * rig.frameRate) % rows.length;
-      rig.pose(rows[frame]);
-      for (let joint = 0; joint < rig.numJoints; joint++) rig.positions[3 * joint] += 1.2 * (n + 1); // beside the others
-      bodies.add(rig, 0xcfd6de, null);
+  /** Draw the opened motions, looped, beside the others; not the one that is drawn elsewhere. */
+  draw(bodies, nowMs, elsewhere = null) {
+    this.opened.forEach((one, n) => {
+      if (one !== elsewhere) one.draw(bodies, ((nowMs - one.fromMs) / 1000) * one.frameRate % one.numFrames, BESIDE_M * (n + 1), 0);
     });
   }
 
@@ -46,23 +46,58 @@ export class Takes {
   async _open() {
     const [file] = this._file.files;
     if (!file) return;
-    const answer = await fetch(`motion?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file, headers: this._headers });
+    try {
+      if (/\.json$/i.test(file.name)) await this._load(file);
+      else if (/\.glb$/i.test(file.name)) this._add(await openScene(file.name, await file.arrayBuffer(), this._scene));
+      else this._add(await this._read(file));
+    } finally {
+      this._file.value = "";
+    }
+  }
+
+  async _send(address, body) {
+    const answer = await fetch(address, { method: "POST", body, headers: this._headers });
     if (!answer.ok) throw new Error(answer.status === 401 ? await answer.text() : (await answer.json()).error);
+    return answer;
+  }
+
+  async _read(file) {
+    const answer = await this._send(`motion?name=${encodeURIComponent(file.name)}`, file);
     const { header, rows } = unpack(await answer.arrayBuffer());
     const rig = new Rig(header.rig);
-    const one = { name: header.name, rig, rows: splitRows(rows, rig.rowWidth, 0, header.num_frames), fromMs: performance.now() };
+    return new OpenedMotion(header.name, rig, splitRows(rows, rig.rowWidth, 0, header.num_frames));
+  }
+
+  /** A session file is played again by a character of its own; a list of constraints is for the chosen one. */
+  async _load(file) {
+    const held = JSON.parse(await file.text());
+    if (!Array.isArray(held)) {
+      const answer = await (await this._send(`session/${this._room}?name=${encodeURIComponent(file.name)}`, file)).json();
+      note(`${file.name} is played again by character ${answer.numbers[0]}`);
+      return;
+    }
+    const member = this._cast.one;
+    if (!member) throw new Error("no character is chosen that these constraints could be for");
+    const answer = await (await this._send(`constraints/${this._room}/${member.number}`, file)).json();
+    note(`${answer.count} constraints of ${file.name}, from now on`);
+  }
+
+  _add(one) {
     this.opened.push(one);
-    this._file.value = "";
     this._showOpened();
   }
 
   _showOpened() {
     this._list.replaceChildren(...this.opened.map((one) => {
       const close = () => {
+        one.dispose();
         this.opened.splice(this.opened.indexOf(one), 1);
         this._showOpened();
       };
-      return make("li", {}, `${one.name}, ${one.rows.length} frames `, make("button", { className: "small", title: `Close ${one.name}`, onclick: close }, "×"));
+      const button = make("button", { className: "small", title: `Close ${one.name}`, onclick: close }, "×");
+      button.setAttribute("aria-label", button.title);
+      return make("li", {}, `${one.name}, ${one.numFrames} frames `, button);
     }));
+    this.dispatchEvent(new Event("opened"));
   }
 }

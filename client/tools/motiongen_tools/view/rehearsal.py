@@ -1,0 +1,65 @@
+"""Rehearsal: a character that is told what another was told, at the same frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from motiongen_client.edit import Edit
+from motiongen_tools.view.fields import Message
+
+ONLY_PLAYBACK = ("pause", "resume")  # the playhead stood then, and no frame came of it
+
+
+@dataclass(frozen=True)
+class ToldAt:
+    """One edit. at_frame: where the playhead was; effective_frame: the first that showed it, if any did.
+
+    prompt_id, constraint_ids: those that the edit was given, by which later ones name what it made.
+    """
+
+    at_frame: int
+    effective_frame: int | None
+    message: Message
+    prompt_id: int | None = None
+    constraint_ids: tuple[int, ...] = ()
+
+
+class Rehearsal:
+    """Edits that wait for their frame. end_frame: the first that is not played any more."""
+
+    def __init__(self, edits: Iterable[ToldAt], end_frame: int) -> None:
+        self.end_frame = end_frame
+        self._waiting = sorted(
+            (edit for edit in edits if edit.message.get("op") not in ONLY_PLAYBACK), key=lambda edit: edit.at_frame
+        )
+        self._prompts: dict[int, int] = {}
+        self._constraints: dict[int, int] = {}
+
+    def due(self, playhead: int) -> list[ToldAt]:
+        """Those whose frame has come, in their order; each once. Say `told` of one before the next is `renumbered`."""
+        count = next((n for n, edit in enumerate(self._waiting) if edit.at_frame > playhead), len(self._waiting))
+        due, self._waiting = self._waiting[:count], self._waiting[count:]
+        return due
+
+    def renumbered(self, message: Message) -> Message:
+        """A message with the ids that this character gave to what it names. What was refused then took ids too."""
+        moved = dict(message)
+        if moved.get("prompt_id") is not None:
+            moved["prompt_id"] = self._prompts.get(moved["prompt_id"], moved["prompt_id"])
+        if moved.get("constraint_id") is not None:
+            moved["constraint_id"] = self._constraints.get(moved["constraint_id"], moved["constraint_id"])
+        for name, book in (("prompt_ids", self._prompts), ("constraint_ids", self._constraints)):
+            if isinstance(moved.get(name), list):
+                moved[name] = [book.get(key, key) for key in moved[name]]
+        return moved
+
+    def told(self, then: ToldAt, edit: Edit) -> None:
+        """An edit was told again, and has been given its ids."""
+        if then.prompt_id is not None and edit.prompt_id is not None:
+            self._prompts[then.prompt_id] = edit.prompt_id
+        self._note(then.constraint_ids, edit.constraint_ids)
+
+    def _note(self, then: Sequence[int], now: Sequence[int]) -> None:
+        if len(then) == len(now):
+            self._constraints.update(zip(then, now, strict=True))

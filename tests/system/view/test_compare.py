@@ -1,0 +1,70 @@
+"""In Chromium: a take is made again with more steps, and both are seen at the same frame; files are opened again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import Select
+
+from tests.system.view.chromium import Page
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(500)]
+
+
+def test_a_take_is_made_again_with_ten_steps_and_compared(page: Page, pictures: Path) -> None:
+    page.driver.find_element(By.CSS_SELECTOR, "[data-preset=wave-both]").click()
+    said = page.until("motiongen.cast.one.info.edits.find(({ effective_frame }) => effective_frame !== null)")
+    page.until("motiongen.cast.one.track.playhead() > arguments[0] + 20", said["effective_frame"])
+    page.run("document.getElementById('compare-panel').open = true")
+    page.driver.find_element(By.ID, "again-steps").send_keys("10")
+    page.run("document.getElementById('again').click()")
+    page.until("motiongen.cast.members.size === 2")
+    first, again = page.run("return [...motiongen.cast.members.values()].map(({ info }) => info)")
+    assert again["seed"] == first["seed"]
+    assert (first["steps"], again["steps"]) == (4, 10)
+    page.until("!motiongen.cast.members.get(2).info.is_rehearsing")
+    told = page.run("return motiongen.cast.members.get(2).info.edits")
+    assert [edit["what"] for edit in told if edit["op"] == "set_prompt"] == [said["what"]]
+    assert page.run("return motiongen.cast.members.get(2).info.failure") == ""
+    page.run("document.getElementById('compare').click()")
+    page.until("motiongen.compare.frame > 10")
+    assert page.run("return motiongen.compare.pair.map(({ number }) => number)") == [1, 2]
+    page.until("document.getElementById('compare-said').value.includes('joints')")
+    bones = page.run("return motiongen.cast.one.rig.bones.length")
+    page.until("motiongen.bodies.mesh.count === 2 * arguments[0]", bones)
+    page.picture(pictures / "side-by-side.png")
+    Select(page.driver.find_element(By.ID, "compare-how")).select_by_value("over")
+    page.until("motiongen.bodies.mesh.count === arguments[0]", bones)  # the other one is a ghost now
+    page.picture(pictures / "laid-over.png")
+    page.run("motiongen.timeline.lookAt(15)")
+    page.until("motiongen.compare.frame === 15")
+    page.run("document.getElementById('compare').click()")
+    assert page.run("return motiongen.compare.pair") is None
+    assert page.complaints() == []
+
+
+def test_what_was_saved_is_opened_again(page: Page, tmp_path: Path) -> None:
+    page.driver.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
+    page.run(
+        "motiongen.cast.tell({ op: 'add_constraints', constraints: [{ kind: 'heading', frame: 60, heading_rad: 1 }] })"
+    )
+    page.settled_target("heading")
+    page.until("motiongen.cast.one.track.playhead() > 64")
+    for name in ("glb", "session.json", "constraints.json"):
+        page.run("document.querySelector(`[data-take='${arguments[0]}']`).click()", name)
+        saved = tmp_path / f"character-1.{name}"
+        while not saved.exists():
+            page.run("return 0")  # the browser writes it in its own time
+        page.driver.find_element(By.ID, "open-file").send_keys(str(saved))
+        page.until("document.getElementById('open-file').value === ''")
+    (entry,) = json.loads((tmp_path / "character-1.constraints.json").read_text())
+    assert entry["global_root_heading"] == [1]
+    page.until("motiongen.takes.opened.length === 1")  # the glTF, as its own scene
+    assert page.run("return motiongen.takes.opened[0].numFrames") > 60
+    page.until("motiongen.cast.members.size === 2")  # who plays the session file again
+    page.until("motiongen.cast.one.info.targets.filter(({ spec }) => spec.kind === 'waypoint').length === 1")
+    page.until("motiongen.cast.members.get(2).info.targets.some(({ spec }) => spec.kind === 'heading')")
+    assert page.complaints() == []

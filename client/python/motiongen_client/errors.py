@@ -39,7 +39,10 @@ class ServerUnavailable(MotiongenError, ConnectionError):
     """No server answered at `address`. Check the address and whether the server is ready, then connect again."""
 
     def __init__(self, address: str, detail: str) -> None:
-        super().__init__(f"no motiongen server answers at {address}: {detail}. Is it running and ready (/readyz)?")
+        super().__init__(
+            f"no motiongen server answers at {address}: {detail}. Is it running and ready (/readyz), and are both with "
+            "TLS, or both without it?"
+        )
         self.address = address
         self.detail = detail
 

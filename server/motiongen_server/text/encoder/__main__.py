@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-import asyncio
+import os
 import sys
-
-from motiongen_server.ops.logs import configure_logs
-from motiongen_server.settings import SettingError
-from motiongen_server.text.encoder.app import run
-from motiongen_server.text.encoder.config import ENCODER
 
 
 def main() -> int:
     """0 after an orderly end, 2 for a wrong setting."""
+    # Read when grpc is imported. Else each client that speaks no TLS to a port that does adds a line to the log.
+    os.environ.setdefault("GRPC_VERBOSITY", "ERROR")
+    import asyncio
+
+    from motiongen_server.ops.logs import configure_logs
+    from motiongen_server.settings import SettingError
+    from motiongen_server.text.encoder.app import run
+    from motiongen_server.text.encoder.config import ENCODER
+
     try:
         config = ENCODER.parse(sys.argv[1:])
     except SettingError as error:

@@ -1,0 +1,30 @@
+"""What clients do wrong before they have said anything adds nothing to the log."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from pathlib import Path
+
+from tests.e2e.test_drain import LIMIT_S, serving
+from tests.server.identity.files import TenantsFile, copy_pair
+
+PLAIN = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes(100)
+
+
+async def test_clients_without_tls_on_a_port_with_it_are_not_logged(tmp_path: Path) -> None:
+    tenants = TenantsFile(tmp_path)
+    tenants.one()
+    certificate, key = copy_pair("server-1", tmp_path)
+    protected = ("--tls-certificate", certificate, "--tls-key", key, "--tenants", str(tenants.path))
+    async with asyncio.timeout(LIMIT_S), serving(*protected, "--drain-wait-s", "0") as (process, ports):
+        for _ in range(20):
+            reader, writer = await asyncio.open_connection("localhost", ports["grpc_port"])
+            writer.write(PLAIN)
+            await reader.read()  # to the end: it has been turned away
+            writer.transport.abort()
+        process.send_signal(signal.SIGTERM)
+        _, said = await process.communicate()
+    assert process.returncode == 0
+    assert b"andshake" not in said
+    assert said.count(b"\n") < 20, said.decode()

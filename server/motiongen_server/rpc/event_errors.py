@@ -100,6 +100,15 @@ def peer_steps(asked_hz: float, most_hz: float, kind: str) -> EventRefused:
     return EventRefused(Code.RESOURCE_EXHAUSTED, "STEPS_QUOTA", message, "open.denoise_steps", allowed)
 
 
+def peer_waiting(most: int, kind: str) -> EventRefused:
+    """Of events that come behind a prompt that is being encoded."""
+    message = f"your {kind} has {most} bytes of events waiting for prompts to be encoded"
+    allowed = (
+        "events once those before them have been answered; prompts that were used before, and presets, wait for nothing"
+    )
+    return EventRefused(Code.RESOURCE_EXHAUSTED, "TOO_MANY_PENDING_EVENTS", message, "event", allowed, 1.0)
+
+
 def too_many_clips(most: int) -> EventRefused:
     code, message = Code.RESOURCE_EXHAUSTED, "other clips are being made; try again later"
     return EventRefused(code, "CLIP_LIMIT", message, "open", f"at most {most} calls for clips at once", 2.0)

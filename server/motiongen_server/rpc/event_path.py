@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import secrets
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -44,6 +43,7 @@ def pass_on(entry: SessionEntry, event: session_pb2.SessionEvent, now: float) ->
             return
     if len(entry.waiting) >= MAX_WAITING_EVENTS and event.WhichOneof("event") != "close":
         raise too_many_pending("events", MAX_WAITING_EVENTS)
+    entry.place.peer.check_waiting(event.ByteSize())
     # All that can be wrong with it is found before anything is encoded for it, or waits.
     checked = engine_event(event, entry.key, now, UNENCODED, entry.model.catalog)
     if isinstance(checked, Open) and (refusal := entry.model.engine.refusal_of(checked)) is not None:
@@ -52,7 +52,7 @@ def pass_on(entry: SessionEntry, event: session_pb2.SessionEvent, now: float) ->
         return
     kept = session_pb2.SessionEvent()
     kept.CopyFrom(event)  # else the whole message would be kept with it
-    entry.waiting.append((kept, now, texts))
+    entry.wait_for_prompts(kept, now, texts)
     if entry.encoding is None:
         entry.encoding = asyncio.get_running_loop().create_task(_encode_waiting(entry))
 
@@ -61,8 +61,7 @@ def refuse_waiting(entry: SessionEntry) -> None:
     """Answer what waits for the encoder: its session is over."""
     if entry.encoding is not None and entry.encoding is not asyncio.current_task():
         entry.encoding.cancel()
-    waiting, entry.waiting = entry.waiting, deque()
-    for event, *_ in waiting:
+    for event in entry.take_all_waiting():
         entry.carrier.take(session_closed().outcome(entry.key, event.event_seq))
 
 
@@ -97,7 +96,7 @@ async def _encode_waiting(entry: SessionEntry) -> None:
                 failure = error
             if not entry.waiting or entry.waiting[0][0] is not event:
                 return  # its session ended meanwhile, and it was answered
-            entry.waiting.popleft()
+            entry.take_waiting()
             try:
                 if failure is not None:
                     raise failure

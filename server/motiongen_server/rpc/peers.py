@@ -10,7 +10,7 @@ from typing import Any, cast
 
 from motiongen_server.engine.types import Owner, Priority
 from motiongen_server.identity.caller import Caller
-from motiongen_server.rpc.event_errors import peer_class, peer_clips, peer_sessions, peer_steps
+from motiongen_server.rpc.event_errors import peer_class, peer_clips, peer_sessions, peer_steps, peer_waiting
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.stream_errors import too_many_calls
 from motiongen_server.rpc.token_bucket import Share, TokenBucket
@@ -39,6 +39,7 @@ class Peer:
         self.num_streams = 0
         self._sessions: Counter[Priority] = Counter()
         self._clip_samples = 0
+        self.waiting_bytes = 0  # of events that wait for prompts to be encoded
         self._steps_hz = 0.0
         self.limits = limits
         self.events = TokenBucket(limits.events_per_second, now)
@@ -134,6 +135,12 @@ class Peer:
         self._steps_hz += steps_hz
         self._sessions[before] -= 1
         self._sessions[after] += 1
+
+    def check_waiting(self, num_bytes: int) -> None:
+        """Raises EventRefused where no event of that size may wait for a prompt besides those that do."""
+        most = self.limits.waiting_bytes
+        if self.waiting_bytes + num_bytes > most:
+            raise peer_waiting(most, self.kind)
 
     def begin_clip(self, num_samples: int) -> None:
         """Note samples that are about to be made. Raises EventRefused where it has as many as it may."""

@@ -80,6 +80,7 @@ class SessionEntry:
     applied_seq: int = 0
     answered: set[int] = field(default_factory=set)
     waiting: deque[tuple[session_pb2.SessionEvent, float, Sequence[str]]] = field(default_factory=deque)
+    waiting_bytes: int = 0  # of them
     encoding: asyncio.Task[None] | None = None
     known_to_engine: bool = False
     closing: bool = False
@@ -108,6 +109,25 @@ class SessionEntry:
             raise sequence_gap(event_seq, self.last_seq + 1)
         self.last_seq = event_seq
         return True
+
+    def wait_for_prompts(self, event: session_pb2.SessionEvent, received_at: float, texts: Sequence[str]) -> None:
+        """Hold an event back until its prompts are encoded, and those of the events before it."""
+        self.waiting.append((event, received_at, texts))
+        self._count_waiting(event.ByteSize())
+
+    def take_waiting(self) -> session_pb2.SessionEvent:
+        """The oldest of them, which waits no more."""
+        event, *_ = self.waiting.popleft()
+        self._count_waiting(-event.ByteSize())
+        return event
+
+    def take_all_waiting(self) -> list[session_pb2.SessionEvent]:
+        """All of them, oldest first; none waits any more."""
+        return [self.take_waiting() for _ in range(len(self.waiting))]
+
+    def _count_waiting(self, num_bytes: int) -> None:
+        self.waiting_bytes += num_bytes
+        self.place.peer.waiting_bytes += num_bytes
 
     def is_answered(self, event_seq: int) -> bool:
         """Whether an event has been answered."""

@@ -71,5 +71,5 @@ def client_silent(after_s: float) -> StreamRefused:
 
 
 def no_memory_left(most: int) -> StreamRefused:
-    message = f"more than {most} bytes wait for clients that do not read, and most of them for this one"
+    message = f"more than {most} bytes wait to be read by clients, or for their prompts, and most are this one's"
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "SLOW_READER", message)

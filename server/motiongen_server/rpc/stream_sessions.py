@@ -44,6 +44,11 @@ class StreamSessions(StreamOutput):
     def num_sessions(self) -> int:
         return len(self._entries)
 
+    @property
+    def num_waiting_bytes(self) -> int:
+        """What waits to be written, and of what has come waits for prompts, about."""
+        return super().num_waiting_bytes + sum(entry.waiting_bytes for entry in self._entries.values())
+
     def take(self, *outputs: Output) -> None:
         """Take outputs for this stream's client, in order."""
         self.take_all(outputs)

@@ -13,6 +13,7 @@ import pytest
 from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_server.engine.types import Chunk, Close, Closed, CloseReason, Code, Open, Outcome
 from motiongen_server.rpc.event_path import MAX_WAITING_EVENTS
+from motiongen_server.rpc.limits import PeerLimits
 from tests.server.rpc.test_event_order import HANDLE, PAUSE, WALK, Line, make_catalog
 
 
@@ -77,6 +78,24 @@ async def test_no_more_waits_for_the_encoder_than_may(line: Line) -> None:
     assert [reason for _, reason in line.refusals()] == ["TOO_MANY_PENDING_EVENTS"] * 2
     await line.encoded()
     assert line.engine.kinds()[-1] is Close
+
+
+async def test_no_more_bytes_of_a_peer_wait_for_the_encoder_than_may() -> None:
+    line = Line()
+    line.stream.peer.limits = PeerLimits(waiting_bytes=20_000)
+    line.open()
+    line.send(2, edit_prompts=WALK)  # is being encoded
+    far = motion_pb2.RootTrajectory(positions=[1.0] * 800)
+    for event_seq in range(3, 13):
+        path = motion_pb2.Constraint(constraint_id=event_seq, frame=40, root_trajectory=far)  # 3.2 kB
+        line.send(event_seq, edit_constraints=session_pb2.EditConstraints(upsert=[path]))
+    assert line.refusals() == [(number, "TOO_MANY_PENDING_EVENTS") for number in range(9, 13)]
+    assert 16_000 < line.stream.num_waiting_bytes <= 20_000
+    await line.encoded()
+    assert (line.stream.peer.waiting_bytes, line.stream.num_sessions) == (0, 1)
+    line.send(13, edit_prompts=session_pb2.EditPrompts(upsert=[motion_pb2.PromptSpan(prompt_id=1, text="hop")]))
+    line.stream.close_all(CloseReason.CLIENT)
+    assert line.stream.peer.waiting_bytes == 0
 
 
 async def test_an_open_refused_by_the_engine_frees_its_handle(line: Line) -> None:

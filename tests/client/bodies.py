@@ -6,7 +6,8 @@ import numpy as np
 
 from motiongen_ardy.core.skeleton import Skeleton, load_skeleton
 from motiongen_client import Motion, Rig
-from motiongen_client.kinematics import axis_angle_to_quaternion
+from motiongen_client.ground.limb_ik import two_bone
+from motiongen_client.kinematics import axis_angle_to_quaternion, matrix_to_quaternion
 
 FPS = 20
 
@@ -37,4 +38,31 @@ def swaying(rig: Rig, frames: int = 40, most_rad: float = 0.6) -> Motion:
     rows = np.zeros((frames, rig.row_width), np.float32)
     rows[:, :3] = np.array([0.3, 0.93, -0.2]) + time[:, 0] * [0.4, 0.02, 1.1]
     rows[:, 3:-4] = turns.reshape(frames, -1)
+    return Motion(rig, 0, rows)
+
+
+def walking(rig: Rig, frames: int = 80, speed_mps: float = 1.2, flat_m: float = 0.0737) -> Motion:
+    """A walk toward +Z on a level floor, with feet that stand still while they are in contact, ankles at flat_m."""
+    time = np.arange(frames) / FPS
+    rows = np.zeros((frames, rig.row_width), np.float32)
+    rows[:, 3:-4:4] = 1.0
+    rows[:, 1], rows[:, 2] = 0.88, speed_mps * time
+    neutral = Motion(rig, 0, rows).joint_positions_m().astype(np.float64)
+    quaternions = rows[:, 3:-4]
+    for index, name in enumerate(("LeftFoot", "RightFoot")):
+        ankle = rig.limbs[name][0]
+        knee, hip = rig.parents[ankle], rig.parents[rig.parents[ankle]]
+        phase, stand = time + 0.5 * index, 0.6
+        step, within = np.floor(phase), phase % 1.0
+        in_air = np.clip((within - stand) / (1 - stand), 0.0, 1.0)
+        goal = neutral[:, ankle].copy()
+        goal[:, 1] = flat_m + 0.12 * np.sin(np.pi * in_air)
+        goal[:, 2] = speed_mps * (step + in_air - 0.5 * index + stand / 2)
+        ahead = np.tile([0.0, 0.0, 1.0], (frames, 1))
+        first, second = two_bone(neutral[:, hip], neutral[:, knee], neutral[:, ankle], goal, ahead)
+        level = np.swapaxes(second, -1, -2)  # the foot stays level
+        for joint, turn in ((hip, first), (knee, np.swapaxes(first, -1, -2) @ second), (ankle, level)):
+            quaternions[:, 4 * joint : 4 * joint + 4] = matrix_to_quaternion(turn)
+        start = rig.block_columns["foot_contact"].start + 2 * index
+        rows[:, start : start + 2] = (within <= stand)[:, None]
     return Motion(rig, 0, rows)

@@ -135,11 +135,16 @@ class Conditions:
 def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) -> tuple[Conditions, int | None]:
     """Apply an edit of prompts. floor: the first frame that can still change.
 
-    Returns the new conditions and the first frame from floor on whose prompt differs, None if none does.
+    Returns the new conditions and the first frame from floor on whose prompt differs, None if none does. A prompt that
+    holds already goes on until the one that takes its place begins: no frame between is without text.
     Raises EventRefused for an unknown id, a span that has passed, or more than `limit` prompts.
     """
-    prompts = {prompt.prompt_id: prompt for prompt in held.prompts}
+    newest = {prompt.prompt_id: prompt for prompt in held.prompts}
+    # Of two with one id the first is what is left of the one before.
+    left = {prompt.prompt_id: prompt for prompt in held.prompts if newest[prompt.prompt_id] is not prompt}
+    prompts = {prompt.prompt_id: prompt for prompt in held.prompts if newest[prompt.prompt_id] is prompt}
     for index, prompt_id in enumerate(event.remove):
+        left.pop(prompt_id, None)
         if prompts.pop(prompt_id, None) is None:
             raise _unknown("prompt", prompt_id, index, prompts)
     for index, prompt in enumerate(event.upsert):
@@ -147,11 +152,21 @@ def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) ->
             raise _passed(
                 "prompt", prompt.prompt_id, prompt.end_frame - 1, floor, f"edit_prompts.upsert[{index}].end_frame"
             )
-        prompts.pop(prompt.prompt_id, None)
-        prompts[prompt.prompt_id] = replace(prompt, start_frame=max(floor, _start(prompt)))
+        begin, replaced = max(floor, _start(prompt)), prompts.pop(prompt.prompt_id, None)
+        before = left.pop(prompt.prompt_id, None)
+        for each in (before, replaced):
+            if (
+                each is not None
+                and _start(each) <= floor < begin
+                and (each.end_frame is None or each.end_frame > floor)
+            ):
+                was_cut = each is before and replaced is not None and each.end_frame == _start(replaced)
+                end = begin if each.end_frame is None or was_cut else min(each.end_frame, begin)
+                left[prompt.prompt_id] = replace(each, end_frame=end)
+        prompts[prompt.prompt_id] = replace(prompt, start_frame=begin)
     if len(prompts) > limit:
         raise _too_many("prompts", len(prompts), limit)
-    edited = replace(held, prompts=tuple(prompts.values()))
+    edited = replace(held, prompts=(*left.values(), *prompts.values()))
     return edited, edited.first_change(held, floor, None)
 
 

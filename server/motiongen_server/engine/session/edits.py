@@ -14,6 +14,7 @@ from motiongen_server.engine.session.placing import Anchor
 from motiongen_server.engine.session.velocity import changed_velocity
 from motiongen_server.engine.types import (
     Code,
+    Constraint,
     Gait,
     Outcome,
     Placement,
@@ -21,6 +22,7 @@ from motiongen_server.engine.types import (
     SetConstraints,
     SetPrompts,
     SetVelocity,
+    Unplaced,
 )
 from motiongen_server.engine.types.refusals import too_many_pending
 
@@ -31,7 +33,7 @@ EditEvent: TypeAlias = SetPrompts | SetConstraints | SetVelocity
 class PendingEdit:
     """An edit that waits for the plan that answers it. dirty_from: the first frame it wants changed.
 
-    placements: where its constraints were put that left that to the engine.
+    left_open: its constraints that left to the engine where they are put, each with what it became; placements: where.
     """
 
     event_seq: int
@@ -39,6 +41,7 @@ class PendingEdit:
     received_at: float
     dirty_from: int
     placements: tuple[Placement, ...] = ()
+    left_open: tuple[tuple[Unplaced, Constraint], ...] = ()
 
     def done(self, session: SessionKey, frame: int) -> Outcome:
         """The answer that it is in effect from a frame on."""
@@ -46,12 +49,16 @@ class PendingEdit:
 
 
 class Edited(NamedTuple):
-    """What an event makes of conditions. kind: of edit; dirty_from: the first frame to change, None for none."""
+    """What an event makes of conditions. kind: of edit; dirty_from: the first frame to change, None for none.
+
+    placements, left_open: as in PendingEdit.
+    """
 
     conditions: Conditions
     kind: str
     dirty_from: int | None
     placements: tuple[Placement, ...] = ()
+    left_open: tuple[tuple[Unplaced, Constraint], ...] = ()
 
 
 def edited(
@@ -81,7 +88,10 @@ def edited(
             # What lies beyond the reach waits until a later window sees it.
             first = min((item.first_frame for item in changed if item.last_frame >= floor), default=None)
             dirty_from = None if first is None else max(floor, first - reach + 1)
-            return Edited(conditions, "constraints", dirty_from, placements)
+            by_id = {item.constraint_id: item for item in conditions.constraints}
+            asked = [item for item in event.upsert if isinstance(item, Unplaced)]
+            left_open = tuple((item, by_id[item.constraint_id]) for item in asked)
+            return Edited(conditions, "constraints", dirty_from, placements, left_open)
 
 
 @dataclass(slots=True)
@@ -96,6 +106,11 @@ class EditQueue:
     waiting: tuple[PendingEdit, ...] = ()
     not_before: float = -math.inf
     unseen: list[tuple[PendingEdit, int]] = field(default_factory=list)
+
+    @property
+    def are_left_open(self) -> bool:
+        """Whether any that waits left to the engine where a constraint is put."""
+        return any(edit.left_open for edit in self.waiting)
 
     def require_room(self) -> None:
         """Raise EventRefused where too many edits wait already."""

@@ -7,8 +7,8 @@ import math
 from motiongen_server.engine.session.cutting import Cut
 from motiongen_server.engine.session.edits import EditEvent, PendingEdit, edited
 from motiongen_server.engine.session.placing import Anchor
-from motiongen_server.engine.session.state import SessionState
-from motiongen_server.engine.session.windows import RunningWindow, history_crop, history_frames, root_before
+from motiongen_server.engine.session.state import SessionState, anchor_at
+from motiongen_server.engine.session.windows import RunningWindow, history_crop, history_frames
 from motiongen_server.engine.types import (
     Code,
     EventRefused,
@@ -67,14 +67,14 @@ def _edit(state: SessionState, event: EditEvent, now: float, report: StepReport)
     floor = state.replaceable_from(now, state.delivery.commit_s)
     crop = history_crop(state.spec, state.config)
     reach = state.facts.max_window_frames - history_frames(floor, state.timeline, crop, state.facts.patch)
-    state.conditions, kind, dirty_from, placements = edited(
+    state.conditions, kind, dirty_from, placements, left_open = edited(
         state.conditions, event, floor, reach, state.config, lambda: _anchor(state, now), state.spec.gaits
     )
     if dirty_from is None:
         return [Outcome(state.key, event.event_seq, Code.OK, placements=placements)]
     if dirty_from > 0:
         dirty_from = max(dirty_from, state.timeline.motion_from + state.facts.patch)
-    edit = PendingEdit(event.event_seq, kind, event.received_at, dirty_from, placements)
+    edit = PendingEdit(event.event_seq, kind, event.received_at, dirty_from, placements, left_open)
     running = state.running
     if (
         running is not None
@@ -114,8 +114,7 @@ def _queue(state: SessionState, edit: PendingEdit, report: StepReport) -> list[O
 def _anchor(state: SessionState, now: float) -> Anchor:
     """Where the character will be when an edit of now takes effect: where the window for it is likely to start."""
     frame = state.replaceable_from(now, max(state.predicted_s, state.extra_lead_s) + state.delivery.commit_s)
-    reader, start, fps = state.drift_state.guard.reader, state.spec.start_pose, state.facts.fps
-    return Anchor(frame, root_before(frame, state.timeline, reader, start, fps), fps, state.facts.rig)
+    return anchor_at(state, frame)
 
 
 def _worth_restarting(state: SessionState, running: RunningWindow) -> bool:

@@ -6,7 +6,8 @@ import math
 from dataclasses import replace
 
 from motiongen_server.engine.session.kinematics import continued
-from motiongen_server.engine.session.state import SessionState
+from motiongen_server.engine.session.placing_anew import placed_anew
+from motiongen_server.engine.session.state import SessionState, anchor_at
 from motiongen_server.engine.session.windows import RunningWindow, WindowSite
 from motiongen_server.engine.types import (
     Output,
@@ -52,6 +53,9 @@ def next_window(state: SessionState, now: float, predicted_s: float, job_id: int
     """Start the window that is due. predicted_s: how long it will take from now."""
     assert window_due(state, now)
     first_frame, cause = _next_start(state, now, predicted_s)
+    if state.edits.are_left_open and state.cut is None:
+        here = anchor_at(state, first_frame)
+        state.conditions, state.edits.waiting = placed_anew(state.conditions, state.edits.waiting, here)
     cut, spec, timeline = state.cut, state.spec, state.timeline
     if cut is not None:
         cause, spec = PlanCause.CUT, replace(spec, start_pose=cut.start_pose)

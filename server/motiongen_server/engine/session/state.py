@@ -12,10 +12,11 @@ from motiongen_server.engine.session.cutting import Cut
 from motiongen_server.engine.session.delivery import Delivery
 from motiongen_server.engine.session.drift import DriftState
 from motiongen_server.engine.session.edits import EditQueue
+from motiongen_server.engine.session.placing import Anchor
 from motiongen_server.engine.session.playback import PlaybackClock
 from motiongen_server.engine.session.reach import ReachWatch
 from motiongen_server.engine.session.timeline import Timeline
-from motiongen_server.engine.session.windows import RunningWindow, steps_at
+from motiongen_server.engine.session.windows import RunningWindow, root_before, steps_at
 from motiongen_server.engine.types import (
     Closed,
     CloseReason,
@@ -168,3 +169,9 @@ class SessionState:
         """Note how far the running window has come."""
         if self.running is not None:
             self.running.steps_done = steps_done
+
+
+def anchor_at(state: SessionState, frame: int) -> Anchor:
+    """What the character does just before a frame that is held, or the end."""
+    reader, start, fps = state.drift_state.guard.reader, state.spec.start_pose, state.facts.fps
+    return Anchor(frame, root_before(frame, state.timeline, reader, start, fps), fps, state.facts.rig)

@@ -54,6 +54,35 @@ def test_no_prompt_holds_between_spans() -> None:
     assert held.prompt_change_after(20, 100) == 100
 
 
+def test_a_prompt_that_holds_goes_on_until_the_one_in_its_place_begins() -> None:
+    held = Conditions((prompt(1, 1, 0), prompt(9, 2, 90)))
+    later, changed = edit_prompts(held, _prompts(prompt(2, 1, 50)), floor=30, limit=8)
+    assert changed == 50
+    assert [_marker(later.prompt_at(frame)) for frame in (30, 49, 50, 89, 90)] == [1, 1, 2, 2, 9]
+    again, changed = edit_prompts(later, _prompts(prompt(3, 1, 70)), floor=40, limit=8)
+    assert changed == 50
+    assert [_marker(again.prompt_at(frame)) for frame in (40, 69, 70)] == [1, 1, 3]
+    gone, changed = edit_prompts(again, _prompts(remove=(1,)), floor=45, limit=8)
+    assert changed == 45
+    assert [_marker(gone.prompt_at(frame)) for frame in (45, 70, 90)] == [-1, -1, 9]
+
+
+def test_a_prompt_that_does_not_hold_yet_or_ends_before_leaves_nothing() -> None:
+    waiting = Conditions((prompt(1, 1, 60),))
+    moved, _ = edit_prompts(waiting, _prompts(prompt(1, 1, 80)), floor=30, limit=8)
+    assert [_marker(moved.prompt_at(frame)) for frame in (30, 60, 79, 80)] == [-1, -1, -1, 1]
+    ending = Conditions((prompt(1, 1, 0, 40),))
+    after, _ = edit_prompts(ending, _prompts(prompt(2, 1, 50)), floor=30, limit=1)
+    assert [_marker(after.prompt_at(frame)) for frame in (30, 39, 40, 50)] == [1, 1, -1, 2]
+
+
+def test_of_equal_starts_the_one_set_last_holds_also_where_one_is_left_over() -> None:
+    held, _ = edit_prompts(Conditions((prompt(1, 1, 0), prompt(2, 2, 50))), _prompts(prompt(3, 1, 50)), 10, 8)
+    assert [_marker(held.prompt_at(frame)) for frame in (20, 50)] == [1, 3]
+    held, _ = edit_prompts(held, _prompts(prompt(4, 3, 200)), 12, 8)
+    assert [_marker(held.prompt_at(frame)) for frame in (20, 50)] == [1, 3]
+
+
 SPANS = st.builds(
     lambda marker, prompt_id, start, length: prompt(
         marker, prompt_id, start, None if length is None else start + length

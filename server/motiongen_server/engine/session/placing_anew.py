@@ -1,0 +1,44 @@
+"""Placing anew: what was asked "from here" is put where the window that answers it does start.
+
+When an event comes, that window is only predicted. It may start later: another one is finished first, replans are
+spaced, or it came too late and is made again. Meanwhile the character has gone on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from motiongen_server.engine.session.conditions import Conditions
+from motiongen_server.engine.session.edits import PendingEdit
+from motiongen_server.engine.session.placing import Anchor, placed
+from motiongen_server.engine.types import Constraint, EventRefused, Placement
+
+
+def placed_anew(
+    conditions: Conditions, edits: tuple[PendingEdit, ...], anchor: Anchor
+) -> tuple[Conditions, tuple[PendingEdit, ...]]:
+    """The conditions, and the edits that a window from anchor.frame on answers, with what they left open put there.
+
+    What another event has replaced or removed since, and what cannot be put there, stays as it is.
+    """
+    held = {id(item): item for item in conditions.constraints}
+    moved: dict[int, Constraint] = {}
+    renewed = []
+    for edit in edits:
+        items, placements = [], {each.constraint_id: each for each in edit.placements}
+        for asked, before in edit.left_open:
+            found = before
+            if id(before) in held and placements[asked.constraint_id].anchor_frame != anchor.frame:
+                try:
+                    found, placement = placed(asked, anchor, "")
+                except EventRefused:  # a way that has become too long in these few frames
+                    placement = placements[asked.constraint_id]
+                placements[asked.constraint_id] = placement
+                moved[id(before)] = found
+            items.append((asked, found))
+        told: tuple[Placement, ...] = tuple(placements.values())
+        renewed.append(replace(edit, left_open=tuple(items), placements=told) if items else edit)
+    if not moved:
+        return conditions, edits
+    constraints = tuple(moved.get(id(item), item) for item in conditions.constraints)
+    return replace(conditions, constraints=constraints), tuple(renewed)

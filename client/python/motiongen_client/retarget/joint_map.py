@@ -109,6 +109,11 @@ def read_joint_map(path: str | Path, group: str = "") -> JointMap:
     return JointMap.of(document, group)
 
 
+def directions(words: Sequence[str]) -> Float64:
+    """(3, 3) the columns being the directions of three words."""
+    return np.array([DIRECTIONS[word] for word in words], np.float64).T
+
+
 def _check_keys(place: str, section: Any, known: Sequence[str], required: Sequence[str]) -> None:
     if not isinstance(section, Mapping):
         raise InvalidInput(place, section, f"the keys {', '.join(known)}")
@@ -149,7 +154,7 @@ def _axes(place: str, rule: Mapping[str, Any], values: Mapping[str, float]) -> F
     words = rule.get("axes", ("left", "up", "forward"))
     if len(words) != 3 or any(word not in DIRECTIONS for word in words):
         raise InvalidInput(f"{place}.axes", words, f"three of {', '.join(DIRECTIONS)}")
-    axes = np.array([DIRECTIONS[word] for word in words], np.float64).T
+    axes = directions(words)
     if round(float(np.linalg.det(axes))) != 1:
         raise InvalidInput(f"{place}.axes", words, "a right-handed set of three directions")
     if "turn" not in rule:

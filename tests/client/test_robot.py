@@ -1,0 +1,194 @@
+"""People's motion on the G1: angles within their ranges, limbs that point where they shall, and a hold that is soft."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from motiongen_ardy.robot.g1 import load_g1, qpos_to_motion
+from motiongen_client import InvalidInput, Motion
+from motiongen_client.robot import HINGES, G1Retargeter, HoldState, SafeHold
+from motiongen_client.robot.chains import Chain
+from motiongen_client.robot.g1 import LOWER, SPEED_LIMITS, UPPER
+from tests.client.bodies import FPS, client_rig, swaying, walking
+
+RIG = client_rig()
+
+
+def still(**turns: tuple[float, float, float]) -> Motion:
+    """A person who stands in the neutral pose, but for joints turned by so many radians about x, y or z."""
+    rows = np.zeros((4, RIG.row_width), np.float32)
+    rows[:, 3:-4:4] = 1.0
+    rows[:, 1] = 0.9696
+    for name, about in turns.items():
+        angle = float(np.linalg.norm(about))
+        start = 3 + 4 * RIG.index(name)
+        rows[:, start] = np.cos(angle / 2)
+        rows[:, start + 1 : start + 4] = np.sin(angle / 2) * np.array(about) / angle
+    return Motion(RIG, 0, rows)
+
+
+def arms_down() -> dict[str, tuple[float, float, float]]:
+    return {"LeftArm": (0, 0, -1.4), "RightArm": (0, 0, 1.4)}
+
+
+def test_the_hinges_are_those_of_the_model_library() -> None:
+    robot = load_g1()
+    assert tuple(hinge.name for hinge in HINGES) == robot.hinges
+    np.testing.assert_allclose([hinge.axis for hinge in HINGES], robot.axes)
+    np.testing.assert_allclose(LOWER, robot.lower)
+    np.testing.assert_allclose(UPPER, robot.upper)
+    np.testing.assert_allclose(SPEED_LIMITS, robot.speed_limits)
+    moved = [body for body in robot.bodies if body.hinge is not None]
+    np.testing.assert_allclose([hinge.quaternion_wxyz for hinge in HINGES], [body.quaternion for body in moved])
+
+
+@pytest.mark.parametrize(
+    "hinges",
+    [
+        "left_hip_pitch left_hip_roll left_hip_yaw",
+        "waist_yaw waist_roll waist_pitch",
+        "left_shoulder_pitch left_shoulder_roll left_shoulder_yaw",
+        "right_knee",
+    ],
+)
+def test_a_rotation_that_hinges_can_do_is_found_again(hinges: str) -> None:
+    chain, generator = Chain(hinges.split()), np.random.default_rng(2)
+    middle = (LOWER[chain.indices] + UPPER[chain.indices]) / 2
+    angles = middle + generator.uniform(-0.4, 0.4, (50, len(chain.indices)))
+    found, lost = chain.angles(chain.rotation(angles), np.tile(middle, (50, 1)))
+    assert lost.max() < 0.01
+    np.testing.assert_allclose(chain.rotation(found), chain.rotation(angles), atol=0.01)
+
+
+def test_who_stands_with_arms_down_stands_as_the_robot_at_angles_0_with_its_forearms_down() -> None:
+    state = G1Retargeter(RIG).apply(still(LeftArm=(0, 0, -np.pi / 2), RightArm=(0, 0, np.pi / 2)))
+    by_name = dict(zip([hinge.name for hinge in HINGES], state.qpos[0, 7:], strict=True))
+    elbows = {name: angle for name, angle in by_name.items() if "elbow" in name}
+    assert all(angle == pytest.approx(np.pi / 2, abs=0.02) for angle in elbows.values()), "straight, not ahead"
+    others = {name: angle for name, angle in by_name.items() if "elbow" not in name}
+    assert max(abs(angle) for angle in others.values()) < 0.02, others
+    assert state.qpos[0, 2] == pytest.approx(0.793, abs=0.005)
+
+
+def pose(state: np.ndarray) -> dict[str, np.ndarray]:
+    skeleton = load_g1().skeleton
+    joints = qpos_to_motion(torch.from_numpy(state), FPS).positions(skeleton).numpy()
+    return dict(zip(skeleton.joint_names, np.moveaxis(joints, 1, 0), strict=True))
+
+
+@pytest.mark.parametrize(
+    "turns",
+    [
+        arms_down(),
+        {"LeftArm": (0.0, 0.0, -0.6), "LeftForeArm": (0.0, -0.9, 0.0), "RightArm": (0, 0, 1.2)},
+        {**arms_down(), "LeftUpLeg": (-0.7, 0.0, 0.1), "LeftLeg": (0.9, 0.0, 0.0)},
+    ],
+)
+def test_limbs_of_the_robot_point_where_the_person_s_do(turns: dict[str, tuple[float, float, float]]) -> None:
+    person = still(**turns)
+    state = G1Retargeter(RIG).apply(person)
+    robot, ours = pose(state.qpos), person.joint_positions_m()
+    pairs = [
+        ("left_shoulder_roll_skel", "left_elbow_skel", "LeftArm", "LeftForeArm"),
+        ("right_shoulder_roll_skel", "right_elbow_skel", "RightArm", "RightForeArm"),
+        ("left_knee_skel", "left_ankle_pitch_skel", "LeftLeg", "LeftFoot"),
+        ("right_knee_skel", "right_ankle_pitch_skel", "RightLeg", "RightFoot"),
+    ]
+    for start, end, ours_start, ours_end in pairs:
+        limb = robot[end][0] - robot[start][0]
+        wanted = ours[0, RIG.index(ours_end)] - ours[0, RIG.index(ours_start)]
+        cosine = limb @ wanted / np.linalg.norm(limb) / np.linalg.norm(wanted)
+        assert np.degrees(np.arccos(min(cosine, 1.0))) < 25, (start, limb, wanted)  # its bones are bent by up to 15
+
+
+def test_ranges_and_speeds_are_kept_whatever_is_asked() -> None:
+    state = G1Retargeter(RIG).apply(swaying(RIG, 80, most_rad=2.5))
+    angles = state.qpos[:, 7:]
+    assert (angles >= LOWER - 1e-9).all()
+    assert (angles <= UPPER + 1e-9).all()
+    assert (np.abs(np.diff(angles, axis=0)) <= SPEED_LIMITS / FPS + 1e-9).all()
+    assert state.lost_rad.max() > 0.1, "that cannot all be done"
+
+
+def test_states_go_on_from_part_to_part_and_speeds_lead_from_row_to_row() -> None:
+    retargeter, walk = G1Retargeter(RIG), walking(RIG)
+    first = retargeter.apply(Motion(RIG, 0, walk.rows[:40]))
+    second = retargeter.apply(Motion(RIG, 40, walk.rows[40:]), first.qpos[-1])
+    qpos, qvel = np.concatenate([first.qpos, second.qpos]), np.concatenate([first.qvel, second.qvel])
+    np.testing.assert_allclose(np.diff(qpos[:, 7:], axis=0) * FPS, qvel[1:, 6:], atol=1e-9)
+    np.testing.assert_allclose(np.diff(qpos[:, :3], axis=0) * FPS, qvel[1:, :3], atol=1e-9)
+    assert (qpos[1:, 3:7] * qpos[:-1, 3:7]).sum(axis=1).min() > 0.9
+    ahead = qpos[-1, 0] - qpos[0, 0]
+    assert ahead == pytest.approx(retargeter.scale * (walk.rows[-1, 2] - walk.rows[0, 2]), rel=1e-3)
+
+
+def test_no_angle_jumps_where_none_of_the_person_s_does() -> None:
+    state = G1Retargeter(RIG).apply(swaying(RIG, 80, most_rad=0.3))
+    assert np.abs(np.diff(state.qpos[:, 7:], n=2, axis=0)).max() < 0.1
+
+
+def test_another_rig_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="LeftUpLeg"):
+        G1Retargeter(client_rig("g134"))
+
+
+# ---- when frames stop
+
+RATE = 200
+WALK = G1Retargeter(RIG).apply(walking(RIG)).qpos
+
+
+def played(hold: SafeHold, gap: range, seconds: float = 4.0) -> tuple[np.ndarray, list[HoldState]]:
+    """Commands at RATE while frames come FPS times a second, but for those of a gap."""
+    commands, states = [], []
+    for tick in range(int(seconds * RATE)):
+        frame, is_due = divmod(tick, RATE // FPS)
+        new = WALK[frame] if is_due == 0 and frame not in gap else None
+        commands.append(hold.command(tick / RATE, new))
+        states.append(hold.state)
+    return np.array(commands), states
+
+
+def test_a_robot_whose_frames_stop_comes_to_a_stand_and_goes_on_softly() -> None:
+    commands, states = played(SafeHold(), range(20, 50))
+    order = [state for state, before in zip(states, [None, *states], strict=False) if state is not before]
+    assert order == [
+        HoldState.FOLLOWING,
+        HoldState.STOPPING,
+        HoldState.HOLDING,
+        HoldState.RETURNING,
+        HoldState.FOLLOWING,
+    ]
+    holding = [tick for tick, state in enumerate(states) if state is HoldState.HOLDING]
+    assert np.ptp(commands[holding], axis=0).max() < 1e-9
+    assert holding[0] / RATE == pytest.approx(19 / FPS + 0.15 + 0.3, abs=0.03)
+    angles = commands[:, 7:]
+    assert (angles >= LOWER - 1e-9).all()
+    assert (angles <= UPPER + 1e-9).all()
+    assert (np.abs(np.diff(angles, axis=0)) <= SPEED_LIMITS / RATE + 1e-9).all()
+    np.testing.assert_allclose(np.linalg.norm(commands[:, 3:7], axis=1), 1.0)
+    stopping = [tick for tick, state in enumerate(states) if state is HoldState.STOPPING]
+    pace = np.abs(np.diff(commands[stopping[0] : holding[0], :3], axis=0)).sum(axis=1)
+    assert pace[-1] < 0.1 * pace[0], "it slows down, and does not break off"
+    np.testing.assert_allclose(commands[-1], WALK[79] * np.sign(commands[-1, 3] * WALK[79, 3]) ** np.isin(
+        np.arange(36), range(3, 7)), atol=1e-6)  # fmt: skip
+
+
+def test_frames_that_come_in_time_are_given_as_they_are() -> None:
+    commands, states = played(SafeHold(), range(0))
+    assert set(states) == {HoldState.FOLLOWING}
+    np.testing.assert_allclose(commands[9::10, 7:], WALK[:80, 7:], atol=1e-9)
+
+
+def test_what_has_no_meaning_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="a first state"):
+        SafeHold().command(0.0)
+    with pytest.raises(InvalidInput, match="36 finite numbers"):
+        SafeHold().command(0.0, np.zeros(35))
+    bad: dict[str, Any] = {"stop_s": 0.0}
+    with pytest.raises(InvalidInput, match="seconds above 0"):
+        SafeHold(**bad)

@@ -7,6 +7,7 @@ VENV ?= .venv
 PYTHON := $(VENV)/bin/python
 BUF := $(VENV)/bin/buf
 CLANG_FORMAT := $(VENV)/bin/clang-format
+CLANG_TIDY ?= clang-tidy
 CPP_FILES = $(shell git ls-files 'client/cpp/*.cpp' 'client/cpp/*.hpp' 'client/cpp/*.h' 'client/cpp/*.c')
 READY := $(VENV)/.ready
 PARTS := proto ardy server client/python client/tools compliance
@@ -70,7 +71,7 @@ view: $(READY) viewer ## see and steer characters in a browser, with a server of
 # ---- check
 
 .PHONY: check
-check: lint types proto-check test ## style, types, protos and all tests that install nothing
+check: lint types proto-check tidy test ## style, types, protos and all tests that install nothing
 
 .PHONY: test
 test: $(READY) cpp-packages ## run all tests that need no GPU, in JOBS=2 processes; CPP=no leaves out those of the C++ client
@@ -161,6 +162,13 @@ cpp: cpp-packages ## build the C++ client in out/cpp/release
 .PHONY: cpp-test
 cpp-test: $(READY) cpp-packages ## build and test the C++ client
 	$(PYTHON) -m pytest -m 'not gpu and not system' tests/cpp $(ARGS)
+
+.PHONY: tidy
+tidy: $(READY) cpp-packages ## look for mistakes in the C++ client with clang-tidy, in files that have changed since they were looked at
+	$(if $(filter no,$(CPP)),@echo "without the C++ client",@cmake -S client/cpp -B $(OUT)/cpp/tidy -G Ninja --log-level=WARNING \
+		-DCMAKE_EXPORT_COMPILE_COMMANDS=ON -DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON -DMOTIONGEN_EXAMPLES=ON \
+		&& cmake --build $(OUT)/cpp/tidy --target motiongen_generated load_generated >/dev/null \
+		&& $(PYTHON) .ci/clang_tidy.py $(OUT)/cpp/tidy $(CLANG_TIDY))
 
 .PHONY: cpp-packages
 cpp-packages: ## see that what the C++ client is built with is there; installs it where apt-get may

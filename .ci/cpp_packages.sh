@@ -2,10 +2,11 @@
 # See that what the C++ client is built with is there; where we may, install what is missing (Debian, Ubuntu).
 # Other systems, and people who may not install, are told what is missing.
 set -euo pipefail
-packages=(cmake g++ ninja-build pkg-config libgrpc++-dev libprotobuf-dev protobuf-compiler protobuf-compiler-grpc libgtest-dev)
+packages=(cmake g++ ninja-build pkg-config libgrpc++-dev libprotobuf-dev protobuf-compiler protobuf-compiler-grpc libgtest-dev
+  clang-tidy)
 
 missing=()
-for tool in cmake g++ ninja pkg-config protoc grpc_cpp_plugin; do
+for tool in cmake g++ ninja pkg-config protoc grpc_cpp_plugin clang-tidy; do
   command -v "$tool" >/dev/null || missing+=("$tool")
 done
 for library in grpc++ protobuf gtest; do

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import queue
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 
 from motiongen.v1 import service_pb2, session_pb2
 from tests.client import test_hostile_server as hostile
-from tests.client.fake_server import FakeServer
+from tests.client.fake_server import FakeServer, FakeStream
 from tests.cpp.test_client import Character, character
 
 Program = Callable[[str], Path]
@@ -99,3 +100,63 @@ def test_an_update_of_a_later_version_is_passed_over(program: Program, server: F
         walker.tell("wait 120")
         assert walker.hear("frame")[2] == "OK"
         check_motion(walker)
+
+
+def test_a_plan_that_reaches_behind_the_playhead_changes_nothing_that_was_shown(
+    program: Program, server: FakeServer
+) -> None:
+    def script(event: session_pb2.SessionEvent) -> str:
+        if event.HasField("playhead"):
+            event.playhead.frame = min(event.playhead.frame, 10)  # it hears of no more, and promises little
+        if event.HasField("set_velocity"):
+            server.stream.characters[1].sent_to = 20
+            server.stream.announce(1, 20, session_pb2.PLAN_CAUSE_EDIT, (2,))
+            server.stream.send_chunk(1, 50)
+        return ""
+
+    server.refuse = script
+    with character(program, server.address, MOTIONGEN_CLOCK="manual") as walker:
+        walker.tell("wait 60")
+        walker.hear("frame")
+        walker.tell("to 40")
+        assert walker.hear("at")[2] == "OK"
+        before = walker.place(40)
+        walker.tell("velocity 0 1")
+        assert walker.hear("edit")[2] == "OK"
+        assert walker.place(40) == before
+        assert walker.place(41)[0] > before[0], "what was not shown yet is of the new plan"
+        walker.tell("stats")
+        assert walker.hear("stats")[3] == "1"
+        check_motion(walker)
+
+
+class Silence(queue.Queue[service_pb2.StreamMotionResponse]):
+    """Gives nothing of what is put into it, until the end."""
+
+    def get(self, block: bool = True, timeout: float | None = None) -> service_pb2.StreamMotionResponse:
+        while (response := super().get(block, timeout)) is not None:
+            pass
+        return response
+
+
+def test_a_server_that_falls_silent_is_given_up_and_what_is_held_is_played(
+    program: Program, server: FakeServer
+) -> None:
+    def fall_silent(stream: FakeStream, told: object) -> None:
+        waiting = stream.outgoing
+        stream.outgoing = Silence()
+        waiting.put(service_pb2.StreamMotionResponse())  # whoever waits for this waits for the other from now on
+
+    play_up(server, fall_silent)
+    with character(program, server.address) as walker:
+        walker.tell("wait 60")
+        walker.hear("frame")
+        walker.tell("velocity 0 1")
+        assert walker.hear("lost")[1] == "UNAVAILABLE"
+        server.refuse = lambda event: ""
+        _, first, exact = walker.hear("recovered")
+        assert int(first) > 60
+        assert exact == "0"
+        assert walker.hear("edit")[2] == "OK", "the other stream answers what the silent one did not"
+        walker.tell(f"wait {int(first) + 40}")
+        assert walker.hear("frame")[2] == "OK"

@@ -20,8 +20,11 @@ foreach(name motion session service)
   list(APPEND generated_sources ${made})
 endforeach()
 
+add_custom_target(motiongen_generated DEPENDS ${generated_sources})
+
 # Generated code is not ours to warn about.
 add_library(motiongen_proto OBJECT ${generated_sources})
+add_dependencies(motiongen_proto motiongen_generated)
 target_include_directories(motiongen_proto SYSTEM PUBLIC ${generated})
 target_link_libraries(motiongen_proto PUBLIC gRPC::grpc++ protobuf::libprotobuf)
 
@@ -32,11 +35,15 @@ add_library(motiongen_client
   src/client/clip.cpp
   src/client/connection.cpp
   src/client/convert.cpp
+  src/client/convert_catalog.cpp
   src/client/convert_targets.cpp
   src/client/core.cpp
   src/client/events.cpp
+  src/client/frame_shift.cpp
   src/client/outbox.cpp
+  src/client/placing.cpp
   src/client/session.cpp
+  src/client/session_edits.cpp
   src/client/session_frames.cpp
   src/client/session_opening.cpp
   src/client/session_state.cpp

@@ -1,9 +1,14 @@
 # motiongen_core: C++17 and the standard library, nothing else.
 add_library(motiongen_core
+  src/core/axes.cpp
+  src/core/frame_format.cpp
   src/core/pose.cpp
   src/core/rig.cpp
+  src/core/sampling.cpp
   src/core/status.cpp
-  src/core/timeline.cpp)
+  src/core/steering.cpp
+  src/core/timeline.cpp
+  src/core/timeline_clock.cpp)
 add_library(motiongen::core ALIAS motiongen_core)
 target_include_directories(motiongen_core
   PUBLIC $<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/include> $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>

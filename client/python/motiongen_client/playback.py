@@ -156,7 +156,7 @@ class Playback:
             self._due_s = now_s + 1 / self._pace_hz
             return self._start(self.playhead)
         if self._due_s is None:
-            self._due_s = now_s + 1 / self._pace_hz
+            self._due_s = now_s + (1 - self._share) / self._pace_hz  # from the pose that is shown
         num_left = self.buffered_to - 1 - self.playhead
         if self._held_since_s is not None and num_left > 0:
             self._count_held(math.ceil((now_s - self._held_since_s) * self._pace_hz - _EARLY_FRAMES))
@@ -180,6 +180,7 @@ class Playback:
             raise InvalidInput("frame", frame, f"a frame from {self.playhead} to {self.buffered_to - 1}")
         reached = self._move(frame - self.playhead) if self._started else self._start(frame)
         self._due_s = self._held_since_s = None
+        self._share = 0.0
         return reached
 
     def pause(self) -> None:
@@ -187,7 +188,7 @@ class Playback:
         self._playing = False
 
     def resume(self) -> None:
-        """Let the playhead go on; the next frame is due one frame time after the next `advance`."""
+        """Let the playhead go on: the clock starts anew with the next `advance`, from the pose that is shown."""
         self._playing = True
         self._due_s = self._held_since_s = None
 
@@ -239,6 +240,8 @@ class Playback:
     def _move(self, num_frames: int) -> range:
         first = self.playhead + 1
         self.playhead += num_frames
+        if num_frames:
+            self._share = 0.0
         if self._due_s is not None:
             self._due_s += num_frames / self._pace_hz
         self._forget()

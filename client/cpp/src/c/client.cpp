@@ -31,6 +31,8 @@ std::uint32_t number_of(EventKind kind) {
       return MOTIONGEN_EVENT_DRAINING;
     case EventKind::reached:
       return MOTIONGEN_EVENT_REACHED;
+    case EventKind::durability:
+      return MOTIONGEN_EVENT_DURABILITY;
   }
   return 0;
 }
@@ -61,6 +63,14 @@ motiongen_code motiongen_client_connect(const motiongen_client_options* options,
   chosen.token = text(given.token);
   chosen.tls = given.use_tls != 0;
   chosen.root_certificates_pem = text(given.root_certificates_pem);
+  chosen.certificate_chain_pem = text(given.certificate_chain_pem);
+  chosen.private_key_pem = text(given.private_key_pem);
+  if (given.num_other_addresses > 0 && given.other_addresses == nullptr) {
+    return motiongen::c::missing("other_addresses", error);
+  }
+  for (uint32_t index = 0; index < given.num_other_addresses; ++index) {
+    chosen.other_addresses.push_back(text(given.other_addresses[index]));
+  }
   if (given.connect_timeout_s != 0) chosen.connect_timeout_s = given.connect_timeout_s;
   chosen.reconnect = given.no_reconnect == 0;
   chosen.agent = "c";
@@ -89,6 +99,7 @@ int32_t motiongen_client_next_event(motiongen_client* client, motiongen_event* e
   if (has_frame) told.frame = next.outcome.effective_frame.value_or(next.frame);
   if (next.kind == EventKind::reached) put_reached(next.reached, told);
   told.exact = next.exact ? 1 : 0;
+  told.is_durable = next.is_durable ? 1 : 0;
   told.tier = next.level.tier;
   told.denoise_steps = next.level.denoise_steps;
   motiongen::c::copy_text(next.outcome.status.reason(), told.reason);
@@ -117,6 +128,20 @@ motiongen_code motiongen_client_open(motiongen_client* client, const motiongen_s
   chosen.start_x_m = given.start_x_m;
   chosen.start_z_m = given.start_z_m;
   if (given.start_heading_rad != 0) chosen.start_heading_rad = given.start_heading_rad;
+  if (given.frame_format > MOTIONGEN_FORMAT_QUANTISED) {
+    return answer(motiongen::invalid("frame_format", std::to_string(given.frame_format), "1 to 3, or 0 for F32"),
+                  error);
+  }
+  if (given.frame_format != 0) chosen.frame_format = static_cast<motiongen::FrameFormat>(given.frame_format);
+  chosen.history_frames = given.history_frames;
+  chosen.keep_prompts = given.keep_prompts != 0;
+  chosen.prompt.preset_id = text(given.preset_id);
+  if (given.has_text_guidance != 0) chosen.text_guidance = given.text_guidance;
+  if (given.has_target_guidance != 0) chosen.constraint_guidance = given.target_guidance;
+  if (given.prior_rows != nullptr) {
+    chosen.prior_rows.assign(given.prior_rows,
+                             given.prior_rows + std::size_t{given.num_prior_rows} * given.prior_row_floats);
+  }
   auto opened = client->client.open(chosen);
   if (opened) *session = new motiongen_session{std::move(opened).value()};
   return answer(opened.status(), error);

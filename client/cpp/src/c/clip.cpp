@@ -3,6 +3,7 @@
 
 #include "c/handles.hpp"
 #include "c/structs.hpp"
+#include "c/values.hpp"
 
 using motiongen::c::answer;
 using motiongen::c::missing;
@@ -23,6 +24,7 @@ motiongen_code motiongen_client_generate_clip(motiongen_client* client, const mo
   *clip = nullptr;
   if (!motiongen::c::read(options, given)) return missing("options", error);
   if (given.num_waypoints > 0 && given.waypoints == nullptr) return missing("waypoints", error);
+  if (given.num_targets > 0 && given.targets == nullptr) return missing("targets", error);
   motiongen::ClipOptions chosen;
   chosen.num_frames = given.num_frames;
   if (given.num_samples != 0) chosen.num_samples = given.num_samples;
@@ -42,6 +44,11 @@ motiongen_code motiongen_client_generate_clip(motiongen_client* client, const mo
     waypoint.z_m = each.z_m;
     if (each.has_heading != 0) waypoint.heading_rad = each.heading_rad;
     chosen.targets.emplace_back(std::move(waypoint));
+  }
+  for (uint32_t index = 0; index < given.num_targets; ++index) {
+    auto target = motiongen::c::target_of(given.targets[index]);
+    if (!target) return answer(target.status(), error);
+    chosen.targets.push_back(std::move(target).value());
   }
   auto made = client->client.generate_clip(chosen);
   if (made) *clip = new motiongen_clip{std::move(made).value()};
@@ -71,16 +78,16 @@ uint64_t motiongen_clip_seed(const motiongen_clip* clip, uint32_t sample) {
   return found == nullptr ? 0 : found->opened.seed;
 }
 
-motiongen_code motiongen_clip_residual(const motiongen_clip* clip, uint32_t sample, uint32_t waypoint,
+motiongen_code motiongen_clip_residual(const motiongen_clip* clip, uint32_t sample, uint32_t target,
                                        motiongen_residual* residual, motiongen_error* error) {
   const motiongen::Clip* found = sample_of(clip, sample);
   if (found == nullptr || residual == nullptr) return missing("clip, sample, residual", error);
-  if (waypoint >= found->residuals.size()) {
-    return answer(motiongen::invalid("waypoint", std::to_string(waypoint),
-                                     "less than " + std::to_string(found->residuals.size())),
-                  error);
+  if (target >= found->residuals.size()) {
+    return answer(
+        motiongen::invalid("target", std::to_string(target), "less than " + std::to_string(found->residuals.size())),
+        error);
   }
-  const motiongen::Residual& measured = found->residuals[waypoint];
+  const motiongen::Residual& measured = found->residuals[target];
   motiongen_residual told;
   std::memset(&told, 0, sizeof told);
   told.num_frames = measured.num_frames;
@@ -89,6 +96,8 @@ motiongen_code motiongen_clip_residual(const motiongen_clip* clip, uint32_t samp
   told.position_m = measured.position_m.value_or(motiongen::Deviation()).worst;
   told.has_heading = measured.heading_rad ? 1 : 0;
   told.heading_rad = measured.heading_rad.value_or(motiongen::Deviation()).worst;
+  told.has_rotation = measured.rotation_rad ? 1 : 0;
+  told.rotation_rad = measured.rotation_rad.value_or(motiongen::Deviation()).worst;
   motiongen::c::write(told, residual);
   return answer({}, error);
 }

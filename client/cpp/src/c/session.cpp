@@ -1,38 +1,13 @@
 // The C interface of a session.
-#include <optional>
-#include <utility>
-#include <vector>
-
 #include "c/handles.hpp"
 #include "c/structs.hpp"
 #include "motiongen/core/pose.hpp"
 
-using motiongen::EditId;
-using motiongen::Result;
-using motiongen::Span;
 using motiongen::Status;
-using motiongen::Target;
 using motiongen::c::answer;
 using motiongen::c::missing;
 
 namespace {
-
-motiongen_code tell(const Result<EditId>& sent, uint64_t* edit, motiongen_error* error) {
-  if (sent && edit != nullptr) *edit = sent.value();
-  return answer(sent.status(), error);
-}
-
-motiongen_code add(motiongen_session* session, const Target& target, uint32_t* id, uint64_t* edit,
-                   motiongen_error* error) {
-  std::vector<std::uint32_t> ids;
-  const auto sent = session->session.add_targets({&target, 1}, &ids);
-  if (sent && id != nullptr) *id = ids[0];
-  return tell(sent, edit, error);
-}
-
-std::optional<float> optional_of(const float* value) {
-  return value == nullptr ? std::nullopt : std::optional<float>(*value);
-}
 
 Status not_open() { return {motiongen::Code::failed_precondition, "NOT_OPEN", "the session has not opened yet"}; }
 
@@ -51,59 +26,6 @@ int32_t motiongen_session_is_open(const motiongen_session* session) {
 motiongen_code motiongen_session_wait_open(motiongen_session* session, double timeout_s, motiongen_error* error) {
   if (session == nullptr) return missing("session", error);
   return answer(session->session.wait_open(timeout_s).status(), error);
-}
-
-// ---- what it is told
-
-motiongen_code motiongen_session_set_prompt(motiongen_session* session, const char* text, uint64_t* edit,
-                                            motiongen_error* error) {
-  if (session == nullptr || text == nullptr) return missing("session, text", error);
-  return tell(session->session.set_prompt(motiongen::Prompt(text)), edit, error);
-}
-
-motiongen_code motiongen_session_add_waypoint(motiongen_session* session, uint64_t frame, float x_m, float z_m,
-                                              const float* heading_rad, uint32_t* id, uint64_t* edit,
-                                              motiongen_error* error) {
-  if (session == nullptr) return missing("session", error);
-  return add(session, motiongen::Waypoint{frame, x_m, z_m, optional_of(heading_rad)}, id, edit, error);
-}
-
-motiongen_code motiongen_session_add_path(motiongen_session* session, uint64_t first_frame, const float* positions_m,
-                                          uint32_t num_frames, uint32_t* id, uint64_t* edit, motiongen_error* error) {
-  if (session == nullptr || positions_m == nullptr) return missing("session, positions_m", error);
-  motiongen::RootTrajectory path;
-  path.first_frame = first_frame;
-  path.positions_m.assign(positions_m, positions_m + 2 * std::size_t{num_frames});
-  return add(session, path, id, edit, error);
-}
-
-motiongen_code motiongen_session_remove_target(motiongen_session* session, uint32_t id, uint64_t* edit,
-                                               motiongen_error* error) {
-  if (session == nullptr) return missing("session", error);
-  return tell(session->session.remove_targets({&id, 1}), edit, error);
-}
-
-motiongen_code motiongen_session_clear_targets(motiongen_session* session, uint64_t* edit, motiongen_error* error) {
-  if (session == nullptr) return missing("session", error);
-  return tell(session->session.set_targets({}), edit, error);
-}
-
-motiongen_code motiongen_session_set_velocity(motiongen_session* session, float x_mps, float z_mps, double seconds,
-                                              const float* heading_rad, int32_t keep_prompt, uint64_t* edit,
-                                              motiongen_error* error) {
-  if (session == nullptr) return missing("session", error);
-  const auto sent = session->session.set_velocity(x_mps, z_mps, seconds, optional_of(heading_rad), keep_prompt != 0);
-  return tell(sent, edit, error);
-}
-
-motiongen_code motiongen_session_pause(motiongen_session* session, uint64_t* edit, motiongen_error* error) {
-  if (session == nullptr) return missing("session", error);
-  return tell(session->session.pause(), edit, error);
-}
-
-motiongen_code motiongen_session_resume(motiongen_session* session, uint64_t* edit, motiongen_error* error) {
-  if (session == nullptr) return missing("session", error);
-  return tell(session->session.resume(), edit, error);
 }
 
 // ---- its rig
@@ -170,6 +92,15 @@ motiongen_code motiongen_session_joint_positions(const motiongen_session* sessio
   }
   motiongen::joint_positions(rig, {row, rig.row_width}, {positions_m, num_floats});
   return answer({}, error);
+}
+
+motiongen_code motiongen_session_set_time_scale(motiongen_session* session, double scale, motiongen_error* error) {
+  if (session == nullptr) return missing("session", error);
+  return answer(session->session.set_time_scale(scale), error);
+}
+
+int32_t motiongen_session_is_durable(const motiongen_session* session) {
+  return session != nullptr && session->session.is_durable() ? 1 : 0;
 }
 
 uint64_t motiongen_session_playhead(const motiongen_session* session) {

@@ -3,50 +3,23 @@
 #include <algorithm>
 #include <iterator>
 
+#include "client/frame_shift.hpp"
+#include "client/placing.hpp"
+
 namespace motiongen {
-namespace {
 
-std::uint64_t last_frame(const v1::Constraint& constraint) {
-  const int frames = constraint.has_root_trajectory() ? constraint.root_trajectory().positions_size() / 2 : 1;
-  return constraint.frame() + static_cast<std::uint64_t>(std::max(frames, 1)) - 1;
-}
-
-// A span counted from `base`; false where it is over by then. A start that has passed is "as soon as possible".
-bool shift(v1::PromptSpan& span, std::uint64_t base) {
-  if (span.end_frame() != 0 && span.end_frame() <= base) return false;
-  if (span.end_frame() != 0) span.set_end_frame(span.end_frame() - base);
-  span.set_start_frame(span.start_frame() <= base ? 0 : span.start_frame() - base);
-  return true;
-}
-
-// A constraint counted from `base`, a path without the part that has passed; false where all of it has.
-bool shift(v1::Constraint& constraint, std::uint64_t base) {
-  if (last_frame(constraint) < base) return false;
-  if (constraint.frame() >= base) {
-    constraint.set_frame(constraint.frame() - base);
-    return true;
-  }
-  const int passed = static_cast<int>(base - constraint.frame());
-  auto* path = constraint.mutable_root_trajectory();
-  path->mutable_positions()->erase(path->positions().begin(), path->positions().begin() + 2 * passed);
-  if (path->headings_size() > 0) {
-    path->mutable_headings()->erase(path->headings().begin(), path->headings().begin() + passed);
-  }
-  constraint.set_frame(0);
-  return true;
-}
-
-}  // namespace
-
-std::vector<std::uint32_t> SessionBook::begun_prompts(std::uint64_t playhead, bool spare_last) const {
+std::vector<std::uint32_t> SessionBook::drop_begun_prompts(std::uint64_t playhead, bool spare_last) {
   std::vector<std::pair<std::uint64_t, std::uint32_t>> begun;
-  for (const auto& [id, span] : prompts_) {
-    if (id != kPresentPrompt && span.start_frame() <= playhead) begun.emplace_back(span.start_frame(), id);
+  for (const v1::PromptSpan& span : prompts_) {
+    const bool goes_by_itself = span.prompt_id() == kPresentPrompt || span.end_frame() != 0;
+    if (goes_by_itself || span.start_frame() > playhead || going_.count(span.prompt_id()) != 0) continue;
+    begun.emplace_back(span.start_frame(), span.prompt_id());
   }
   std::sort(begun.begin(), begun.end());
   if (spare_last && !begun.empty()) begun.pop_back();
   std::vector<std::uint32_t> ids;
   for (const auto& each : begun) ids.push_back(each.second);
+  going_.insert(ids.begin(), ids.end());
   return ids;
 }
 
@@ -61,13 +34,18 @@ v1::OpenSession SessionBook::reopening(std::uint64_t base, std::uint32_t num_pri
   if (!opened_) return message;
   message.clear_prompts();
   message.clear_constraints();
-  for (const auto& entry : prompts_) {
-    v1::PromptSpan span = entry.second;
+  std::vector<v1::PromptSpan> spans = prompts_;
+  const auto later = std::stable_partition(spans.begin(), spans.end(),
+                                           [base](const v1::PromptSpan& each) { return each.start_frame() <= base; });
+  // they all begin at once now: the one that holds must come last
+  std::stable_sort(spans.begin(), later,
+                   [](const v1::PromptSpan& a, const v1::PromptSpan& b) { return a.start_frame() < b.start_frame(); });
+  for (v1::PromptSpan& span : spans) {
     if (shift(span, base)) *message.add_prompts() = std::move(span);
   }
-  for (const auto& entry : constraints_) {
-    v1::Constraint constraint = entry.second;
-    if (shift(constraint, base)) *message.add_constraints() = std::move(constraint);
+  for (const v1::Constraint& each : constraints_) {
+    auto rest = left(each, base);
+    if (rest) *message.add_constraints() = std::move(*rest);
   }
   if (num_prior > 0) {
     message.clear_start_pose();
@@ -86,14 +64,25 @@ std::vector<v1::SessionEvent> SessionBook::repetitions(std::uint64_t base) const
 }
 
 std::vector<v1::SessionEvent> SessionBook::unanswered(std::uint64_t base) {
-  std::vector<v1::SessionEvent> events;
-  if (!pending_.empty() && pending_.front().edit == 0) pending_.pop_front();  // the pause of the time before
+  while (!pending_.empty() && pending_.front().edit == 0) pending_.pop_front();  // what was said of the time before
+  const auto put_first = [this](v1::SessionEvent event) {
+    event.set_session(session_);
+    pending_.push_front({0, std::move(event)});
+  };
   if (paused_) {
     v1::SessionEvent pause;
-    pause.set_session(session_);
     pause.mutable_set_play_state()->set_state(v1::PLAY_STATE_PAUSED);
-    pending_.push_front({0, pause});
+    put_first(pause);
   }
+  if (velocity_ && velocity_->frame > base) {
+    v1::SessionEvent event = velocity_->event;
+    auto* velocity = event.mutable_set_velocity();
+    const std::uint64_t frames = std::min<std::uint64_t>(velocity->hold_frames(), velocity_->frame - base);
+    velocity->set_hold_frames(static_cast<std::uint32_t>(frames));
+    put_first(std::move(event));
+  }
+  if (cut_ && cut_->frame >= base) put_first(cut_->event);
+  std::vector<v1::SessionEvent> events;
   for (Pending& each : pending_) {
     each.event.set_event_seq(take_seq());
     events.push_back(shifted(each.event, base));
@@ -101,59 +90,108 @@ std::vector<v1::SessionEvent> SessionBook::unanswered(std::uint64_t base) {
   return events;
 }
 
-v1::SessionEvent SessionBook::shifted(v1::SessionEvent event, std::uint64_t base) {
-  if (base == 0) return event;
-  // What has passed is left in at frame 0 or 1: the server refuses it by its own rule, and the edit gets its answer.
-  if (event.has_edit_prompts()) {
-    for (auto& span : *event.mutable_edit_prompts()->mutable_upsert()) {
-      if (!shift(span, base)) {
-        span.set_start_frame(0);
-        span.set_end_frame(1);
-      }
-    }
-  }
-  if (event.has_edit_constraints()) {
-    for (auto& constraint : *event.mutable_edit_constraints()->mutable_upsert()) {
-      if (!shift(constraint, base)) constraint.set_frame(0);
-    }
-  }
-  return event;
-}
-
-std::optional<EditId> SessionBook::answer(std::uint64_t event_seq, bool accepted) {
+std::optional<EditId> SessionBook::answer(std::uint64_t event_seq, const std::optional<Taken>& taken) {
   const auto found = std::find_if(pending_.begin(), pending_.end(),
                                   [event_seq](const Pending& each) { return each.event.event_seq() == event_seq; });
   if (found == pending_.end()) return std::nullopt;
   const EditId edit = found->edit;
-  if (accepted) accept(found->event);
+  for (const std::uint32_t id : found->event.edit_prompts().remove()) going_.erase(id);
+  if (taken) accept(found->event, *taken);
   pending_.erase(found);
   return edit;
 }
 
-void SessionBook::opened() {
+void SessionBook::opened(const std::vector<Placement>& placements) {
   if (opened_) return;
   opened_ = true;
-  for (const auto& span : open_.prompts()) prompts_[span.prompt_id()] = span;
-  for (const auto& constraint : open_.constraints()) constraints_[constraint.constraint_id()] = constraint;
+  prompts_.assign(open_.prompts().begin(), open_.prompts().end());
+  constraints_.assign(open_.constraints().begin(), open_.constraints().end());
+  place(placements);
 }
 
 void SessionBook::forget_before(std::uint64_t frame) {
-  for (auto entry = constraints_.begin(); entry != constraints_.end();) {
-    entry = last_frame(entry->second) < frame ? constraints_.erase(entry) : std::next(entry);
+  const auto over = [&](const v1::Constraint& each) { return is_over(each, frame); };
+  constraints_.erase(std::remove_if(constraints_.begin(), constraints_.end(), over), constraints_.end());
+  for (auto entry = placements_.begin(); entry != placements_.end();) {
+    const auto has_id = [&](const v1::Constraint& each) { return each.constraint_id() == entry->first; };
+    const bool is_used = std::any_of(constraints_.begin(), constraints_.end(), has_id);
+    entry = is_used ? std::next(entry) : placements_.erase(entry);
   }
 }
 
-void SessionBook::accept(const v1::SessionEvent& event) {
+bool SessionBook::is_over(const v1::Constraint& constraint, std::uint64_t frame) const {
+  const auto placement = placements_.find(constraint.constraint_id());
+  if (placement != placements_.end()) return placement->second.last_frame < frame;
+  if (constraint.at_any_frame() || constraint.frames_from_effect() || constraint.has_root_path()) return false;
+  if (constraint.has_last_frame()) return constraint.last_frame() < frame;
+  const int frames = constraint.has_root_trajectory() ? constraint.root_trajectory().positions_size() / 2 : 1;
+  return constraint.frame() + static_cast<std::uint64_t>(std::max(frames, 1)) <= frame;
+}
+
+std::optional<v1::Constraint> SessionBook::left(const v1::Constraint& constraint, std::uint64_t frame) const {
+  if (is_over(constraint, frame)) return std::nullopt;
+  const auto placement = placements_.find(constraint.constraint_id());
+  if (placement != placements_.end() && constraint.has_root_path()) {
+    return path_left(constraint, placement->second, frame);
+  }
+  v1::Constraint rest = constraint;
+  if (!shift(rest, frame)) return std::nullopt;
+  return rest;
+}
+
+void SessionBook::place(const std::vector<Placement>& placements) {
+  for (const Placement& each : placements) {
+    for (v1::Constraint& constraint : constraints_) {
+      if (constraint.constraint_id() != each.target) continue;
+      constraint = placed(constraint, each);
+      placements_[each.target] = each;
+    }
+  }
+}
+
+void SessionBook::forget_prompt(std::uint32_t id) {
+  const auto has_id = [id](const v1::PromptSpan& each) { return each.prompt_id() == id; };
+  prompts_.erase(std::remove_if(prompts_.begin(), prompts_.end(), has_id), prompts_.end());
+}
+
+void SessionBook::accept(const v1::SessionEvent& event, const Taken& taken) {
   if (event.has_edit_prompts()) {
-    for (const std::uint32_t id : event.edit_prompts().remove()) prompts_.erase(id);
-    for (const auto& span : event.edit_prompts().upsert()) prompts_[span.prompt_id()] = span;
+    for (const std::uint32_t id : event.edit_prompts().remove()) forget_prompt(id);
+    for (const auto& span : event.edit_prompts().upsert()) {
+      forget_prompt(span.prompt_id());
+      prompts_.push_back(span);
+      prompts_.back().set_start_frame(std::max<std::uint64_t>(span.start_frame(), taken.effective_frame));
+    }
   } else if (event.has_edit_constraints()) {
-    if (event.edit_constraints().clear()) constraints_.clear();
-    for (const std::uint32_t id : event.edit_constraints().remove()) constraints_.erase(id);
-    for (const auto& each : event.edit_constraints().upsert()) constraints_[each.constraint_id()] = each;
+    const auto& edit = event.edit_constraints();
+    const auto is_gone = [&edit](const v1::Constraint& each) {
+      const auto has_id = [&each](const v1::Constraint& other) {
+        return other.constraint_id() == each.constraint_id();
+      };
+      return edit.clear() || std::count(edit.remove().begin(), edit.remove().end(), each.constraint_id()) != 0 ||
+             std::any_of(edit.upsert().begin(), edit.upsert().end(), has_id);
+    };
+    constraints_.erase(std::remove_if(constraints_.begin(), constraints_.end(), is_gone), constraints_.end());
+    for (const auto& each : edit.upsert()) placements_.erase(each.constraint_id());
+    constraints_.insert(constraints_.end(), edit.upsert().begin(), edit.upsert().end());
+    place(taken.placements);
+  } else if (event.has_set_velocity()) {
+    velocity_ = Held{event, taken.effective_frame + event.set_velocity().hold_frames()};
+  } else if (event.has_seek()) {
+    cut_ = Held{event, taken.effective_frame};
+  } else if (event.has_set_options()) {
+    accept_options(event.set_options());
   } else if (event.has_set_play_state()) {
     paused_ = event.set_play_state().state() == v1::PLAY_STATE_PAUSED;
   }
+}
+
+void SessionBook::accept_options(const v1::SetOptions& options) {
+  if (options.has_priority()) open_.set_priority(options.priority());
+  if (options.has_lookahead_frames()) open_.set_lookahead_frames(options.lookahead_frames());
+  if (options.has_denoise_steps()) open_.set_denoise_steps(options.denoise_steps());
+  if (options.has_history_frames()) open_.set_history_frames(options.history_frames());
+  if (options.has_guidance()) *open_.mutable_guidance() = options.guidance();
 }
 
 }  // namespace motiongen

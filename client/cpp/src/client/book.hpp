@@ -6,12 +6,20 @@
 #include <deque>
 #include <map>
 #include <optional>
+#include <set>
+#include <utility>
 #include <vector>
 
 #include "motiongen/client/types.hpp"
 #include "motiongen/v1/session.pb.h"
 
 namespace motiongen {
+
+// How the server took an event. Frames are the timeline's.
+struct Taken {
+  std::uint64_t effective_frame = 0;
+  std::vector<Placement> placements;
+};
 
 class SessionBook {
  public:
@@ -26,9 +34,13 @@ class SessionBook {
   std::uint32_t take_prompt_id() { return next_prompt_++; }
   std::uint32_t take_constraint_id() { return next_constraint_++; }
 
-  // Scheduled prompts that were accepted and hold no longer once another takes over at `until`: those that have begun
-  // by the playhead, without the one that holds until then.
-  std::vector<std::uint32_t> begun_prompts(std::uint64_t playhead, bool spare_last) const;
+  // Whether an id was taken.
+  bool knows_prompt(std::uint32_t id) const { return id > kPresentPrompt && id < next_prompt_; }
+  bool knows_constraint(std::uint32_t id) const { return id > 0 && id < next_constraint_; }
+
+  // Scheduled prompts that hold no longer once another takes over, to be removed by the edit that says so: accepted
+  // ones that have begun by the playhead, without the one that holds until then. One with an end goes by itself.
+  std::vector<std::uint32_t> drop_begun_prompts(std::uint64_t playhead, bool spare_last);
 
   // Note an edit. Its frames are the timeline's. Returns its number; `event_seq` of the event is set.
   EditId add(v1::SessionEvent& event);
@@ -52,18 +64,16 @@ class SessionBook {
   // Events that have no answer, as they were sent: what the server has taken of them it knows by their numbers.
   std::vector<v1::SessionEvent> repetitions(std::uint64_t base) const;
 
-  // The same for a session that is opened anew: numbered anew and in order. A pause comes first where it is paused.
+  // The same for a session that is opened anew: numbered anew and in order. What holds and its opening cannot say comes
+  // first: a cut that has not come yet, the velocity, a pause.
   std::vector<v1::SessionEvent> unanswered(std::uint64_t base);
 
-  // The event as it is sent to a session whose frame 0 is `base`.
-  static v1::SessionEvent shifted(v1::SessionEvent event, std::uint64_t base);
-
   // The answer to the event with a number: which edit it was, 0 for one of ours; nothing where none waits. What was
-  // accepted is kept.
-  std::optional<EditId> answer(std::uint64_t event_seq, bool accepted);
+  // accepted is kept. taken: nothing where it was refused.
+  std::optional<EditId> answer(std::uint64_t event_seq, const std::optional<Taken>& taken);
 
   // The server has opened it: prompts and constraints of the opening hold.
-  void opened();
+  void opened(const std::vector<Placement>& placements);
 
   // Constraints before a frame have been played and are not needed any more.
   void forget_before(std::uint64_t frame);
@@ -75,8 +85,17 @@ class SessionBook {
     EditId edit = 0;
     v1::SessionEvent event;
   };
+  struct Held {
+    v1::SessionEvent event;
+    std::uint64_t frame = 0;  // a velocity's end, a cut's first
+  };
 
-  void accept(const v1::SessionEvent& event);
+  void accept(const v1::SessionEvent& event, const Taken& taken);
+  void accept_options(const v1::SetOptions& options);
+  void place(const std::vector<Placement>& placements);
+  void forget_prompt(std::uint32_t id);
+  bool is_over(const v1::Constraint& constraint, std::uint64_t frame) const;
+  std::optional<v1::Constraint> left(const v1::Constraint& constraint, std::uint64_t frame) const;
 
   std::uint32_t session_;
   v1::OpenSession open_;
@@ -85,8 +104,12 @@ class SessionBook {
   std::uint32_t next_prompt_ = kPresentPrompt + 1;
   std::uint32_t next_constraint_ = 1;
   std::deque<Pending> pending_;
-  std::map<std::uint32_t, v1::PromptSpan> prompts_;
-  std::map<std::uint32_t, v1::Constraint> constraints_;
+  std::vector<v1::PromptSpan> prompts_;      // in the order they were set
+  std::set<std::uint32_t> going_;            // prompts whose removal is on its way
+  std::vector<v1::Constraint> constraints_;  // in the order they were set: of equal ones the last holds
+  std::map<std::uint32_t, Placement> placements_;
+  std::optional<Held> velocity_;
+  std::optional<Held> cut_;
   bool paused_ = false;
   bool opened_ = false;
 };

@@ -103,7 +103,7 @@ Result<std::vector<Clip>> ClientCore::generate_clip(const ClipOptions& options) 
   Status checked = check(options, known->limits);
   if (!checked) return checked;
   ShortCall call(*this, options.timeout_s);
-  const auto stub = v1::MotionService::NewStub(channel_);
+  const auto stub = v1::MotionService::NewStub(server().channel);
   const auto reader = stub->GenerateClip(&call.context, request_of(options));
   std::vector<Sample> samples(options.num_samples);
   v1::GenerateClipResponse part;

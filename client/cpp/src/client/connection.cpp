@@ -27,10 +27,14 @@ bool is_loss(const Status& status) {
 
 }  // namespace
 
-Status ClientCore::make_channel() {
-  const auto colon = options_.address.rfind(':');
-  if (colon == std::string::npos || colon == 0 || colon + 1 == options_.address.size()) {
-    return invalid("address", "\"" + options_.address + "\"", "host:port, such as localhost:50051");
+Status ClientCore::check_options() const {
+  std::vector<std::string> addresses = options_.other_addresses;
+  addresses.insert(addresses.begin(), options_.address);
+  for (const std::string& address : addresses) {
+    const auto colon = address.rfind(':');
+    if (colon == std::string::npos || colon == 0 || colon + 1 == address.size()) {
+      return invalid("address", "\"" + address + "\"", "host:port, such as localhost:50051");
+    }
   }
   if (!(options_.report_hz >= 1 && options_.report_hz <= 5)) {
     return invalid("report_hz", std::to_string(options_.report_hz), "a number from 1 to 5");
@@ -41,6 +45,12 @@ Status ClientCore::make_channel() {
   if (!std::isfinite(options_.connect_timeout_s) || options_.connect_timeout_s <= 0) {
     return invalid("connect_timeout_s", std::to_string(options_.connect_timeout_s), "a number above 0");
   }
+  return {};
+}
+
+Status ClientCore::make_channels() {
+  Status checked = check_options();
+  if (!checked) return checked;
   grpc::ChannelArguments arguments;
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);  // a connection of its own
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 30'000);
@@ -58,17 +68,23 @@ Status ClientCore::make_channel() {
     credentials = grpc::SslCredentials(
         {options_.root_certificates_pem, options_.private_key_pem, options_.certificate_chain_pem});
   }
-  channel_ = grpc::CreateCustomChannel(options_.address, credentials, arguments);
-  stub_ = std::make_unique<grpc::GenericStub>(channel_);
+  const auto add = [&](const std::string& address) {
+    auto channel = grpc::CreateCustomChannel(address, credentials, arguments);
+    auto stub = std::make_unique<grpc::GenericStub>(channel);
+    servers_.push_back({std::move(channel), std::move(stub)});
+  };
+  add(options_.address);
+  for (const std::string& address : options_.other_addresses) add(address);
   return {};
 }
 
 Status ClientCore::fetch_catalog(double timeout_s) {
   ShortCall call(*this, timeout_s);
-  call.context.set_wait_for_ready(true);
+  call.context.set_wait_for_ready(servers_.size() == 1);  // else one that is not there is passed over at once
   v1::GetCatalogRequest request;
   v1::GetCatalogResponse response;
-  const grpc::Status status = v1::MotionService::NewStub(channel_)->GetCatalog(&call.context, request, &response);
+  const grpc::Status status =
+      v1::MotionService::NewStub(server().channel)->GetCatalog(&call.context, request, &response);
   if (!status.ok()) return status_of(status);
   auto made = convert::catalog(response);
   if (!made) return made.status();
@@ -90,7 +106,7 @@ Status ClientCore::try_connect(double deadline_s) {
 }
 
 Status ClientCore::connect() {
-  Status made = make_channel();
+  Status made = make_channels();
   if (!made) return made;
   const double deadline_s = now_s() + options_.connect_timeout_s;
   Status why;
@@ -100,6 +116,7 @@ Status ClientCore::connect() {
     const bool may_pass = why.code() == Code::unavailable || why.code() == Code::resource_exhausted;
     const double left_s = deadline_s - now_s();
     if (!may_pass || left_s <= 0) break;
+    next_server();
     std::this_thread::sleep_for(std::chrono::duration<double>(std::min(wait_s, left_s)));
   }
   if (!why) {
@@ -127,7 +144,7 @@ void ClientCore::begin_call() {
   ended.swap(ended_calls_);
   is_lost_ = draining_ = false;
   next_ping_s_ = now_s();
-  call_ = Call::start(*stub_, options_.token, outbox_, shared_from_this());
+  call_ = Call::start(*server().stub, options_.token, outbox_, shared_from_this());
 }
 
 void ClientCore::on_call_ended(const grpc::Status& status, std::shared_ptr<Call> call) {
@@ -150,9 +167,15 @@ void ClientCore::lose(const Status& status, bool will_reconnect) {
     call_ = nullptr;
     failure_ = status;
     is_lost_ = will_reconnect;
-    backoff_s_ = was_connected ? kFirstBackoffS : std::min(backoff_s_ * kBackoffGrowth, kMostBackoffS);
+    // the server that was lost is asked first: it may have kept the sessions; one that goes away has not
+    if (!was_connected || (draining_ && servers_.size() > 1)) next_server();
+    num_failures_ = was_connected ? 0 : num_failures_ + 1;
+    const bool all_failed = num_failures_ % servers_.size() == 0;
+    if (was_connected) backoff_s_ = kFirstBackoffS;
+    if (!was_connected && all_failed) backoff_s_ = std::min(backoff_s_ * kBackoffGrowth, kMostBackoffS);
     const double jitter = std::uniform_real_distribution<double>(0.8, 1.2)(jitter_);
-    reconnect_at_s_ = std::max(now_s() + backoff_s_ * jitter, server_wishes_s_);
+    const double wait_s = was_connected || all_failed ? backoff_s_ * jitter : 0;
+    reconnect_at_s_ = std::max(now_s() + wait_s, servers_.size() > 1 ? 0 : server_wishes_s_);
     server_wishes_s_ = 0;
     woken_ = true;
     changed_.notify_all();

@@ -17,40 +17,41 @@ std::vector<Warning> warnings(const Messages& messages) {
   return found;
 }
 
-Result<Rig> rig(const v1::Rig& message) {
-  Rig made;
-  made.rig_id = message.rig_id();
-  made.joint_names.assign(message.joints().begin(), message.joints().end());
-  made.parents.assign(message.parents().begin(), message.parents().end());
-  made.offsets_m.assign(message.neutral_offsets_m().begin(), message.neutral_offsets_m().end());
-  made.frame_rate_hz = message.frame_rate();
-  for (const auto& block : message.blocks()) made.blocks.push_back({block.name(), block.width()});
-  made.hip_joints.assign(message.hip_joints().begin(), message.hip_joints().end());
-  for (const auto& limb : message.limbs()) {
-    made.limbs.push_back({limb.name(), {limb.joints().begin(), limb.joints().end()}});
+template <class Messages>
+std::vector<Placement> placements(const Messages& messages) {
+  std::vector<Placement> found;
+  for (const auto& each : messages) {
+    Placement made;
+    made.target = each.constraint_id();
+    made.first_frame = each.first_frame();
+    made.last_frame = each.last_frame();
+    made.arrival_frame = each.arrival_frame();
+    made.anchor_frame = each.anchor_frame();
+    made.anchor_x_m = each.anchor_x();
+    made.anchor_z_m = each.anchor_z();
+    made.anchor_heading_rad = each.anchor_heading();
+    found.push_back(made);
   }
-  Status checked = made.check();
-  if (!checked) return checked;
-  return made;
-}
-
-Model model(const v1::Model& message) {
-  Model made;
-  made.model_id = message.model_id();
-  made.rig_id = message.rig_id();
-  made.licence = message.licence();
-  made.text_encoder = message.text_encoder();
-  made.horizon_frames = message.horizon_frames();
-  made.patch_frames = message.patch_frames();
-  made.default_denoise_steps = message.default_denoise_steps();
-  made.min_denoise_steps = message.min_denoise_steps();
-  made.max_denoise_steps = message.max_denoise_steps();
-  made.max_history_frames = message.max_history_frames();
-  for (const auto& preset : message.presets()) made.preset_ids.push_back(preset.preset_id());
-  return made;
+  return found;
 }
 
 }  // namespace
+
+Status check(const Prompt& prompt) {
+  if (prompt.empty()) {
+    return invalid("prompt", "nothing", "a text, a preset or an embedding; remove_prompt takes one away");
+  }
+  if (!prompt.preset_id.empty() && !(prompt.text.empty() && prompt.embedding.empty())) {
+    return invalid("prompt", "a preset and something else", "one of them");
+  }
+  return {};
+}
+
+Status check_rows(Span<const float> rows, std::uint32_t row_width) {
+  if (row_width > 0 && !rows.empty() && rows.size() % row_width == 0) return {};
+  return invalid("rows", std::to_string(rows.size()) + " floats",
+                 "whole rows of " + std::to_string(row_width) + " floats, one or more");
+}
 
 v1::PromptSpan span(std::uint32_t id, const Prompt& prompt, std::uint64_t start_frame, std::uint64_t end_frame) {
   v1::PromptSpan message;
@@ -70,10 +71,12 @@ v1::PromptSpan span(std::uint32_t id, const Prompt& prompt, std::uint64_t start_
 v1::OpenSession open_session(const SessionOptions& options) {
   v1::OpenSession message;
   message.set_model_id(options.model_id);
+  message.set_rig_id(options.rig_id);
   if (options.seed) message.set_seed(*options.seed);
   message.set_priority(static_cast<v1::PriorityClass>(options.priority));
   message.set_lookahead_frames(options.lookahead_frames);
-  message.set_scalar_type(v1::SCALAR_TYPE_F32_LE);
+  message.set_scalar_type(static_cast<v1::ScalarType>(options.frame_format));
+  message.set_keep_prompts(options.keep_prompts);
   if (options.denoise_steps != 0) message.set_denoise_steps(options.denoise_steps);
   if (options.history_frames != 0) message.set_history_frames(options.history_frames);
   if (options.text_guidance) message.mutable_guidance()->set_text(*options.text_guidance);
@@ -87,27 +90,24 @@ v1::OpenSession open_session(const SessionOptions& options) {
   return message;
 }
 
-Result<std::shared_ptr<const Catalog>> catalog(const v1::GetCatalogResponse& message) {
-  auto made = std::make_shared<Catalog>();
-  made->etag = message.catalog_etag();
-  for (const auto& each : message.rigs()) {
-    auto checked = rig(each);
-    if (!checked) return checked.status();
-    made->rigs.push_back(std::move(checked).value());
+void set_rows(Span<const float> rows, std::uint32_t row_width, v1::FrameChunk* frames) {
+  frames->set_frame_count(static_cast<std::uint32_t>(rows.size() / row_width));
+  frames->set_scalar_type(v1::SCALAR_TYPE_F32_LE);
+  frames->set_data(rows.data(), rows.size() * sizeof(float));
+}
+
+v1::SetOptions set_options(const OptionsChange& change) {
+  v1::SetOptions message;
+  if (change.priority) message.set_priority(static_cast<v1::PriorityClass>(*change.priority));
+  if (change.lookahead_frames) message.set_lookahead_frames(*change.lookahead_frames);
+  if (change.denoise_steps) message.set_denoise_steps(*change.denoise_steps);
+  if (change.history_frames) message.set_history_frames(*change.history_frames);
+  if (change.guidance) {
+    auto* guidance = message.mutable_guidance();
+    if (change.guidance->first) guidance->set_text(*change.guidance->first);
+    if (change.guidance->second) guidance->set_constraint(*change.guidance->second);
   }
-  for (const auto& each : message.models()) made->models.push_back(model(each));
-  if (made->models.empty()) return violation("the catalogue has no model");
-  const auto& limits = message.limits();
-  made->limits.max_sessions_per_stream = limits.max_sessions_per_stream();
-  made->limits.max_lookahead_frames = limits.max_lookahead_frames();
-  made->limits.default_lookahead_frames = limits.default_lookahead_frames();
-  made->limits.max_trajectory_frames = limits.max_trajectory_frames();
-  made->limits.max_request_bytes = limits.max_request_bytes();
-  made->limits.max_hold_frames = limits.max_hold_frames();
-  made->limits.max_speed_mps = limits.max_speed_mps();
-  made->limits.max_clip_frames = limits.max_clip_frames();
-  made->limits.max_clip_samples = limits.max_clip_samples();
-  return std::shared_ptr<const Catalog>(std::move(made));
+  return message;
 }
 
 Opened opened(const v1::SessionOpened& message) {
@@ -120,6 +120,7 @@ Opened opened(const v1::SessionOpened& message) {
   made.committed_horizon_frames = message.committed_horizon_frames();
   made.denoise_steps = message.denoise_steps();
   made.warnings = warnings(message.warnings());
+  made.placements = placements(message.placements());
   return made;
 }
 
@@ -131,6 +132,7 @@ Outcome outcome(const v1::EditOutcome& message) {
   made.allowed = message.allowed();
   if (message.has_retry_after()) made.retry_after_s = seconds(message.retry_after());
   made.warnings = warnings(message.warnings());
+  made.placements = placements(message.placements());
   return made;
 }
 

@@ -14,16 +14,26 @@ namespace motiongen::convert {
 
 // INVALID_ARGUMENT for a number that is not finite or a list of the wrong length.
 Status check(const Target& target);
+// INVALID_ARGUMENT for nothing, and for two of text, preset and vector.
+Status check(const Prompt& prompt);
+// INVALID_ARGUMENT for what is no row or several.
+Status check_rows(Span<const float> rows, std::uint32_t row_width);
 v1::Constraint constraint(std::uint32_t id, const Target& target);
 // end_frame 0: until another takes over.
 v1::PromptSpan span(std::uint32_t id, const Prompt& prompt, std::uint64_t start_frame, std::uint64_t end_frame);
-// Without prompts and constraints.
+// Without prompts, constraints and prior frames.
 v1::OpenSession open_session(const SessionOptions& options);
+// rows: whole rows of row_width floats.
+void set_rows(Span<const float> rows, std::uint32_t row_width, v1::FrameChunk* frames);
+v1::SetOptions set_options(const OptionsChange& change);
 
 // ---- from the server
 
 // A violation when a rig contradicts itself.
 Result<std::shared_ptr<const Catalog>> catalog(const v1::GetCatalogResponse& message);
+// The model with an id, or the default one for an empty id; its rig; nullptr where there is none.
+const Model* find_model(const Catalog& catalog, const std::string& model_id);
+const Rig* find_rig(const Catalog& catalog, const std::string& model_id);
 Opened opened(const v1::SessionOpened& message);
 Reached reached(const v1::ConstraintReached& message);
 Residual residual(const v1::ConstraintResidual& message);

@@ -64,6 +64,14 @@ struct Checker {
     }
     return all_finite(target.rotations_wxyz) ? Status() : not_finite("JointRotations");
   }
+  Status operator()(const RootPath& target) const {
+    if (target.corners_m.empty() || target.corners_m.size() % 2 != 0) {
+      return wrong_length("RootPath::corners_m", target.corners_m.size(), "x and z of one corner or more");
+    }
+    const bool finite = all_finite(target.corners_m) && std::isfinite(target.speed_mps.value_or(0)) &&
+                        std::isfinite(target.smoothing_m.value_or(0));
+    return finite ? Status() : not_finite("RootPath");
+  }
 };
 
 struct Writer {
@@ -103,7 +111,17 @@ struct Writer {
     joints->mutable_joints()->Add(target.joints.begin(), target.joints.end());
     joints->mutable_rotations()->Add(target.rotations_wxyz.begin(), target.rotations_wxyz.end());
   }
+  void operator()(const RootPath& target) const {
+    auto* path = message->mutable_root_path();
+    path->mutable_positions()->Add(target.corners_m.begin(), target.corners_m.end());
+    if (target.speed_mps) path->set_speed_mps(*target.speed_mps);
+    if (target.smoothing_m) path->set_smoothing_m(*target.smoothing_m);
+  }
 };
+
+Tolerance tolerance_of(const Target& target) {
+  return std::visit([](const auto& each) { return each.tolerance; }, target.form);
+}
 
 Status check_tolerance(const Tolerance& tolerance) {
   for (const auto& each : {tolerance.position_m, tolerance.rotation_rad}) {
@@ -117,16 +135,23 @@ Status check_tolerance(const Tolerance& tolerance) {
 }  // namespace
 
 Status check(const Target& target) {
-  const Tolerance tolerance = std::visit([](const auto& each) { return each.tolerance; }, target);
-  Status checked = check_tolerance(tolerance);
-  return checked ? std::visit(Checker{}, target) : checked;
+  Status checked = check_tolerance(tolerance_of(target));
+  if (checked && target.weight && !(*target.weight > 0 && *target.weight <= 10)) {
+    checked = invalid("weight", std::to_string(*target.weight), "a number above 0, at most 10, or none for 1");
+  }
+  return checked ? std::visit(Checker{}, target.form) : checked;
 }
 
 v1::Constraint constraint(std::uint32_t id, const Target& target) {
   v1::Constraint message;
   message.set_constraint_id(id);
-  std::visit(Writer{&message}, target);
-  const Tolerance tolerance = std::visit([](const auto& each) { return each.tolerance; }, target);
+  std::visit(Writer{&message}, target.form);
+  if (target.last_frame) message.set_last_frame(*target.last_frame);
+  message.set_at_any_frame(target.at_any_frame);
+  message.set_frames_from_effect(target.frames_from_effect);
+  message.set_relative_to_character(target.relative_to_character);
+  if (target.weight) message.set_weight(*target.weight);
+  const Tolerance tolerance = tolerance_of(target);
   if (tolerance.position_m) message.set_tolerance_m(*tolerance.position_m);
   if (tolerance.rotation_rad) message.set_tolerance_rad(*tolerance.rotation_rad);
   return message;

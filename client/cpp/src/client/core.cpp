@@ -35,18 +35,46 @@ std::vector<std::shared_ptr<SessionState>> ClientCore::sessions() const {
   return found;
 }
 
-Result<std::shared_ptr<SessionState>> ClientCore::open(const SessionOptions& options) {
+Result<v1::OpenSession> ClientCore::opening_of(const SessionOptions& options) const {
   v1::OpenSession open = convert::open_session(options);
-  if (!options.prompt.empty()) {
-    *open.add_prompts() = convert::span(SessionBook::kPresentPrompt, options.prompt, 0, 0);
+  std::uint32_t id = SessionBook::kPresentPrompt;
+  if (!options.prompt.empty()) *open.add_prompts() = convert::span(id, options.prompt, 0, 0);
+  for (const auto& [frame, prompt] : options.later_prompts) {
+    Status checked = convert::check(prompt);
+    if (!checked) return checked;
+    *open.add_prompts() = convert::span(++id, prompt, frame, 0);
   }
+  if (options.prior_rows.empty()) return open;
+  if (open.has_start_pose()) {
+    return invalid("start_x_m, start_z_m, start_heading_rad", "a place",
+                   "none beside prior_rows, whose last one is where the character starts");
+  }
+  const auto known = catalog();
+  const Rig* rig = convert::find_rig(*known, options.model_id);
+  if (rig == nullptr) return invalid("model_id", options.model_id, "a model of the catalogue, beside prior_rows");
+  Status checked = convert::check_rows(options.prior_rows, rig->row_width);
+  if (!checked) return checked;
+  convert::set_rows(options.prior_rows, rig->row_width, open.mutable_prior_frames());
+  return open;
+}
+
+Result<std::shared_ptr<SessionState>> ClientCore::open(const SessionOptions& options) {
+  if (!options.prompt.empty()) {
+    Status checked = convert::check(options.prompt);
+    if (!checked) return checked;
+  }
+  auto opening = opening_of(options);
+  if (!opening) return opening.status();
   std::shared_ptr<SessionState> state;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (closing_ || (call_ == nullptr && !is_lost_)) {
       return Status(Code::failed_precondition, "CLIENT_CLOSED", "the client is closed: " + failure_.message());
     }
-    state = std::make_shared<SessionState>(next_session_++, options, std::move(open), options_.reconnect);
+    state = std::make_shared<SessionState>(next_session_++, options, std::move(opening).value(), options_.reconnect);
+  }
+  for (std::size_t prompt = 0; prompt < options.later_prompts.size(); ++prompt) {
+    static_cast<void>(state->book.take_prompt_id());
   }
   for (const Target& target : options.targets) {
     Status checked = convert::check(target);

@@ -75,8 +75,11 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
  private:
   friend class ShortCall;
 
+  Result<v1::OpenSession> opening_of(const SessionOptions& options) const;
+
   // connection.cpp: calls, their loss, and another one
-  Status make_channel();
+  Status check_options() const;
+  Status make_channels();
   Status try_connect(double deadline_s);
   Status fetch_catalog(double timeout_s);
   void begin_call();
@@ -102,8 +105,15 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   const ClientOptions options_;
   EventQueue events_;
   Outbox outbox_;
-  std::shared_ptr<grpc::Channel> channel_;
-  std::unique_ptr<grpc::GenericStub> stub_;
+  // By its address; made once, and gRPC connects when it is first used.
+  struct Server {
+    std::shared_ptr<grpc::Channel> channel;
+    std::unique_ptr<grpc::GenericStub> stub;
+  };
+  const Server& server() const { return servers_[server_]; }
+  void next_server() { server_ = (server_ + 1) % servers_.size(); }
+  std::vector<Server> servers_;
+  std::atomic<std::size_t> server_{0};  // the one in use
   std::atomic<bool> connected_{false};
   std::atomic<bool> ever_connected_{false};
   std::atomic<bool> closing_{false};
@@ -130,6 +140,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   double reconnect_at_s_ = 0;
   double server_wishes_s_ = 0;  // by its Goodbye, before which there is no use in connecting
   double backoff_s_ = 0;
+  std::size_t num_failures_ = 0;  // to connect, since the last loss
   bool draining_ = false;
   double next_ping_s_ = 0;
   bool woken_ = false;

@@ -18,6 +18,11 @@ bool Session::is_open() const {
   return state_->timeline.has_value() && state_->phase != Phase::closed;
 }
 
+bool Session::is_durable() const {
+  const std::lock_guard<std::mutex> lock(state_->mutex);
+  return state_->is_durable;
+}
+
 bool Session::is_closed() const {
   const std::lock_guard<std::mutex> lock(state_->mutex);
   return state_->phase == Phase::closed || state_->phase == Phase::closing;
@@ -30,7 +35,8 @@ bool Session::sample(Span<float> out) {
     const std::lock_guard<std::mutex> lock(state_->mutex);
     if (!state_->timeline || out.size() < state_->rig.row_width) return false;
     began = !state_->timeline->started();
-    shown = state_->timeline->sample(now_s(), state_->rig, out);
+    shown = state_->options.clock == Clock::manual ? state_->timeline->sample_here(now_s(), state_->rig, out)
+                                                   : state_->timeline->sample(now_s(), state_->rig, out);
     began = began && shown;
     if (began) state_->report(now_s(), core_->report_period_s(), core_->outbox());
   }
@@ -76,6 +82,12 @@ Status Session::advance_to(std::uint64_t frame) {
   }
   core_->wake();
   return {};
+}
+
+Status Session::set_time_scale(double scale) {
+  const std::lock_guard<std::mutex> lock(state_->mutex);
+  if (!state_->timeline) return {Code::failed_precondition, "NOT_OPEN", "the session has not opened yet"};
+  return state_->timeline->set_time_scale(scale);
 }
 
 std::uint64_t Session::playhead() const {

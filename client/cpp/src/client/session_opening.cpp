@@ -16,13 +16,6 @@ const Rig* find_rig(const Catalog& catalog, const std::string& rig_id) {
   return nullptr;
 }
 
-const Model* find_model(const Catalog& catalog, const std::string& model_id) {
-  for (const Model& model : catalog.models) {
-    if (model.model_id == model_id || model_id.empty()) return &model;
-  }
-  return nullptr;
-}
-
 bool same_rows(const Rig& a, const Rig& b) {
   return a.row_width == b.row_width && a.joint_names == b.joint_names && a.frame_rate_hz == b.frame_rate_hz &&
          a.rotation_column == b.rotation_column && a.root_column == b.root_column && a.offsets_m == b.offsets_m;
@@ -31,16 +24,22 @@ bool same_rows(const Rig& a, const Rig& b) {
 }  // namespace
 
 std::uint32_t SessionState::prior_rows(const Catalog& catalog, std::string& rows) const {
-  const Model* model = find_model(catalog, opened.model_id);
-  if (!timeline || model == nullptr || model->patch_frames == 0) return 0;
-  std::uint64_t count = timeline->buffered_to() - timeline->first_kept();
-  count = std::min<std::uint64_t>({count, model->max_history_frames, catalog.limits.max_trajectory_frames});
-  count -= count % model->patch_frames;
-  for (std::uint64_t frame = timeline->buffered_to() - count; frame < timeline->buffered_to(); ++frame) {
+  const Model* model = convert::find_model(catalog, opened.model_id);
+  if (!timeline || model == nullptr || timeline->buffered_to() == timeline->first_kept()) return 0;
+  const std::uint64_t patch = std::max<std::uint64_t>(model->patch_frames, 1);
+  const std::uint64_t asked = options.history_frames != 0 ? options.history_frames : model->default_history_frames;
+  const std::uint64_t wanted = std::max<std::uint64_t>(asked / patch, 1) * patch;  // as many as a window sees
+  const std::uint64_t end = timeline->buffered_to();
+  std::uint64_t first = std::max(timeline->first_kept(), end < wanted ? 0 : end - wanted);
+  const auto cut = timeline->last_cut();  // what was before it is elsewhere
+  if (cut && *cut < end) first = std::max(first, *cut);
+  const auto put = [&](std::uint64_t frame) {
     const auto row = timeline->row(frame);
     rows.append(reinterpret_cast<const char*>(row.value().data()), row.value().size() * sizeof(float));
-  }
-  return static_cast<std::uint32_t>(count);
+  };
+  for (std::uint64_t missing = wanted - (end - first); missing > 0; --missing) put(first);
+  for (std::uint64_t frame = first; frame < end; ++frame) put(frame);
+  return static_cast<std::uint32_t>(wanted);
 }
 
 void SessionState::send_resume(Outbox& outbox) {
@@ -53,6 +52,9 @@ void SessionState::send_resume(Outbox& outbox) {
   point->set_plan(timeline->plan());
   point->set_answered_seq(book.answered_seq());
   point->set_attempt(++attempt_);
+  // for another server, which may not know
+  point->set_playhead(timeline->playhead() > base_ ? timeline->playhead() - base_ : 0);
+  point->set_committed_to(timeline->committed_to() > base_ ? timeline->committed_to() - base_ : 0);
   can_report = false;
   resuming_ = true;
   phase = Phase::opening;
@@ -73,6 +75,7 @@ void SessionState::send_open(Outbox& outbox, const Catalog& catalog) {
     base_ = timeline->buffered_to();
     *event.mutable_open() = book.reopening(base_, num_rows, std::move(rows));
     event.mutable_open()->set_model_id(opened.model_id);
+    event.mutable_open()->set_seed(opened.seed);
   } else {
     *event.mutable_open() = book.opening();
   }
@@ -89,9 +92,18 @@ void SessionState::take_closed(const v1::SessionClosed& message, double now_s, E
   const Status why = convert::closed(message);
   const bool gone_on_with = message.reason() == v1::CLOSE_REASON_DRAINED || why.code() == Code::unavailable;
   if (!gone_on_with || !recovers_ || !was_open_ || phase == Phase::closing) return end(why, events);
-  token_.clear();  // the server has it no more; on this stream or the next it goes on from the frames held
-  phase = Phase::waiting;
+  if (is_durable) {
+    phase = Phase::waiting;  // another server, or this one where it was only the model that was lost, goes on with it
+  } else {
+    open_anew(events);
+  }
   retry_at_s = now_s + kRetryS;
+}
+
+void SessionState::open_anew(EventQueue& events) {
+  token_.clear();
+  set_durable(false, events);
+  phase = Phase::waiting;
 }
 
 void SessionState::take_resumed(const v1::SessionOpened& message, EventQueue& events, Outbox& outbox) {
@@ -118,6 +130,7 @@ void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& 
                events);
   }
   opened = convert::opened(message);
+  note_placements(opened.placements);
   token_ = message.session_token();
   attempt_ = 0;
   phase = Phase::open;
@@ -139,13 +152,14 @@ void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& 
     made.row_width = rig.row_width;
     made.start_frame = message.start_frame();
     made.keep_frames = options.keep_frames;
-    const Model* model = find_model(catalog, opened.model_id);
+    const Model* model = convert::find_model(catalog, opened.model_id);
     made.reserve_frames = 2 * opened.lookahead_frames + (model != nullptr ? model->horizon_frames : 0);
     auto timeline_made = Timeline::make(made);
     if (!timeline_made) return end(timeline_made.status(), events);
     timeline.emplace(std::move(timeline_made).value());
+    if (options.frame_format != FrameFormat::f32) decoder.emplace(rig, options.frame_format);
     if (book.is_paused()) timeline->pause();
-    book.opened();
+    book.opened(opened.placements);
     was_open_ = true;
     event.kind = EventKind::opened;
   }

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "client/convert.hpp"
+#include "client/frame_shift.hpp"
 
 namespace motiongen {
 namespace {
@@ -19,7 +20,7 @@ EditId SessionState::send_edit(v1::SessionEvent event, Outbox& outbox) {
   event.set_session(id);
   const EditId edit = book.add(event);
   const bool can_send = phase == Phase::open || (phase == Phase::opening && !resuming_);
-  if (can_send) outbox.put(SessionBook::shifted(std::move(event), base_));
+  if (can_send) outbox.put(shifted(std::move(event), base_));
   return edit;
 }
 
@@ -49,23 +50,29 @@ void SessionState::report(double now_s, double period_s, Outbox& outbox) {
 
 void SessionState::take_plan(const wire::Plan& plan, EventQueue& events, Outbox& outbox) {
   if (phase != Phase::open || !timeline) return;  // what was under way when it ended here
-  const Status taken = timeline->announce_plan(plan.plan, plan.valid_from + base_);
+  const Status taken = timeline->announce_plan(plan.plan, plan.valid_from + base_, plan.is_cut);
   if (!taken) return break_off(taken, events, outbox);
   ++stats.plans;
 }
 
 void SessionState::take_chunk(const wire::Chunk& chunk, EventQueue& events, Outbox& outbox) {
   if (phase != Phase::open || !timeline) return;
-  if (chunk.scalar_type != v1::SCALAR_TYPE_F32_LE) {
-    return break_off(
-        violation("a chunk has scalar type " + std::to_string(chunk.scalar_type) + "; F32_LE was asked for"), events,
-        outbox);
+  if (chunk.scalar_type != static_cast<std::uint64_t>(options.frame_format)) {
+    return break_off(violation("a chunk has scalar type " + std::to_string(chunk.scalar_type) + "; " +
+                               std::to_string(static_cast<std::uint64_t>(options.frame_format)) + " was asked for"),
+                     events, outbox);
   }
   ChunkHeader header = chunk.header;
   header.first_frame += base_;
   header.committed_to += base_;
-  wire::ChunkRows rows(chunk.data);
-  const Status taken = timeline->add_chunk(header, rows);
+  wire::ChunkRows stored(chunk.data);
+  Status taken;
+  if (decoder) {
+    const auto before = timeline->row(header.first_frame - 1);
+    taken = decoder->begin(stored, header.num_frames, {chunk.origin_m, chunk.num_origin},
+                           before ? before.value() : Span<const float>());
+  }
+  if (taken) taken = timeline->add_chunk(header, decoder ? static_cast<RowSource&>(*decoder) : stored);
   if (!taken) return break_off(taken, events, outbox);
   stats.frames += header.num_frames;
   changed.notify_all();
@@ -85,6 +92,8 @@ void SessionState::take(const v1::SessionUpdate& update, const Catalog& catalog,
     event.session = id;
     event.level = {static_cast<std::uint32_t>(update.service_level().tier()), update.service_level().denoise_steps()};
     events.push(std::move(event));
+  } else if (update.has_durability()) {
+    set_durable(update.durability().is_kept(), events);
   } else if (update.has_constraint_reached()) {
     note_reached(update.constraint_reached(), events);
   } else if (update.has_closed()) {
@@ -96,13 +105,13 @@ void SessionState::take(const v1::SessionUpdate& update, const Catalog& catalog,
 void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, EventQueue& events) {
   Outcome outcome = convert::outcome(message);
   if (outcome.effective_frame) *outcome.effective_frame += base_;
+  note_placements(outcome.placements);
   if (message.event_seq() == 1) {
     if (phase != Phase::opening || outcome.status.ok()) return;
     const Code code = outcome.status.code();
     if (resuming_ && code != Code::unavailable && code != Code::resource_exhausted) {
-      token_.clear();  // it was not kept: with the next tick it is opened anew
-      phase = Phase::waiting;
-      retry_at_s = 0;
+      open_anew(events);  // it was not kept
+      retry_at_s = 0;     // with the next tick
       return;
     }
     if (was_open_ && (code == Code::unavailable || code == Code::resource_exhausted)) {
@@ -112,7 +121,11 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
     }
     return end(std::move(outcome), events);
   }
-  const auto edit = book.answer(message.event_seq(), outcome.status.ok());
+  std::optional<Taken> taken;
+  if (outcome.status) {
+    taken = Taken{outcome.effective_frame.value_or(timeline ? timeline->playhead() : 0), outcome.placements};
+  }
+  const auto edit = book.answer(message.event_seq(), taken);
   if (!edit || *edit == 0) return;
   if (timeline) book.forget_before(timeline->first_kept());
   note_answer(*edit, std::move(outcome), events);
@@ -153,6 +166,40 @@ std::optional<Reached> SessionState::find_reached(std::uint32_t target) const {
   const auto found =
       std::find_if(reached_.rbegin(), reached_.rend(), [&](const Reached& each) { return each.target == target; });
   return found == reached_.rend() ? std::nullopt : std::optional<Reached>(*found);
+}
+
+void SessionState::forget_reached(std::uint32_t target) {
+  const auto is_its = [target](const Reached& each) { return each.target == target; };
+  reached_.erase(std::remove_if(reached_.begin(), reached_.end(), is_its), reached_.end());
+  const auto is_of_it = [target](const Placement& each) { return each.target == target; };
+  placements_.erase(std::remove_if(placements_.begin(), placements_.end(), is_of_it), placements_.end());
+}
+
+void SessionState::set_durable(bool is_kept, EventQueue& events) {
+  if (is_kept == is_durable) return;
+  is_durable = is_kept;
+  Event event;
+  event.kind = EventKind::durability;
+  event.session = id;
+  event.is_durable = is_kept;
+  events.push(std::move(event));
+}
+
+void SessionState::note_placements(std::vector<Placement>& placements) {
+  for (Placement& each : placements) {
+    each.first_frame += base_;
+    each.last_frame += base_;
+    each.arrival_frame += base_;
+    each.anchor_frame += base_;
+    placements_.push_back(each);
+    if (placements_.size() > kAnswersKept) placements_.pop_front();
+  }
+}
+
+std::optional<Placement> SessionState::find_placement(std::uint32_t target) const {
+  const auto found = std::find_if(placements_.rbegin(), placements_.rend(),
+                                  [target](const Placement& each) { return each.target == target; });
+  return found == placements_.rend() ? std::nullopt : std::optional<Placement>(*found);
 }
 
 void SessionState::break_off(const Status& status, EventQueue& events, Outbox& outbox) {

@@ -12,6 +12,7 @@
 #include "client/outbox.hpp"
 #include "client/wire.hpp"
 #include "motiongen/client/session.hpp"
+#include "motiongen/core/frame_format.hpp"
 #include "motiongen/v1/session.pb.h"
 
 namespace motiongen {
@@ -41,6 +42,7 @@ class SessionState {
   Phase phase = Phase::waiting;
   Rig rig;  // set when it first opens, and never changed
   std::optional<Timeline> timeline;
+  std::optional<FrameDecoder> decoder;  // of frames that are not stored as float32
   Opened opened;
   Status ended;  // why it is closed
   SessionStats stats;
@@ -48,6 +50,7 @@ class SessionState {
   double retry_at_s = 0;       // a refused reopening is tried again then
   bool can_report = false;     // it has reported on the present stream
   std::uint64_t last_seq = 0;  // the highest applied_seq
+  bool is_durable = false;     // its server saves it, so that another can go on with it
 
   // ---- to the server
 
@@ -75,6 +78,10 @@ class SessionState {
   std::optional<Outcome> find_answer(EditId edit) const;
   // What became of a target, if it was told.
   std::optional<Reached> find_reached(std::uint32_t target) const;
+  // Where a target was put, if the server chose that.
+  std::optional<Placement> find_placement(std::uint32_t target) const;
+  // Another target takes the id: what became of the one before is not told for it.
+  void forget_reached(std::uint32_t target);
 
  private:
   void take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events, Outbox& outbox);
@@ -85,6 +92,10 @@ class SessionState {
   void break_off(const Status& status, EventQueue& events, Outbox& outbox);
   void note_reached(const v1::ConstraintReached& message, EventQueue& events);
   void note_answer(EditId edit, Outcome outcome, EventQueue& events);
+  void set_durable(bool is_kept, EventQueue& events);
+  void open_anew(EventQueue& events);
+  // Turns them into the timeline's frames.
+  void note_placements(std::vector<Placement>& placements);
   std::uint32_t prior_rows(const Catalog& catalog, std::string& rows) const;
 
   static constexpr std::size_t kAnswersKept = 1024;
@@ -97,6 +108,7 @@ class SessionState {
   std::uint32_t attempt_ = 0;  // to resume it
   std::deque<std::pair<EditId, Outcome>> answers_;
   std::deque<Reached> reached_;
+  std::deque<Placement> placements_;
 };
 
 }  // namespace motiongen

@@ -57,6 +57,11 @@ Result<Reached> Session::wait_reached(std::uint32_t target, double timeout_s) {
   return *found;
 }
 
+std::optional<Placement> Session::placement(std::uint32_t target) const {
+  const std::lock_guard<std::mutex> lock(state_->mutex);
+  return state_->find_placement(target);
+}
+
 Status Session::wait_frame(std::uint64_t frame, double timeout_s) {
   if (core_->events().in_callback()) return in_callback();
   std::unique_lock<std::mutex> lock(state_->mutex);

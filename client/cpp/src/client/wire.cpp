@@ -15,7 +15,24 @@ constexpr std::uint32_t kUpdatePlan = 12;
 constexpr std::uint32_t kEvents = 1;
 constexpr std::uint32_t kPlayhead = 15;
 
+constexpr std::uint32_t kRootOrigin = 7;
+constexpr std::uint64_t kCauseCut = 7;
+
 constexpr std::uint64_t kMost32 = 0xFFFFFFFF;
+
+// FrameChunk.root_origin_m, packed or one by one.
+bool read_origin(Cursor& cursor, std::uint32_t type, Chunk& chunk) {
+  Cursor numbers = cursor;
+  if (type == kLength ? !cursor.read_message(numbers) : !cursor.skip(sizeof(float))) return false;
+  std::size_t left = type == kLength ? numbers.left() : sizeof(float);
+  for (; left >= sizeof(float); left -= sizeof(float)) {
+    float value = 0;
+    if (!numbers.copy(sizeof value, &value)) return false;
+    if (chunk.num_origin < 3) chunk.origin_m[chunk.num_origin] = value;
+    if (chunk.num_origin < 4) ++chunk.num_origin;
+  }
+  return left == 0;
+}
 
 }  // namespace
 
@@ -116,6 +133,8 @@ bool read_chunk(Cursor cursor, Chunk& chunk) {
     std::uint64_t value = 0;
     if (type == kLength && field == 5) {
       if (!cursor.read_message(chunk.data)) return false;
+    } else if (field == kRootOrigin && (type == kLength || type == kFixed32)) {
+      if (!read_origin(cursor, type, chunk)) return false;
     } else if (type == kVarint) {
       if (!cursor.read_varint(value)) return false;
       if (field == 1) chunk.header.plan = static_cast<std::uint32_t>(value);
@@ -141,6 +160,7 @@ bool read_plan(Cursor cursor, Plan& plan) {
       if (!cursor.read_varint(value)) return false;
       if (field == 1) plan.plan = static_cast<std::uint32_t>(value);
       if (field == 2) plan.valid_from = value;
+      if (field == 3) plan.is_cut = value == kCauseCut;
     } else if (!cursor.skip_value(type)) {
       return false;
     }

@@ -60,11 +60,14 @@ struct Chunk {
   ChunkHeader header;
   std::uint64_t scalar_type = 0;
   Cursor data;
+  float origin_m[3] = {0, 0, 0};
+  std::size_t num_origin = 0;  // of them that are there; 4: more than may be
 };
 
 struct Plan {
   std::uint32_t plan = 0;
   std::uint64_t valid_from = 0;
+  bool is_cut = false;
 };
 
 // A SessionUpdate: whose it is and what is in it. Plans and chunks are read from `body`, all else as messages from

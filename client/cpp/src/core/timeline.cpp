@@ -1,31 +1,21 @@
-#include "motiongen/core/timeline.hpp"
-
+// What comes from the server, and what is held of it.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <utility>
 
-#include "motiongen/core/pose.hpp"
-#include "row_store.hpp"
+#include "timeline_state.hpp"
 
 namespace motiongen {
 namespace {
 
-// Playback works in multiples of a frame time that no binary fraction holds: a frame due at 0.15 s is due at 0.1499999.
-constexpr double kEarlyFrames = 1e-6;
-constexpr double kNever = std::numeric_limits<double>::quiet_NaN();
 constexpr std::uint32_t kMostReserved = 1 << 20;
 
 #if defined(__BYTE_ORDER__) && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
 #error "rows are copied from the wire as they are, and the wire is little endian"
 #endif
 
-bool is_set(double moment_s) { return !std::isnan(moment_s); }
-
 std::string number(std::uint64_t value) { return std::to_string(value); }
-
-std::uint64_t count_of(double value) { return value <= 0 ? 0 : static_cast<std::uint64_t>(std::min(value, 1e15)); }
 
 }  // namespace
 
@@ -33,58 +23,6 @@ void RowSpan::take(std::size_t count, void* to) {
   if (to != nullptr) std::memcpy(to, reinterpret_cast<const char*>(numbers_.data()) + taken_, count);
   taken_ += count;
 }
-
-struct Timeline::State {
-  State(const TimelineOptions& given, std::size_t capacity) : options(given), rows(given.row_width, capacity) {}
-
-  TimelineOptions options;
-  RowStore rows;
-  std::uint64_t playhead = 0;
-  std::uint64_t committed_to = 0;
-  std::uint64_t first_kept = 0;
-  std::uint64_t received_to = 0;  // where the next chunk must begin; below buffered_to only after a late plan
-  std::uint32_t plan = 0;
-  std::uint32_t underruns = 0;
-  std::uint32_t late_plans = 0;
-  bool started = false;
-  bool playing = true;
-  double due_s = kNever;  // when the frame after the playhead is due; unset: the clock starts anew
-  double held_since_s = kNever;
-  std::uint64_t held_frames = 0;
-  float blend = 0;  // of the frame after the playhead in what `sample` showed last
-
-  std::uint64_t buffered_to() const { return first_kept + rows.size(); }
-  double frame_s() const { return 1 / options.frame_rate_hz; }
-
-  void start(std::uint64_t frame) {
-    started = true;
-    playhead = frame;
-    forget();
-  }
-
-  FrameRange move(std::uint64_t count) {
-    const std::uint64_t first = playhead + 1;
-    playhead += count;
-    if (count > 0) blend = 0;
-    if (is_set(due_s)) due_s += static_cast<double>(count) / options.frame_rate_hz;
-    forget();
-    return {first, playhead + 1};
-  }
-
-  // Raise the count of the present hold.
-  void count_held(std::uint64_t frames) {
-    if (frames <= held_frames) return;
-    underruns += static_cast<std::uint32_t>(frames - held_frames);
-    held_frames = frames;
-  }
-
-  void forget() {
-    if (options.keep_frames == TimelineOptions::kKeepAll || playhead < first_kept + options.keep_frames) return;
-    const std::uint64_t surplus = playhead - options.keep_frames - first_kept;
-    rows.drop_front(surplus);
-    first_kept += surplus;
-  }
-};
 
 Timeline::Timeline(std::unique_ptr<State> state) : state_(std::move(state)) {}
 Timeline::Timeline(Timeline&&) noexcept = default;
@@ -107,7 +45,7 @@ Result<Timeline> Timeline::make(const TimelineOptions& options) {
   return Timeline(std::move(state));
 }
 
-Status Timeline::announce_plan(std::uint32_t plan, std::uint64_t valid_from) {
+Status Timeline::announce_plan(std::uint32_t plan, std::uint64_t valid_from, bool is_cut) {
   State& s = *state_;
   if (plan <= s.plan) {
     return violation("plan " + number(plan) + " was announced after plan " + number(s.plan) + "; plans must rise");
@@ -117,13 +55,17 @@ Status Timeline::announce_plan(std::uint32_t plan, std::uint64_t valid_from) {
                      number(s.committed_to) + " are committed");
   }
   s.plan = plan;
+  const auto is_gone = [&](std::uint64_t frame) { return frame <= s.first_kept || frame >= valid_from; };
+  s.cuts.erase(std::remove_if(s.cuts.begin(), s.cuts.end(), is_gone), s.cuts.end());
+  if (is_cut) s.cuts.push_back(valid_from);
   if (valid_from > s.received_to) return {};  // frames before it that are still to come will carry this plan's number
   s.received_to = valid_from;
-  // the frame after the playhead counts as shown where it was mixed into the pose
-  const std::uint64_t shown_to = s.started ? s.playhead + (s.blend > 0 ? 2 : 1) : valid_from;
-  if (valid_from < shown_to) ++s.late_plans;
-  const std::uint64_t first_replaceable = std::max(valid_from, shown_to);
-  if (s.buffered_to() > first_replaceable) s.rows.drop_back(s.buffered_to() - first_replaceable);
+  const std::uint64_t first_replaceable = s.started ? std::max(valid_from, s.playhead + 1) : valid_from;
+  if (valid_from < first_replaceable) ++s.late_plans;
+  if (s.buffered_to() > first_replaceable) {
+    s.rows.drop_back(s.buffered_to() - first_replaceable);
+    s.replaced_from = std::min(s.replaced_from, first_replaceable);
+  }
   return {};
 }
 
@@ -159,82 +101,6 @@ void Timeline::continue_with_new_plans() {
   s.committed_to = s.received_to;  // what is held will be shown: the other session begins after it
 }
 
-FrameRange Timeline::advance(double now_s) {
-  State& s = *state_;
-  if (!s.playing || (!s.started && s.rows.size() == 0)) return {};
-  if (!s.started) {
-    s.due_s = now_s + s.frame_s();
-    s.start(s.playhead);
-    return {s.playhead, s.playhead + 1};
-  }
-  if (!is_set(s.due_s)) s.due_s = now_s + s.frame_s() * (1 - static_cast<double>(s.blend));
-  const double rate = s.options.frame_rate_hz;
-  const std::uint64_t left = s.buffered_to() - 1 - s.playhead;
-  if (is_set(s.held_since_s) && left > 0) {
-    s.count_held(count_of(std::ceil((now_s - s.held_since_s) * rate - kEarlyFrames)));
-    s.held_since_s = kNever;
-    s.due_s = now_s;
-  }
-  const std::uint64_t due = count_of(std::floor((now_s - s.due_s) * rate + kEarlyFrames) + 1);
-  const FrameRange reached = s.move(std::min(due, left));
-  if (due > left) {
-    if (!is_set(s.held_since_s)) {
-      s.held_since_s = s.due_s;
-      s.held_frames = 0;
-    }
-    s.count_held(count_of(std::floor((now_s - s.held_since_s) * rate + kEarlyFrames) + 1));
-  }
-  return reached;
-}
-
-Result<FrameRange> Timeline::advance_to(std::uint64_t frame) {
-  State& s = *state_;
-  if (frame < s.playhead || frame >= s.buffered_to()) {
-    const std::string allowed = s.buffered_to() > s.playhead
-                                    ? "from " + number(s.playhead) + " to " + number(s.buffered_to() - 1)
-                                    : "none before frames have come";
-    return Status(Code::out_of_range, "FRAME_NOT_HELD",
-                  "frame: " + number(frame) + " was given; allowed is " + allowed);
-  }
-  const std::uint64_t before = s.playhead;
-  FrameRange reached;
-  if (s.started) {
-    reached = s.move(frame - s.playhead);
-  } else {
-    s.start(frame);
-    reached = {before, frame + 1};
-  }
-  s.due_s = s.held_since_s = kNever;
-  s.blend = 0;
-  return reached;
-}
-
-bool Timeline::sample(double now_s, const Rig& rig, Span<float> out) {
-  State& s = *state_;
-  advance(now_s);
-  if (!s.started) return false;
-  const bool has_next = s.buffered_to() > s.playhead + 1;
-  if (s.playing && has_next && is_set(s.due_s)) {
-    const double left_s = s.due_s - now_s;
-    s.blend = static_cast<float>(std::clamp(1 - left_s * s.options.frame_rate_hz, 0.0, 1.0));
-  }
-  const float* shown = s.rows.row(s.playhead - s.first_kept);
-  const Span<const float> from(shown, s.options.row_width);
-  if (s.blend > 0 && has_next) {
-    interpolate(rig, from, {s.rows.row(s.playhead + 1 - s.first_kept), s.options.row_width}, s.blend, out);
-  } else {
-    std::copy(from.begin(), from.end(), out.begin());
-  }
-  return true;
-}
-
-void Timeline::pause() { state_->playing = false; }
-
-void Timeline::resume() {
-  state_->playing = true;
-  state_->due_s = state_->held_since_s = kNever;
-}
-
 Result<Span<const float>> Timeline::row(std::uint64_t frame) const {
   const State& s = *state_;
   if (frame < s.first_kept || frame >= s.buffered_to()) {
@@ -242,7 +108,14 @@ Result<Span<const float>> Timeline::row(std::uint64_t frame) const {
                   "frame: " + number(frame) + " was given; held are frames from " + number(s.first_kept) +
                       " up to, not with, " + number(s.buffered_to()));
   }
-  return Span<const float>(s.rows.row(frame - s.first_kept), s.options.row_width);
+  return s.row(frame);
+}
+
+bool Timeline::is_cut(std::uint64_t frame) const { return state_->is_cut(frame); }
+
+std::optional<std::uint64_t> Timeline::last_cut() const {
+  if (state_->cuts.empty()) return std::nullopt;
+  return state_->cuts.back();
 }
 
 bool Timeline::started() const { return state_->started; }

@@ -3,8 +3,10 @@
 
 #include <cstddef>
 #include <cstring>
+#include <optional>
 
 #include "c/structs.hpp"
+#include "c/values.hpp"
 #include "motiongen/motiongen.h"
 
 namespace {
@@ -60,11 +62,71 @@ TEST(CInterface, TakesMissingPointers) {
   EXPECT_EQ(motiongen_session_joint_name(nullptr, 0), nullptr);
   EXPECT_EQ(motiongen_client_next_event(nullptr, nullptr), 0);
   EXPECT_EQ(motiongen_client_generate_clip(nullptr, nullptr, nullptr, nullptr), MOTIONGEN_INVALID_ARGUMENT);
+  EXPECT_EQ(motiongen_session_add_target(nullptr, nullptr, nullptr, nullptr, nullptr), MOTIONGEN_INVALID_ARGUMENT);
+  EXPECT_EQ(motiongen_session_set_options(nullptr, nullptr, nullptr, nullptr), MOTIONGEN_INVALID_ARGUMENT);
+  EXPECT_EQ(motiongen_session_placement(nullptr, 1, nullptr, nullptr), MOTIONGEN_INVALID_ARGUMENT);
+  EXPECT_EQ(motiongen_session_is_durable(nullptr), 0);
   EXPECT_EQ(motiongen_clip_rows(nullptr, 0, nullptr), nullptr);
   EXPECT_EQ(motiongen_clip_residual(nullptr, 0, 0, nullptr, nullptr), MOTIONGEN_INVALID_ARGUMENT);
   motiongen_clip_destroy(nullptr);
   motiongen_session_destroy(nullptr);
   motiongen_client_destroy(nullptr);
+}
+
+motiongen_target target_of(std::uint32_t form) {
+  motiongen_target target{};
+  target.struct_size = sizeof target;
+  target.form = form;
+  return target;
+}
+
+TEST(CInterface, ReadsATargetOfEveryForm) {
+  const float positions[] = {1, 2, 3, 4, 5, 6};
+  const float rotations[] = {1, 0, 0, 0, 0, 1, 0, 0};
+  const std::uint32_t joints[] = {0, 5};
+  for (std::uint32_t form = MOTIONGEN_TARGET_WAYPOINT; form <= MOTIONGEN_TARGET_ROOT_PATH; ++form) {
+    motiongen_target given = target_of(form);
+    given.frame = 40;
+    given.positions_m = positions;
+    given.num_positions = 2;
+    given.joints = joints;
+    given.num_joints = 2;
+    given.rotations_wxyz = rotations;
+    given.has_last_frame = 1;
+    given.last_frame = 60;
+    given.has_tolerance_m = 1;
+    given.tolerance_m = 0.25F;
+    given.weight = 0.5F;
+    const auto read = motiongen::c::target_of(&given);
+    ASSERT_TRUE(read) << read.status().message();
+    EXPECT_EQ(read.value().form.index(), form - 1);
+    EXPECT_EQ(read.value().last_frame, std::optional<std::uint64_t>(60));
+    EXPECT_EQ(read.value().weight, std::optional<float>(0.5F));
+    const auto tolerance = std::visit([](const auto& each) { return each.tolerance; }, read.value().form);
+    EXPECT_EQ(tolerance.position_m, std::optional<float>(0.25F));
+    EXPECT_FALSE(tolerance.rotation_rad);
+  }
+  const motiongen_target unknown = target_of(99);
+  EXPECT_EQ(motiongen::c::target_of(&unknown).status().code(), motiongen::Code::invalid_argument);
+  EXPECT_EQ(motiongen::c::target_of(nullptr).status().code(), motiongen::Code::invalid_argument);
+}
+
+TEST(CInterface, HelpsEnginesWithoutASession) {
+  float x = 0;
+  float z = 0;
+  EXPECT_EQ(motiongen_stick_velocity(0, 1, 0, 3, 0.15F, &x, &z, nullptr), MOTIONGEN_OK);
+  EXPECT_FLOAT_EQ(x, 0);
+  EXPECT_FLOAT_EQ(z, 3);
+  const float points[] = {0, 0, 0, 1, 0, 2};
+  float corners[512];
+  std::uint32_t count = 0;
+  EXPECT_EQ(motiongen_drawn_corners(points, 3, 0.1F, corners, &count, nullptr), MOTIONGEN_OK);
+  EXPECT_EQ(count, 2U);
+  const float ahead[] = {0, 0, 1};
+  float out[3];
+  EXPECT_EQ(motiongen_axes_positions(MOTIONGEN_AXES_UNREAL, ahead, out, 1, nullptr), MOTIONGEN_OK);
+  EXPECT_FLOAT_EQ(out[0], 100);
+  EXPECT_EQ(motiongen_axes_positions(9, ahead, out, 1, nullptr), MOTIONGEN_INVALID_ARGUMENT);
 }
 
 TEST(CInterface, CutsTextsBetweenCharacters) {

@@ -1,24 +1,34 @@
 // Plays one character and tells what happens to it, a line each, until it is told to quit: told_events HOST:PORT
-// Lines that it takes: "prompt TEXT", "waypoint FRAME X Z", "velocity X Z", "pause", "wait FRAME", "x FRAME", "held",
-// "quit". What it tells:
-//   opened | edit ID CODE FRAME | lost REASON | connected | recovered FRAME EXACT | closed REASON | draining
-//   frame FRAME CODE | x FRAME X Y Z | held FIRST Z Z ... (where the root is at each frame that is held)
-// MOTIONGEN_TOKEN, and the files MOTIONGEN_CA, MOTIONGEN_CERTIFICATE and MOTIONGEN_KEY, are what it connects with.
+// What it takes is in told_commands.cpp. What it tells:
+//   opened | edit ID CODE FRAME | placed TARGET FIRST LAST ARRIVAL ANCHOR | reached TARGET MET FRAME METRES RADIANS
+//   lost REASON | connected | recovered FRAME EXACT | closed REASON | draining | durability KEPT | refused WORDS
+//   frame FRAME CODE | at FRAME CODE | x FRAME X Y Z | row FRAME NUMBERS | stats PLANS UNDERRUNS LATE RECOVERIES
+//   held FIRST Z Z ... (where the root is at each frame that is held)
+// By variables: MOTIONGEN_TOKEN, the files MOTIONGEN_CA, MOTIONGEN_CERTIFICATE and MOTIONGEN_KEY, MOTIONGEN_OTHER (more
+// addresses, with commas), MOTIONGEN_FORMAT (1 to 3), MOTIONGEN_LOOKAHEAD (frames), MOTIONGEN_CLOCK=manual.
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <iostream>
-#include <mutex>
 #include <sstream>
 #include <string>
 #include <vector>
 
 #include "motiongen/client/client.hpp"
+#include "told_commands.hpp"
 
 using motiongen::Event;
 using motiongen::EventKind;
 
 namespace {
+
+void tell_placements(const std::vector<motiongen::Placement>& placements) {
+  for (const motiongen::Placement& each : placements) {
+    std::printf("placed %u %llu %llu %llu %llu\n", each.target, static_cast<unsigned long long>(each.first_frame),
+                static_cast<unsigned long long>(each.last_frame), static_cast<unsigned long long>(each.arrival_frame),
+                static_cast<unsigned long long>(each.anchor_frame));
+  }
+}
 
 void tell(const Event& event) {
   const std::string& reason = event.outcome.status.reason();
@@ -30,6 +40,16 @@ void tell(const Event& event) {
       std::printf("edit %llu %s %lld\n", static_cast<unsigned long long>(event.edit),
                   event.outcome.status.ok() ? "OK" : reason.c_str(),
                   event.outcome.effective_frame ? static_cast<long long>(*event.outcome.effective_frame) : -1LL);
+      tell_placements(event.outcome.placements);
+      break;
+    case EventKind::reached:
+      std::printf("reached %u %d %llu %.4f %.4f\n", event.reached.target, event.reached.met ? 1 : 0,
+                  static_cast<unsigned long long>(event.reached.frame),
+                  static_cast<double>(event.reached.position_error_m.value_or(-1)),
+                  static_cast<double>(event.reached.rotation_error_rad.value_or(-1)));
+      break;
+    case EventKind::durability:
+      std::printf("durability %d\n", event.is_durable ? 1 : 0);
       break;
     case EventKind::connection_lost:
       std::printf("lost %s\n", motiongen::name_of(event.outcome.status.code()));
@@ -64,19 +84,6 @@ std::string content_of(const std::string& path) {
   return content.str();
 }
 
-void tell_held(const motiongen::Session& session) {
-  std::vector<float> row(session.rig().row_width);
-  const std::uint64_t end = session.buffered_to();
-  std::uint64_t first = session.playhead();
-  while (first > 0 && session.copy_frame(first - 1, row)) --first;
-  std::printf("held %llu", static_cast<unsigned long long>(first));
-  for (std::uint64_t frame = first; frame < end && session.copy_frame(frame, row); ++frame) {
-    std::printf(" %.4f", static_cast<double>(row[2]));
-  }
-  std::printf("\n");
-  std::fflush(stdout);
-}
-
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -89,6 +96,8 @@ int main(int argc, char** argv) {
   options.root_certificates_pem = content_of(variable("MOTIONGEN_CA"));
   options.certificate_chain_pem = content_of(variable("MOTIONGEN_CERTIFICATE"));
   options.private_key_pem = content_of(variable("MOTIONGEN_KEY"));
+  std::istringstream others(variable("MOTIONGEN_OTHER"));
+  for (std::string each; std::getline(others, each, ',');) options.other_addresses.push_back(each);
   options.on_event = tell;
   auto client = motiongen::Client::connect(options);
   if (!client) {
@@ -98,44 +107,16 @@ int main(int argc, char** argv) {
   motiongen::SessionOptions character;
   character.prompt = "a person walks forward";
   character.seed = 1;
+  character.lookahead_frames = static_cast<std::uint32_t>(std::atoi(variable("MOTIONGEN_LOOKAHEAD").c_str()));
+  const std::string format = variable("MOTIONGEN_FORMAT");
+  if (!format.empty()) character.frame_format = static_cast<motiongen::FrameFormat>(std::atoi(format.c_str()));
+  if (variable("MOTIONGEN_CLOCK") == "manual") character.clock = motiongen::Clock::manual;
   auto session = client->open(character);
   if (!session) return 1;
   for (std::string line; std::getline(std::cin, line) && line != "quit";) {
-    std::istringstream in(line);
-    std::string name;
-    in >> name;
-    if (name == "prompt") {
-      if (!session->set_prompt(line.substr(7))) return 1;
-    } else if (name == "waypoint") {
-      motiongen::Waypoint waypoint;
-      in >> waypoint.frame >> waypoint.x_m >> waypoint.z_m;
-      const motiongen::Target target = waypoint;
-      if (!session->add_targets({&target, 1})) return 1;
-    } else if (name == "velocity") {
-      float x_mps = 0;
-      float z_mps = 0;
-      in >> x_mps >> z_mps;
-      if (!session->set_velocity(x_mps, z_mps, 1)) return 1;
-    } else if (name == "held") {
-      tell_held(*session);
-    } else if (name == "pause") {
-      if (!session->pause()) return 1;
-    } else if (name == "wait") {  // for a frame
-      std::uint64_t frame = 0;
-      in >> frame;
-      const motiongen::Status status = session->wait_frame(frame, 60);
-      std::printf("frame %llu %s\n", static_cast<unsigned long long>(frame), status ? "OK" : status.reason().c_str());
-      std::fflush(stdout);
-    } else if (name == "x") {  // where the hips are at a frame
-      std::uint64_t frame = 0;
-      in >> frame;
-      std::vector<float> row(session->rig().row_width);
-      const motiongen::Status status = session->copy_frame(frame, row);
-      std::printf("x %llu %.4f %.4f %.4f\n", static_cast<unsigned long long>(frame), static_cast<double>(row[0]),
-                  static_cast<double>(row[1]), static_cast<double>(row[2]));
-      std::fflush(stdout);
-      if (!status) return 1;
-    }
+    if (told::obey(line, *session)) continue;
+    std::fprintf(stderr, "not understood: %s\n", line.c_str());
+    return 1;
   }
   return 0;
 }

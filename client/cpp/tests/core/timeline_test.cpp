@@ -123,19 +123,75 @@ TEST(Timeline, SamplesBetweenFrames) {
   EXPECT_NEAR(x_at(9.0), 2.0, 1e-5);  // the last one is held
 }
 
-TEST(Timeline, AFrameThatWasMixedIntoThePoseCountsAsShown) {
-  const Rig rig = chain_rig();
-  TimelineOptions options;
-  options.row_width = rig.row_width;
-  Timeline timeline = std::move(Timeline::make(options)).value();
-  ASSERT_TRUE(timeline.announce_plan(1, 0));
-  ASSERT_TRUE(add(timeline, 1, 0, 5));
-  std::vector<float> out(rig.row_width);
-  ASSERT_TRUE(timeline.sample(0.0, rig, out));
-  ASSERT_TRUE(timeline.sample(0.03, rig, out));
-  ASSERT_TRUE(timeline.announce_plan(2, 1));
-  EXPECT_EQ(timeline.late_plans(), 1U);
-  EXPECT_EQ(timeline.buffered_to(), 2U);
+// Frames of a chain whose root moves along x, a metre a frame from `x_m` on.
+std::vector<float> walk(const Rig& rig, std::uint32_t num_frames, float x_m) {
+  std::vector<float> rows;
+  for (std::uint32_t frame = 0; frame < num_frames; ++frame) {
+    const std::vector<float> row = chain_row(rig, x_m + static_cast<float>(frame));
+    rows.insert(rows.end(), row.begin(), row.end());
+  }
+  return rows;
+}
+
+class Walk {
+ public:
+  explicit Walk(double blend_s) : rig_(chain_rig()), out_(rig_.row_width), timeline_(make(rig_, blend_s)) {}
+  void plan(std::uint32_t number, std::uint64_t from, float x_m, bool is_cut = false) {
+    ASSERT_TRUE(timeline_.announce_plan(number, from, is_cut));
+    const std::vector<float> rows = walk(rig_, 5, x_m);
+    RowSpan source(rows);
+    ASSERT_TRUE(timeline_.add_chunk({number, from, 5, 0}, source));
+  }
+  float x_at(double now_s) {
+    EXPECT_TRUE(timeline_.sample(now_s, rig_, out_));
+    return out_[0];
+  }
+  Timeline& timeline() { return timeline_; }
+
+ private:
+  static Timeline make(const Rig& rig, double blend_s) {
+    TimelineOptions options;
+    options.row_width = rig.row_width;
+    options.blend_s = blend_s;
+    return std::move(Timeline::make(options)).value();
+  }
+  Rig rig_;
+  std::vector<float> out_;
+  Timeline timeline_;
+};
+
+TEST(Timeline, TheJumpToWhatAReplanMakesFades) {
+  Walk walk(0.1);
+  walk.plan(1, 0, 0);
+  EXPECT_NEAR(walk.x_at(0.0), 0.0, 1e-5);
+  EXPECT_NEAR(walk.x_at(0.025), 0.5, 1e-5);
+  walk.plan(2, 1, 11);  // instead of 1 the next frame is at 11
+  EXPECT_NEAR(walk.x_at(0.025), 0.5, 1e-5) << "what is due is at 5.5, and 5 off";
+  EXPECT_NEAR(walk.x_at(0.075), 11.5 - 2.5, 1e-4) << "half of the gap after half of the time";
+  EXPECT_NEAR(walk.x_at(0.126), 12.52, 1e-4);
+  EXPECT_EQ(walk.timeline().late_plans(), 0U);
+}
+
+TEST(Timeline, NothingIsBlendedAtACut) {
+  Walk walk(0.1);
+  walk.plan(1, 0, 0);
+  walk.plan(2, 2, 50, true);
+  EXPECT_TRUE(walk.timeline().is_cut(2));
+  EXPECT_EQ(walk.timeline().last_cut(), std::optional<std::uint64_t>(2));
+  EXPECT_NEAR(walk.x_at(0.0), 0.0, 1e-5);
+  EXPECT_NEAR(walk.x_at(0.09), 1.0, 1e-5) << "it stands until the cut";
+  EXPECT_NEAR(walk.x_at(0.105), 50.1, 1e-4);
+}
+
+TEST(Timeline, PlaysAtAnotherPace) {
+  Walk walk(0);
+  walk.plan(1, 0, 0);
+  EXPECT_NEAR(walk.x_at(0.0), 0.0, 1e-5);
+  ASSERT_TRUE(walk.timeline().set_time_scale(0.5));
+  EXPECT_NEAR(walk.x_at(1.0), 0.0, 1e-5);
+  EXPECT_NEAR(walk.x_at(1.1), 1.0, 1e-5);
+  EXPECT_NEAR(walk.x_at(1.15), 1.5, 1e-5);
+  EXPECT_EQ(walk.timeline().set_time_scale(0).code(), Code::invalid_argument);
 }
 
 TEST(Timeline, AnotherSessionGoesOnAfterWhatIsHeld) {

@@ -14,6 +14,8 @@ namespace motiongen {
 
 struct ClientOptions {
   std::string address;  // host:port
+  // Of servers that share a store of sessions: tried in turn where the one before does not answer or goes away.
+  std::vector<std::string> other_addresses;
   bool tls = false;
   std::string root_certificates_pem;  // with tls; empty: the system's
   std::string certificate_chain_pem;  // of this client, where the server asks for one

@@ -3,6 +3,8 @@
 
 #include <cstdint>
 #include <optional>
+#include <type_traits>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -38,8 +40,9 @@ struct Keyframe {
   Tolerance tolerance;
 };
 
-// World targets for some joints at one frame, the root (0) among them. positions_m: (K, 3); rotations_wxyz: (K, 4) unit
-// quaternions, 0 0 0 0 for a free one, or none.
+// World targets for some joints at one frame; without the root (0) among them, that comes along no farther than needed.
+// The root alone: its height too. positions_m: (K, 3); rotations_wxyz: (K, 4) unit quaternions, 0 0 0 0 for a free one,
+// or none.
 struct JointTargets {
   std::uint64_t frame = 0;
   std::vector<std::uint32_t> joints;
@@ -63,6 +66,32 @@ struct JointRotations {
   Tolerance tolerance;
 };
 
-using Target = std::variant<Waypoint, RootTrajectory, Keyframe, JointTargets, HeadingTarget, JointRotations>;
+// Corners of a way over the ground, walked from where the character is when it takes effect. corners_m: (N, 2) x, z.
+struct RootPath {
+  std::vector<float> corners_m;
+  std::optional<float> speed_mps;    // where it is straight; absent: 1.2
+  std::optional<float> smoothing_m;  // corners are cut so far and no farther; absent: 0.3
+  Tolerance tolerance;
+};
+
+using TargetForm =
+    std::variant<Waypoint, RootTrajectory, Keyframe, JointTargets, HeadingTarget, JointRotations, RootPath>;
+
+// A form, and what it leaves to the server; `Outcome::placements` tells where it was put. Made of a form as it is:
+//   Target there = Waypoint{0, 2, 5, {}, {}};
+//   there.at_any_frame = true;
+struct Target {
+  TargetForm form;
+  std::optional<std::uint64_t> last_frame;  // it may be met at any frame from the form's own to this one
+  bool at_any_frame = false;                // as soon as a person can be there; the form's frame is 0
+  bool frames_from_effect = false;          // frames count from when the change takes effect
+  bool relative_to_character = false;       // places and angles are seen from the character then: x left, z ahead
+  std::optional<float> weight;              // above 0, at most 10; absent: 1, it must be. Below 1 it should be
+
+  Target() = default;
+  template <class Form, class = std::enable_if_t<std::is_constructible_v<TargetForm, Form> &&
+                                                 !std::is_same_v<std::decay_t<Form>, Target>>>
+  Target(Form&& given) : form(std::forward<Form>(given)) {}  // NOLINT: converts on purpose
+};
 
 }  // namespace motiongen

@@ -4,9 +4,12 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "motiongen/client/catalog.hpp"
 #include "motiongen/client/targets.hpp"
+#include "motiongen/core/frame_format.hpp"
 #include "motiongen/core/rig.hpp"
 #include "motiongen/core/status.hpp"
 
@@ -15,7 +18,8 @@ namespace motiongen {
 // How much a session matters when the server has to choose.
 enum class Priority { hero = 1, near = 2, crowd = 3, batch = 4 };
 
-// A text, a preset of the catalogue by its id, or the vector of a text encoder; one of them.
+// A text, a preset of the catalogue by its id, or the vector of a text encoder; one of them. Beside a vector the text
+// says, for people, what it means.
 struct Prompt {
   std::string text;
   std::string preset_id;
@@ -39,7 +43,9 @@ enum class Clock { real_time, manual };
 // What a session is opened with; what is empty, absent or 0 is left to the server.
 struct SessionOptions {
   std::string model_id;
+  std::string rig_id;
   Prompt prompt;
+  std::vector<std::pair<std::uint64_t, Prompt>> later_prompts;  // by the frame from which each holds
   std::vector<Target> targets;
   std::optional<std::uint64_t> seed;
   Priority priority = Priority::near;
@@ -51,8 +57,23 @@ struct SessionOptions {
   float start_x_m = 0;
   float start_z_m = 0;
   std::optional<float> start_heading_rad;
+  // What the character did just before frame 0, in place of the start: rows of the rig, whole patches of them.
+  std::vector<float> prior_rows;
+  // Prompts hold also where targets ask for a pace that they contradict; else the model walks someone who stands.
+  bool keep_prompts = false;
+  FrameFormat frame_format = FrameFormat::f32;
   Clock clock = Clock::real_time;
   std::uint32_t keep_frames = 40;  // behind the playhead that stay readable; recovery needs 40 or more
+};
+
+// What changes of an open session from the next window on; what is absent stays.
+struct OptionsChange {
+  std::optional<Priority> priority;
+  std::optional<std::uint32_t> lookahead_frames;
+  std::optional<std::uint32_t> denoise_steps;
+  std::optional<std::uint32_t> history_frames;
+  // Of text and of targets, both set anew, absent within it for the model's own.
+  std::optional<std::pair<std::optional<float>, std::optional<float>>> guidance;
 };
 
 // The number of an edit, in the order of the calls of its session; rises, and stays valid over a loss of the stream.
@@ -70,6 +91,18 @@ struct ServiceLevel {
   std::uint32_t denoise_steps = 0;
 };
 
+// Where a target was put that left that to the server.
+struct Placement {
+  std::uint32_t target = 0;  // its id
+  std::uint64_t first_frame = 0;
+  std::uint64_t last_frame = 0;
+  std::uint64_t arrival_frame = 0;  // the one that is aimed for, between the two at which it may be met
+  std::uint64_t anchor_frame = 0;   // at which it takes effect
+  float anchor_x_m = 0;             // the character just before
+  float anchor_z_m = 0;
+  float anchor_heading_rad = 0;
+};
+
 // What the server chose for a session.
 struct Opened {
   std::string session_id;  // in the server's logs
@@ -80,6 +113,7 @@ struct Opened {
   std::uint32_t committed_horizon_frames = 0;
   std::uint32_t denoise_steps = 0;
   std::vector<Warning> warnings;
+  std::vector<Placement> placements;
 };
 
 // The answer to an edit. `status` is OK or the server's refusal, whose reasons docs/protocol.md lists.
@@ -90,6 +124,7 @@ struct Outcome {
   std::string allowed;                           // there
   std::optional<double> retry_after_s;           // after which the same would be taken
   std::vector<Warning> warnings;
+  std::vector<Placement> placements;
 };
 
 // What became of a target, told when its last frame can change no more.
@@ -111,6 +146,7 @@ enum class EventKind {
   recovered,        // a session goes on: `exact`, and `frame`, from which on its motion is new where it is not
   draining,         // the server will end the stream: opens are refused, sessions go on until then
   reached,          // a target was met or missed: `reached`
+  durability,       // whether another server could go on with the session has changed: `is_durable`
 };
 
 struct Event {
@@ -121,41 +157,8 @@ struct Event {
   ServiceLevel level;
   std::uint64_t frame = 0;
   bool exact = false;
+  bool is_durable = false;
   Reached reached;
-};
-
-struct Model {
-  std::string model_id;
-  std::string rig_id;
-  std::string licence;
-  std::string text_encoder;
-  std::uint32_t horizon_frames = 0;
-  std::uint32_t patch_frames = 0;
-  std::uint32_t default_denoise_steps = 0;
-  std::uint32_t min_denoise_steps = 0;
-  std::uint32_t max_denoise_steps = 0;
-  std::uint32_t max_history_frames = 0;
-  std::vector<std::string> preset_ids;
-};
-
-struct Limits {
-  std::uint32_t max_sessions_per_stream = 0;
-  std::uint32_t max_lookahead_frames = 0;
-  std::uint32_t default_lookahead_frames = 0;
-  std::uint32_t max_trajectory_frames = 0;
-  std::uint32_t max_request_bytes = 0;
-  std::uint32_t max_hold_frames = 0;
-  float max_speed_mps = 0;
-  std::uint32_t max_clip_frames = 0;
-  std::uint32_t max_clip_samples = 0;
-};
-
-// What a server offers; models[0] is its default.
-struct Catalog {
-  std::string etag;
-  std::vector<Rig> rigs;
-  std::vector<Model> models;
-  Limits limits;
 };
 
 }  // namespace motiongen

@@ -4,9 +4,9 @@
 //  - a plan notice drops every buffered frame from `valid_from` on; the plan's chunks supply them again, without a gap;
 //  - frames below `committed_to` never change, and `committed_to` never falls;
 //  - a frame that was shown stays as it was shown. Should a plan reach behind the playhead all the same, its frames up
-//  to
-//    the playhead are left out and `late_plans` counts it;
-//  - when the next frame is not there yet, the last one is held, and `underruns` counts each frame time it is held for.
+//    to the playhead are left out and `late_plans` counts it;
+//  - when the next frame is not there yet, the last one is held, and `underruns` counts each frame time it is held for;
+//  - where a replan or a hold makes what `sample` shows jump, the jump is faded out; at a cut nothing is blended.
 //
 // Once it has as many rows as it ever holds at a time, nothing here asks for memory.
 #pragma once
@@ -14,6 +14,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 
 #include "motiongen/core/export.hpp"
 #include "motiongen/core/rig.hpp"
@@ -60,6 +61,7 @@ struct TimelineOptions {
   std::uint64_t start_frame = 0;
   std::uint32_t keep_frames = 0;     // behind the playhead that stay readable; kKeepAll grows for ever
   std::uint32_t reserve_frames = 0;  // ahead of the playhead that there is room for from the start
+  double blend_s = 0.15;             // how long a jump of what `sample` shows takes to fade; 0: it is shown
 };
 
 // The frames from `first` up to `end` - 1; none where they are equal.
@@ -81,8 +83,8 @@ class MOTIONGEN_API Timeline {
   // ---- what comes from the server
 
   // Take a plan notice: drop what it replaces. A violation when the plan would replace committed frames or is not a
-  // newer one; then nothing has changed.
-  [[nodiscard]] Status announce_plan(std::uint32_t plan, std::uint64_t valid_from);
+  // newer one; then nothing has changed. is_cut: its first frame does not continue the one before.
+  [[nodiscard]] Status announce_plan(std::uint32_t plan, std::uint64_t valid_from, bool is_cut = false);
 
   // Take the frames of a chunk. A violation when they do not belong to the latest plan, do not follow on the frames
   // received so far, are not as many bytes as they should be, or take a commitment back; then nothing has changed.
@@ -105,14 +107,21 @@ class MOTIONGEN_API Timeline {
   // The pose to show now, between the frame of the playhead and the next one; `advance` is part of it. out: row_width
   // floats, left as they are until a frame has come. Returns whether there was one.
   bool sample(double now_s, const Rig& rig, Span<float> out);
+  // The same where something else has moved the playhead.
+  bool sample_here(double now_s, const Rig& rig, Span<float> out);
 
   void pause();
-  void resume();  // the next frame is due one frame time after the next `advance`
+  void resume();  // the clock starts anew with the next `advance`
+  // Play at another pace from the next `advance` on: 0.5 is half as fast. INVALID_ARGUMENT unless it is above 0.
+  [[nodiscard]] Status set_time_scale(double scale);
 
   // ---- reading
 
   // row_width floats of a frame, valid until the next call that is not const. OUT_OF_RANGE when it is not held.
   [[nodiscard]] Result<Span<const float>> row(std::uint64_t frame) const;
+
+  bool is_cut(std::uint64_t frame) const;         // whether it does not continue the one before
+  std::optional<std::uint64_t> last_cut() const;  // the newest such frame that is kept
 
   bool started() const;               // whether a frame has been shown; until then the playhead stands before the first
   std::uint64_t playhead() const;     // the frame being shown
@@ -127,8 +136,9 @@ class MOTIONGEN_API Timeline {
   std::uint32_t row_width() const;
   double frame_rate_hz() const;
 
+  struct State;  // of the library alone
+
  private:
-  struct State;
   explicit Timeline(std::unique_ptr<State> state);
   std::unique_ptr<State> state_;
 };

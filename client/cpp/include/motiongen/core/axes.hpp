@@ -1,0 +1,35 @@
+// Poses in the axes of game engines and robots.
+#pragma once
+
+#include "motiongen/core/export.hpp"
+#include "motiongen/core/span.hpp"
+
+namespace motiongen {
+
+// Where an engine has our axes, which are right-handed: +Y up, +Z forward, +X to the character's left, metres. A change
+// of axes A maps every position p to scale * A p, and every rotation R, of the root and of any joint relative to its
+// parent alike, to A R A^T. The axis of a rotation is an axial vector: a quaternion (w, v) becomes (w, det(A) A v).
+struct MOTIONGEN_API Axes {
+  // The engine's own directions: x, y, z, one of them 1 or -1.
+  float forward[3];
+  float up[3];
+  float left[3];
+  float scale;  // its units in a metre
+
+  bool is_left_handed() const;
+  // 3 numbers a position, metres of ours -> the engine's units. Offsets of a rig go the same way. `out` may be `from`.
+  void positions(Span<const float> from_m, Span<float> out) const;
+  // 4 numbers a rotation, w x y z of ours -> x y z w, the order of Unreal, Unity, Godot and ROS. `out` may be `from`.
+  void quaternions_xyzw(Span<const float> from_wxyz, Span<float> out) const;
+};
+
+// Left-handed, +X forward, +Y right, +Z up, centimetres.
+inline constexpr Axes kUnreal = {{1, 0, 0}, {0, 0, 1}, {0, -1, 0}, 100};
+// Left-handed, +Z forward, +X right, +Y up.
+inline constexpr Axes kUnity = {{0, 0, 1}, {0, 1, 0}, {-1, 0, 0}, 1};
+// Right-handed, -Z forward (Vector3.FORWARD), +X right, +Y up.
+inline constexpr Axes kGodot = {{0, 0, -1}, {0, 1, 0}, {-1, 0, 0}, 1};
+// Right-handed, +X forward, +Y left, +Z up (REP 103).
+inline constexpr Axes kRos = {{1, 0, 0}, {0, 0, 1}, {0, 1, 0}, 1};
+
+}  // namespace motiongen

@@ -1,0 +1,56 @@
+#include "client/frame_shift.hpp"
+
+namespace motiongen {
+
+bool shift(v1::PromptSpan& span, std::uint64_t base) {
+  if (span.end_frame() != 0 && span.end_frame() <= base) return false;
+  if (span.end_frame() != 0) span.set_end_frame(span.end_frame() - base);
+  span.set_start_frame(span.start_frame() <= base ? 0 : span.start_frame() - base);
+  return true;
+}
+
+bool shift(v1::Constraint& constraint, std::uint64_t base) {
+  if (constraint.at_any_frame() || constraint.frames_from_effect() || constraint.has_root_path()) return true;
+  if (constraint.has_last_frame()) {
+    if (constraint.last_frame() < base) return false;
+    constraint.set_last_frame(constraint.last_frame() - base);
+    constraint.set_frame(constraint.frame() <= base ? 0 : constraint.frame() - base);
+    return true;
+  }
+  if (constraint.frame() >= base) {
+    constraint.set_frame(constraint.frame() - base);
+    return true;
+  }
+  if (!constraint.has_root_trajectory()) return false;
+  auto* way = constraint.mutable_root_trajectory();
+  const auto passed = base - constraint.frame();
+  if (2 * passed >= static_cast<std::uint64_t>(way->positions_size())) return false;
+  const auto count = static_cast<int>(passed);
+  way->mutable_positions()->erase(way->positions().begin(), way->positions().begin() + 2 * count);
+  if (way->headings_size() > 0) {
+    way->mutable_headings()->erase(way->headings().begin(), way->headings().begin() + count);
+  }
+  constraint.set_frame(0);
+  return true;
+}
+
+v1::SessionEvent shifted(v1::SessionEvent event, std::uint64_t base) {
+  if (base == 0) return event;
+  if (event.has_edit_prompts()) {
+    for (auto& span : *event.mutable_edit_prompts()->mutable_upsert()) {
+      if (shift(span, base)) continue;
+      span.set_start_frame(0);
+      span.set_end_frame(1);
+    }
+  }
+  if (event.has_edit_constraints()) {
+    for (auto& constraint : *event.mutable_edit_constraints()->mutable_upsert()) {
+      if (shift(constraint, base)) continue;
+      constraint.set_frame(0);
+      if (constraint.has_last_frame()) constraint.set_last_frame(0);
+    }
+  }
+  return event;
+}
+
+}  // namespace motiongen

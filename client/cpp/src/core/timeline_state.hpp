@@ -1,0 +1,95 @@
+// What a timeline holds: its rows, the playhead and the clock that moves it, and what was shown last.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include "motiongen/core/timeline.hpp"
+#include "row_store.hpp"
+
+namespace motiongen {
+
+// Playback works in multiples of a frame time that no binary fraction holds: a frame due at 0.15 s is due at 0.1499999.
+constexpr double kEarlyFrames = 1e-6;
+constexpr double kNever = std::numeric_limits<double>::quiet_NaN();
+constexpr std::uint64_t kNoFrame = std::numeric_limits<std::uint64_t>::max();
+
+inline bool is_set(double moment_s) { return !std::isnan(moment_s); }
+
+struct Timeline::State {
+  State(const TimelineOptions& given, std::size_t capacity)
+      : options(given),
+        rows(given.row_width, capacity),
+        pace_hz(given.frame_rate_hz),
+        shown(given.row_width),
+        apart(given.row_width) {
+    cuts.reserve(8);
+  }
+
+  TimelineOptions options;
+  RowStore rows;
+  std::uint64_t playhead = 0;
+  std::uint64_t committed_to = 0;
+  std::uint64_t first_kept = 0;
+  std::uint64_t received_to = 0;  // where the next chunk must begin; below buffered_to only after a late plan
+  std::uint32_t plan = 0;
+  std::uint32_t underruns = 0;
+  std::uint32_t late_plans = 0;
+  bool started = false;
+  bool playing = true;
+  double pace_hz = 0;     // frames a second at the present time scale
+  double due_s = kNever;  // when the frame after the playhead is due; unset: the clock starts anew
+  double held_since_s = kNever;
+  std::uint64_t held_frames = 0;
+  std::vector<std::uint64_t> cuts;  // kept frames that do not continue the one before
+
+  // ---- what `sample` showed last
+  float blend = 0;  // of the frame after the playhead
+  bool has_shown = false;
+  std::uint64_t shown_frame = 0;           // the playhead then
+  bool approached = false;                 // the frame after it was there
+  std::uint64_t replaced_from = kNoFrame;  // the first frame that was replaced since
+  std::vector<float> shown;                // the row
+  std::vector<float> apart;                // what was shown, seen from what was due: 3 of the root, 4 a joint
+  bool fading = false;
+  double faded_at_s = 0;
+
+  std::uint64_t buffered_to() const { return first_kept + rows.size(); }
+  double frame_s() const { return 1 / pace_hz; }
+  bool is_cut(std::uint64_t frame) const { return std::find(cuts.begin(), cuts.end(), frame) != cuts.end(); }
+  Span<const float> row(std::uint64_t frame) const { return {rows.row(frame - first_kept), options.row_width}; }
+
+  void start(std::uint64_t frame) {
+    started = true;
+    playhead = frame;
+    forget();
+  }
+
+  FrameRange move(std::uint64_t count) {
+    const std::uint64_t first = playhead + 1;
+    playhead += count;
+    if (count > 0) blend = 0;
+    if (is_set(due_s)) due_s += static_cast<double>(count) / pace_hz;
+    forget();
+    return {first, playhead + 1};
+  }
+
+  // Raise the count of the present hold.
+  void count_held(std::uint64_t frames) {
+    if (frames <= held_frames) return;
+    underruns += static_cast<std::uint32_t>(frames - held_frames);
+    held_frames = frames;
+  }
+
+  void forget() {
+    if (options.keep_frames == TimelineOptions::kKeepAll || playhead < first_kept + options.keep_frames) return;
+    const std::uint64_t surplus = playhead - options.keep_frames - first_kept;
+    rows.drop_front(surplus);
+    first_kept += surplus;
+  }
+};
+
+}  // namespace motiongen

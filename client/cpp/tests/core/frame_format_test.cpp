@@ -1,0 +1,83 @@
+#include "motiongen/core/frame_format.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <limits>
+#include <optional>
+
+#include "core/golden.hpp"
+
+namespace motiongen {
+namespace {
+
+class Bytes final : public RowSource {
+ public:
+  explicit Bytes(const std::string& hex) {
+    for (std::size_t at = 0; at + 1 < hex.size(); at += 2) {
+      bytes_.push_back(static_cast<char>(std::stoi(hex.substr(at, 2), nullptr, 16)));
+    }
+  }
+  std::size_t num_bytes() const override { return bytes_.size() - taken_; }
+  void take(std::size_t count, void* to) override {
+    if (to != nullptr) std::memcpy(to, bytes_.data() + taken_, count);
+    taken_ += count;
+  }
+
+ private:
+  std::vector<char> bytes_;
+  std::size_t taken_ = 0;
+};
+
+TEST(FrameFormat, IsReadAsThePythonClientReadsIt) {
+  const Rig rig = testing::golden_rig();
+  FrameDecoder halves(rig, FrameFormat::f16);
+  FrameDecoder quantised(rig, FrameFormat::quantised);
+  std::vector<float> before;
+  for (const auto& line : testing::read_golden("frame_formats")) {
+    const bool is_half = line.name == "f16";
+    FrameDecoder& decoder = is_half ? halves : quantised;
+    Bytes bytes(line.words[1]);
+    const auto count = static_cast<std::uint32_t>(line.number(0));
+    EXPECT_EQ(bytes.num_bytes(), count * stored_row_bytes(rig, is_half ? FrameFormat::f16 : FrameFormat::quantised));
+    const std::vector<float> origin = line.numbers(2);
+    ASSERT_TRUE(decoder.begin(bytes, count, origin, is_half ? std::vector<float>() : before));
+    std::vector<float> rows(count * rig.row_width);
+    ASSERT_EQ(decoder.num_bytes(), rows.size() * sizeof(float));
+    decoder.take(rows.size() * sizeof(float), rows.data());
+    testing::expect_near(rows, line.expected, line.name);
+    if (!is_half) before.assign(rows.end() - rig.row_width, rows.end());
+  }
+  EXPECT_FALSE(before.empty());
+}
+
+TEST(FrameFormat, ReadsEveryHalf) {
+  Rig rig = testing::golden_rig();
+  FrameDecoder decoder(rig, FrameFormat::f16);
+  const float origin[] = {0, 0, 0};
+  // the greatest, the least normal, the least of all, minus two, one, none: in the root's columns and in the contacts
+  const std::vector<float> expected = {65504, 6.103515625e-05F, 5.9604645e-08F, -2, 1, 0, 0};
+  std::string hex = "ff7b00040100";
+  for (int joint = 0; joint < 3; ++joint) hex += "003c000000000000";
+  hex += "00c0003c00000080";
+  Bytes bytes(hex);
+  ASSERT_TRUE(decoder.begin(bytes, 1, {origin, 3}, {}));
+  std::vector<float> row(rig.row_width);
+  decoder.take(row.size() * sizeof(float), row.data());
+  for (std::size_t place = 0; place < 3; ++place) EXPECT_EQ(row[place], expected[place]);
+  for (std::size_t place = 0; place < 4; ++place) EXPECT_EQ(row[15 + place], expected[3 + place]);
+}
+
+TEST(FrameFormat, SaysWhatIsWrong) {
+  const Rig rig = testing::golden_rig();
+  FrameDecoder decoder(rig, FrameFormat::f16);
+  Bytes one_row(std::string(4 * rig.row_width, '0'));
+  EXPECT_FALSE(decoder.begin(one_row, 1, {}, {})) << "no origin";
+  const float origin[] = {0, 0, 0};
+  EXPECT_FALSE(decoder.begin(one_row, 2, {origin, 3}, {}));
+  EXPECT_EQ(decoder.num_bytes(), 0U);
+  EXPECT_TRUE(decoder.begin(one_row, 1, {origin, 3}, {}));
+}
+
+}  // namespace
+}  // namespace motiongen

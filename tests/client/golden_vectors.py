@@ -1,0 +1,230 @@
+"""Vectors by which the clients in Python and C++ are held equal: `python -m tests.client.golden_vectors` writes them.
+
+A file of lines, each a name and numbers (or bytes in hex); `->` begins what comes of it. Made by the Python client;
+tests/client/test_golden_vectors.py and client/cpp/tests/core compare both clients with what the files say.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from motiongen.v1 import motion_pb2
+from motiongen_client import GODOT, ROS, UNITY, UNREAL, camera_relative, drawn_corners, stick_velocity
+from motiongen_client.convert import FrameReader
+from motiongen_client.motion import CONTACT_BLOCK, ROOT_BLOCK, ROTATION_BLOCK, Float32, Rig
+from motiongen_client.playback import Playback
+from motiongen_client.sampling import Sampler
+from motiongen_client.types import FrameFormat
+
+FOLDER = Path(__file__).resolve().parents[1] / "data" / "client"
+RATE_HZ = 20
+JOINTS = 3
+RIG = Rig(
+    "chain",
+    ("root", "middle", "end"),
+    (-1, 0, 1),
+    np.array([[0, 0, 0], [0, 1, 0], [0, 1, 0]], np.float32),
+    RATE_HZ,
+    {ROOT_BLOCK: 3, ROTATION_BLOCK: 4 * JOINTS, CONTACT_BLOCK: 4},
+)
+
+
+def numbers(values: Iterable[float]) -> str:
+    return " ".join(f"{float(value):.7g}" for value in np.asarray(values, np.float64).ravel())
+
+
+def drawn_rotations(draw: random.Random, count: int) -> Float32:
+    """(count, 4) unit quaternions, of both signs."""
+    values = np.array([[draw.gauss(0, 1) for _ in range(4)] for _ in range(count)])
+    return (values / np.linalg.norm(values, axis=1, keepdims=True)).astype(np.float32)
+
+
+def drawn_rows(draw: random.Random, count: int) -> Float32:
+    """(count, D) of a chain that is turned anew at each frame: nothing of it is near anything else."""
+    rows = np.zeros((count, RIG.row_width), np.float32)
+    for row in rows:
+        row[:3] = [draw.uniform(-5, 5) for _ in range(3)]
+        row[3:15] = drawn_rotations(draw, JOINTS).ravel()
+        row[15:] = [draw.randint(0, 1) for _ in range(4)]
+    return np.array([[float(f"{value:.6g}") for value in row] for row in rows], np.float32)
+
+
+# ---- poses between frames
+
+
+class Script:
+    """A session as it might go: replans, waits, cuts, pauses, another pace; and what is shown all along."""
+
+    def __init__(self, seed: int) -> None:
+        self.draw = random.Random(seed)
+        self.now_s = 0.0
+        self.plan = 0
+        self.received = 0
+
+    def lines(self) -> Iterator[str]:
+        yield f"begin {RATE_HZ}"
+        for _ in range(60):
+            match self.draw.choices(("plan", "chunk", "pause", "resume", "scale", "wait"), (2, 5, 1, 1, 1, 10))[0]:
+                case "plan":
+                    yield self.new_plan()
+                case "chunk" if self.plan:
+                    count = self.draw.randint(1, 6)
+                    rows = drawn_rows(self.draw, count)
+                    yield f"chunk {self.plan} {self.received} {count} {numbers(rows)}"
+                    self.received += count
+                case "scale":
+                    yield f"scale {self.draw.choice([0.5, 1, 1, 2])}"
+                case "pause" | "resume" as name:
+                    yield name
+                case _:
+                    for _ in range(self.draw.randint(1, 4)):
+                        self.now_s += self.draw.choice([1 / 60, 1 / 144, 0.0317])
+                        yield f"sample {self.now_s:.9f}"
+
+    def new_plan(self) -> str:
+        self.plan += 1
+        back = self.draw.randint(0, 4) if self.draw.random() < 0.7 else 0
+        self.received = max(self.received - back, 0)
+        return f"plan {self.plan} {self.received} {int(self.draw.random() < 0.2)}"
+
+
+class Player:
+    """The Python client, told the lines of a script."""
+
+    def __init__(self) -> None:
+        self._playback = Playback(RATE_HZ, RIG.row_width)
+        self._sampler = Sampler(RIG, self._playback)
+
+    def tell(self, line: str) -> str:
+        """What comes of it: of `sample` the playhead and the row, or nothing before there is one."""
+        name, *words = line.split()
+        playback = self._playback
+        match name:
+            case "begin":
+                self.__init__()  # type: ignore[misc]
+            case "plan":
+                playback.announce_plan(int(words[0]), int(words[1]), is_cut=words[2] == "1")
+            case "chunk":
+                plan, first, count = map(int, words[:3])
+                rows = np.array(words[3:], np.float32).reshape(count, RIG.row_width)
+                playback.add_chunk(plan, first, rows, 0)
+            case "pause":
+                playback.pause()
+            case "resume":
+                playback.resume()
+            case "scale":
+                playback.set_time_scale(float(words[0]))
+            case "sample":
+                playback.advance(float(words[0]))
+                if not playback.started:
+                    return "-1"
+                _, row = self._sampler.row(float(words[0]))
+                return f"{playback.playhead} {numbers(row)}"
+        return ""
+
+
+def sampling() -> Iterator[str]:
+    for seed in range(5):
+        player = Player()
+        for line in Script(seed).lines():
+            yield f"{line} -> {player.tell(line)}".rstrip()
+
+
+# ---- axes, steering, formats
+
+
+def axes() -> Iterator[str]:
+    draw = random.Random(1)
+    for engine in (UNREAL, UNITY, GODOT, ROS):
+        for _ in range(4):
+            place = [draw.uniform(-10, 10) for _ in range(3)]
+            turn = drawn_rotations(draw, 1)[0]
+            moved = (*engine.positions(place), *engine.quaternions_xyzw(turn))
+            yield f"{engine.name} {numbers(place)} {numbers(turn)} -> {numbers(moved)}"
+
+
+def steering() -> Iterator[str]:
+    draw = random.Random(2)
+    for _ in range(16):
+        right, forward = draw.uniform(-1, 1), draw.uniform(-1, 1)
+        camera, speed, dead_zone = draw.uniform(-4, 4), draw.uniform(0.5, 4), draw.choice([0, 0.15, 0.6])
+        found = stick_velocity(right, forward, camera_heading_rad=camera, speed_mps=speed, dead_zone=dead_zone)
+        yield f"stick {numbers((right, forward, camera, speed, dead_zone))} -> {numbers(found)}"
+        yield f"camera {numbers((right, forward, camera))} -> {numbers(camera_relative(right, forward, camera))}"
+    for count, within_m in ((1, 0.1), (2, 0.1), (40, 0.1), (40, 0.5), (600, 0.01)):
+        points = np.cumsum([[draw.gauss(0, 0.2), draw.gauss(0, 0.2)] for _ in range(count)], axis=0)
+        points = np.array([[float(f"{value:.5g}") for value in point] for point in points])
+        corners = drawn_corners(points, within_m=within_m)
+        yield f"corners {within_m} {numbers(points)} -> {numbers(corners)}"
+
+
+def packed(turn: Float32) -> int:
+    """A rotation as QUANTISED stores it: which is the greatest, and ten bits of each of the others."""
+    greatest = int(np.abs(turn).argmax())
+    turn = turn if turn[greatest] > 0 else -turn
+    word = greatest << 30
+    shift = 20
+    for place in range(4):
+        if place != greatest:
+            word |= round(511.5 + 511 * math.sqrt(2) * float(turn[place])) << shift
+            shift -= 10
+    return word
+
+
+def stored(rows: Float32, frame_format: FrameFormat) -> bytes:
+    """A chunk's data."""
+    if frame_format is FrameFormat.F16:
+        halves = rows.copy()
+        halves[:, :3] -= rows[0, :3]
+        return halves.astype("<f2").tobytes()
+    data = b""
+    for row in rows:
+        data += np.round(1000 * row[:3]).astype("<i4").tobytes()
+        data += np.array([packed(turn) for turn in row[3:15].reshape(-1, 4)], "<u4").tobytes()
+        data += bytes([sum(int(on) << foot for foot, on in enumerate(row[15:]))])
+    return data
+
+
+def frame_formats() -> Iterator[str]:
+    draw = random.Random(3)
+    for frame_format, scalar_type in (
+        (FrameFormat.F16, motion_pb2.SCALAR_TYPE_F16_LE),
+        (FrameFormat.QUANTISED, motion_pb2.SCALAR_TYPE_QUANTISED),
+    ):
+        reader, before = FrameReader(RIG, frame_format), None
+        for _ in range(6):
+            rows = drawn_rows(draw, draw.randint(1, 4))
+            is_half = frame_format is FrameFormat.F16
+            origin = rows[0, :3].tolist() if is_half else []
+            data = stored(rows, frame_format)
+            chunk = motion_pb2.FrameChunk(
+                frame_count=len(rows), data=data, scalar_type=scalar_type, root_origin_m=origin
+            )
+            read = reader.rows(chunk, before)
+            before = read[-1]
+            yield f"{frame_format.value} {len(rows)} {data.hex()} {numbers(origin)}".rstrip() + f" -> {numbers(read)}"
+
+
+FILES: dict[str, Callable[[], Iterator[str]]] = {
+    "sampling": sampling,
+    "axes": axes,
+    "steering": steering,
+    "frame_formats": frame_formats,
+}
+
+
+def main() -> int:
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    for name, lines in FILES.items():
+        (FOLDER / f"{name}.txt").write_text("\n".join(lines()) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

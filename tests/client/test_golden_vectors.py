@@ -1,0 +1,41 @@
+"""What the Python client makes of the golden vectors; client/cpp/tests/core holds the C++ client to the same files."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.client.golden_vectors import FILES, FOLDER, Player
+
+
+def values(text: str) -> list[float]:
+    return [float(word) for word in text.split()]
+
+
+def answers(lines: list[str]) -> list[str]:
+    return [line.partition(" ->")[2] for line in lines]
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_the_client_makes_what_the_file_says(name: str) -> None:
+    kept = (FOLDER / f"{name}.txt").read_text(encoding="utf-8").splitlines()
+    made = list(FILES[name]())
+    assert [line.partition(" ->")[0] for line in kept] == [line.partition(" ->")[0] for line in made]
+    for kept_answer, answer in zip(answers(kept), answers(made), strict=True):
+        assert values(answer) == pytest.approx(values(kept_answer), abs=2e-5)
+
+
+def test_the_scripts_reach_what_they_are_for() -> None:
+    """Replans under the playhead, cuts, waits and jumps that fade: else the vectors say little."""
+    lines = (FOLDER / "sampling.txt").read_text(encoding="utf-8").splitlines()
+    player = Player()
+    fading = underruns = late = 0
+    for line in lines:
+        player.tell(line.partition(" ->")[0])
+        if line.startswith("sample"):
+            fading += player._sampler._apart is not None
+            underruns = max(underruns, player._playback.underruns)
+            late = max(late, player._playback.late_plans)
+    assert fading > 20
+    assert underruns > 3
+    assert late > 0
+    assert sum(line.startswith("plan") and line.split()[3] == "1" for line in lines) > 3

@@ -1,0 +1,172 @@
+"""Everything a character can be told, said by the C++ client to a real server."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from motiongen.v1 import motion_pb2, session_pb2
+from tests.conftest import LiveServer
+from tests.cpp.building import ROOT
+from tests.cpp.test_client import Character, character
+
+Program = Callable[[str], Path]
+UP = "1,0,0,0"
+
+
+def answer(walker: Character, line: str) -> list[str]:
+    walker.tell(line)
+    return walker.hear("edit")[2:]
+
+
+FORMS = [
+    "target waypoint frame=60 x=0 z=1 heading=0.5 metres=0.2 radians=0.3",
+    "target waypoint frame=60 last=90 x=0 z=1 weight=0.5",
+    "target waypoint frame=40 x=0 z=1 effect=1 relative=1",
+    "target trajectory frame=60 positions=0,1,0,1.05,0,1.1 headings=0,0,0.1",
+    "target path positions=0,2,1,3 speed=1.5 smoothing=0.2",
+    "target heading frame=60 heading=1",
+    f"target rotations frame=60 joints=5 rotations={UP}",
+    f"target joints frame=60 joints=0,5 positions=0,1,1,0,1.5,1 rotations=0,0,0,0,{UP}",
+    "target joints frame=60 joints=0 positions=0,0.9,1",
+    "go 2 5 heading=1",
+    "go 0 2 relative=1",
+]
+
+
+@pytest.mark.parametrize("line", FORMS)
+def test_a_target_of_every_form_is_taken(program: Program, live_server: LiveServer, line: str) -> None:
+    with character(program, live_server.address, MOTIONGEN_CLOCK="manual") as walker:
+        walker.tell("wait 10")
+        walker.hear("frame")
+        assert answer(walker, line)[0] == "OK"
+
+
+def test_where_the_server_put_a_target_is_told_and_kept(program: Program, live_server: LiveServer) -> None:
+    with character(program, live_server.address, MOTIONGEN_CLOCK="manual") as walker:
+        walker.tell("wait 10")
+        walker.hear("frame")
+        walker.tell("go 1 3")
+        effective = int(walker.hear("edit")[3])
+        _, target, first, last, arrival, anchor = walker.hear("placed")
+        assert target == "1"
+        assert effective == int(anchor) <= int(first) <= int(arrival) <= int(last)
+
+
+def test_a_target_in_the_place_of_another_is_the_one_that_is_answered(
+    program: Program, live_server: LiveServer
+) -> None:
+    with character(program, live_server.address, MOTIONGEN_CLOCK="manual") as walker:
+        walker.tell("wait 10")
+        walker.hear("frame")
+        assert answer(walker, "target waypoint frame=70 x=5 z=5")[0] == "OK"
+        assert answer(walker, "replace_target id=1 waypoint frame=60 x=0 z=1 metres=1000")[0] == "OK"
+        for frame in range(0, 71):
+            walker.tell(f"wait {frame}")
+            assert walker.hear("frame")[2] == "OK"
+            walker.tell(f"to {frame}")
+        told = walker.hear("reached")
+        assert told[1:4] == ["1", "1", "60"]
+        walker.tell("replace_target id=9 waypoint frame=60 x=0 z=1")
+        assert "an id that an earlier call gave" in " ".join(walker.hear("refused"))
+
+
+def test_prompts_end_move_and_go(program: Program, live_server: LiveServer) -> None:
+    with character(program, live_server.address, MOTIONGEN_CLOCK="manual") as walker:
+        walker.tell("wait 10")
+        walker.hear("frame")
+        assert answer(walker, "schedule 60 90 a person waves")[:2] == ["OK", "60"]
+        assert answer(walker, "replace_prompt 2 70 100 a person jumps")[0] == "OK"
+        assert answer(walker, "remove_prompt 2")[0] == "OK"
+        assert answer(walker, "remove_prompt 2")[0] == "UNKNOWN_PROMPT"
+        walker.tell("schedule 90 60 a person waves")
+        assert "above start_frame" in " ".join(walker.hear("refused"))
+
+
+def test_scheduled_prompts_that_have_begun_give_way_however_quickly_others_come(
+    program: Program, live_server: LiveServer
+) -> None:
+    with character(program, live_server.address, MOTIONGEN_CLOCK="manual") as walker:
+        walker.tell("wait 30")
+        walker.hear("frame")
+        assert answer(walker, "schedule 10 0 a person waves")[0] == "OK"
+        walker.tell("to 30")
+        for text in ("a person runs", "a person jumps"):
+            walker.tell(f"prompt {text}")
+        assert walker.hear("edit")[2] == "OK"
+        assert walker.hear("edit")[2] == "OK", "it does not drop again what the first has dropped"
+
+
+def test_options_change_while_it_is_open(program: Program, live_server: LiveServer) -> None:
+    with character(program, live_server.address, MOTIONGEN_CLOCK="manual") as walker:
+        walker.tell("wait 10")
+        walker.hear("frame")
+        assert answer(walker, "options priority=1 steps=2 guidance=2.5")[0] == "OK"
+        assert answer(walker, "options steps=100000")[0] == "DENOISE_STEPS_OUT_OF_RANGE"
+
+
+def test_a_cut_puts_it_elsewhere_at_once(program: Program, live_server: LiveServer) -> None:
+    with character(program, live_server.address, MOTIONGEN_CLOCK="manual") as walker:
+        walker.tell("wait 10")
+        walker.hear("frame")
+        walker.tell("to 4")
+        _, _, code, effective = (walker.tell("teleport 20 30 heading=1.5"), *walker.hear("edit"))[-4:]
+        assert code == "OK"
+        frame = int(effective)
+        walker.tell(f"wait {frame}")
+        walker.hear("frame")
+        x, _, z = walker.place(frame)
+        assert abs(x - 20) < 0.5
+        assert abs(z - 30) < 0.5
+        x, _, z = walker.place(frame - 1)
+        assert abs(x) < 5, "what was decided stays"
+
+
+@pytest.mark.parametrize(("number", "metres"), [("2", 0.0015), ("3", 0.001)])
+def test_frames_come_as_asked_for_and_are_the_same(
+    program: Program, live_server: LiveServer, number: str, metres: float
+) -> None:
+    rows = []
+    for frame_format in ("1", number):
+        variables = {"MOTIONGEN_CLOCK": "manual", "MOTIONGEN_FORMAT": frame_format}
+        with character(program, live_server.address, **variables) as walker:
+            walker.tell("wait 20")
+            walker.hear("frame")
+            walker.tell("row 20")
+            rows.append([float(word) for word in walker.hear("row")[2:]])
+    exact, stored = rows
+    assert len(exact) == len(stored) > 100
+    assert max(abs(a - b) for a, b in zip(exact[:3], stored[:3], strict=True)) < metres
+    assert max(abs(a - b) for a, b in zip(exact[3:-4], stored[3:-4], strict=True)) < 0.005
+    assert exact[-4:] == stored[-4:]
+
+
+NOT_SAID = {
+    "SessionEvent": {"take_snapshot"},
+    "OpenSession": {"request_id", "snapshot", "outputs"},
+    "Seek": {"frame"},
+    "Constraint": set(),
+    "PromptSpan": set(),
+    "SetOptions": set(),
+    "SetVelocity": set(),
+    "RootPath": set(),
+}
+"""What the C++ client leaves out; client/cpp/README.md says why."""
+
+
+def test_every_field_that_a_client_may_set_is_set_by_the_client_or_said_not_to_be() -> None:
+    sources = "".join(
+        path.read_text(encoding="utf-8") for path in (ROOT / "client" / "cpp" / "src" / "client").glob("*.cpp")
+    )
+    for name, left_out in NOT_SAID.items():
+        module = motion_pb2 if hasattr(motion_pb2, name) else session_pb2
+        fields = set(getattr(module, name).DESCRIPTOR.fields_by_name)
+        assert left_out <= fields
+        missing = {
+            field
+            for field in fields - left_out
+            if not any(f"{verb}_{field}(" in sources for verb in ("set", "mutable", "add", "put", "has"))
+        }
+        assert not missing, f"{name}: {missing}"

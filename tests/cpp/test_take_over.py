@@ -1,0 +1,142 @@
+"""The C++ client and two servers that share a store: what one held, the other goes on with, at another address."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from motiongen_server.snapshots import writer
+from motiongen_server.snapshots.sqlite_store import SqliteStore
+from tests.contract.local import LocalServer
+from tests.cpp.test_client import Character, character
+from tests.e2e.lost_line import FACTS_AS_SERVED
+from tests.e2e.tcp_proxy import TcpProxy
+
+LIMIT_S = 120.0
+Program = Callable[[str], Path]
+
+
+@pytest.fixture(autouse=True)
+def short_delays(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(writer, "RETRY_S", 0.02)
+    monkeypatch.setattr(writer, "RENEW_EVERY_S", 0.1)
+
+
+class Pair:
+    """The first server behind a line that can be lost, and the second."""
+
+    def __init__(self, servers: tuple[LocalServer, LocalServer], proxy: TcpProxy) -> None:
+        self.servers, self.proxy = servers, proxy
+        self._loop = asyncio.get_running_loop()
+
+    def lose_the_first(self) -> None:
+        """From any thread: nobody reaches it any more. It lives on, and hears nothing of it."""
+
+        def shut() -> None:
+            self.proxy.is_shut = True
+            self.proxy.cut()
+
+        self._loop.call_soon_threadsafe(shut)
+
+    def send_the_first_away(self) -> None:
+        """From any thread: it says goodbye, and ends its sessions."""
+
+        def drain() -> None:
+            self.servers[0].service.goodbye(1.0)
+            self.servers[0].service.close_all()
+
+        self._loop.call_soon_threadsafe(drain)
+
+
+def port_of(server: LocalServer) -> int:
+    return int(server.address.rpartition(":")[2])
+
+
+@asynccontextmanager
+async def pair(path: Path) -> AsyncIterator[Pair]:
+    stores = (SqliteStore(path / "one.sqlite", 60), SqliteStore(path / "one.sqlite", 60))
+    first, second = (LocalServer(facts=FACTS_AS_SERVED, snapshots=store) for store in stores)
+    async with asyncio.timeout(LIMIT_S), first, second, TcpProxy(port_of(first)) as proxy:
+        yield Pair((first, second), proxy)
+
+
+def begin(walker: Character) -> None:
+    """Play until the session outlives its server, and be told something."""
+    while walker.hear("durability")[1] != "1":
+        pass
+    walker.tell("wait 60")
+    assert walker.hear("frame")[2] == "OK"
+    walker.tell("prompt second one")
+    assert walker.hear("edit")[2] == "OK"
+
+
+def check_all_there(walker: Character, to: int) -> None:
+    """Every frame up to `to` has come, in its place: the fake model writes its number into it."""
+    walker.tell(f"wait {to}")
+    assert walker.hear("frame")[2] == "OK"
+
+
+async def test_another_address_goes_on_with_a_session_as_if_nothing_had_been(program: Program, tmp_path: Path) -> None:
+    def play(two: Pair) -> None:
+        address, other = two.proxy.address, two.servers[1].address
+        with character(program, address, MOTIONGEN_OTHER=other, MOTIONGEN_LOOKAHEAD="80") as walker:
+            begin(walker)
+            walker.tell("waypoint 400 1 2")
+            assert walker.hear("edit")[2] == "OK"
+            before = walker.place(40)
+            two.lose_the_first()
+            assert walker.hear("lost")[1] == "UNAVAILABLE"
+            walker.tell("prompt while there is no line")
+            _, first, exact = walker.hear("recovered")
+            assert exact == "1"
+            assert walker.hear("edit")[2] == "OK", "what was not answered there is answered here"
+            assert walker.place(40) == before
+            check_all_there(walker, int(first) + 40)
+            walker.tell("stats")
+            assert walker.hear("stats")[3:] == ["0", "1"], "no plan came late, and one recovery"
+
+    async with pair(tmp_path) as two:
+        await asyncio.to_thread(play, two)
+        assert two.servers[1].engine.num_sessions == 0, "the client has closed it there"
+
+
+async def test_a_server_that_goes_away_leaves_its_session_to_the_next_address(program: Program, tmp_path: Path) -> None:
+    def play(two: Pair) -> None:
+        address, other = two.proxy.address, two.servers[1].address
+        with character(program, address, MOTIONGEN_OTHER=other, MOTIONGEN_LOOKAHEAD="80") as walker:
+            begin(walker)
+            two.send_the_first_away()
+            walker.hear("draining")
+            two.lose_the_first()
+            _, first, exact = walker.hear("recovered")
+            assert exact == "1"
+            check_all_there(walker, int(first) + 40)
+
+    async with pair(tmp_path) as two:
+        await asyncio.to_thread(play, two)
+
+
+async def test_without_a_store_the_next_address_is_told_all_that_holds(program: Program) -> None:
+    def play(two: Pair) -> None:
+        address, other = two.proxy.address, two.servers[1].address
+        with character(program, address, MOTIONGEN_OTHER=other, MOTIONGEN_LOOKAHEAD="80") as walker:
+            walker.tell("wait 60")
+            walker.hear("frame")
+            walker.tell("go 1 30")
+            walker.hear("edit")
+            placed = walker.hear("placed")
+            walker.tell("velocity 0 1 seconds=30")
+            assert walker.hear("edit")[2] == "OK"
+            two.lose_the_first()
+            _, first, exact = walker.hear("recovered")
+            assert exact == "0"
+            assert int(first) <= int(placed[4])
+            check_all_there(walker, int(first) + 40)
+
+    first, second = LocalServer(facts=FACTS_AS_SERVED), LocalServer(facts=FACTS_AS_SERVED)
+    async with asyncio.timeout(LIMIT_S), first, second, TcpProxy(port_of(first)) as proxy:
+        await asyncio.to_thread(play, Pair((first, second), proxy))

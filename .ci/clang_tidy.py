@@ -2,7 +2,8 @@
 
     python .ci/clang_tidy.py BUILD_FOLDER CLANG_TIDY
 
-BUILD_FOLDER: where CMake has written compile_commands.json. What has passed is kept there, by the hash of all it was made of.
+BUILD_FOLDER: where CMake has written compile_commands.json. What has passed is kept there, by the hash of what it was
+made of.
 """
 
 from __future__ import annotations

@@ -17,6 +17,7 @@ import numpy as np
 from motiongen.v1 import motion_pb2
 from motiongen_client import GODOT, ROS, UNITY, UNREAL, camera_relative, drawn_corners, stick_velocity
 from motiongen_client.convert import FrameReader
+from motiongen_client.convert.frames import SCALAR_TYPES
 from motiongen_client.motion import CONTACT_BLOCK, ROOT_BLOCK, ROTATION_BLOCK, Float32, Rig
 from motiongen_client.playback import Playback
 from motiongen_client.sampling import Sampler
@@ -33,6 +34,9 @@ RIG = Rig(
     RATE_HZ,
     {ROOT_BLOCK: 3, ROTATION_BLOCK: 4 * JOINTS, CONTACT_BLOCK: 4},
 )
+
+OUTPUTS = {"joint_positions_m": 9, "joint_global_rotation_quat_wxyz": 12, "joint_velocities_mps": 9}
+ROBOT = {"g1_qpos": 36}  # not in QUANTISED
 
 
 def numbers(values: Iterable[float]) -> str:
@@ -177,38 +181,71 @@ def packed(turn: Float32) -> int:
     return word
 
 
-def stored(rows: Float32, frame_format: FrameFormat) -> bytes:
-    """A chunk's data."""
-    if frame_format is FrameFormat.F16:
-        halves = rows.copy()
-        halves[:, :3] -= rows[0, :3]
-        return halves.astype("<f2").tobytes()
+def drawn_outputs(draw: random.Random, rig: Rig, rows: Float32) -> Float32:
+    """Rows with what a session asks for besides, near their roots."""
+    parts = [rows]
+    for name, width in rig.outputs.items():
+        if name == "joint_global_rotation_quat_wxyz":
+            parts.append(np.array([drawn_rotations(draw, width // 4).ravel() for _ in rows]))
+            continue
+        values = np.array([[draw.uniform(-2, 2) for _ in range(width)] for _ in rows])
+        if name == "joint_positions_m":
+            values += np.tile(rows[:, :3], width // 3)
+        parts.append(values)
+    return np.concatenate(parts, axis=1).astype(np.float32)
+
+
+def halves(rows: Float32, rig: Rig) -> bytes:
+    """A chunk's data in F16: places are seen from the first root."""
+    seen, origin = rows.copy(), rows[0, :3]
+    seen[:, :3] -= origin
+    if "joint_positions_m" in rig.outputs:
+        seen[:, rig.columns("joint_positions_m")] -= np.tile(origin, 3)
+    if "g1_qpos" in rig.outputs:
+        start = rig.columns("g1_qpos").start
+        seen[:, start : start + 3] -= origin[[2, 0, 1]]
+    return seen.astype("<f2").tobytes()
+
+
+def quantised(rows: Float32, rig: Rig) -> bytes:
+    """A chunk's data in QUANTISED."""
     data = b""
     for row in rows:
         data += np.round(1000 * row[:3]).astype("<i4").tobytes()
         data += np.array([packed(turn) for turn in row[3:15].reshape(-1, 4)], "<u4").tobytes()
-        data += bytes([sum(int(on) << foot for foot, on in enumerate(row[15:]))])
+        data += bytes([sum(int(on) << foot for foot, on in enumerate(row[15:19]))])
+        for name in rig.outputs:
+            values = row[rig.columns(name)]
+            if name == "joint_global_rotation_quat_wxyz":
+                data += np.array([packed(turn) for turn in values.reshape(-1, 4)], "<u4").tobytes()
+                continue
+            places = np.tile(row[:3], 3) if name == "joint_positions_m" else np.zeros(len(values))
+            data += np.round(1000 * (values - places)).astype("<i2").tobytes()
     return data
 
 
 def frame_formats() -> Iterator[str]:
     draw = random.Random(3)
-    for frame_format, scalar_type in (
-        (FrameFormat.F16, motion_pb2.SCALAR_TYPE_F16_LE),
-        (FrameFormat.QUANTISED, motion_pb2.SCALAR_TYPE_QUANTISED),
+    for frame_format, outputs in (
+        (FrameFormat.F16, {}),
+        (FrameFormat.QUANTISED, {}),
+        (FrameFormat.F16, OUTPUTS | ROBOT),
+        (FrameFormat.QUANTISED, OUTPUTS),
     ):
-        reader, before = FrameReader(RIG, frame_format), None
-        for _ in range(6):
-            rows = drawn_rows(draw, draw.randint(1, 4))
+        rig = RIG.with_outputs(outputs)
+        reader, before = FrameReader(rig, frame_format), None
+        for _ in range(3 if outputs else 6):
+            rows = drawn_outputs(draw, rig, drawn_rows(draw, draw.randint(1, 4)))
             is_half = frame_format is FrameFormat.F16
             origin = rows[0, :3].tolist() if is_half else []
-            data = stored(rows, frame_format)
+            data = halves(rows, rig) if is_half else quantised(rows, rig)
             chunk = motion_pb2.FrameChunk(
-                frame_count=len(rows), data=data, scalar_type=scalar_type, root_origin_m=origin
+                frame_count=len(rows), data=data, scalar_type=SCALAR_TYPES[frame_format], root_origin_m=origin
             )
             read = reader.rows(chunk, before)
             before = read[-1]
-            yield f"{frame_format.value} {len(rows)} {data.hex()} {numbers(origin)}".rstrip() + f" -> {numbers(read)}"
+            name = frame_format.value + ("_outputs" if outputs else "")
+            yield f"{name} {len(rows)} {data.hex()} {numbers(origin)}".rstrip() + f" -> {numbers(read)}"
 
 
 FILES: dict[str, Callable[[], Iterator[str]]] = {

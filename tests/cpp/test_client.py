@@ -61,6 +61,7 @@ class Character:
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
         self._process = process
+        self.heard: list[list[str]] = []  # all lines so far
 
     def tell(self, line: str) -> None:
         assert self._process.stdin is not None
@@ -72,6 +73,7 @@ class Character:
         assert self._process.stdout is not None
         for line in self._process.stdout:
             words = line.split()
+            self.heard.append(words)
             if words[0] == kind:
                 return words
             assert words[0] != "closed", f"the session ended before it told {kind!r}: {line}"

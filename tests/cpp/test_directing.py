@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
@@ -31,6 +32,7 @@ FORMS = [
     f"target rotations frame=60 joints=5 rotations={UP}",
     f"target joints frame=60 joints=0,5 positions=0,1,1,0,1.5,1 rotations=0,0,0,0,{UP}",
     "target joints frame=60 joints=0 positions=0,0.9,1",
+    "target foot frame=60 limb=LeftFoot x=0.1 z=1 heading=0.2",
     "go 2 5 heading=1",
     "go 0 2 relative=1",
 ]
@@ -49,10 +51,10 @@ def test_where_the_server_put_a_target_is_told_and_kept(program: Program, live_s
         walker.tell("wait 10")
         walker.hear("frame")
         walker.tell("go 1 3")
-        effective = int(walker.hear("edit")[3])
+        assert walker.hear("edit")[2] == "OK"
         _, target, first, last, arrival, anchor = walker.hear("placed")
         assert target == "1"
-        assert effective == int(anchor) <= int(first) <= int(arrival) <= int(last)
+        assert int(anchor) <= int(first) <= int(arrival) <= int(last)
 
 
 def test_a_target_in_the_place_of_another_is_the_one_that_is_answered(
@@ -67,8 +69,8 @@ def test_a_target_in_the_place_of_another_is_the_one_that_is_answered(
             walker.tell(f"wait {frame}")
             assert walker.hear("frame")[2] == "OK"
             walker.tell(f"to {frame}")
-        told = walker.hear("reached")
-        assert told[1:4] == ["1", "1", "60"]
+        told = [words for words in walker.heard if words[0] == "reached"] or [walker.hear("reached")]
+        assert [words[1:4] for words in told] == [["1", "1", "60"]]
         walker.tell("replace_target id=9 waypoint frame=60 x=0 z=1")
         assert "an id that an earlier call gave" in " ".join(walker.hear("refused"))
 
@@ -118,8 +120,8 @@ def test_a_cut_puts_it_elsewhere_at_once(program: Program, live_server: LiveServ
         walker.tell(f"wait {frame}")
         walker.hear("frame")
         x, _, z = walker.place(frame)
-        assert abs(x - 20) < 0.5
-        assert abs(z - 30) < 0.5
+        assert abs(x - 20) < 2
+        assert abs(z - 30) < 2
         x, _, z = walker.place(frame - 1)
         assert abs(x) < 5, "what was decided stays"
 
@@ -139,13 +141,14 @@ def test_frames_come_as_asked_for_and_are_the_same(
     exact, stored = rows
     assert len(exact) == len(stored) > 100
     assert max(abs(a - b) for a, b in zip(exact[:3], stored[:3], strict=True)) < metres
-    assert max(abs(a - b) for a, b in zip(exact[3:-4], stored[3:-4], strict=True)) < 0.005
+    turns = [np.array(row[3:-4]).reshape(-1, 4) for row in (exact, stored)]
+    assert np.abs(np.abs((turns[0] * turns[1]).sum(axis=1)) - 1).max() < 1e-4  # of q and -q any
     assert exact[-4:] == stored[-4:]
 
 
 NOT_SAID = {
     "SessionEvent": {"take_snapshot"},
-    "OpenSession": {"request_id", "snapshot", "outputs"},
+    "OpenSession": {"request_id", "snapshot"},
     "Seek": {"frame"},
     "Constraint": set(),
     "PromptSpan": set(),

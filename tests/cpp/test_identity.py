@@ -7,6 +7,7 @@ import os
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import grpc
 
@@ -14,6 +15,7 @@ from motiongen_server.identity.tls import TlsFiles, server_credentials
 from motiongen_server.identity.tokens import new_token
 from tests.contract.local import LocalServer
 from tests.cpp.test_client import Character, character
+from tests.cpp.test_load import play as play_load
 from tests.e2e.lost_line import FACTS_AS_SERVED
 from tests.server.identity.files import AUTHORITY, CERTIFICATES, TenantsFile, copy_pair
 
@@ -48,6 +50,24 @@ async def test_a_token_goes_with_every_call_over_tls(program: Program, tmp_path:
         await asyncio.to_thread(stream, server.address)
         nobody = {**shown, "MOTIONGEN_CERTIFICATE": "", "MOTIONGEN_KEY": ""}
         assert "no motiongen server answers" in await refusal(program, server, nobody)
+
+
+async def test_a_load_is_played_over_tls_with_a_token(program: Program, tmp_path: Path) -> None:
+    tenants = TenantsFile(tmp_path)
+    token_file = tmp_path / "token"
+    token_file.write_text(tenants.one(), encoding="utf-8")
+    shown = ["--tls-ca", str(CERTIFICATES / "authority.pem"), "--token-file", str(token_file)]
+    shown += ["--tls-certificate", str(CERTIFICATES / "client.pem"), "--tls-key", str(CERTIFICATES / "client.key")]
+
+    def load(address: str) -> dict[str, Any]:
+        return play_load(address, tmp_path, "tls", *shown, "--program", str(program("motiongen-load")))
+
+    credentials = server_credentials(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
+    async with asyncio.timeout(LIMIT_S), served(tenants, credentials) as server:
+        told = await asyncio.to_thread(load, server.address)
+    assert told["generator"]["program"].startswith("motiongen-load ")
+    assert told["latencies_ms"]["open_to_first_frame"]["all"]["count"] > 0
+    assert not [name for name in told["counts"] if name.startswith("stream")]
 
 
 async def test_who_is_not_let_in_is_told_why_at_once(program: Program, tmp_path: Path) -> None:

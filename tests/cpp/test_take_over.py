@@ -129,7 +129,7 @@ async def test_without_a_store_the_next_address_is_told_all_that_holds(program: 
             walker.tell("go 1 30")
             walker.hear("edit")
             placed = walker.hear("placed")
-            walker.tell("velocity 0 1 seconds=30")
+            walker.tell("velocity 0 1 seconds=1")
             assert walker.hear("edit")[2] == "OK"
             two.lose_the_first()
             _, first, exact = walker.hear("recovered")

@@ -18,6 +18,11 @@ grpc::ChannelArguments channel_arguments() {
   return arguments;
 }
 
+std::shared_ptr<grpc::ChannelCredentials> credentials(const Access& access) {
+  if (!access.tls()) return grpc::InsecureChannelCredentials();
+  return grpc::SslCredentials({access.root_certificates(), access.private_key(), access.certificate_chain()});
+}
+
 // A name of an enum's value, without what all of them begin with.
 std::string short_name(const std::string& name, const std::string& prefix) {
   return name.compare(0, prefix.size(), prefix) == 0 ? name.substr(prefix.size()) : name;
@@ -34,12 +39,12 @@ Stream::Stream(Stage& stage, Run& run)
 }
 
 void Stream::start() {
-  channel_ = grpc::CreateCustomChannel(run_.load.address(), grpc::InsecureChannelCredentials(), channel_arguments());
+  channel_ = grpc::CreateCustomChannel(run_.load.address(), credentials(run_.load.access()), channel_arguments());
   stub_ = std::make_unique<grpc::GenericStub>(channel_);
   v1::StreamMotionRequest hello;
   hello.mutable_hello()->set_client_agent("motiongen-load");
   outbox_.put_alone(hello);
-  call_ = Call::start(*stub_, "", outbox_, shared_from_this());
+  call_ = Call::start(*stub_, run_.load.access().token(), outbox_, shared_from_this());
 }
 
 bool Stream::wait_hello(double timeout_s) {

@@ -170,8 +170,6 @@ def num_processes(characters: int) -> int:
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """Exit with 2, and say why, where options make no sense together."""
-    if options.program is not None and (options.tls or options.tls_ca or options.token_file or options.tls_key):
-        parser.error("--program speaks plain text and sends no token; leave it out, or the options of the connection")
     if options.server_arguments and not options.start_server:
         parser.error(f"{options.server_arguments[0]!r} is for a server that this starts: give --start-server too")
 

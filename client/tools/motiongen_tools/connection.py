@@ -16,6 +16,15 @@ from motiongen_tools.arguments import number_above_zero
 
 
 @dataclass(frozen=True)
+class Pem:
+    """The files of TLS; empty where there is none."""
+
+    authorities: bytes
+    certificate: bytes
+    key: bytes
+
+
+@dataclass(frozen=True)
 class Connection:
     """How a server is reached, but for its address; crosses to other processes. The default is plain text, no token.
 
@@ -56,13 +65,19 @@ class Connection:
         """None: plain text. Raises InvalidInput."""
         if not self.tls:
             return None
-        authorities, key, certificate = (
-            None if path is None else _read(name, path)
-            for name, path in (
-                ("tls-ca", self.authorities), ("tls-key", self.key), ("tls-certificate", self.certificate),
+        pem = self.pem()
+        return grpc.ssl_channel_credentials(pem.authorities or None, pem.key or None, pem.certificate or None)
+
+    def pem(self) -> Pem:
+        """What its files of TLS hold. Raises InvalidInput."""
+        return Pem(
+            *(
+                b"" if path is None else _read(name, path)
+                for name, path in (
+                    ("tls-ca", self.authorities), ("tls-certificate", self.certificate), ("tls-key", self.key),
+                )
             )
         )  # fmt: skip
-        return grpc.ssl_channel_credentials(authorities, key, certificate)
 
     def token(self) -> str:
         """What its file holds, less the space around it. Raises InvalidInput."""

@@ -91,6 +91,8 @@ typedef struct motiongen_session_options {
   float target_guidance;
   uint32_t has_text_guidance;
   uint32_t has_target_guidance;
+  const char* const* outputs; /* what each row shall have besides: motiongen_session_block tells where */
+  uint32_t num_outputs;
 } motiongen_session_options;
 
 typedef struct motiongen_rig {
@@ -156,7 +158,8 @@ enum {
   MOTIONGEN_TARGET_JOINTS = 4,          /* joints, positions_m: x y z of each; perhaps rotations_wxyz */
   MOTIONGEN_TARGET_HEADING = 5,         /* heading_rad */
   MOTIONGEN_TARGET_JOINT_ROTATIONS = 6, /* joints, rotations_wxyz */
-  MOTIONGEN_TARGET_ROOT_PATH = 7        /* positions_m: x z of each corner; perhaps speed_mps, smoothing_m */
+  MOTIONGEN_TARGET_ROOT_PATH = 7,       /* positions_m: x z of each corner; perhaps speed_mps, smoothing_m */
+  MOTIONGEN_TARGET_FOOT_CONTACT = 8     /* limb, x_m, z_m, perhaps heading_rad */
 };
 
 /* Where a character shall be and when; client/targets.hpp says more of each form. */
@@ -187,6 +190,7 @@ typedef struct motiongen_target {
   float speed_mps; /* 0: 1.2 */
   float smoothing_m;
   uint32_t has_smoothing; /* else 0.3 */
+  const char* limb;       /* LeftFoot or RightFoot */
 } motiongen_target;
 
 /* Where a target was put that left that to the server. */
@@ -352,6 +356,9 @@ MOTIONGEN_C_API motiongen_code motiongen_session_resume(motiongen_session* sessi
  */
 MOTIONGEN_C_API motiongen_code motiongen_session_rig(const motiongen_session* session, motiongen_rig* rig,
                                                      motiongen_error* error);
+/* Where a block or an output of its rows begins, by its name, such as "joint_positions_m". */
+MOTIONGEN_C_API motiongen_code motiongen_session_block(const motiongen_session* session, const char* name,
+                                                       uint32_t* column, motiongen_error* error);
 MOTIONGEN_C_API const char* motiongen_session_joint_name(const motiongen_session* session, uint32_t joint);
 MOTIONGEN_C_API int32_t motiongen_session_joint_parent(const motiongen_session* session,
                                                        uint32_t joint); /* -1: the root */

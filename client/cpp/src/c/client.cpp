@@ -138,6 +138,8 @@ motiongen_code motiongen_client_open(motiongen_client* client, const motiongen_s
   chosen.prompt.preset_id = text(given.preset_id);
   if (given.has_text_guidance != 0) chosen.text_guidance = given.text_guidance;
   if (given.has_target_guidance != 0) chosen.constraint_guidance = given.target_guidance;
+  if (given.num_outputs > 0 && given.outputs == nullptr) return motiongen::c::missing("outputs", error);
+  for (uint32_t index = 0; index < given.num_outputs; ++index) chosen.outputs.push_back(text(given.outputs[index]));
   if (given.prior_rows != nullptr) {
     chosen.prior_rows.assign(given.prior_rows,
                              given.prior_rows + std::size_t{given.num_prior_rows} * given.prior_row_floats);

@@ -46,6 +46,14 @@ motiongen_code motiongen_session_rig(const motiongen_session* session, motiongen
   return answer({}, error);
 }
 
+motiongen_code motiongen_session_block(const motiongen_session* session, const char* name, uint32_t* column,
+                                       motiongen_error* error) {
+  if (session == nullptr || name == nullptr || column == nullptr) return missing("session, name, column", error);
+  const auto found = session->session.rig().column(name);
+  if (found) *column = found.value();
+  return answer(found.status(), error);
+}
+
 const char* motiongen_session_joint_name(const motiongen_session* session, uint32_t joint) {
   if (session == nullptr || joint >= session->session.rig().num_joints()) return nullptr;
   return session->session.rig().joint_names[joint].c_str();

@@ -45,9 +45,14 @@ Result<TargetForm> form_of(const motiongen_target& given) {
       if (given.has_smoothing != 0) path.smoothing_m = given.smoothing_m;
       return TargetForm(std::move(path));
     }
+    case MOTIONGEN_TARGET_FOOT_CONTACT: {
+      FootContact foot{given.frame, text(given.limb), given.x_m, given.z_m, {}, {}};
+      if (given.has_heading != 0) foot.heading_rad = given.heading_rad;
+      return TargetForm(std::move(foot));
+    }
     default:
       return invalid("form", std::to_string(given.form),
-                     "one of MOTIONGEN_TARGET_WAYPOINT to MOTIONGEN_TARGET_ROOT_PATH");
+                     "one of MOTIONGEN_TARGET_WAYPOINT to MOTIONGEN_TARGET_FOOT_CONTACT");
   }
 }
 

@@ -37,6 +37,9 @@ v1::GenerateClipRequest request_of(const ClipOptions& options) {
   session.start_x_m = options.start_x_m;
   session.start_z_m = options.start_z_m;
   session.start_heading_rad = options.start_heading_rad;
+  session.keep_prompts = options.keep_prompts;
+  session.frame_format = options.frame_format;
+  session.outputs = options.outputs;
   v1::GenerateClipRequest request;
   v1::OpenSession& open = *request.mutable_open();
   open = convert::open_session(session);
@@ -51,43 +54,64 @@ v1::GenerateClipRequest request_of(const ClipOptions& options) {
   return request;
 }
 
+// The bytes of a chunk that is a message.
+class ChunkBytes final : public RowSource {
+ public:
+  explicit ChunkBytes(const std::string& data) : data_(data) {}
+  std::size_t num_bytes() const override { return data_.size() - taken_; }
+  void take(std::size_t count, void* to) override {
+    if (to != nullptr) std::memcpy(to, data_.data() + taken_, count);
+    taken_ += count;
+  }
+
+ private:
+  const std::string& data_;
+  std::size_t taken_ = 0;
+};
+
 // One sample as it comes.
 struct Sample {
   Clip clip;
-  std::size_t row_width = 0;
+  std::optional<FrameDecoder> decoder;
   bool is_whole = false;
 
-  Status take(const v1::GenerateClipResponse& part, const Catalog& catalog) {
-    if (part.has_opened()) return take_opened(part.opened(), catalog);
-    if (part.has_chunk()) return take_chunk(part.chunk());
+  Status take(const v1::GenerateClipResponse& part, const Catalog& catalog, const ClipOptions& options) {
+    if (part.has_opened()) return take_opened(part.opened(), catalog, options);
+    if (part.has_chunk()) return take_chunk(part.chunk(), options);
     if (!part.has_summary()) return {};
     for (const auto& each : part.summary().residuals()) clip.residuals.push_back(convert::residual(each));
     is_whole = true;
     return {};
   }
 
-  Status take_opened(const v1::SessionOpened& message, const Catalog& catalog) {
+  Status take_opened(const v1::SessionOpened& message, const Catalog& catalog, const ClipOptions& options) {
+    auto rig = convert::session_rig(catalog, message, options.outputs);
+    if (!rig) return rig.status();
     clip.opened = convert::opened(message);
-    for (const Rig& rig : catalog.rigs) {
-      if (rig.rig_id == clip.opened.rig_id) row_width = rig.row_width;
-    }
-    return row_width > 0 ? Status() : violation("a clip is of rig " + clip.opened.rig_id + ", which nobody knows");
+    clip.rig = std::move(rig).value();
+    decoder.emplace(clip.rig, options.frame_format);
+    return {};
   }
 
-  Status take_chunk(const v1::FrameChunk& chunk) {
+  Status take_chunk(const v1::FrameChunk& chunk, const ClipOptions& options) {
+    if (!decoder) return violation("a chunk of a clip came before it was opened");
     if (chunk.first_frame() != clip.num_frames) {
       return violation("frame " + std::to_string(chunk.first_frame()) + " of a clip came after " +
                        std::to_string(clip.num_frames) + " frames");
     }
-    const std::string& data = chunk.data();
-    if (chunk.scalar_type() != v1::SCALAR_TYPE_F32_LE || row_width == 0 ||
-        data.size() != chunk.frame_count() * row_width * sizeof(float)) {
-      return violation("a chunk of a clip has " + std::to_string(data.size()) + " bytes for " +
-                       std::to_string(chunk.frame_count()) + " rows of " + std::to_string(row_width) + " floats");
+    if (static_cast<int>(chunk.scalar_type()) != static_cast<int>(options.frame_format)) {
+      return violation("a chunk of a clip has scalar type " + std::to_string(chunk.scalar_type()) + "; " +
+                       std::to_string(static_cast<int>(options.frame_format)) + " was asked for");
     }
     const std::size_t held = clip.rows.size();
-    clip.rows.resize(held + data.size() / sizeof(float));
-    std::memcpy(clip.rows.data() + held, data.data(), data.size());
+    const Span<const float> origin(chunk.root_origin_m().data(), static_cast<std::size_t>(chunk.root_origin_m_size()));
+    const Span<const float> before =
+        held == 0 ? Span<const float>() : Span<const float>(&clip.rows[held - clip.rig.row_width], clip.rig.row_width);
+    ChunkBytes bytes(chunk.data());
+    Status begun = decoder->begin(bytes, chunk.frame_count(), origin, before);
+    if (!begun) return begun;
+    clip.rows.resize(held + std::size_t{chunk.frame_count()} * clip.rig.row_width);
+    decoder->take(decoder->num_bytes(), clip.rows.data() + held);
     clip.num_frames += chunk.frame_count();
     return {};
   }
@@ -110,7 +134,7 @@ Result<std::vector<Clip>> ClientCore::generate_clip(const ClipOptions& options) 
   Status broken;
   while (broken && reader->Read(&part)) {
     broken = part.sample() < samples.size()
-                 ? samples[part.sample()].take(part, *known)
+                 ? samples[part.sample()].take(part, *known, options)
                  : violation("sample " + std::to_string(part.sample()) + " was not asked for");
   }
   if (!broken) call.context.TryCancel();

@@ -77,6 +77,7 @@ v1::OpenSession open_session(const SessionOptions& options) {
   message.set_lookahead_frames(options.lookahead_frames);
   message.set_scalar_type(static_cast<v1::ScalarType>(options.frame_format));
   message.set_keep_prompts(options.keep_prompts);
+  for (const std::string& each : options.outputs) message.add_outputs(each);
   if (options.denoise_steps != 0) message.set_denoise_steps(options.denoise_steps);
   if (options.history_frames != 0) message.set_history_frames(options.history_frames);
   if (options.text_guidance) message.mutable_guidance()->set_text(*options.text_guidance);
@@ -90,10 +91,12 @@ v1::OpenSession open_session(const SessionOptions& options) {
   return message;
 }
 
-void set_rows(Span<const float> rows, std::uint32_t row_width, v1::FrameChunk* frames) {
-  frames->set_frame_count(static_cast<std::uint32_t>(rows.size() / row_width));
+void set_rows(Span<const float> rows, const Rig& rig, v1::FrameChunk* frames) {
+  frames->set_frame_count(static_cast<std::uint32_t>(rows.size() / rig.row_width));
   frames->set_scalar_type(v1::SCALAR_TYPE_F32_LE);
-  frames->set_data(rows.data(), rows.size() * sizeof(float));
+  for (std::size_t row = 0; row + rig.row_width <= rows.size(); row += rig.row_width) {
+    frames->mutable_data()->append(reinterpret_cast<const char*>(&rows[row]), rig.own_width * sizeof(float));
+  }
 }
 
 v1::SetOptions set_options(const OptionsChange& change) {

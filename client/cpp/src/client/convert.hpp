@@ -23,8 +23,8 @@ v1::Constraint constraint(std::uint32_t id, const Target& target);
 v1::PromptSpan span(std::uint32_t id, const Prompt& prompt, std::uint64_t start_frame, std::uint64_t end_frame);
 // Without prompts, constraints and prior frames.
 v1::OpenSession open_session(const SessionOptions& options);
-// rows: whole rows of row_width floats.
-void set_rows(Span<const float> rows, std::uint32_t row_width, v1::FrameChunk* frames);
+// rows: whole rows of the rig, which are sent without their outputs.
+void set_rows(Span<const float> rows, const Rig& rig, v1::FrameChunk* frames);
 v1::SetOptions set_options(const OptionsChange& change);
 
 // ---- from the server
@@ -34,6 +34,9 @@ Result<std::shared_ptr<const Catalog>> catalog(const v1::GetCatalogResponse& mes
 // The model with an id, or the default one for an empty id; its rig; nullptr where there is none.
 const Model* find_model(const Catalog& catalog, const std::string& model_id);
 const Rig* find_rig(const Catalog& catalog, const std::string& model_id);
+// The rig of a session's frames, with what it asked for besides. A violation where that is something else.
+Result<Rig> session_rig(const Catalog& catalog, const v1::SessionOpened& message,
+                        const std::vector<std::string>& outputs);
 Opened opened(const v1::SessionOpened& message);
 Reached reached(const v1::ConstraintReached& message);
 Residual residual(const v1::ConstraintResidual& message);

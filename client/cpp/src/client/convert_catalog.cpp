@@ -1,4 +1,6 @@
 // What a server offers, from the contract's messages.
+#include <algorithm>
+
 #include "client/convert.hpp"
 
 namespace motiongen::convert {
@@ -51,6 +53,7 @@ Model model(const v1::Model& message) {
     made.locomotion_presets.push_back({each.name(), each.text(), each.from_speed_mps(), each.direction()});
   }
   made.known_motions.assign(message.known_motions().begin(), message.known_motions().end());
+  for (const auto& each : message.outputs()) made.outputs.push_back({each.name(), each.width()});
   return made;
 }
 
@@ -90,6 +93,25 @@ Result<std::shared_ptr<const Catalog>> catalog(const v1::GetCatalogResponse& mes
   if (made->models.empty()) return violation("the catalogue has no model");
   made->limits = limits(message.limits());
   return std::shared_ptr<const Catalog>(std::move(made));
+}
+
+Result<Rig> session_rig(const Catalog& catalog, const v1::SessionOpened& message,
+                        const std::vector<std::string>& outputs) {
+  const auto found = std::find_if(catalog.rigs.begin(), catalog.rigs.end(),
+                                  [&message](const Rig& each) { return each.rig_id == message.rig_id(); });
+  if (found == catalog.rigs.end()) {
+    return violation("a session was opened on rig " + message.rig_id() + ", which the catalogue does not have");
+  }
+  Rig rig = *found;
+  std::vector<std::string> given;
+  for (const auto& each : message.outputs()) {
+    rig.outputs.push_back({each.name(), each.width()});
+    given.push_back(each.name());
+  }
+  if (given != outputs) return violation("frames have other outputs than were asked for");
+  Status checked = rig.check();
+  if (!checked) return checked;
+  return rig;
 }
 
 const Model* find_model(const Catalog& catalog, const std::string& model_id) {

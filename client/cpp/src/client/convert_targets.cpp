@@ -72,6 +72,11 @@ struct Checker {
                         std::isfinite(target.smoothing_m.value_or(0));
     return finite ? Status() : not_finite("RootPath");
   }
+  Status operator()(const FootContact& target) const {
+    const bool finite =
+        std::isfinite(target.x_m) && std::isfinite(target.z_m) && std::isfinite(target.heading_rad.value_or(0));
+    return finite ? Status() : not_finite("FootContact");
+  }
 };
 
 struct Writer {
@@ -116,6 +121,14 @@ struct Writer {
     path->mutable_positions()->Add(target.corners_m.begin(), target.corners_m.end());
     if (target.speed_mps) path->set_speed_mps(*target.speed_mps);
     if (target.smoothing_m) path->set_smoothing_m(*target.smoothing_m);
+  }
+  void operator()(const FootContact& target) const {
+    message->set_frame(target.frame);
+    auto* foot = message->mutable_foot_contact();
+    foot->set_limb(target.limb);
+    foot->set_x(target.x_m);
+    foot->set_z(target.z_m);
+    if (target.heading_rad) foot->set_heading(*target.heading_rad);
   }
 };
 

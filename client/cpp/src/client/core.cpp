@@ -54,7 +54,7 @@ Result<v1::OpenSession> ClientCore::opening_of(const SessionOptions& options) co
   if (rig == nullptr) return invalid("model_id", options.model_id, "a model of the catalogue, beside prior_rows");
   Status checked = convert::check_rows(options.prior_rows, rig->row_width);
   if (!checked) return checked;
-  convert::set_rows(options.prior_rows, rig->row_width, open.mutable_prior_frames());
+  convert::set_rows(options.prior_rows, *rig, open.mutable_prior_frames());
   return open;
 }
 

@@ -53,16 +53,23 @@ class Anchor {
   double z_;
 };
 
+// Something with an x, a z and perhaps a heading.
+template <class Message>
+void place_into_world(const Anchor& anchor, Message* message) {
+  Numbers place;
+  place.Add(message->x());
+  place.Add(message->z());
+  anchor.places(2, &place);
+  message->set_x(place[0]);
+  message->set_z(place[1]);
+  if (message->has_heading()) message->set_heading(anchor.heading(message->heading()));
+}
+
 void into_world(v1::Constraint& constraint, const Anchor& anchor) {
   if (constraint.has_waypoint()) {
-    v1::Waypoint& waypoint = *constraint.mutable_waypoint();
-    Numbers place;
-    place.Add(waypoint.x());
-    place.Add(waypoint.z());
-    anchor.places(2, &place);
-    waypoint.set_x(place[0]);
-    waypoint.set_z(place[1]);
-    if (waypoint.has_heading()) waypoint.set_heading(anchor.heading(waypoint.heading()));
+    place_into_world(anchor, constraint.mutable_waypoint());
+  } else if (constraint.has_foot_contact()) {
+    place_into_world(anchor, constraint.mutable_foot_contact());
   } else if (constraint.has_heading()) {
     constraint.mutable_heading()->set_heading(anchor.heading(constraint.heading().heading()));
   } else if (constraint.has_root_trajectory()) {

@@ -181,12 +181,12 @@ Result<EditId> Session::teleport(float x_m, float z_m, float heading_rad) {
 }
 
 Result<EditId> Session::cut_to(Span<const float> rows) {
-  const std::uint32_t width = rig().row_width;
-  if (width == 0) return Status(Code::failed_precondition, "NOT_OPEN", "the session has not opened yet");
-  Status checked = convert::check_rows(rows, width);
+  const Rig& known = rig();
+  if (known.row_width == 0) return Status(Code::failed_precondition, "NOT_OPEN", "the session has not opened yet");
+  Status checked = convert::check_rows(rows, known.row_width);
   if (!checked) return checked;
   v1::SessionEvent event;
-  convert::set_rows(rows, width, event.mutable_seek()->mutable_prior_frames());
+  convert::set_rows(rows, known, event.mutable_seek()->mutable_prior_frames());
   return core_->edit(*state_, std::move(event));
 }
 

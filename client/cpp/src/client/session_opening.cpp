@@ -9,13 +9,6 @@ namespace {
 
 constexpr double kRetryS = 1.0;  // after the server has given a session up
 
-const Rig* find_rig(const Catalog& catalog, const std::string& rig_id) {
-  for (const Rig& rig : catalog.rigs) {
-    if (rig.rig_id == rig_id) return &rig;
-  }
-  return nullptr;
-}
-
 bool same_rows(const Rig& a, const Rig& b) {
   return a.row_width == b.row_width && a.joint_names == b.joint_names && a.frame_rate_hz == b.frame_rate_hz &&
          a.rotation_column == b.rotation_column && a.root_column == b.root_column && a.offsets_m == b.offsets_m;
@@ -35,7 +28,7 @@ std::uint32_t SessionState::prior_rows(const Catalog& catalog, std::string& rows
   if (cut && *cut < end) first = std::max(first, *cut);
   const auto put = [&](std::uint64_t frame) {
     const auto row = timeline->row(frame);
-    rows.append(reinterpret_cast<const char*>(row.value().data()), row.value().size() * sizeof(float));
+    rows.append(reinterpret_cast<const char*>(row.value().data()), rig.own_width * sizeof(float));
   };
   for (std::uint64_t missing = wanted - (end - first); missing > 0; --missing) put(first);
   for (std::uint64_t frame = first; frame < end; ++frame) put(frame);
@@ -124,11 +117,8 @@ void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& 
                                Outbox& outbox) {
   if (phase != Phase::opening) return;
   if (resuming_) return take_resumed(message, events, outbox);
-  const Rig* found = find_rig(catalog, message.rig_id());
-  if (found == nullptr) {
-    return end(violation("a session was opened on rig " + message.rig_id() + ", which the catalogue does not have"),
-               events);
-  }
+  const auto found = convert::session_rig(catalog, message, options.outputs);
+  if (!found) return end(found.status(), events);
   opened = convert::opened(message);
   note_placements(opened.placements);
   token_ = message.session_token();
@@ -138,7 +128,7 @@ void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& 
   event.session = id;
   event.outcome.warnings = opened.warnings;
   if (was_open_) {
-    if (!same_rows(rig, *found)) {
+    if (!same_rows(rig, found.value())) {
       return end(Status(Code::failed_precondition, "RIG_CHANGED", "the server came back with another rig"), events);
     }
     timeline->continue_with_new_plans();
@@ -146,7 +136,7 @@ void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& 
     event.kind = EventKind::recovered;
     event.frame = base_;
   } else {
-    rig = *found;
+    rig = found.value();
     TimelineOptions made;
     made.frame_rate_hz = rig.frame_rate_hz;
     made.row_width = rig.row_width;

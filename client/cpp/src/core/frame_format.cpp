@@ -11,6 +11,9 @@ namespace {
 
 constexpr std::size_t kPlaceBytes = 12;  // of a quantised root: three int32 of millimetres
 constexpr std::size_t kTurnBytes = 4;    // of a quantised rotation
+constexpr char kPositions[] = "joint_positions_m";
+constexpr char kGlobalRotations[] = "joint_global_rotation_quat_wxyz";
+constexpr char kRobotPose[] = "g1_qpos";
 constexpr double kHalfRange = 511.5;
 const double kScale = 511.0 * std::sqrt(2.0);
 
@@ -36,6 +39,11 @@ std::uint32_t number(const std::uint8_t* from) {
   return value;
 }
 
+// Four numbers of a rotation are four bytes, any other is two.
+std::size_t quantised_bytes(const Block& output) {
+  return output.name == kGlobalRotations ? output.width : 2 * std::size_t{output.width};
+}
+
 // The greatest of w, x, y, z follows from the three others, since the length is 1.
 Quaternion unpacked(std::uint32_t packed) {
   const std::uint32_t greatest = packed >> 30;
@@ -57,7 +65,11 @@ Quaternion unpacked(std::uint32_t packed) {
 }  // namespace
 
 std::size_t stored_row_bytes(const Rig& rig, FrameFormat format) {
-  if (format == FrameFormat::quantised) return kPlaceBytes + kTurnBytes * rig.num_joints() + 1;
+  if (format == FrameFormat::quantised) {
+    std::size_t bytes = kPlaceBytes + kTurnBytes * rig.num_joints() + 1;
+    for (const Block& output : rig.outputs) bytes += quantised_bytes(output);
+    return bytes;
+  }
   return rig.row_width * std::size_t{format == FrameFormat::f16 ? 2U : 4U};
 }
 
@@ -102,6 +114,14 @@ void FrameDecoder::decode_halves() {
     float* turn = &row_[rig_.rotation_column + 4 * joint];
     store(normalized(load(turn), {1, 0, 0, 0}), turn);
   }
+  std::size_t column = rig_.own_width;
+  for (const Block& output : rig_.outputs) {
+    const std::size_t places = output.name == kPositions ? output.width : output.name == kRobotPose ? 3 : 0;
+    // forward, left and up of the robot are our z, x and y
+    const std::size_t turned = output.name == kRobotPose ? 2 : 0;
+    for (std::size_t place = 0; place < places; ++place) row_[column + place] += origin_m_[(place + turned) % 3];
+    column += output.width;
+  }
 }
 
 void FrameDecoder::decode_quantised() {
@@ -109,17 +129,39 @@ void FrameDecoder::decode_quantised() {
     const auto millimetres = static_cast<std::int32_t>(number(&bytes_[4 * axis]));
     row_[rig_.root_column + axis] = static_cast<float>(millimetres / 1000.0);
   }
-  for (std::size_t joint = 0; joint < rig_.num_joints(); ++joint) {
-    const std::size_t column = rig_.rotation_column + 4 * joint;
-    Quaternion turn = unpacked(number(&bytes_[kPlaceBytes + kTurnBytes * joint]));
-    if (has_before_ && dot(turn, load(&before_[column])) < 0) turn = {-turn.w, -turn.x, -turn.y, -turn.z};
-    store(turn, &row_[column]);
-  }
+  decode_rotations(rig_.rotation_column, rig_.num_joints(), &bytes_[kPlaceBytes]);
+  std::size_t at = kPlaceBytes + kTurnBytes * rig_.num_joints();
   for (std::size_t foot = 0; foot < 4; ++foot) {
-    row_[rig_.contact_column + foot] = static_cast<float>(bytes_.back() >> foot & 1);
+    row_[rig_.contact_column + foot] = static_cast<float>(bytes_[at] >> foot & 1);
+  }
+  ++at;
+  std::size_t column = rig_.own_width;
+  for (const Block& output : rig_.outputs) {
+    decode_output(output, column, &bytes_[at]);
+    column += output.width;
+    at += quantised_bytes(output);
   }
   std::copy(row_.begin(), row_.end(), before_.begin());
   has_before_ = true;
+}
+
+void FrameDecoder::decode_output(const Block& output, std::size_t column, const std::uint8_t* from) {
+  if (output.name == kGlobalRotations) return decode_rotations(column, output.width / 4, from);
+  const bool is_place = output.name == kPositions;
+  for (std::size_t value = 0; value < output.width; ++value) {
+    std::int16_t thousandths = 0;
+    std::memcpy(&thousandths, from + 2 * value, sizeof thousandths);
+    const float seen_from = is_place ? row_[rig_.root_column + value % 3] : 0;
+    row_[column + value] = static_cast<float>(thousandths) / 1000 + seen_from;
+  }
+}
+
+void FrameDecoder::decode_rotations(std::size_t column, std::size_t count, const std::uint8_t* from) {
+  for (std::size_t turn = 0; turn < count; ++turn, column += 4) {
+    Quaternion read = unpacked(number(from + kTurnBytes * turn));
+    if (has_before_ && dot(read, load(&before_[column])) < 0) read = {-read.w, -read.x, -read.y, -read.z};
+    store(read, &row_[column]);
+  }
 }
 
 }  // namespace motiongen

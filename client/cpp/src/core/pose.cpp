@@ -7,13 +7,14 @@
 namespace motiongen {
 void interpolate(const Rig& rig, Span<const float> from, Span<const float> to, float blend, Span<float> out) {
   const std::size_t rotations_end = rig.rotation_column + 4 * std::size_t{rig.num_joints()};
-  for (std::size_t column = 0; column < rig.row_width;) {
+  const Span<const float> nearer = blend > 0.5F ? to : from;
+  for (std::size_t column = rig.own_width; column < rig.row_width; ++column) out[column] = nearer[column];
+  for (std::size_t column = 0; column < rig.own_width;) {
     if (column == rig.rotation_column) {
       for (; column < rotations_end; column += 4) {
         store(slerp(load(&from[column]), load(&to[column]), blend), &out[column]);
       }
     } else if (column == rig.contact_column) {
-      const Span<const float> nearer = blend > 0.5F ? to : from;
       for (const std::size_t end = column + 4; column < end; ++column) out[column] = nearer[column];
     } else {
       out[column] = from[column] + blend * (to[column] - from[column]);

@@ -39,9 +39,12 @@ Status Rig::check() {
   }
   if (frame_rate_hz < 1) return violation(rig + "a frame rate of 0");
   row_width = 0;
-  for (const Block& block : blocks) {
-    if (block.width > kWidestRow - row_width) return violation(rig + "a row wider than this library takes");
-    row_width += block.width;
+  for (const auto* part : {&blocks, &outputs}) {
+    for (const Block& block : *part) {
+      if (block.width > kWidestRow - row_width) return violation(rig + "a row wider than this library takes");
+      row_width += block.width;
+    }
+    if (part == &blocks) own_width = row_width;
   }
   const auto wide = static_cast<std::uint32_t>(joints);
   const auto root = find_column(*this, "root_translation_m", 3);
@@ -54,6 +57,19 @@ Status Rig::check() {
   rotation_column = rotation.value();
   contact_column = contact.value();
   return {};
+}
+
+Result<std::uint32_t> Rig::column(const std::string& name) const {
+  std::uint32_t at = 0;
+  std::string known;
+  for (const auto* part : {&blocks, &outputs}) {
+    for (const Block& block : *part) {
+      if (block.name == name) return at;
+      at += block.width;
+      known += (known.empty() ? "" : ", ") + block.name;
+    }
+  }
+  return Status(Code::not_found, "UNKNOWN_BLOCK", "no block is called " + name + "; known are: " + known);
 }
 
 Result<std::uint32_t> Rig::joint(const std::string& name) const {

@@ -84,7 +84,7 @@ TEST(CInterface, ReadsATargetOfEveryForm) {
   const float positions[] = {1, 2, 3, 4, 5, 6};
   const float rotations[] = {1, 0, 0, 0, 0, 1, 0, 0};
   const std::uint32_t joints[] = {0, 5};
-  for (std::uint32_t form = MOTIONGEN_TARGET_WAYPOINT; form <= MOTIONGEN_TARGET_ROOT_PATH; ++form) {
+  for (std::uint32_t form = MOTIONGEN_TARGET_WAYPOINT; form <= MOTIONGEN_TARGET_FOOT_CONTACT; ++form) {
     motiongen_target given = target_of(form);
     given.frame = 40;
     given.positions_m = positions;

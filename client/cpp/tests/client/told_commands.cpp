@@ -70,6 +70,10 @@ motiongen::TargetForm form_of(const Words& words) {
   if (form == "heading") return motiongen::HeadingTarget{frame, words.real("heading"), {}};
   if (form == "rotations") return motiongen::JointRotations{frame, joints, words.reals("rotations"), {}};
   if (form == "path") return motiongen::RootPath{positions, words.optional("speed"), words.optional("smoothing"), {}};
+  if (form == "foot") {
+    const std::string limb = words.has("limb") ? words.named.at("limb") : "";
+    return motiongen::FootContact{frame, limb, words.real("x"), words.real("z"), words.optional("heading"), {}};
+  }
   return motiongen::Waypoint{frame, words.real("x"), words.real("z"), words.optional("heading"), {}};
 }
 

@@ -3,8 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cstring>
-#include <limits>
-#include <optional>
+#include <utility>
 
 #include "core/golden.hpp"
 
@@ -29,26 +28,51 @@ class Bytes final : public RowSource {
   std::size_t taken_ = 0;
 };
 
-TEST(FrameFormat, IsReadAsThePythonClientReadsIt) {
-  const Rig rig = testing::golden_rig();
-  FrameDecoder halves(rig, FrameFormat::f16);
-  FrameDecoder quantised(rig, FrameFormat::quantised);
-  std::vector<float> before;
-  for (const auto& line : testing::read_golden("frame_formats")) {
-    const bool is_half = line.name == "f16";
-    FrameDecoder& decoder = is_half ? halves : quantised;
+const std::vector<Block> kOutputs = {
+    {"joint_positions_m", 9}, {"joint_global_rotation_quat_wxyz", 12}, {"joint_velocities_mps", 9}};
+
+// One session of the vectors: a decoder, and the row before.
+class Session {
+ public:
+  Session(FrameFormat format, std::vector<Block> outputs)
+      : format_(format), rig_(testing::golden_rig(std::move(outputs))), decoder_(rig_, format) {}
+
+  void take(const testing::GoldenLine& line) {
     Bytes bytes(line.words[1]);
     const auto count = static_cast<std::uint32_t>(line.number(0));
-    EXPECT_EQ(bytes.num_bytes(), count * stored_row_bytes(rig, is_half ? FrameFormat::f16 : FrameFormat::quantised));
+    EXPECT_EQ(bytes.num_bytes(), count * stored_row_bytes(rig_, format_)) << line.name;
     const std::vector<float> origin = line.numbers(2);
-    ASSERT_TRUE(decoder.begin(bytes, count, origin, is_half ? std::vector<float>() : before));
-    std::vector<float> rows(count * rig.row_width);
-    ASSERT_EQ(decoder.num_bytes(), rows.size() * sizeof(float));
-    decoder.take(rows.size() * sizeof(float), rows.data());
+    ASSERT_TRUE(decoder_.begin(bytes, count, origin, before_)) << line.name;
+    std::vector<float> rows(count * rig_.row_width);
+    ASSERT_EQ(decoder_.num_bytes(), rows.size() * sizeof(float));
+    decoder_.take(rows.size() * sizeof(float), rows.data());
     testing::expect_near(rows, line.expected, line.name);
-    if (!is_half) before.assign(rows.end() - rig.row_width, rows.end());
+    before_.assign(rows.end() - rig_.row_width, rows.end());
   }
-  EXPECT_FALSE(before.empty());
+
+ private:
+  FrameFormat format_;
+  Rig rig_;
+  FrameDecoder decoder_;
+  std::vector<float> before_;
+};
+
+TEST(FrameFormat, IsReadAsThePythonClientReadsIt) {
+  std::vector<Block> with_robot = kOutputs;
+  with_robot.push_back({"g1_qpos", 36});
+  Session halves(FrameFormat::f16, {});
+  Session quantised(FrameFormat::quantised, {});
+  Session halves_outputs(FrameFormat::f16, with_robot);
+  Session quantised_outputs(FrameFormat::quantised, kOutputs);
+  const auto lines = testing::read_golden("frame_formats");
+  ASSERT_EQ(lines.size(), 18U);
+  for (const auto& line : lines) {
+    Session& session = line.name == "f16"           ? halves
+                       : line.name == "quantised"   ? quantised
+                       : line.name == "f16_outputs" ? halves_outputs
+                                                    : quantised_outputs;
+    session.take(line);
+  }
 }
 
 TEST(FrameFormat, ReadsEveryHalf) {

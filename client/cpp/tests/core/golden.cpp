@@ -4,6 +4,7 @@
 
 #include <fstream>
 #include <sstream>
+#include <utility>
 
 namespace motiongen::testing {
 
@@ -35,7 +36,7 @@ std::vector<GoldenLine> read_golden(const std::string& name) {
   return lines;
 }
 
-Rig golden_rig() {
+Rig golden_rig(std::vector<Block> outputs) {
   Rig rig;
   rig.rig_id = "chain";
   rig.joint_names = {"root", "middle", "end"};
@@ -43,6 +44,7 @@ Rig golden_rig() {
   rig.offsets_m = {0, 0, 0, 0, 1, 0, 0, 1, 0};
   rig.frame_rate_hz = 20;
   rig.blocks = {{"root_translation_m", 3}, {"joint_rotation_quat_wxyz", 12}, {"foot_contact", 4}};
+  rig.outputs = std::move(outputs);
   EXPECT_TRUE(rig.check());
   return rig;
 }

@@ -23,8 +23,8 @@ struct GoldenLine {
 // The lines of tests/data/client/NAME.txt; none where it cannot be read.
 std::vector<GoldenLine> read_golden(const std::string& name);
 
-// The chain of three joints that the vectors are about; checked.
-Rig golden_rig();
+// The chain of three joints that the vectors are about, perhaps with outputs; checked.
+Rig golden_rig(std::vector<Block> outputs = {});
 
 // Every number within 2e-5 of what is expected.
 void expect_near(Span<const float> made, Span<const float> expected, const std::string& what);

@@ -21,6 +21,7 @@ from motiongen_tools.bench.character import make_jitter
 from motiongen_tools.bench.load import GeneratorFailed, Load, Progress, Report
 from motiongen_tools.bench.recorder import PackedBook, new_histogram
 from motiongen_tools.bench.schedule import Schedule
+from motiongen_tools.connection import PLAIN, Connection
 
 _HEAD_START_S = 0.3
 _READY_TIMEOUT_S = 60.0
@@ -149,7 +150,21 @@ def describe(load: Load, schedule: Schedule, catalog: Catalog, process: int) -> 
     }
     if load.denoise_steps is not None:
         message["denoise_steps"] = load.denoise_steps
+    if load.connection != PLAIN:
+        message["access"] = _access(load.connection)
     return message
+
+
+def _access(connection: Connection) -> dict[str, Any]:
+    """The message Access of load.proto. Raises InvalidInput for a file that cannot be read."""
+    pem = connection.pem()
+    return {
+        "tls": connection.tls,
+        "root_certificates": pem.authorities.decode(),
+        "certificate_chain": pem.certificate.decode(),
+        "private_key": pem.key.decode(),
+        "token": "" if connection.token_file is None else connection.token(),
+    }
 
 
 def read_book(book: dict[str, Any]) -> PackedBook:

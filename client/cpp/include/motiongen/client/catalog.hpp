@@ -55,6 +55,7 @@ struct Model {
   std::vector<TargetFormSupport> target_forms;  // empty: nothing is claimed, and all are taken
   std::vector<LocomotionPreset> locomotion_presets;
   std::vector<std::string> known_motions;
+  std::vector<Block> outputs;  // what a frame may have besides
 };
 
 struct Limits {

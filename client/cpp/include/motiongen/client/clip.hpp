@@ -27,6 +27,9 @@ struct ClipOptions {
   float start_x_m = 0;
   float start_z_m = 0;
   std::optional<float> start_heading_rad;
+  bool keep_prompts = false;
+  FrameFormat frame_format = FrameFormat::f32;
+  std::vector<std::string> outputs;  // of Model::outputs
   double timeout_s = 60;
 };
 
@@ -44,9 +47,10 @@ struct Residual {
   bool met = false;
 };
 
-// One sample. rows: num_frames rows of Rig::row_width floats, one after another. residuals: one a target, in order.
+// One sample. rows: num_frames rows of rig.row_width floats, one after another. residuals: one a target, in order.
 struct Clip {
   Opened opened;
+  Rig rig;
   std::uint32_t num_frames = 0;
   std::vector<float> rows;
   std::vector<Residual> residuals;

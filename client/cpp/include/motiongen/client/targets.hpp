@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <type_traits>
 #include <utility>
 #include <variant>
@@ -74,8 +75,18 @@ struct RootPath {
   Tolerance tolerance;
 };
 
-using TargetForm =
-    std::variant<Waypoint, RootTrajectory, Keyframe, JointTargets, HeadingTarget, JointRotations, RootPath>;
+// A foot that stands flat at one frame: where its ankle is. limb: "LeftFoot" or "RightFoot", of `Rig::limbs`.
+struct FootContact {
+  std::uint64_t frame = 0;
+  std::string limb;
+  float x_m = 0;
+  float z_m = 0;
+  std::optional<float> heading_rad;  // of the foot; absent leaves it free
+  Tolerance tolerance;
+};
+
+using TargetForm = std::variant<Waypoint, RootTrajectory, Keyframe, JointTargets, HeadingTarget, JointRotations,
+                                RootPath, FootContact>;
 
 // A form, and what it leaves to the server; `Outcome::placements` tells where it was put. Made of a form as it is:
 //   Target there = Waypoint{0, 2, 5, {}, {}};

@@ -62,6 +62,7 @@ struct SessionOptions {
   // Prompts hold also where targets ask for a pace that they contradict; else the model walks someone who stands.
   bool keep_prompts = false;
   FrameFormat frame_format = FrameFormat::f32;
+  std::vector<std::string> outputs;  // of Model::outputs: what each row shall have besides, at Rig::column(name)
   Clock clock = Clock::real_time;
   std::uint32_t keep_frames = 40;  // behind the playhead that stay readable; recovery needs 40 or more
 };

@@ -37,6 +37,8 @@ class MOTIONGEN_API FrameDecoder final : public RowSource {
  private:
   void decode_halves();
   void decode_quantised();
+  void decode_output(const Block& output, std::size_t column, const std::uint8_t* from);
+  void decode_rotations(std::size_t column, std::size_t count, const std::uint8_t* from);
 
   const Rig& rig_;
   const FrameFormat format_;

@@ -8,8 +8,9 @@
 namespace motiongen {
 
 // The pose a share of `blend` (0 to 1) of the way from one frame to the next: the root in a straight line, rotations by
-// spherical linear interpolation the shorter way round (Shoemake 1985), contacts of the nearer frame, blocks that this
-// library does not know in a straight line. All rows have rig.row_width floats; `out` may be `from` or `to`.
+// spherical linear interpolation the shorter way round (Shoemake 1985), contacts and outputs of the nearer frame,
+// blocks that this library does not know in a straight line. All rows have rig.row_width floats; `out` may be `from` or
+// `to`.
 MOTIONGEN_API void interpolate(const Rig& rig, Span<const float> from, Span<const float> to, float blend,
                                Span<float> out);
 

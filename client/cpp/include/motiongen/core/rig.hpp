@@ -38,8 +38,10 @@ struct MOTIONGEN_API Rig {
   std::vector<Block> blocks;  // of a frame row, in the order they lie in it
   std::vector<std::uint32_t> hip_joints;
   std::vector<Limb> limbs;
+  std::vector<Block> outputs;  // what a session asked for besides, behind the blocks
 
   // Where the blocks lie that this library reads, counted in floats from the start of a row. Set by `check`.
+  std::uint32_t own_width = 0;  // without the outputs
   std::uint32_t row_width = 0;
   std::uint32_t root_column = 0;
   std::uint32_t rotation_column = 0;
@@ -49,6 +51,9 @@ struct MOTIONGEN_API Rig {
 
   // Find the columns. A violation when the counts contradict each other or a block is missing.
   [[nodiscard]] Status check();
+
+  // Where a block or an output begins in a row; NOT_FOUND lists those there are.
+  [[nodiscard]] Result<std::uint32_t> column(const std::string& name) const;
 
   // The joint with a name; NOT_FOUND lists the names there are.
   [[nodiscard]] Result<std::uint32_t> joint(const std::string& name) const;

@@ -1,0 +1,123 @@
+"""What a client has to keep to (`docs/protocol.md`, "Writing a client"), checked on everything that it says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from motiongen.v1 import service_pb2, session_pb2
+from motiongen_compliance.heard import Heard, require
+
+MOST_AGENT_CHARACTERS = 128
+RESUMING = frozenset({"request_id", "resume_token", "resume_point"})
+
+
+@dataclass
+class Told:
+    """One session: what its client has said and what it has been sent. It outlives a stream by its token."""
+
+    heard: Heard | None = None  # checks the server too; None: of a session that was resumed
+    sent_seq: int = 0
+    is_closing: bool = False
+    is_over: bool = False
+    token: str = ""
+    attempt: int = 0
+    end: int = 0  # of the frames that it was sent
+    playhead: int = 0
+    answered: set[int] = field(default_factory=set)
+    kinds: list[str] = field(default_factory=list)
+
+    def say(self, event: session_pb2.SessionEvent) -> None:
+        """Check an event that is not an OpenSession."""
+        kind = event.WhichOneof("event")
+        require(kind is not None, "an event says something")
+        self.kinds.append(str(kind))
+        if kind == "playhead":
+            require(event.event_seq == 0, "a Playhead has the number 0")
+            self._report(event.playhead)
+            return
+        require(not self.is_closing, "nothing is said of a session after CloseSession")
+        require(event.event_seq == self.sent_seq + 1, f"numbers rise by one: {event.event_seq} after {self.sent_seq}")
+        self.sent_seq = event.event_seq
+        self.is_closing = kind == "close"
+
+    def _report(self, report: session_pb2.Playhead) -> None:
+        require(report.frame >= self.playhead, f"a playhead never falls: {report.frame} after {self.playhead}")
+        require(report.frame <= max(self.end - 1, 0), f"frame {report.frame} is shown, but {self.end} were sent")
+        require(report.buffered_to <= self.end, f"{report.buffered_to} frames are held, but {self.end} were sent")
+        require(report.answered_seq <= self.sent_seq, "no event is answered that was not sent")
+        missing = [number for number in range(2, report.answered_seq + 1) if number not in self.answered]
+        require(not missing, f"{missing} are said to be answered, and were not")
+        self.playhead = report.frame
+        if self.heard is not None:
+            self.heard.playhead = report.frame
+
+    def hear(self, update: session_pb2.SessionUpdate) -> None:
+        """Note what it is sent."""
+        if self.heard is not None:
+            self.heard.take(update)
+        match update.WhichOneof("update"):
+            case "opened":
+                self.token = update.opened.session_token
+            case "plan":
+                self.end = min(self.end, update.plan.valid_from)
+            case "chunk":
+                self.end = update.chunk.first_frame + update.chunk.frame_count
+            case "outcome":
+                self.answered.add(update.outcome.event_seq)
+                self.is_over = self.is_over or (update.outcome.event_seq == 1 and update.outcome.code != 0)
+            case "closed":
+                self.is_over = True
+
+
+class StreamRules:
+    """One stream of a client. kept: sessions of streams before, by their tokens; shared by the streams of a test."""
+
+    def __init__(self, catalog: service_pb2.GetCatalogResponse, kept: dict[str, Told]) -> None:
+        self._most_bytes = catalog.limits.max_request_bytes
+        self._row_bytes = 4 * sum(block.width for block in catalog.rigs[0].blocks)
+        self._kept = kept
+        self._is_greeted = False
+        self.sessions: dict[int, Told] = {}
+
+    def say(self, request: service_pb2.StreamMotionRequest) -> None:
+        """Check a message of the client."""
+        require(request.ByteSize() <= self._most_bytes, f"a request has at most {self._most_bytes} bytes")
+        require(request.HasField("hello") != self._is_greeted, "hello is in the first message, and only there")
+        if not self._is_greeted:
+            agent = request.hello.client_agent
+            require(0 < len(agent) <= MOST_AGENT_CHARACTERS, f"a client says who it is: {agent!r}")
+            self._is_greeted = True
+        for event in request.events:
+            if event.HasField("open"):
+                self._open(event)
+            else:
+                require(event.session in self.sessions, "a session is opened before anything else is said of it")
+                self.sessions[event.session].say(event)
+
+    def _open(self, event: session_pb2.SessionEvent) -> None:
+        before = self.sessions.get(event.session)
+        require(before is None or before.is_over, "a handle is used again when its session is over")
+        require(event.event_seq == 1, "an OpenSession has the number 1")
+        if not event.open.resume_token:
+            self.sessions[event.session] = Told(Heard(self._row_bytes), sent_seq=1, kinds=["open"])
+            return
+        given = {field.name for field, _ in event.open.ListFields()}
+        require(given <= RESUMING, f"an open that resumes has nothing else: {given - RESUMING}")
+        told = self._kept.get(event.open.resume_token)
+        require(told is not None, "a token is one that the server gave")
+        assert told is not None
+        point = event.open.resume_point
+        require(point.attempt > told.attempt, "each attempt to resume has a higher number")
+        require(point.next_frame <= told.end, f"{point.next_frame} frames are held, but {told.end} were sent")
+        require(point.answered_seq <= told.sent_seq, "no event is answered that was not sent")
+        told.attempt, told.heard, told.end = point.attempt, None, point.next_frame
+        told.sent_seq = point.answered_seq  # what was not answered is said again, with its numbers
+        self.sessions[event.session] = told
+
+    def hear(self, response: service_pb2.StreamMotionResponse) -> None:
+        """Note a message of the server before the client has it."""
+        for update in response.updates:
+            told = self.sessions[update.session]
+            told.hear(update)
+            if told.token:
+                self._kept[told.token] = told

@@ -30,6 +30,7 @@ from motiongen_server.ops.memory import FreedMemory, give_back_freed_memory
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.ops.port import OpsPort
 from motiongen_server.rpc.handlers import SERVICE_NAME, add_methods
+from motiongen_server.rpc.health import Health
 from motiongen_server.rpc.reflection import add_reflection
 from motiongen_server.rpc.service import MotionService
 from motiongen_server.rpc.starting import StartingService
@@ -72,7 +73,7 @@ class Application:
         self._snapshots: SnapshotStore | None = None
         self._server: grpc.aio.Server | None = None
         self._admin: grpc.aio.Server | None = None
-        self._health = health.aio.HealthServicer()
+        self._health = Health()
         self._stop = asyncio.Event()
         self._hurry = asyncio.Event()
         self._door = StartingService()
@@ -136,7 +137,7 @@ class Application:
         self.metrics.parked.set_function(lambda: self._service.num_parked)
         self.metrics.queue_bytes.set_function(lambda: self._service.num_waiting_bytes)
         self.metrics.prompts_waiting.set_function(lambda: self._factory.num_waiting_prompts)
-        await self._set_health(health_pb2.HealthCheckResponse.SERVING)
+        self._set_health(health_pb2.HealthCheckResponse.SERVING)
         self._ready = True
         for model in self._manager.kept:
             _log.info("serving %s (weights: %s) on port %d, ops on port %d, with %s",
@@ -182,7 +183,7 @@ class Application:
         health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
         if config.reflection:
             add_reflection((SERVICE_NAME, health.SERVICE_NAME), self._server)
-        await self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
+        self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
         address = join_address(config.host, config.port)
         self.grpc_port = listen(self._server, address, "", credentials)
         await self._server.start()
@@ -200,9 +201,9 @@ class Application:
         if self._admin is not None:
             await self._admin.stop(None)
 
-    async def _set_health(self, status: int) -> None:
+    def _set_health(self, status: int) -> None:
         for name in ("", SERVICE_NAME):
-            await self._health.set(name, status)
+            self._health.set(name, status)
 
     def _is_alive(self) -> bool:
         return not self._ready or self._engine_is_well(HUNG_S)
@@ -238,7 +239,7 @@ class Application:
         config = self._config
         _log.info("draining")
         self._ready = False
-        await self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
+        self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
         # Balancers see the changed health only some time later: until then, whoever they send is served.
         hurry = asyncio.create_task(self._hurry.wait())
         await asyncio.wait({hurry}, timeout=config.drain_wait_s)

@@ -41,6 +41,8 @@ ATTACKS = (
     Attack("3,000 streams with hello and no session", "empty_streams", 1),
     Attack("opens with names of 5,000 characters", "long_names", 2),
     Attack("messages with some bytes changed, on streams and as clips", "mutations", 2),
+    Attack("4,000 watches of the health", "watches", 1),
+    Attack("reflection, asked for without end", "reflections", 1),
     Attack("readers of a byte a second", "byte_a_second", 1),
     Attack("streams that send what they may at once, and are begun anew", "burst_streams", 2),
     Attack("512 sessions that play where there is room, and ask again (built-in model)", "crowds", 1, built_in=True),

@@ -11,7 +11,11 @@ import time
 from collections.abc import Callable, Coroutine, Sequence
 from typing import Any
 
+from grpc_health.v1 import health_pb2, health_pb2_grpc
+from grpc_reflection.v1alpha import reflection_pb2
+
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
+from motiongen_server.rpc.handlers import SERVICE_NAME
 from tests.attack.calls import HELLO, STREAMS, Event, Request, bare_stream, channel_to, many
 
 FPS = 20
@@ -80,6 +84,32 @@ async def burst_streams(address: str) -> None:
                 call.cancel()
 
     await many(STREAMS, once)
+
+
+async def watches(address: str) -> None:
+    """Watches of the health, more than there are places for all calls."""
+
+    async def connection() -> None:
+        async with channel_to(address) as channel:
+            stub = health_pb2_grpc.HealthStub(channel)
+            calls = [stub.Watch(health_pb2.HealthCheckRequest()) for _ in range(250)]
+            await asyncio.gather(*(call.read() for call in calls), return_exceptions=True)
+            await asyncio.sleep(RETRY_S)
+
+    await many(16, connection)
+
+
+async def reflections(address: str) -> None:
+    """What is served, asked for without end."""
+    question = reflection_pb2.ServerReflectionRequest(file_containing_symbol=SERVICE_NAME).SerializeToString()
+
+    async def once() -> None:
+        async with channel_to(address) as channel:
+            call = channel.stream_stream("/grpc.reflection.v1.ServerReflection/ServerReflectionInfo")()
+            while True:
+                await call.write(question)
+
+    await many(64, once)
 
 
 class Crowd:

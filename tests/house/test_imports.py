@@ -70,7 +70,8 @@ ROOMS = (
     room(f"{SERVER}/rpc/catalog.py", "motiongen ~.rpc.abilities ~.engine.types ~.rpc.limits ~.text.presets"),
     room(f"{SERVER}/rpc/abilities.py", "numpy ~.engine.types"),
     room(f"{SERVER}/rpc/send_queue.py {SERVER}/rpc/token_bucket.py {SERVER}/rpc/limits.py", "~.engine.types"),
-    room(f"{SERVER}/rpc/reflection.py", "grpc grpc_reflection google.protobuf"),
+    room(f"{SERVER}/rpc/health.py", "grpc grpc_health ~.errors ~.rpc"),
+    room(f"{SERVER}/rpc/reflection.py", "grpc grpc_reflection google.protobuf ~.rpc"),
     room(
         f"{SERVER}/rpc",
         "grpc google motiongen numpy ~.rpc ~.text ~.errors ~.config"
@@ -88,7 +89,7 @@ ROOMS = (
         f"{SERVER}/text/encoder",
         f"{GRPC} google motiongen motiongen_ardy.text numpy prometheus_client torch"
         " ~.text ~.ops ~.errors ~.addresses ~.config ~.settings ~.background ~.engine.types ~.rpc.token_bucket"
-        " ~.identity ~.protection ~.rpc.issuer_keys ~.rpc.budget ~.rpc.limits ~.rpc.peers ~.transport",
+        " ~.identity ~.protection ~.rpc.issuer_keys ~.rpc.budget ~.rpc.health ~.rpc.limits ~.rpc.peers ~.transport",
     ),
     room(f"{SERVER}/models/loader.py", "motiongen_ardy.text ~"),
     room(f"{SERVER}/models/repertoire.py", "numpy motiongen_ardy.capabilities ~"),

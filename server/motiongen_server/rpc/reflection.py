@@ -6,7 +6,8 @@ runtime's descriptor pool finds no method by its name, which is what `grpcurl de
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterable
 from typing import TypeVar, cast
 
 import grpc
@@ -14,12 +15,20 @@ import grpc.aio
 from google.protobuf import descriptor_pb2, descriptor_pool
 from google.protobuf.descriptor import Descriptor, FieldDescriptor, FileDescriptor
 from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message import Message
 from grpc_reflection.v1alpha import reflection, reflection_pb2
+
+from motiongen_server.rpc.handlers import AnyContext
+from motiongen_server.rpc.stream_errors import too_many_streams
 
 V1ALPHA = reflection.SERVICE_NAME
 V1 = V1ALPHA.replace("v1alpha", "v1")
 
 T = TypeVar("T")
+MOST_CALLS = 32
+CALL_S = 30.0
+PACE_S = 0.005
+"""After each answer: tools ask for some ten, and whoever asks without end takes no more than this."""
 
 
 def add_reflection(services: Iterable[str], server: grpc.aio.Server) -> None:
@@ -27,8 +36,27 @@ def add_reflection(services: Iterable[str], server: grpc.aio.Server) -> None:
     names = (*services, V1ALPHA, V1)
     # The library asks no more of a pool than these methods; the runtime's own class cannot be derived from.
     servicer = reflection.aio.ReflectionServicer(names, pool=cast(DescriptorPool, _Descriptors()))
+    open_calls = 0
+
+    async def answer(requests: AsyncIterator[Message], context: AnyContext) -> None:
+        nonlocal open_calls
+        if open_calls >= MOST_CALLS:
+            await context.abort_with_status(too_many_streams(MOST_CALLS).status())
+        open_calls += 1
+        try:
+            async with asyncio.timeout(CALL_S):
+                answers: AsyncIterator[Message] = servicer.ServerReflectionInfo(requests, context)  # type: ignore[arg-type, assignment]
+                async for response in answers:
+                    await context.write(response)
+                    await asyncio.sleep(PACE_S)
+        except TimeoutError:
+            message = f"a call for reflection lasts {CALL_S:g} s at most; begin another"
+            await context.abort(grpc.StatusCode.DEADLINE_EXCEEDED, message)
+        finally:
+            open_calls -= 1
+
     handler = grpc.stream_stream_rpc_method_handler(
-        servicer.ServerReflectionInfo,
+        answer,
         request_deserializer=reflection_pb2.ServerReflectionRequest.FromString,
         response_serializer=reflection_pb2.ServerReflectionResponse.SerializeToString,
     )

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import grpc.aio
-from grpc_health.v1 import health, health_pb2, health_pb2_grpc
+from grpc_health.v1 import health_pb2, health_pb2_grpc
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector
 
 from motiongen.v1 import encoder_pb2_grpc
@@ -21,6 +21,7 @@ from motiongen_server.addresses import is_local, join_address
 from motiongen_server.identity.setup import listen, make_callers, make_credentials, make_ops_context, warn_of_exposure
 from motiongen_server.ops.http import ops_app
 from motiongen_server.ops.port import OpsPort
+from motiongen_server.rpc.health import Health
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.settings import SettingError
 from motiongen_server.text.encoder.config import EncoderConfig
@@ -40,7 +41,7 @@ class EncoderApplication:
     def __init__(self, config: EncoderConfig) -> None:
         self._config = config
         self._registry = CollectorRegistry()
-        self._health = health.aio.HealthServicer()
+        self._health = Health()
         self._is_ready = False
 
     async def start(self) -> None:
@@ -72,7 +73,7 @@ class EncoderApplication:
         except SettingError:
             await self._server.stop(None)
             raise
-        await self._set_health(health_pb2.HealthCheckResponse.SERVING)
+        self._set_health(health_pb2.HealthCheckResponse.SERVING)
         self._is_ready = True
         _log.info("serving text encoder %s, %d numbers, on port %d", encoder.identity, encoder.width, self._port)
         if config.print_ports:
@@ -116,14 +117,14 @@ class EncoderApplication:
     def _metrics_refusal(self, authorization: str) -> str | None:
         return None if is_local(self._config.ops_host) else self._callers.metrics_refusal(authorization)
 
-    async def _set_health(self, status: int) -> None:
+    def _set_health(self, status: int) -> None:
         for name in ("", SERVICE_NAME):
-            await self._health.set(name, status)
+            self._health.set(name, status)
 
     async def drain(self) -> None:
         """Not ready, let running requests finish, stop."""
         self._is_ready = False
-        await self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
+        self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
         await self._server.stop(self._config.drain_grace_s)
         await self._ops.stop()
         await asyncio.to_thread(self._prompts.close)

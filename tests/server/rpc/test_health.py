@@ -1,0 +1,102 @@
+"""Health checks: everybody is told of each change, and who watches without reading keeps nothing from others."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import grpc
+import grpc.aio
+import pytest
+from grpc_health.v1 import health_pb2, health_pb2_grpc
+
+from motiongen_server.rpc import health
+from motiongen_server.rpc.health import Health
+
+LIMIT_S = 20.0
+SERVING, NOT_SERVING = health_pb2.HealthCheckResponse.SERVING, health_pb2.HealthCheckResponse.NOT_SERVING
+WHOLE = health_pb2.HealthCheckRequest()
+
+
+@asynccontextmanager
+async def served(checks: Health) -> AsyncIterator[health_pb2_grpc.HealthStub]:
+    server = grpc.aio.server()
+    health_pb2_grpc.add_HealthServicer_to_server(checks, server)
+    port = server.add_insecure_port("127.0.0.1:0")
+    await server.start()
+    async with asyncio.timeout(LIMIT_S), grpc.aio.insecure_channel(f"127.0.0.1:{port}") as channel:
+        yield health_pb2_grpc.HealthStub(channel)
+    await server.stop(None)
+
+
+async def test_watchers_are_told_of_changes_and_checks_are_answered() -> None:
+    checks = Health()
+    checks.set("", NOT_SERVING)
+    async with served(checks) as stub:
+        watch = stub.Watch(WHOLE)
+        assert (await watch.read()).status == NOT_SERVING
+        checks.set("", SERVING)
+        assert (await watch.read()).status == SERVING
+        assert (await stub.Check(WHOLE)).status == SERVING
+        with pytest.raises(grpc.aio.AioRpcError, match="no service 'other' is served here") as missing:
+            await stub.Check(health_pb2.HealthCheckRequest(service="other"))
+        assert missing.value.code() is grpc.StatusCode.NOT_FOUND
+
+
+async def test_of_one_address_only_so_many_watch_and_a_place_can_be_taken_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(health, "MOST_OF_AN_ADDRESS", 2)
+    checks = Health()
+    checks.set("", SERVING)
+    async with served(checks) as stub:
+        first, second = stub.Watch(WHOLE), stub.Watch(WHOLE)
+        for watch in (first, second):
+            await watch.read()
+        third = stub.Watch(WHOLE)
+        with pytest.raises(grpc.aio.AioRpcError) as refused:
+            await third.read()
+        assert refused.value.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
+        assert (await stub.Check(WHOLE)).status == SERVING, "a check needs no place"
+        first.cancel()
+        while True:
+            again = stub.Watch(WHOLE)
+            try:
+                await again.read()
+                break
+            except grpc.aio.AioRpcError:
+                await asyncio.sleep(0)  # the server has not heard of the end yet
+
+
+class Stuck:
+    """The context of a watcher to whom nothing can be written."""
+
+    def __init__(self) -> None:
+        self.is_writing = asyncio.Event()
+        self.status: grpc.Status | None = None
+
+    def peer(self) -> str:
+        return "ipv4:10.0.0.7:1"
+
+    async def write(self, _message: object) -> None:
+        self.is_writing.set()
+        await asyncio.Event().wait()
+
+    async def abort_with_status(self, status: grpc.Status) -> None:
+        self.status = status
+
+
+async def test_a_watcher_that_takes_nothing_keeps_no_change_from_being_told_and_is_ended(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(health, "STUCK_S", 0.05)
+    checks, stuck = Health(), Stuck()
+    watching = asyncio.create_task(checks.Watch(WHOLE, stuck))  # type: ignore[arg-type]
+    await stuck.is_writing.wait()
+    checks.set("", SERVING)
+    async with served(checks) as stub:
+        assert (await stub.Check(WHOLE)).status == SERVING
+    await watching
+    assert stuck.status is not None
+    assert stuck.status.code is grpc.StatusCode.RESOURCE_EXHAUSTED

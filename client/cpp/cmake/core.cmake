@@ -3,6 +3,7 @@ add_library(motiongen_core
   src/core/axes.cpp
   src/core/frame_format.cpp
   src/core/pose.cpp
+  src/core/retarget.cpp
   src/core/rig.cpp
   src/core/sampling.cpp
   src/core/status.cpp

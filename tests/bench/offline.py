@@ -66,7 +66,8 @@ def offline_rate(
     steps_run: how many steps are run of each window; fewer give the same figures sooner. synchronize: waits for the
     device, where calls only start what they ask for. keep_tokens: histories are the tokens of the windows before.
     """
-    jobs = [first_job(number, num_steps, embeddings) for number in range(batch)]
+    nothing = np.empty((0, runner.facts.feature_dim), np.float32)
+    jobs = [replace(first_job(number, num_steps, embeddings), history=nothing) for number in range(batch)]
     firsts = [_run(runner, [job], num_steps, clock, synchronize)[0][0] for job in jobs[:1]] * batch
     until = clock.now() + seconds
     times: list[tuple[float, list[float], float]] = []
@@ -108,7 +109,7 @@ def _run(
 
 
 def first_job(number: int, num_steps: int, embeddings: Sequence[Float32Array]) -> WindowJob:
-    """A session's first window, with a prompt and no constraint."""
+    """A session's first window, with a prompt and no constraint; its history of no frames has no width either."""
     return WindowJob(
         job_id=next(_job_ids),
         session=SessionKey(0, number),

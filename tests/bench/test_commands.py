@@ -1,0 +1,24 @@
+"""Every bench can be started: what it imports is where it says, and it knows its options."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+
+import pytest
+
+BENCHES = sorted(
+    path.stem
+    for path in Path(__file__).parent.glob("*.py")
+    if not path.stem.startswith(("test_", "__")) and "__main__" in path.read_text(encoding="utf-8")
+)
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_a_bench_can_be_imported(name: str) -> None:
+    module = importlib.import_module(f"tests.bench.{name}")
+    assert module.__doc__, "the first line says what it measures, and by which command"
+
+
+def test_there_are_benches() -> None:
+    assert {"engine", "scenario_table", "service_cost", "throttled"} <= set(BENCHES)

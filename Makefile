@@ -117,6 +117,10 @@ attack: $(READY) ## attack a real server in every known way, and print what its 
 scale-demo: $(READY) ## kill one of two servers behind a proxy while 40 characters play (redis-server and haproxy by apt)
 	$(PYTHON) -m tests.scale $(ARGS)
 
+.PHONY: chaos
+chaos: $(READY) ## ten minutes of troubles drawn from a seed, while characters play (redis-server and haproxy by apt)
+	$(PYTHON) -m tests.scale.chaos $(ARGS)
+
 .PHONY: lint
 lint: $(READY) ## check style and format, of Python and C++
 	$(PYTHON) -m ruff check .

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import urllib.request
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import psutil
@@ -51,6 +51,8 @@ class Replica:
             str(self.behind.ops_port), "--snapshot-store", store, *SMALL, *arguments,
         ]  # fmt: skip
         self.process: subprocess.Popen[bytes] | None = None
+        self.environment: Mapping[str, str] = {}
+        """Beside this process's own, from the next start on."""
 
     @property
     def is_running(self) -> bool:
@@ -61,13 +63,18 @@ class Replica:
     def is_ready(self) -> bool:
         """Whether it serves. Raises RuntimeError with its log where it has ended by itself."""
         if not self.is_running:
-            raise RuntimeError(f"{self.name} has ended: {self._log.read_text(errors='replace')[-2000:]}")
+            raise RuntimeError(f"{self.name} has ended: {self.last_words()}")
         return bool(self._asked("/readyz"))
 
     def begin(self) -> None:
         """Start it; `is_ready` tells when it serves."""
         with self._log.open("ab") as log:
-            self.process = subprocess.Popen(self._command, stdout=log, stderr=log)
+            environment = {**os.environ, **self.environment}
+            self.process = subprocess.Popen(self._command, stdout=log, stderr=log, env=environment)
+
+    def last_words(self) -> str:
+        """The end of its log."""
+        return self._log.read_text(encoding="utf-8", errors="replace")[-2000:]
 
     def metric(self, name: str) -> float:
         """The sum of a metric over its labels; 0 while the server does not answer."""
@@ -93,9 +100,13 @@ class Replica:
 
     def kill_engine(self) -> None:
         """End an engine process at once, which the gateway starts again."""
+        self.engine().kill()
+
+    def engine(self) -> psutil.Process:
+        """Its engine process: of those below the gateway, the one that holds most."""
         assert self.process is not None
         below = psutil.Process(self.process.pid).children(recursive=True)
-        max(below, key=lambda each: int(each.memory_info().rss)).kill()  # others that may be there hold no model
+        return max(below, key=lambda each: int(each.memory_info().rss))
 
     def stop(self) -> None:
         """End it whatever it is at."""
@@ -128,14 +139,22 @@ class Replicas:
         arguments: Sequence[str] = (),
         store: str | None = None,
         program: str = SERVER,
+        environment: Mapping[str, str] | None = None,
     ) -> None:
-        """store: in place of a Redis of their own."""
+        """store: in place of a Redis of their own. environment: of the servers, beside this process's."""
         self._folder = folder
         self._has_redis = store is None
         self.redis: subprocess.Popen[bytes] | None = None
         self.store = store or url_in(folder)
         names = [f"server-{letter}" for letter in "abcdef"[:count]]
         self.all = [Replica(name, folder, self.store, arguments, program) for name in names]
+        for replica in self.all:
+            replica.environment = environment or {}
+
+    @property
+    def exit_codes(self) -> dict[str, int | None]:
+        """Of those that have ended."""
+        return {each.name: each.process.returncode for each in self.all if each.process is not None}
 
     @property
     def behind(self) -> list[Behind]:

@@ -63,7 +63,9 @@ class Codec(Generic[Message]):
         return packed
 
     def decode(self, data: bytes | memoryview) -> Message:
-        """Raises CodecError for anything that `encode` of the same schema did not make."""
+        """Raises CodecError for anything that `encode` of the same schema did not make, or of one that fields with
+        defaults have since been added to, at the ends of its classes.
+        """
         try:
             message: Message = self._decode(msgpack.unpackb(data, use_list=False, strict_map_key=False))
         except (TypeError, ValueError, IndexError, KeyError) as error:
@@ -222,7 +224,8 @@ def _struct_decoder(kind: Callable[..., Any], decoders: list[Convert | None]) ->
     def decode(content: Any) -> Any:
         values = list(content)
         for index, convert in special:
-            values[index] = convert(values[index])
+            if index < len(values):  # else it was written before there was this field
+                values[index] = convert(values[index])
         return kind(*values)
 
     return decode

@@ -14,6 +14,10 @@ MAX_BYTES = 1 << 20
 _MAGIC = b"MGSS"
 _VERSION = 1
 _DIGEST_BYTES = 16
+_ALSO_READ = frozenset({"436d7c871f7a501f"})
+"""Schemas of servers before this one whose records it reads: since then classes have gained fields with defaults at the
+end, and nothing else. `tests/data/records` has a record of each.
+"""
 
 
 class RecordRefused(ValueError):
@@ -47,7 +51,8 @@ class SessionRecord:
 
 
 _CODEC: Codec[SessionRecord] = Codec(SessionRecord)
-_HEAD = _MAGIC + bytes([_VERSION]) + _CODEC.schema.encode()
+_BEGIN = _MAGIC + bytes([_VERSION])
+_HEAD = _BEGIN + _CODEC.schema.encode()
 
 
 def write_record(record: SessionRecord) -> bytes:
@@ -63,11 +68,16 @@ def write_record(record: SessionRecord) -> bytes:
 
 
 def read_record(data: bytes) -> SessionRecord:
-    """Raises RecordRefused for anything that `write_record` of this version of the server did not make."""
+    """Raises RecordRefused for anything that `write_record` of this or the version before did not make."""
     if len(data) > MAX_BYTES or not data.startswith(_MAGIC):
         raise RecordRefused(f"{len(data)} bytes are no record of a session")
-    if not data.startswith(_HEAD):
-        raise RecordRefused("the session was saved by another version of the server")
+    schema = data[len(_BEGIN) : len(_HEAD)].decode("ascii", "replace")
+    if not data.startswith(_BEGIN) or schema not in {_CODEC.schema, *_ALSO_READ}:
+        version = int.from_bytes(data[len(_MAGIC) : len(_BEGIN)], "big")
+        raise RecordRefused(
+            f"the session was saved by another version of the server, in the form {version}/{schema}; "
+            f"this one reads {_VERSION}/{_CODEC.schema} and the one before it"
+        )
     digest, content = data[len(_HEAD) : len(_HEAD) + _DIGEST_BYTES], data[len(_HEAD) + _DIGEST_BYTES :]
     if not hmac.compare_digest(digest, _digest(content)):
         raise RecordRefused("the record of the session is damaged")

@@ -1,6 +1,11 @@
-"""A record of a session with something of everything."""
+"""A record of a session with something of everything. `python -m tests.server.snapshots.records` keeps its bytes.
+
+Done at a release: the file is named by the form it is in, which `record` of the next version then lists as read.
+"""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 
@@ -32,9 +37,10 @@ from motiongen_server.engine.types import (
     Warned,
     Waypoint,
 )
-from motiongen_server.snapshots.record import SessionRecord
+from motiongen_server.snapshots.record import SessionRecord, write_record
 
 KEY = SessionKey(3, 7)
+RECORDS = Path(__file__).parents[2] / "data" / "records"
 
 
 def a_record(taken_seq: int = 5, num_frames: int = 60) -> SessionRecord:
@@ -81,3 +87,8 @@ def a_record(taken_seq: int = 5, num_frames: int = 60) -> SessionRecord:
         attempt=2,
         snapshot=snapshot,
     )
+
+
+if __name__ == "__main__":
+    record = write_record(a_record())
+    (RECORDS / f"{record[5:21].decode()}.bin").write_bytes(record)

@@ -115,10 +115,10 @@ class JointTargets(AtFrame):
     positions: Float32Array
     rotations: Float32Array | None = None
     rotated: tuple[bool, ...] | None = None
-    contacts: tuple[int, ...] = ()
     tolerance: Tolerance = DEFAULT_TOLERANCE
     weight: float = 1.0
     span: Span | None = None
+    contacts: tuple[int, ...] = ()
 
     @property
     def turns(self) -> list[int]:

@@ -19,7 +19,7 @@ from motiongen_server.addresses import is_local, join_address
 from motiongen_server.background import start_in_background
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Deliver
-from motiongen_server.engine.types import Output
+from motiongen_server.engine.types import Closed, CloseReason, Output
 from motiongen_server.engine_process.pool import start_engine_processes
 from motiongen_server.identity.setup import listen, make_callers, make_credentials, make_ops_context, warn_of_exposure
 from motiongen_server.models.admin import AdminService, add_admin
@@ -36,7 +36,7 @@ from motiongen_server.rpc.service import MotionService
 from motiongen_server.rpc.starting import StartingService
 from motiongen_server.settings import SettingError
 from motiongen_server.snapshots.store import SnapshotStore
-from motiongen_server.snapshots.stores import NONE, open_snapshot_store, state_folder
+from motiongen_server.snapshots.stores import NONE, is_shared_by_machines, open_snapshot_store, state_folder
 from motiongen_server.transport import make_grpc_server
 
 _log = logging.getLogger("motiongen_server")
@@ -49,6 +49,8 @@ STOP_GRACE_S = 2.0
 """For each of the last words: to streams after the drain's grace, and to the engine's thread."""
 LAST_CALLS_S = 0.5
 """For calls that have been answered to be told so; one that only watches the health does not hold the end up longer."""
+
+FAULT = CloseReason.ENGINE_FAULT
 
 T = TypeVar("T")
 
@@ -78,6 +80,7 @@ class Application:
         self._hurry = asyncio.Event()
         self._door = StartingService()
         self._ready = False
+        self._others_go_on = False
         self._freed = FreedMemory()
         self.grpc_port = 0
         self.ops_port = 0
@@ -115,6 +118,7 @@ class Application:
         if snapshots is None:
             config = replace(config, snapshot_store=NONE)  # engines take snapshots only where they are kept
         make = partial(self._make_engines, config, self._deliver, self.metrics)
+        self._loop = asyncio.get_running_loop()
         self._engines = await self._unless_stopped(start_in_background(make, "starting"))
         self._factory.use(self._engines)
         for source in config.models:
@@ -128,10 +132,10 @@ class Application:
         if (durability := self._service.durability) is not None:
             self.metrics.watch_snapshots(durability.writer)
         self._manager.open(self._service)
+        self._others_go_on = snapshots is not None and is_shared_by_machines(config.snapshot_store)
         self._door.open(self._service)
         self.metrics.heartbeat_age.set_function(self._heartbeat_age_s)
-        loop = asyncio.get_running_loop()
-        self.metrics.tasks.set_function(lambda: len(asyncio.all_tasks(loop)))
+        self.metrics.tasks.set_function(lambda: len(asyncio.all_tasks(self._loop)))
         self.metrics.free_share.set_function(lambda: self._manager.models.free_share)
         self.metrics.streams.set_function(lambda: self._service.num_streams)
         self.metrics.parked.set_function(lambda: self._service.num_parked)
@@ -165,6 +169,18 @@ class Application:
 
     def _deliver(self, outputs: Sequence[Output]) -> None:
         self._service.deliver(outputs)
+        if self._others_go_on and any(isinstance(each, Closed) and each.reason is FAULT for each in outputs):
+            with contextlib.suppress(RuntimeError):  # the loop has been closed: the process is on its way out
+                self._loop.call_soon_threadsafe(self._without_engines)
+
+    def _without_engines(self) -> None:
+        """Engines were lost. Where none is left, and other servers hold the same sessions, clients shall go on there
+        instead of waiting for the next engine here: none is let in until there is one.
+        """
+        if self._ready and self._door.is_open and not self._engine_is_well(HEARTBEAT_LIMIT_S):
+            _log.warning("no engine is left: clients are sent to other servers until there is one again")
+            self._door.shut()
+            self._service.send_away()
 
     async def _start_ops(self) -> None:
         app = ops_app(self.metrics.registry, self._is_alive, self._is_ready, self._metrics_refusal)
@@ -229,6 +245,8 @@ class Application:
         """Return when asked to stop, or when nothing can be served any more."""
         while not self._stop.is_set() and self._manager.failure is None:
             self._manager.look_after()
+            if not self._door.is_open and self._engine_is_well(HEARTBEAT_LIMIT_S):
+                self._door.open(self._service)
             if self._freed.is_due():
                 await asyncio.to_thread(give_back_freed_memory)
             with contextlib.suppress(TimeoutError):

@@ -139,6 +139,9 @@ class World:
         return [each for each in self._replicas.all if each.metric("motiongen_sessions")] or self._replicas.all
 
     def _is_well(self) -> bool:
+        for replica in self._replicas.all:
+            if not replica.is_running:  # it gave up on its engine, and is started again as an orchestrator does it
+                replica.begin()
         ready = all(replica.is_ready for replica in self._replicas.all)
         saving = all(replica.metric("motiongen_snapshot_store_up") == 1 for replica in self._replicas.all)
         return ready and saving and (self._encoder is None or self._encoder.is_ready)

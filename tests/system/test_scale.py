@@ -58,6 +58,7 @@ def test_processes_that_are_killed_cost_nobody_an_event_or_a_committed_frame(tmp
     assert {each.what for each in kills} == {"gateway", "engine", "redis", "proxy"}, done.stdout + done.stderr
     for each in kills:
         assert (each.changed, each.unanswered, each.anew, each.not_back, each.ended) == (0, 0, 0, 0, ()), each
+        assert bool(each.resumed) is (each.what != "redis"), each
 
 
 def test_troubles_cost_nobody_an_event_or_a_committed_frame() -> None:

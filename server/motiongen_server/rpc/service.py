@@ -225,6 +225,14 @@ class MotionService:
             if stream.greeted:  # else its hello, which comes first, is followed by the goodbye
                 say_draining(stream, grace_s)
 
+    def send_away(self) -> None:
+        """End every stream, so that clients go on with their sessions on other servers: nothing can be served here."""
+        for stream in list(self._streams.values()):
+            if stream.greeted:
+                say_draining(stream, 0.0)
+            stream.close_all(CloseReason.DRAINED)
+            stream.end()
+
     def close_model(self, model: LoadedModel) -> int:
         """Close every session of a model that is unloaded, and its clips; returns how many sessions those were."""
         self.clips.close_model(model)

@@ -25,6 +25,15 @@ class StartingService:
         """Pass calls on to the service from now on."""
         self._service = service
 
+    def shut(self) -> None:
+        """Refuse calls again, as before."""
+        self._service = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether calls are passed on."""
+        return self._service is not None
+
     async def GetCatalog(
         self, request: service_pb2.GetCatalogRequest, context: CatalogContext
     ) -> service_pb2.GetCatalogResponse:

@@ -42,6 +42,11 @@ def open_snapshot_store(asked: str, keep_s: float, folder: Path) -> SnapshotStor
     raise SettingError(f"snapshot_store is {asked!r}; it must be one of: {ALLOWED}")
 
 
+def is_shared_by_machines(asked: str) -> bool:
+    """Whether servers of other machines can go on with what a store holds."""
+    return asked.startswith(REDIS)
+
+
 def _of_this_machine(path: Path, keep_s: float) -> SqliteStore | None:
     try:
         return SqliteStore(path, keep_s)

@@ -6,7 +6,14 @@ import math
 
 import pytest
 
-from motiongen_server.devices import EngineDevice, check_devices, count_cuda_devices, devices_of, usable_cores
+from motiongen_server.devices import (
+    KERNELS_KEPT,
+    EngineDevice,
+    check_devices,
+    count_cuda_devices,
+    devices_of,
+    usable_cores,
+)
 from motiongen_server.settings import SettingError
 
 
@@ -60,7 +67,12 @@ def test_an_engine_process_sees_its_own_device_only(monkeypatch: pytest.MonkeyPa
     assert EngineDevice("cuda", 1, 1).environment()["CUDA_VISIBLE_DEVICES"] == "7"
     monkeypatch.delenv("CUDA_VISIBLE_DEVICES")
     assert EngineDevice("cuda", 1, 1).environment()["CUDA_VISIBLE_DEVICES"] == "1"
-    assert EngineDevice("cpu", 0, 3).environment() == {"OMP_NUM_THREADS": "3"}
+    assert EngineDevice("cpu", 0, 3).environment() == {"OMP_NUM_THREADS": "3", **KERNELS_KEPT}
+
+
+def test_an_operator_says_how_many_kernels_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ONEDNN_PRIMITIVE_CACHE_CAPACITY", "4096")
+    assert EngineDevice("cpu", 0, 3).environment()["ONEDNN_PRIMITIVE_CACHE_CAPACITY"] == "4096"
 
 
 def test_the_quota_of_a_container_counts(monkeypatch: pytest.MonkeyPatch) -> None:

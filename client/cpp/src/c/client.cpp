@@ -75,8 +75,9 @@ motiongen_code motiongen_client_connect(const motiongen_client_options* options,
   chosen.reconnect = given.no_reconnect == 0;
   chosen.agent = "c";
   auto connected = motiongen::Client::connect(chosen);
-  if (connected) *client = new motiongen_client{std::move(connected).value()};
-  return answer(connected.status(), error);
+  if (!connected) return answer(connected.status(), error);
+  *client = new motiongen_client{std::move(connected).value()};
+  return answer({}, error);
 }
 
 void motiongen_client_destroy(motiongen_client* client) { delete client; }
@@ -145,6 +146,7 @@ motiongen_code motiongen_client_open(motiongen_client* client, const motiongen_s
                              given.prior_rows + std::size_t{given.num_prior_rows} * given.prior_row_floats);
   }
   auto opened = client->client.open(chosen);
-  if (opened) *session = new motiongen_session{std::move(opened).value()};
-  return answer(opened.status(), error);
+  if (!opened) return answer(opened.status(), error);
+  *session = new motiongen_session{std::move(opened).value()};
+  return answer({}, error);
 }

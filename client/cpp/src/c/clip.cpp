@@ -43,7 +43,7 @@ motiongen_code motiongen_client_generate_clip(motiongen_client* client, const mo
     waypoint.x_m = each.x_m;
     waypoint.z_m = each.z_m;
     if (each.has_heading != 0) waypoint.heading_rad = each.heading_rad;
-    chosen.targets.emplace_back(std::move(waypoint));
+    chosen.targets.emplace_back(waypoint);
   }
   for (uint32_t index = 0; index < given.num_targets; ++index) {
     auto target = motiongen::c::target_of(given.targets[index]);
@@ -51,8 +51,9 @@ motiongen_code motiongen_client_generate_clip(motiongen_client* client, const mo
     chosen.targets.push_back(std::move(target).value());
   }
   auto made = client->client.generate_clip(chosen);
-  if (made) *clip = new motiongen_clip{std::move(made).value()};
-  return answer(made.status(), error);
+  if (!made) return answer(made.status(), error);
+  *clip = new motiongen_clip{std::move(made).value()};
+  return answer({}, error);
 }
 
 void motiongen_clip_destroy(motiongen_clip* clip) { delete clip; }

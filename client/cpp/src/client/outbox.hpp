@@ -44,7 +44,7 @@ class Outbox {
   std::mutex mutex_;
   std::deque<Waiting> messages_;
   bool can_append_ = false;
-  std::size_t limit_ = 64 * 1024;
+  std::size_t limit_ = std::size_t{64} * 1024;
 };
 
 }  // namespace motiongen

@@ -64,11 +64,6 @@ def test_a_server_that_speaks_tls_and_asks_who_calls_is_loaded_too(
         assert "tls-key" in capsys.readouterr().err
 
 
-def test_a_program_of_ones_own_has_no_tls(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["bench", "--program", "motiongen-load", "--tls"]) == 2
-    assert "--program speaks plain text" in capsys.readouterr().err
-
-
 def test_a_certificate_needs_its_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["demo", "--server", "localhost:1", "--out", str(tmp_path), "--tls-certificate", "a.pem"]
     assert run(words) == 1

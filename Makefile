@@ -40,7 +40,7 @@ $(READY): constraints.txt requirements-dev.txt $(PARTS:%=%/pyproject.toml)
 	@bash .ci/make_venv.sh "$(VENV)"
 	$(PYTHON) -m pip install --quiet --constraint constraints.txt setuptools
 	$(PYTHON) -m pip install --progress-bar on --no-build-isolation --constraint constraints.txt \
-		--requirement requirements-dev.txt --editable ./proto --editable './ardy[gltf,hub,text,train]' --editable ./server \
+		--requirement requirements-dev.txt --editable ./proto --editable './ardy[gltf,hub,text,train]' --editable './server[tracing]' \
 		--editable ./client/python --editable './client/tools[bench,pictures,view]' --editable ./compliance
 	# it asks for the protobuf of its time, but needs none to run protoc
 	$(PYTHON) -m pip install --quiet --no-deps --constraint constraints.txt grpcio-tools

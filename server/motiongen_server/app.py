@@ -29,6 +29,7 @@ from motiongen_server.ops.http import ops_app
 from motiongen_server.ops.memory import FreedMemory, give_back_freed_memory
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.ops.port import OpsPort
+from motiongen_server.ops.tracing import WindowSpans, open_window_spans
 from motiongen_server.rpc.handlers import SERVICE_NAME, add_methods
 from motiongen_server.rpc.health import Health
 from motiongen_server.rpc.reflection import add_reflection
@@ -73,6 +74,7 @@ class Application:
         self._factory = ModelFactory(config, self.metrics)
         self._manager = ModelManager(self._factory.load, self._factory.forget)
         self._snapshots: SnapshotStore | None = None
+        self._spans: WindowSpans | None = None
         self._server: grpc.aio.Server | None = None
         self._admin: grpc.aio.Server | None = None
         self._health = Health()
@@ -95,6 +97,7 @@ class Application:
         """
         credentials, self._callers = make_credentials(self._config), make_callers(self._config)
         warn_of_exposure(self._config)
+        self._spans = open_window_spans(self._config.trace_to, self._config.trace_share)
         await self._start_ops()
         try:
             await self._start_grpc(credentials)
@@ -127,7 +130,13 @@ class Application:
                 raise SettingError(f"model is {config.model!r}, and two of these are {model.model_id}; give one")
             self._manager.adopt(model)
         self._service = MotionService(
-            self._manager.models, config.flush_ms / 1000, self.metrics, make_limits(config), self._callers, snapshots
+            self._manager.models,
+            config.flush_ms / 1000,
+            self.metrics,
+            make_limits(config),
+            self._callers,
+            snapshots,
+            None if self._spans is None else self._spans.record,
         )
         if (durability := self._service.durability) is not None:
             self.metrics.watch_snapshots(durability.writer)
@@ -283,5 +292,7 @@ class Application:
         return 1 if failed else 0
 
     async def stop_ops(self) -> None:
-        """End the HTTP server."""
+        """End the HTTP server, and with it what tells operators of this one."""
         await self._ops.stop()
+        if self._spans is not None:
+            await asyncio.to_thread(self._spans.close)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from motiongen_server.addresses import UNIX, is_local
+from motiongen_server.collector import check_collector
 from motiongen_server.devices import check_devices
 from motiongen_server.protection import check_protection
 from motiongen_server.settings import ENVIRONMENT_PREFIX, Program, SettingError, check_settings, setting
@@ -119,6 +120,10 @@ class ServerConfig:
     drain_wait_s: float = setting(0.5, "after SIGTERM: not ready for so long, before clients are told", 0, 600)
     drain_grace_s: float = setting(5.0, "after SIGTERM: time clients get to end their sessions", 0, 3600)
     reflection: bool = setting(True, "answer gRPC server reflection")
+    trace_to: str = setting(
+        "", "collector of OpenTelemetry traces, grpc:HOST:PORT or grpcs:HOST:PORT (TLS); none: none"
+    )
+    trace_share: float = setting(1.0, "share of windows that are traced", 0, 1)
     log_level: str = setting("INFO", "least severity that is logged", choices=LOG_LEVELS)
     log_format: str = setting("text", "form of log lines on standard error", choices=("text", "json"))
 
@@ -135,6 +140,7 @@ class ServerConfig:
         if self.admin_listen:
             check_admin_address(self.admin_listen)
         check_protection(self)
+        check_collector(self.trace_to)
         check_devices(self.devices)
 
     @property

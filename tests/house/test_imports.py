@@ -96,11 +96,13 @@ ROOMS = (
     room(f"{SERVER}/models", "grpc google motiongen numpy ~"),
     room(f"{SERVER}/ops/http.py", "starlette uvicorn prometheus_client"),
     room(f"{SERVER}/ops/port.py", "starlette ~.ops ~.addresses ~.settings"),
+    room(f"{SERVER}/ops/tracing.py", "opentelemetry ~.engine.types ~.settings ~.collector", never="asyncio"),
     room(f"{SERVER}/ops", "prometheus_client ~.ops ~.engine"),
     room(
         f"{SERVER}/config.py {SERVER}/devices.py {SERVER}/settings.py {SERVER}/addresses.py {SERVER}/protection.py"
+        f" {SERVER}/collector.py"
         f" {SERVER}/processor_quota.py",
-        "_typeshed ~.addresses ~.devices ~.processor_quota ~.protection ~.settings",
+        "_typeshed ~.collector ~.addresses ~.devices ~.processor_quota ~.protection ~.settings",
     ),
     room(f"{SERVER}/ready.py", "~.addresses ~.config ~.settings ~.text.encoder.config"),
     room(f"{SERVER}/identity/setup.py", "grpc ~.identity ~.addresses ~.protection ~.settings", never="asyncio"),

@@ -8,6 +8,7 @@ from typing import Any
 CALENDAR = {
     "server/motiongen_server/identity/__main__.py": "when a token is to expire",
     "server/motiongen_server/identity/callers.py": "whether a token has expired",
+    "server/motiongen_server/ops/tracing.py": "the dates of spans",
     "server/motiongen_server/snapshots/sqlite_store.py": "when a record expires that no server renews",
     "server/motiongen_server/rpc/stream_reader.py": "the server's time, which only clients are told",
 }

@@ -37,6 +37,7 @@ class EngineConfig:
     admit_load: the share of the machine up to which sessions of each class are let in; retry_after_s: the least time
     after which one that was refused should ask again. degrade: whether sessions get less than they asked for where the
     machine cannot keep up. snapshots: whether a SnapshotTaken follows whatever a session cannot be told again.
+    trace_as: the name that timings of windows give this engine; none are given where it is empty.
     """
 
     max_sessions: int = 256
@@ -77,6 +78,7 @@ class EngineConfig:
     playback_rate: float = 1.05
     still_timeout_s: float = 3600.0
     snapshots: bool = False
+    trace_as: str = ""
 
     def __post_init__(self) -> None:
         for name in ("max_sessions", "max_clips", "max_rows", "max_pending_events", "max_prompts", "max_constraints"):

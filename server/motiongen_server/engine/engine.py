@@ -85,7 +85,9 @@ class Engine:
         self.lease = Device().lease() if lease is None else lease
         self._load_monitor = LoadMonitor(runner.facts, self._admission, now, config.degrade, self.lease)
         self.sessions = OpenSessions()
-        self.windows = RunningWindows(runner, clock, scheduler, self.lease, config.max_rows, self._fail)
+        self.windows = RunningWindows(
+            runner, clock, scheduler, self.lease, config.max_rows, self._fail, config.trace_as
+        )
         self._load_response = LoadResponse(self._load_monitor, self.windows, self.sessions)
         self._ordinals = itertools.count()
         self._send_queue: list[Output] = []

@@ -17,12 +17,14 @@ from motiongen_server.engine.session import planning
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.types import Float32Array, Output, PlanCause, WindowResult
 from motiongen_server.engine.types.report import StepReport
+from motiongen_server.engine.window_timings import WindowTimings
 
 
 class RunningWindows:
     """From a session's next window to the plan that it becomes.
 
     failed: told of a session whose window cannot be made, and why; it is to close it, and so to discard the window.
+    trace_as: the name that timings of windows give this engine; none are given where it is empty.
     """
 
     def __init__(
@@ -33,11 +35,14 @@ class RunningWindows:
         lease: DeviceLease,
         max_rows: int,
         failed: Callable[[SessionState, str], None],
+        trace_as: str = "",
     ) -> None:
         self._scheduler = scheduler
         self._lease = lease
+        self.timings = WindowTimings(trace_as) if trace_as else None
         self._passes = runner.facts.guidance_passes
         self.quotas = StepQuotas()
+        self._now = clock.now
         self._owners: dict[int, SessionState] = {}
         self._job_ids = itertools.count(1)
         self._executor = StepExecutor(
@@ -101,6 +106,8 @@ class RunningWindows:
     def step(self, report: StepReport) -> list[int]:
         """One denoising step for the most urgent windows; the jobs that are ready to be decoded."""
         statuses, finished = self._executor.step(report)
+        if self.timings is not None:
+            self.timings.note_step(statuses, self._now() - report.step_seconds)
         for status in statuses:
             self._owners[status.job_id].advance(status.steps_done)
         return finished
@@ -120,9 +127,13 @@ class RunningWindows:
             if state is None:
                 continue  # closed or restarted meanwhile, and discarded
             self._executor.finish(result.job_id)
-            job = state.running.job if state.running else None
+            running = state.running
+            job = running.job if running else None
             misses = len(report.deadline_misses)
-            said.append((state, planning.accept(state, result, now, report)))
+            outputs = planning.accept(state, result, now, report)
+            if self.timings is not None and running is not None:
+                outputs = self.timings.with_timing(outputs, running, now)
+            said.append((state, outputs))
             if job is not None and job.cause is not PlanCause.CONTINUE and not job.background:
                 load.note_replan(job.priority)
             # Only who goes on shows whether the machine keeps up: edits may ask for more than it could ever do.
@@ -134,5 +145,7 @@ class RunningWindows:
 
     def discard(self, job_id: int) -> None:
         """Forget a job that runs; its result can reach nobody any more."""
+        if self.timings is not None:
+            self.timings.forget(job_id)
         del self._owners[job_id]
         self._executor.discard(job_id)

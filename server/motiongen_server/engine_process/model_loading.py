@@ -137,6 +137,7 @@ def build_engine(
             playback_rate=config.playback_rate,
             admit_load=admit_loads(config.admit_load),
             degrade=config.degrade,
+            trace_as=f"pid {os.getpid()}" if config.trace_to else "",
             snapshots=config.snapshot_store not in ("", "none") and config.resume_grace_s > 0,
         )
         scheduler = Scheduler(measured.costs, measured.max_rows, max_step_s=engine_config.max_step_s)

@@ -33,6 +33,7 @@ from motiongen_server.rpc.stream import Stream
 from motiongen_server.rpc.stream_errors import too_many_streams
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 from motiongen_server.rpc.stream_reader import StreamReader
+from motiongen_server.rpc.stream_tracing import RecordWindow, StreamTracing
 from motiongen_server.rpc.stream_watch import StreamWatch
 from motiongen_server.rpc.stream_writer import write
 from motiongen_server.snapshots.store import SnapshotStore
@@ -51,14 +52,19 @@ class MotionService:
         limits: ServiceLimits | None = None,
         callers: Callers | None = None,
         snapshots: SnapshotStore | None = None,
+        record_window: RecordWindow | None = None,
     ) -> None:
-        """callers: who may call; everybody where it is left out. snapshots: where sessions are saved; None: nowhere."""
+        """callers: who may call; everybody where it is left out. snapshots: where sessions are saved; None: nowhere.
+
+        record_window: takes the traces of windows; None: there are none.
+        """
         self._models = models
         self._callers = callers or Callers()
         self._limits = limits or ServiceLimits()
         self._peers = Peers(self._limits.peer)
         self._flush_s = flush_s
         self._stream_metrics = stream_metrics
+        self._record_window = record_window
         self._reader = StreamReader(models, secrets.token_hex(4))
         self._numbers = itertools.count(1)
         self._loop = asyncio.get_running_loop()
@@ -168,6 +174,7 @@ class MotionService:
             raise too_many_streams(peer.limits.streams, peer.kind)
         stream = Stream(next(self._numbers), self._models, self._stream_metrics, self._kept, peer)
         stream.flush_s = self._flush_s
+        stream.tracing = None if self._record_window is None else StreamTracing(self._record_window)
         stream.caller = caller
         stream.accepts_opens = self._reader.ends_at is None
         peer.num_streams += 1
@@ -178,6 +185,8 @@ class MotionService:
 
     def _end(self, stream: Stream) -> None:
         stream.lose()
+        if stream.tracing is not None:
+            stream.tracing.end_all()
         stream.peer.num_streams -= 1
         del self._streams[stream.number]
         if not self._streams:

@@ -12,6 +12,7 @@ from motiongen_server.rpc.reader_patience import ReaderPatience
 from motiongen_server.rpc.response import response_of
 from motiongen_server.rpc.send_queue import SendQueue
 from motiongen_server.rpc.stream_metrics import StreamMetrics
+from motiongen_server.rpc.stream_tracing import StreamTracing
 
 MAX_RESPONSE_BYTES = 1 << 20
 MAX_WAITING_REPLIES = 64
@@ -28,6 +29,7 @@ class StreamOutput(ABC):
         self.ready = asyncio.Event()
         self.urgent = asyncio.Event()
         self.ended = False
+        self.tracing: StreamTracing | None = None
         self.responses: deque[service_pb2.StreamMotionResponse] = deque()
         self._limits = limits
         self._stream_metrics = stream_metrics
@@ -54,6 +56,8 @@ class StreamOutput(ABC):
         self._check_backlog()
         if not waiting:
             return None
+        if self.tracing is not None:
+            self.tracing.take(waiting)
         return response_of(waiting)
 
     def reply(self, response: service_pb2.StreamMotionResponse) -> None:
@@ -70,6 +74,8 @@ class StreamOutput(ABC):
 
     def note_written(self) -> None:
         """What `next_response` gave last was written."""
+        if self.tracing is not None:
+            self.tracing.note_written()
         if self._probe is not None and not self.responses and not self._probe.done():
             self._probe.set_result(None)
 

@@ -86,6 +86,8 @@ class StreamSessions(StreamOutput):
         if isinstance(said, Chunk):
             self.send_queue.put_chunk(said, entry.applied_seq, entry.coding)
         else:
+            if self.tracing is not None and isinstance(said, PlanNotice):
+                self.tracing.announce(said, entry)
             self.send_queue.put(said, entry.applied_seq)
 
     def _book(self, said: Output, entry: SessionEntry) -> None:

@@ -66,6 +66,7 @@ class Simulation:
         self._heap: list[tuple[float, int, Callable[[float], None]]] = []
         self._order = itertools.count()
         self._starting = 0
+        self._generation = 0
         self._failed_zone: int | None = None
         self._to_upgrade: list[Server] = []
         self._upgrading = 0
@@ -79,7 +80,9 @@ class Simulation:
         given, day = self.given, self.day
         for _ in range(int(self._rate * given.life_s)):  # those that are there in the beginning
             self._try_to_open(self._client(0.0), 0.0, 0.0)
-        self._at(self._dice.expovariate(self._rate), self._arrive)
+        self._expect_arrival(0.0)
+        self._at(day.wave_at, self._change_rate)
+        self._at(day.wave_at + day.wave_s, self._change_rate)
         self._at(SAMPLE_S, self._sample)
         self._at(given.scale_every_s, self._scale)
         self._at(day.zone_fails_at, self._fail_zone)
@@ -102,14 +105,22 @@ class Simulation:
         characters = 1 + int(math.log(1.0 - self._dice.random()) / math.log(1.0 - stop))
         return Client(self._dice.random(), characters, now + self._dice.expovariate(1.0 / self.given.life_s))
 
-    def _arrive(self, now: float) -> None:
+    def _change_rate(self, now: float) -> None:
+        """The wave begins, or ends: arrivals have no memory, so the next one is drawn anew."""
+        self._generation += 1
+        self._expect_arrival(now)
+
+    def _expect_arrival(self, now: float) -> None:
         day = self.day
-        in_wave = day.wave_at <= now < day.wave_at + day.wave_s
-        # Drawn at the rate of the wave and thinned outside of it, so that a wave begins and ends when it should.
-        self._at(now + self._dice.expovariate(self._rate * day.wave), self._arrive)
-        if in_wave or self._dice.random() < 1.0 / day.wave:
-            self.outcome.opened += now >= day.warm_until
-            self._try_to_open(self._client(now), now, now)
+        rate = self._rate * (day.wave if day.wave_at <= now < day.wave_at + day.wave_s else 1.0)
+        self._at(now + self._dice.expovariate(rate), partial(self._arrive, self._generation))
+
+    def _arrive(self, generation: int, now: float) -> None:
+        if generation != self._generation:
+            return  # drawn at another rate than there is now
+        self._expect_arrival(now)
+        self.outcome.opened += now >= self.day.warm_until
+        self._try_to_open(self._client(now), now, now)
 
     def _try_to_open(self, client: Client, asked_at: float, now: float) -> None:
         if self.fleet.place(client) is not None:

@@ -10,6 +10,7 @@ from motiongen_server.engine.types.blocks import ChannelBlock
 from motiongen_server.engine.types.conditions import Placement
 from motiongen_server.engine.types.names import CloseReason, Code, PlanCause, ServiceTier, SessionKey
 from motiongen_server.engine.types.snapshot import SnapshotTaken
+from motiongen_server.engine.types.tracing import WindowTiming
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +54,8 @@ class Opened:
 class PlanNotice:
     """Precedes the chunks of a plan: what the client holds of older plans at frames >= valid_from is void.
 
-    event_seqs: the edits that first take effect in this plan, in the order they came.
+    event_seqs: the edits that first take effect in this plan, in the order they came. timing: of the window that it
+    is made of, where traces are asked for.
     """
 
     session: SessionKey
@@ -61,6 +63,7 @@ class PlanNotice:
     valid_from: int
     cause: PlanCause
     event_seqs: tuple[int, ...]
+    timing: WindowTiming | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

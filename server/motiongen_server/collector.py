@@ -1,0 +1,15 @@
+"""Where traces go: how the address of a collector is written."""
+
+from __future__ import annotations
+
+from motiongen_server.settings import SettingError
+
+PLAIN, TLS = "grpc:", "grpcs:"
+
+
+def check_collector(address: str) -> None:
+    """Raise SettingError for what is neither empty nor the address of a collector."""
+    scheme, _, rest = address.partition(":")
+    host, _, port = rest.rpartition(":")
+    if address and (f"{scheme}:" not in (PLAIN, TLS) or not host or not port.isdecimal()):
+        raise SettingError(f"trace_to is {address!r}; it must be {PLAIN}HOST:PORT, or {TLS}HOST:PORT for TLS")

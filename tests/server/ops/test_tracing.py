@@ -1,0 +1,128 @@
+"""Traces of windows as OpenTelemetry spans: kept in memory, sent to a real OTLP receiver, or to nobody."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import pytest
+from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter
+
+from motiongen_server.config import ServerConfig
+from motiongen_server.engine.types import PlanCause
+from motiongen_server.engine.types.tracing import WindowTiming, WindowTrace
+from motiongen_server.ops.tracing import WindowSpans, open_window_spans
+from motiongen_server.settings import SettingError
+from tests.scale.proxies import free_port
+from tests.server.ops.collector import Collector, attributes
+
+BEGAN = 1000.0
+WINDOW = WindowTrace(
+    WindowTiming(BEGAN, BEGAN + 0.001, BEGAN + 0.002, BEGAN + 0.05, 4, "pid 7"),
+    session="1-2-abc",
+    request_id="guard",
+    model_id="fake",
+    plan=3,
+    first_frame=40,
+    cause=PlanCause.EDIT,
+    num_events=2,
+    sent_at=BEGAN + 0.06,
+    is_sent=True,
+)
+ATTRIBUTES = {
+    "motiongen.session": "1-2-abc",
+    "motiongen.request_id": "guard",
+    "motiongen.model": "fake",
+    "motiongen.engine": "pid 7",
+    "motiongen.plan": 3,
+    "motiongen.cause": "EDIT",
+    "motiongen.first_frame": 40,
+    "motiongen.num_events": 2,
+    "motiongen.num_steps": 4,
+    "motiongen.sent": True,
+}
+
+
+def test_a_window_is_a_span_from_the_event_to_the_frame() -> None:
+    exporter = InMemorySpanExporter()
+    spans = WindowSpans(exporter)
+    spans.record(WINDOW)
+    spans.close()
+    (span,) = exporter.get_finished_spans()
+    assert span.name == "motiongen.window"
+    assert dict(span.attributes or {}) == ATTRIBUTES
+    assert span.start_time is not None
+    assert span.end_time is not None
+    assert span.end_time - span.start_time == pytest.approx(60e6, abs=1e3)  # nanoseconds
+    after = {event.name: event.timestamp - span.start_time for event in span.events}
+    assert after == {
+        "scheduled": pytest.approx(1e6, abs=1e3),
+        "first step": pytest.approx(2e6, abs=1e3),
+        "planned": pytest.approx(50e6, abs=1e3),
+    }
+    assert span.parent is None
+
+
+def test_the_monotonic_clock_is_told_as_a_date() -> None:
+    """By the same two clocks, read here: what lies between is the time that this test takes."""
+    exporter = InMemorySpanExporter()
+    before = time.time_ns() - time.monotonic_ns()
+    spans = WindowSpans(exporter)
+    after = time.time_ns() - time.monotonic_ns()
+    spans.record(WINDOW)
+    spans.close()
+    (span,) = exporter.get_finished_spans()
+    least, most = sorted((before, after))
+    slack_ns = 1e6  # either clock may be read a moment later than the other
+    assert span.start_time is not None
+    assert least - slack_ns <= span.start_time - BEGAN * 1e9 <= most + slack_ns
+
+
+@pytest.mark.parametrize(("share", "least", "most"), [(0.0, 0, 0), (0.25, 180, 320), (1.0, 1000, 1000)])
+def test_a_share_of_the_windows_is_traced(share: float, least: int, most: int) -> None:
+    exporter = InMemorySpanExporter()
+    spans = WindowSpans(exporter, share)
+    for _ in range(1000):
+        spans.record(WINDOW)
+    spans.close()
+    assert least <= len(exporter.get_finished_spans()) <= most
+
+
+def test_a_collector_is_sent_them() -> None:
+    with Collector() as collector:
+        spans = open_window_spans(f"grpc:127.0.0.1:{collector.port}", 1.0)
+        assert spans is not None
+        for _ in range(3):
+            spans.record(WINDOW)
+        spans.close()
+        assert len(collector.spans) == 3
+        assert collector.service == "motiongen-server"
+        assert attributes(collector.spans[0]) == ATTRIBUTES
+        assert [event.name for event in collector.spans[0].events] == ["scheduled", "first step", "planned"]
+
+
+def test_where_no_collector_is_nobody_waits() -> None:
+    """More than may be kept are recorded; the oldest are dropped, and no call comes to wait for the network."""
+    spans = open_window_spans(f"grpc:127.0.0.1:{free_port()}", 1.0)
+    assert spans is not None
+    for _ in range(5000):
+        spans.record(WINDOW)
+    spans.close()
+
+
+def test_nothing_is_opened_where_nothing_is_asked_for() -> None:
+    assert open_window_spans("", 1.0) is None
+
+
+@pytest.mark.parametrize(
+    "address", ["collector:4317", "http://collector:4317", "grpc:collector", "grpc::4317", "grpc:"]
+)
+def test_what_is_no_address_is_refused(address: str) -> None:
+    with pytest.raises(SettingError, match=r"trace_to is .* it must be grpc:HOST:PORT, or grpcs:HOST:PORT for TLS"):
+        ServerConfig(trace_to=address)
+
+
+def test_without_the_library_the_setting_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "opentelemetry.exporter.otlp.proto.grpc.trace_exporter", None)
+    with pytest.raises(SettingError, match=r"install motiongen-server\[tracing\]"):
+        open_window_spans("grpc:localhost:4317", 1.0)

@@ -100,5 +100,5 @@ def test_the_overlays_change_what_they_are_for() -> None:
     scaler = scaled["HorizontalPodAutoscaler"]["spec"]
     assert scaler["scaleTargetRef"]["name"] == scaled["Deployment"]["metadata"]["name"]
     (metric,) = scaler["metrics"]
-    assert metric["pods"]["metric"]["name"] == "motiongen_load"
-    assert metric["pods"]["target"]["averageValue"] == "600m"
+    assert metric["pods"]["metric"]["name"] == "motiongen_used_share"
+    assert metric["pods"]["target"]["averageValue"] == "650m"

@@ -11,7 +11,7 @@ import grpc.aio
 from motiongen.v1 import service_pb2, service_pb2_grpc
 from motiongen_compliance.talk import Talk
 
-LIMIT_S = 20.0
+LIMIT_S = 60.0
 """For the catalogue."""
 
 

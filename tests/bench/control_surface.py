@@ -29,7 +29,6 @@ from motiongen_client import (
     Waypoint,
 )
 from motiongen_client.types import Constraint
-from tests.bench.residual_row import residual_row
 
 STAND, WALK, WAVE = "a person stands still", "a person walks forward", "a person waves with the right hand"
 PROMPTS = (STAND, WALK, WAVE)
@@ -170,6 +169,18 @@ async def measure(address: str, steps: int | None, frame: int, samples: int, onl
                     residuals.append(residual)
             table.append(residual_row(row.name, residuals))
     return table
+
+
+def residual_row(name: str, residuals: Sequence[Residual]) -> str:
+    """Mean and worst of metres and of radians, and how many targets were met."""
+    positions = [each.position_m.worst for each in residuals if each.position_m is not None]
+    angles = [angle.worst for each in residuals for angle in (each.heading_rad, each.rotation_rad) if angle is not None]
+    met = sum(each.met for each in residuals)
+    return f"| {name} | {_cell(positions)} | {_cell(angles)} | {met} of {len(residuals)} |"
+
+
+def _cell(numbers: Sequence[float]) -> str:
+    return f"{np.mean(numbers):.3f} ({max(numbers):.3f})" if numbers else "-"
 
 
 def main() -> None:

@@ -27,8 +27,8 @@ from motiongen_server.snapshots.store import SnapshotStore
 from motiongen_server.text.prompts import PromptEncoder
 from tests.server.engine.engine_thread import EngineThread
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
+from tests.waiting import LIMIT_S
 
-JOIN_S = 10.0
 UNMETERED = 1e9
 """Events a second, for tests of what comes after the budget."""
 NO_BUDGET = ServiceLimits(peer=PeerLimits(events_per_second=UNMETERED))
@@ -107,7 +107,7 @@ class LocalServer:
     async def __aexit__(self, *_: object) -> None:
         await self._server.stop(None)
         self.engine.stop()
-        assert await asyncio.to_thread(self._thread.join, JOIN_S)
+        assert await asyncio.to_thread(self._thread.join, LIMIT_S)
         await asyncio.to_thread(self.service.write_last_snapshots)
         self.prompts.close()
         assert self._thread.failure is None

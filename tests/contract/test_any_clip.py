@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_compliance.target import Target
+from tests.waiting import LIMIT_S
 
-LIMIT_S = 30.0
 REFUSALS = (grpc.StatusCode.INVALID_ARGUMENT, grpc.StatusCode.NOT_FOUND, grpc.StatusCode.RESOURCE_EXHAUSTED)
 
 

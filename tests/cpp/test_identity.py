@@ -18,8 +18,8 @@ from tests.cpp.test_client import Character, character
 from tests.cpp.test_load import play as play_load
 from tests.e2e.lost_line import FACTS_AS_SERVED
 from tests.server.identity.files import AUTHORITY, CERTIFICATES, TenantsFile, copy_pair
+from tests.waiting import LIMIT_S
 
-LIMIT_S = 60.0
 EXPIRES, EXPIRES_AT = "2027-01-15T08:01:00Z", 1_800_000_060.0
 Program = Callable[[str], Path]
 

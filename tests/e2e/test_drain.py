@@ -21,8 +21,8 @@ from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_compliance.talk import Talk
 from tests.attack.endings import catches_sigterm
 from tests.conftest import ROOT, TINY_MODEL
+from tests.waiting import LIMIT_S
 
-LIMIT_S = 60.0
 MODEL = ["--model", str(TINY_MODEL), "--text-encoder", "hashed", "--devices", "cpu:1"]
 FREE_PORTS = ["--port", "0", "--ops-port", "0", "--print-ports"]
 

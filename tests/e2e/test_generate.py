@@ -23,8 +23,8 @@ from motiongen_client import (
 from motiongen_tools.cli import run
 from motiongen_tools.npz import read_npz
 from tests.conftest import ROOT, LiveServer
+from tests.waiting import LIMIT_S
 
-LIMIT_S = 60.0
 G1_MODEL = ROOT / "tests" / "data" / "golden" / "tiny-g134" / "checkpoint"
 
 

@@ -15,8 +15,8 @@ from motiongen_tools import cli
 from tests.contract.local import LocalServer
 from tests.e2e.lost_line import FACTS_AS_SERVED
 from tests.server.identity.files import AUTHORITY, TenantsFile, client_credentials, copy_pair
+from tests.waiting import LIMIT_S
 
-LIMIT_S = 30.0
 EXPIRES, EXPIRES_AT = "2027-01-15T08:01:00Z", 1_800_000_060.0
 
 

@@ -18,8 +18,8 @@ from motiongen_client import EventRefused, MotionClient, Session, SessionEnded, 
 from motiongen_client.admin import AdminClient
 from motiongen_tools.cli import run
 from tests.conftest import ROOT
+from tests.waiting import LIMIT_S
 
-LIMIT_S = 60.0
 TINY = ROOT / "tests" / "data" / "golden" / "tiny-g134" / "checkpoint"
 
 

@@ -19,9 +19,8 @@ from tests.contract.local import LocalServer
 from tests.e2e.lost_line import FACTS_AS_SERVED
 from tests.e2e.tcp_proxy import TcpProxy
 from tests.server.engine.fakes import FRAME, PLAN, PROMPT
-from tests.waiting import until_true
+from tests.waiting import LIMIT_S, until_true
 
-LIMIT_S = 60.0
 OPTIONS = SessionOptions(lookahead_frames=80)
 
 

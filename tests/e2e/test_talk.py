@@ -10,8 +10,7 @@ import pytest
 
 from motiongen_client import EventRefused, MotionClient, SessionOptions
 from tests.conftest import LiveServer
-
-LIMIT_S = 30.0
+from tests.waiting import LIMIT_S
 
 
 async def test_two_sessions_play_and_one_changes_its_prompt(live_server: LiveServer) -> None:

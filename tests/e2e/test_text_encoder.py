@@ -21,9 +21,8 @@ from motiongen_ardy.text.prompt_file import encode_prompts, write_prompt_file
 from motiongen_client import EventRefused, MotionClient, Preset, Session, TextEmbedding
 from tests.conftest import ROOT, TINY_MODEL
 from tests.server.text.encoder.encoder_process import EncoderProcess
-from tests.waiting import try_again
+from tests.waiting import LIMIT_S, try_again
 
-LIMIT_S = 60.0
 WIDTH = 32
 SETTINGS = (
     "--port",

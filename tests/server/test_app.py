@@ -27,8 +27,8 @@ from motiongen_server.settings import SettingError
 from tests.contract.local import LengthEncoder, RealTime
 from tests.server.engine.fakes import FACTS, FakeRunner
 from tests.server.in_process import ENGINE, in_process
+from tests.waiting import LIMIT_S
 
-LIMIT_S = 20.0
 SERVING, NOT_SERVING = health_pb2.HealthCheckResponse.SERVING, health_pb2.HealthCheckResponse.NOT_SERVING
 
 

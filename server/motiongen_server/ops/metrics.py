@@ -159,27 +159,27 @@ class Metrics:
         self.prompts.labels(source).inc()
 
     def reject(self, reason: str) -> None:
-        """As in Tally."""
+        """As in StreamMetrics."""
         self.rejects.labels(reason).inc()
 
     def end_clip(self, code: str, seconds: float, num_samples: int) -> None:
-        """As in Tally."""
+        """As in StreamMetrics."""
         self.clips.labels(code).inc(num_samples)
         if code == "OK":
             self.clip_seconds.observe(seconds)
 
     def count_resume(self, how: str) -> None:
-        """As in Tally."""
+        """As in StreamMetrics."""
         self.resumes.labels(how).inc()
 
     def count_snapshot(self, what: str) -> None:
-        """As in Tally."""
+        """As in StreamMetrics."""
         self.snapshots.labels(what).inc()
 
     def give_up_on_reader(self) -> None:
-        """As in Tally."""
+        """As in StreamMetrics."""
         self.slow_readers.inc()
 
     def drop_frames(self, count: int) -> None:
-        """As in Tally."""
+        """As in StreamMetrics."""
         self.dropped.inc(count)

@@ -37,19 +37,19 @@ class NoStreamMetrics:
     """Counts nothing: for streams that nobody watches."""
 
     def reject(self, reason: str) -> None:
-        """As in Tally."""
+        """As in StreamMetrics."""
 
     def end_clip(self, code: str, seconds: float, num_samples: int) -> None:
-        """As in Tally."""
+        """As in StreamMetrics."""
 
     def count_resume(self, how: str) -> None:
-        """As in Tally."""
+        """As in StreamMetrics."""
 
     def count_snapshot(self, what: str) -> None:
-        """As in Tally."""
+        """As in StreamMetrics."""
 
     def give_up_on_reader(self) -> None:
-        """As in Tally."""
+        """As in StreamMetrics."""
 
     def drop_frames(self, count: int) -> None:
-        """As in Tally."""
+        """As in StreamMetrics."""

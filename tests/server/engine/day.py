@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.ports import OutOfMemory
 from motiongen_server.engine.scheduling.costs import CostTable
-from motiongen_server.engine.types import Code, Priority, Waypoint
+from motiongen_server.engine.types import Code, Priority, ServiceTier, Waypoint
 from tests.server.engine.stage import Stage, prompt
 from tests.server.engine.viewer import Viewer
 from tests.server.engine.watched import WatchedScheduler
@@ -130,7 +130,7 @@ class Day:
         stage.run(5.0)
         # A pose that is held is held on for a while, and the edits of its session wait.
         limit_at = stage.clock.now() + 400.0
-        while any(stage.engine._load_monitor.level(priority).hold for priority in Priority):
+        while ServiceTier.HOLD in stage.tiers().values():
             assert stage.clock.now() < limit_at, "held for ever"
             stage.run(1.0)
         stage.run(5.0)

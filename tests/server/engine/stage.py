@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -27,6 +27,7 @@ from motiongen_server.engine.types import (
     Priority,
     Prompt,
     Seek,
+    ServiceTier,
     SessionKey,
     SessionSpec,
     SetConstraints,
@@ -212,6 +213,10 @@ class Stage:
         report = self.engine.step()
         self.reports.append(report)
         return report
+
+    def tiers(self) -> Mapping[Priority, ServiceTier]:
+        """What each class gets, as last reported; nothing before the first report of it."""
+        return next((report.tiers for report in reversed(self.reports) if report.tiers is not None), {})
 
     def run(self, seconds: float) -> None:
         """Let the engine and the viewers live for so many virtual seconds."""

@@ -34,8 +34,8 @@ from motiongen_server.engine.types import PlayState as State
 from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine_process.group import EngineGroup
 from motiongen_server.engine_process.pool import EnginePool
+from tests.waiting import LIMIT_S
 
-LIMIT_S = 30.0
 KEY = SessionKey(1, 1)
 
 

@@ -43,8 +43,9 @@ from motiongen_server.settings import SettingError
 from tests.server.engine.fakes import FACTS
 from tests.server.engine_process.audience import KEY, close, opening, play, playhead
 from tests.server.engine_process.fake_engine import Stutterer
+from tests.waiting import LIMIT_S
 
-WAIT_MS = 10_000
+WAIT_MS = int(1000 * LIMIT_S)
 
 
 class Notebook:

@@ -20,9 +20,8 @@ from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_compliance.talk import Talk
 from tests.conftest import ROOT, TINY_MODEL
 from tests.server.engine_process.audience import is_gone
-from tests.waiting import try_again, until_true
+from tests.waiting import LIMIT_S, try_again, until_true
 
-LIMIT_S = 90.0
 SETTINGS = ("--model", str(TINY_MODEL), "--text-encoder", "hashed", "--profile-s", "0",
             "--port", "0", "--ops-port", "0", "--print-ports", "--drain-wait-s", "0", "--drain-grace-s", "0",
             "--devices")  # fmt: skip

@@ -22,8 +22,8 @@ from motiongen_server.rpc.peers import Peers
 from tests.contract.local import LocalServer
 from tests.server.identity.files import TenantsFile, bearer
 from tests.server.rpc.test_stream_watch import end_of
+from tests.waiting import LIMIT_S
 
-LIMIT_S = 30.0
 HERO = session_pb2.PRIORITY_CLASS_HERO
 EXPIRES, EXPIRES_AT = "2027-01-15T08:01:00Z", 1_800_000_060.0
 

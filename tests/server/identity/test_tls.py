@@ -16,8 +16,8 @@ from motiongen_server.identity.tls import TlsFiles, server_credentials
 from motiongen_server.settings import SettingError
 from tests.contract.local import LocalServer
 from tests.server.identity.files import AUTHORITY, CERTIFICATES, client_credentials, copy_pair
+from tests.waiting import LIMIT_S
 
-LIMIT_S = 60.0
 RELOADS = 100
 ALONE = (("grpc.use_local_subchannel_pool", 1),)
 

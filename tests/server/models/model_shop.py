@@ -22,8 +22,7 @@ from motiongen_server.config import ServerConfig
 from tests.contract.local import LengthEncoder, RealTime
 from tests.server.engine.fakes import FACTS, FakeRunner
 from tests.server.in_process import in_process
-
-LIMIT_S = 20.0
+from tests.waiting import LIMIT_S
 
 
 class Shop:

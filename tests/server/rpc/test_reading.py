@@ -11,10 +11,10 @@ from motiongen.v1 import service_pb2, session_pb2
 from motiongen_server.engine.types import Code, Outcome, SessionKey
 from motiongen_server.rpc.stream_output import MAX_WAITING_REPLIES
 from tests.server.rpc.test_event_order import Line, make_catalog
+from tests.waiting import LIMIT_S
 
 PONG = service_pb2.StreamMotionResponse(pong=service_pb2.Pong(client_time_ns=1))
 ROUNDS = 10
-LIMIT_S = 20.0
 
 
 async def is_waiting(task: asyncio.Task[None]) -> bool:

@@ -14,8 +14,8 @@ from motiongen_compliance.talk import Talk
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.rpc.limits import Limits
 from tests.contract.local import NO_BUDGET, UNMETERED, LocalServer
+from tests.waiting import LIMIT_S
 
-LIMIT_S = 30.0
 KIB = 1 << 10
 NOTHING = service_pb2.StreamMotionRequest(events=[session_pb2.SessionEvent(session=5)] * 20_000)
 """Each of these events costs the server an answer of some hundred bytes."""

@@ -24,9 +24,7 @@ from motiongen_server.rpc.stream_watch import StreamWatch
 from tests.contract.local import LocalServer
 from tests.server.engine.fakes import ROW_WIDTH
 from tests.server.rpc.test_event_order import Line
-from tests.waiting import until_true
-
-LIMIT_S = 30.0
+from tests.waiting import LIMIT_S, until_true
 
 
 @asynccontextmanager

@@ -19,10 +19,9 @@ from motiongen_tools.view.line import Line
 from motiongen_tools.view.room import Room
 from tests.client.conftest import stick_motion, stick_rig
 from tests.client.fake_server import FakeServer
+from tests.waiting import LIMIT_S
 
 __all__ = ["stick_motion", "stick_rig"]
-
-LIMIT_S = 60.0
 
 
 class Page:

@@ -36,39 +36,39 @@ class Open:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SetPrompts:
-    """Change prompts as one edit: `remove` first, then `upsert`, which adds or replaces by id."""
+class _OfSession:
+    """What the module's docstring says of every event."""
 
     session: SessionKey
     event_seq: int
     received_at: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetPrompts(_OfSession):
+    """Change prompts as one edit: `remove` first, then `upsert`, which adds or replaces by id."""
+
     upsert: tuple[Prompt, ...] = ()
     remove: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SetConstraints:
+class SetConstraints(_OfSession):
     """Change constraints as one edit: `clear` first removes all that stand, then `remove`, then `upsert`."""
 
-    session: SessionKey
-    event_seq: int
-    received_at: float
     upsert: tuple[Asked, ...] = ()
     remove: tuple[int, ...] = ()
     clear: bool = False
 
 
 @dataclass(frozen=True, slots=True)
-class SetVelocity:
+class SetVelocity(_OfSession):
     """Move so fast for so long: x, z in metres a second in the world, heading in radians or None for any.
 
     Replaces the velocity before it, and ends hold_frames after the first frame that it steers; x = z = 0 is to stand.
     keep_prompt: the session's own prompts hold meanwhile, not the gaits of its model.
     """
 
-    session: SessionKey
-    event_seq: int
-    received_at: float
     x: float
     z: float
     heading: float | None
@@ -95,34 +95,25 @@ class Playhead(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class SetPlayState:
-    session: SessionKey
-    event_seq: int
-    received_at: float
+class SetPlayState(_OfSession):
     state: PlayState
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seek:
+class Seek(_OfSession):
     """Cut: the character stands at start_pose from the first frame that can still change, or goes on from prior_rows.
 
     prior_rows: (H, row_width) float32, whole patches of them; start_pose counts only where there are none.
     """
 
-    session: SessionKey
-    event_seq: int
-    received_at: float
     start_pose: StartPose
     prior_rows: Float32Array | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class SetOptions:
+class SetOptions(_OfSession):
     """Change what the session was opened with, from its next window on; None leaves it."""
 
-    session: SessionKey
-    event_seq: int
-    received_at: float
     priority: Priority | None = None
     lookahead: int | None = None
     denoise_steps: int | None = None
@@ -137,27 +128,21 @@ class SetOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class Resume:
+class Resume(_OfSession):
     """Go on with a client that lost its transport: it holds frames below next_frame, of plans up to `plan`.
 
     Answered by `Resumed` with the same attempt, which the service counts.
     """
 
-    session: SessionKey
-    event_seq: int
-    received_at: float
     attempt: int
     next_frame: int
     plan: int
 
 
 @dataclass(frozen=True, slots=True)
-class Close:
+class Close(_OfSession):
     """End the session. The service also sends it for every session of a stream that broke or reads too slowly."""
 
-    session: SessionKey
-    event_seq: int
-    received_at: float
     reason: CloseReason = CloseReason.CLIENT
 
 

@@ -16,8 +16,7 @@ from motiongen_server.engine.types import Code, Open, Priority, SessionKey
 from tests.server.engine.engine_thread import EngineThread
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
 from tests.server.engine.stage import spec
-
-JOIN_S = 10.0
+from tests.waiting import LIMIT_S
 
 
 def test_turns_are_given_in_the_order_they_were_asked_for() -> None:
@@ -37,7 +36,7 @@ def test_turns_are_given_in_the_order_they_were_asked_for() -> None:
         threads.append(thread)
     device.pass_on()
     for thread in threads:
-        thread.join(JOIN_S)
+        thread.join(LIMIT_S)
     assert order == [0, 1, 2, 3, 4]
 
 
@@ -56,7 +55,7 @@ def test_one_who_comes_again_at_once_waits_behind_who_waits() -> None:
             thread.join(0.001)
     with busy:
         order.append("busy again")
-    thread.join(JOIN_S)
+    thread.join(LIMIT_S)
     assert order == ["other", "busy again"]
 
 
@@ -111,9 +110,9 @@ def test_an_engine_steps_in_its_turns_only_and_leaves_at_its_end() -> None:
         while not device.num_waiting:
             assert not thread.join(0.001)
         assert not opened.is_set()
-    assert opened.wait(JOIN_S)
+    assert opened.wait(LIMIT_S)
     engine.stop()
-    assert thread.join(JOIN_S)
+    assert thread.join(LIMIT_S)
     assert device.num_seats == 1  # the test's own
 
 

@@ -20,9 +20,7 @@ from motiongen_server.rpc.limits import Limits, PeerLimits
 from motiongen_server.rpc.peers import Peer
 from tests.contract.local import LocalServer
 from tests.server.engine.fakes import FRAME, PROMPT, ROW_WIDTH, SEED, SPEED
-from tests.waiting import until_true
-
-LIMIT_S = 20.0
+from tests.waiting import LIMIT_S, until_true
 
 
 @dataclass

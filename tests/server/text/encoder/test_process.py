@@ -14,9 +14,8 @@ import pytest
 from motiongen_ardy.text import HashedTextEncoder, TextEncoderChanged, TextEncoderUnavailable, UnknownTextEncoder
 from motiongen_server.text.encoder.client import RemoteEncoder
 from tests.server.text.encoder.encoder_process import ROOT, EncoderProcess
-from tests.waiting import until
+from tests.waiting import LIMIT_S, until
 
-LIMIT_S = 20.0
 PROMPTS = ["a person walks", "", "a person waves"]
 
 

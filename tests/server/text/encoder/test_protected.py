@@ -15,8 +15,7 @@ from motiongen_server.text.encoder.client import RemoteEncoder
 from motiongen_server.text.encoder.config import EncoderConfig
 from tests.server.identity.files import AUTHORITY, TenantsFile, copy_pair
 from tests.server.text.encoder.encoder_process import EncoderProcess
-
-LIMIT_S = 20.0
+from tests.waiting import LIMIT_S
 
 
 def test_it_serves_those_that_show_a_token_by_tls(tmp_path: Path) -> None:

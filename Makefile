@@ -78,11 +78,11 @@ test: $(READY) cpp-packages ## run all tests that need no GPU, in JOBS=2 process
 	OMP_NUM_THREADS=1 $(PYTHON) -m pytest -n $(JOBS) -m 'not gpu and not system' $(if $(filter no,$(CPP)),--ignore tests/cpp) $(ARGS)
 
 .PHONY: test-system
-test-system: $(READY) test-lowest viewer browser-packages system-packages ## run the tests that build, install or take long, those with the oldest versions too
+test-system: $(READY) system-packages cpp-packages browser-packages test-lowest viewer ## run the tests that build, install or take long, those with the oldest versions too
 	$(PYTHON) -m pytest -m system $(ARGS)
 
 .PHONY: system-packages
-system-packages: $(READY) ## see that what deploy/ is tried with is there; installs it where apt-get may
+system-packages: $(READY) ## see that the programs of make test-system are there; installs them where apt-get may
 	@bash .ci/system_packages.sh
 	$(PYTHON) -m pip install --quiet --constraint constraints.txt --requirement requirements-system.txt
 

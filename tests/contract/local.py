@@ -29,6 +29,7 @@ from tests.server.engine.engine_thread import EngineThread
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
 from tests.waiting import LIMIT_S
 
+ANY_LOAD = (1000.0, 1000.0, 1000.0, 1000.0)
 UNMETERED = 1e9
 """Events a second, for tests of what comes after the budget."""
 NO_BUDGET = ServiceLimits(peer=PeerLimits(events_per_second=UNMETERED))
@@ -76,7 +77,10 @@ class LocalServer:
         self._limits = limits or Limits()
         self._abilities = abilities
         self._gaits = gaits
-        self._engine_config = replace(engine_config or EngineConfig(), snapshots=snapshots is not None)
+        # It plays in real time: without the rest, a busy machine would have sessions refused or served with less.
+        self._engine_config = replace(
+            engine_config or EngineConfig(), snapshots=snapshots is not None, admit_load=ANY_LOAD, degrade=False
+        )
 
     async def __aenter__(self) -> LocalServer:
         limits = self._limits

@@ -23,6 +23,7 @@ from tests.attack.endings import catches_sigterm
 from tests.conftest import ROOT, TINY_MODEL
 from tests.waiting import LIMIT_S
 
+ANY_LOAD = ("--admit-load", "1000", "--degrade", "false")  # however busy the machine
 MODEL = ["--model", str(TINY_MODEL), "--text-encoder", "hashed", "--devices", "cpu:1"]
 FREE_PORTS = ["--port", "0", "--ops-port", "0", "--print-ports"]
 
@@ -43,7 +44,7 @@ async def start(*arguments: str, **environment: str) -> asyncio.subprocess.Proce
 @asynccontextmanager
 async def serving(*arguments: str) -> AsyncIterator[tuple[asyncio.subprocess.Process, dict[str, int]]]:
     """A server that is ready, and its ports. It is killed if the test has not ended it."""
-    process = await start(*MODEL, *FREE_PORTS, *arguments)
+    process = await start(*MODEL, *FREE_PORTS, *ANY_LOAD, *arguments)
     assert process.stdout is not None
     try:
         line = await process.stdout.readline()

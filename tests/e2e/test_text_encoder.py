@@ -36,6 +36,10 @@ SETTINGS = (
     "0",
     "--profile-s",
     "0.3",
+    "--admit-load",  # however busy the machine
+    "1000",
+    "--degrade",
+    "false",
 )
 
 

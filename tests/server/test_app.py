@@ -33,7 +33,8 @@ SERVING, NOT_SERVING = health_pb2.HealthCheckResponse.SERVING, health_pb2.Health
 
 
 def config(**settings: object) -> ServerConfig:
-    defaults = {"port": 0, "ops_port": 0, "drain_wait_s": 0, "drain_grace_s": 0, "profile_s": 0}
+    defaults: dict[str, object] = {"port": 0, "ops_port": 0, "drain_wait_s": 0, "drain_grace_s": 0, "profile_s": 0}
+    defaults |= {"admit_load": 1000.0, "degrade": False}  # however busy the machine
     return ServerConfig(**{**defaults, **settings})  # type: ignore[arg-type]
 
 

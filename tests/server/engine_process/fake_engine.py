@@ -31,6 +31,7 @@ from motiongen_server.settings import SettingError
 from tests.server.engine.fakes import FakeRunner
 
 FATAL_SEED = 666
+ANY_LOAD = (1000.0, 1000.0, 1000.0, 1000.0)
 
 
 class RealTime:
@@ -68,7 +69,9 @@ def build(begin: Begin, how: str, source: str, deliver: Deliver, observe: Observ
     runner = FatalRunner(RealTime())  # type: ignore[arg-type]
     runner.how = how
     runner.facts = replace(runner.facts, model_id=source)
-    engine_config = EngineConfig(max_sessions=1 if how == "small" else begin.config.max_sessions)
+    max_sessions = 1 if how == "small" else begin.config.max_sessions
+    # It plays in real time: without the rest, a busy machine would have sessions refused or served with less.
+    engine_config = EngineConfig(max_sessions=max_sessions, admit_load=ANY_LOAD, degrade=False)
     return Built(Engine(runner, RealTime(), deliver, engine_config, observe, inbox), runner.facts, "CC0-1.0")
 
 

@@ -24,6 +24,7 @@ from tests.waiting import LIMIT_S, try_again, until_true
 
 SETTINGS = ("--model", str(TINY_MODEL), "--text-encoder", "hashed", "--profile-s", "0",
             "--port", "0", "--ops-port", "0", "--print-ports", "--drain-wait-s", "0", "--drain-grace-s", "0",
+            "--admit-load", "1000", "--degrade", "false",  # however busy the machine
             "--devices")  # fmt: skip
 
 

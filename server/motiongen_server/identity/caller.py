@@ -48,33 +48,24 @@ class Caller:
 ANYBODY = Caller()
 
 
-def _unauthenticated(reason: str, message: str) -> StreamRefused:
-    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, reason, message)
-
-
 def credentials_missing() -> StreamRefused:
-    return _unauthenticated(
-        "CREDENTIALS_MISSING", "the call carries no token; send `authorization: Bearer TOKEN` in its metadata"
-    )
+    message = "the call carries no token; send `authorization: Bearer TOKEN` in its metadata"
+    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_MISSING", message)
 
 
 def credentials_invalid() -> StreamRefused:
-    return _unauthenticated(
-        "CREDENTIALS_INVALID", "the credentials are not known to this server; ask its operator for a token"
-    )
+    message = "the credentials are not known to this server; ask its operator for a token"
+    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
 
 
 def credentials_not_for_us(audience: str) -> StreamRefused:
-    return _unauthenticated(
-        "CREDENTIALS_INVALID", f"the token is for another service; ask its issuer for one whose audience is {audience}"
-    )
+    message = f"the token is for another service; ask its issuer for one whose audience is {audience}"
+    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
 
 
 def tenant_unknown(name: str) -> StreamRefused:
-    return _unauthenticated(
-        "CREDENTIALS_INVALID",
-        f"the token names the tenant {name[:64]!r}, whom its issuer may not name here; ask the server's operator",
-    )
+    message = f"the token names the tenant {name[:64]!r}, whom its issuer may not name here; ask the server's operator"
+    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
 
 
 def keys_unavailable() -> StreamRefused:
@@ -83,15 +74,13 @@ def keys_unavailable() -> StreamRefused:
 
 
 def credentials_expired() -> StreamRefused:
-    return _unauthenticated(
-        "CREDENTIALS_EXPIRED", "the credentials have expired; get new ones, and resume the sessions with them"
-    )
+    message = "the credentials have expired; get new ones, and resume the sessions with them"
+    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_EXPIRED", message)
 
 
 def credentials_revoked() -> StreamRefused:
-    return _unauthenticated(
-        "CREDENTIALS_REVOKED", "the credentials were taken back; ask the server's operator for others"
-    )
+    message = "the credentials were taken back; ask the server's operator for others"
+    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_REVOKED", message)
 
 
 def role_missing(role: Role) -> StreamRefused:

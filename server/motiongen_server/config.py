@@ -119,6 +119,9 @@ class ServerConfig:
     presets: str = setting("", "file of prompts encoded beforehand, made by python -m motiongen_ardy.text")
     drain_wait_s: float = setting(0.5, "after SIGTERM: not ready for so long, before clients are told", 0, 600)
     drain_grace_s: float = setting(5.0, "after SIGTERM: time clients get to end their sessions", 0, 3600)
+    reconnect_after_s: float = setting(
+        0.0, "after SIGTERM: clients are told to connect again then; 0: at once", 0, 3600
+    )
     reflection: bool = setting(True, "answer gRPC server reflection")
     trace_to: str = setting(
         "", "collector of OpenTelemetry traces, grpc:HOST:PORT or grpcs:HOST:PORT (TLS); none: none"

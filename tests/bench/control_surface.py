@@ -16,6 +16,7 @@ import numpy as np
 
 from motiongen_client import (
     Flexible,
+    FootContact,
     HeadingTarget,
     JointRotations,
     JointTargets,
@@ -98,6 +99,9 @@ def rows(frame: int) -> list[Row]:
         Row("root and right hand", joints(frame, ("Hips", "RightHand"))),
         Row("right hand, its root free", joints(frame, ("RightHand",))),
         Row("both feet, their root free", joints(frame, ("LeftFoot", "RightFoot"))),
+        Row("left foot stands where another clip of the prompt has it", foot(frame)),
+        Row("left foot stands there, turned by 20 degrees", foot(frame, math.radians(20))),
+        Row("root 0.15 m lower, where it would be", height(frame, -0.15)),
         Row(
             "right hand 2 m to the left, its root free",
             lambda own, _: JointTargets(frame, [joint(own, "RightHand")], [[2.0, 1.2, 0.5]]),
@@ -137,6 +141,23 @@ def joints(frame: int, names: Sequence[str]) -> Make:
     def make(own: Motion, other: Motion) -> Constraint:
         indices = [joint(own, name) for name in names]
         return JointTargets(frame, indices, pose(own, other, frame)[indices])
+
+    return make
+
+
+def foot(frame: int, heading: float | None = None) -> Make:
+    """The ankle over where the other clip has it, seen from the root."""
+
+    def make(own: Motion, other: Motion) -> Constraint:
+        x, _, z = pose(own, other, frame)[joint(own, "LeftFoot")]
+        return FootContact(frame, "LeftFoot", float(x), float(z), heading)
+
+    return make
+
+
+def height(frame: int, metres: float) -> Make:
+    def make(own: Motion, _: Motion) -> Constraint:
+        return JointTargets(frame, [0], [own.root_translation_m[frame] + [0.0, metres, 0.0]])
 
     return make
 

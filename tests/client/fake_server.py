@@ -108,6 +108,7 @@ class FakeStream:
         self.received: list[session_pb2.SessionEvent] = []
         self.warnings: list[session_pb2.EventWarning] = []  # of every edit that is taken
         self.pings: list[service_pb2.Ping] = []
+        self.answers_pings = True
         self.agent = ""
 
     def push(self, handle: int, **update: object) -> None:
@@ -133,7 +134,8 @@ class FakeStream:
                     case "ping":
                         self.pings.append(request.ping)
                         pong = service_pb2.Pong(client_time_ns=request.ping.client_time_ns)
-                        self.outgoing.put(service_pb2.StreamMotionResponse(pong=pong))
+                        if self.answers_pings:
+                            self.outgoing.put(service_pb2.StreamMotionResponse(pong=pong))
                 for event in request.events:
                     self.received.append(event)
                     self.take(event, refuse)

@@ -7,8 +7,9 @@ from collections.abc import Callable
 import pytest
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from motiongen_client import Frame, MotionClient, ProtocolViolation, Session
+from motiongen_client import Frame, LinePolicy, MotionClient, ProtocolViolation, Session
 from tests.client.fake_server import Character, FakeServer, FakeStream, synthetic_rows
+from tests.client.waiting import until
 
 EDIT = session_pb2.PLAN_CAUSE_EDIT
 Script = Callable[[FakeStream, Character], None]
@@ -118,3 +119,15 @@ async def test_a_goodbye_between_the_chunks_of_a_plan_loses_no_frame(client: Mot
     frames += await shown(session, 170)
     assert [frame.index for frame in frames] == list(range(200))
     assert follow_each_other(frames)
+
+
+async def test_a_server_that_falls_silent_is_left_for_another_line(server: FakeServer) -> None:
+    policy = LinePolicy(ping_s=0.05, pong_timeout_s=0.05)
+    async with MotionClient(server.address, policy=policy) as client:
+        session = await client.open("walk", keep_s=None)
+        frames = await shown(session, 30)
+        silent = server.stream
+        silent.answers_pings = False
+        await until(lambda: (server.stream is not silent and session.reopenings) or None)
+        frames += await shown(session, 60)
+    assert [frame.index for frame in frames] == list(range(90))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
+from dataclasses import replace
 
 import grpc
 import pytest
@@ -11,7 +12,7 @@ from motiongen.v1 import service_pb2, session_pb2
 from motiongen_compliance.messages import span
 from motiongen_compliance.target import Target, connect
 from motiongen_server.rpc.limits import Limits
-from tests.contract.local import LocalServer
+from tests.contract.local import NO_BUDGET, LocalServer
 
 
 @pytest.fixture
@@ -101,6 +102,26 @@ async def test_a_stream_that_begins_while_the_server_drains_hears_goodbye(
     assert 0 < talk.responses[-1].goodbye.grace.ToMilliseconds() <= 60_000
     await talk.ask_open(1)
     assert (await talk.answer(1, 1)).reason == "DRAINING"
+
+
+@pytest.fixture
+async def restarting() -> AsyncIterator[LocalServer]:
+    """One whose operator says how long a restart takes."""
+    async with LocalServer(Limits(), service_limits=replace(NO_BUDGET, reconnect_after_s=7.5)) as server:
+        yield server
+
+
+@pytest.fixture
+async def before_restart(restarting: LocalServer) -> AsyncIterator[Target]:
+    async for target in connect(restarting.address):
+        yield target
+
+
+async def test_clients_are_told_when_to_connect_again(restarting: LocalServer, before_restart: Target) -> None:
+    talk = await before_restart.talk()
+    restarting.service.goodbye(60.0)
+    await talk.until(lambda: talk.responses[-1].HasField("goodbye"))
+    assert talk.responses[-1].goodbye.reconnect_after.ToMilliseconds() == 7500
 
 
 async def test_a_session_whose_model_fails_ends_alone(local_server: LocalServer, local: Target) -> None:

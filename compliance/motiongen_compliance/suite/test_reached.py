@@ -97,3 +97,22 @@ async def test_a_tolerance_that_cannot_be_is_refused(target: Target, field: str,
     setattr(constraint, field, value)
     outcome = await talk.edit(1, edit_constraints(constraint))
     assert (outcome.reason, outcome.field) == (reason, f"edit_constraints.upsert[0].{field}")
+
+
+async def test_a_foot_that_is_to_stand_is_answered_or_refused_by_name(target: Target) -> None:
+    feet = [limb.name for limb in target.catalog.rigs[0].limbs if limb.name in ("LeftFoot", "RightFoot")]
+    standing = motion_pb2.FootContact(limb=feet[0] if feet else "LeftFoot", x=90.0, z=0.0)
+    talk = await target.talk()
+    heard = await talk.open(1)
+    asked = motion_pb2.Constraint(constraint_id=1, frame=60, foot_contact=standing)
+    outcome = await talk.edit(1, edit_constraints(asked))
+    nowhere = motion_pb2.Constraint(constraint_id=2, frame=60, foot_contact=motion_pb2.FootContact(limb="Tail"))
+    refused = await talk.edit(1, edit_constraints(nowhere))
+    assert (refused.reason, refused.field) == ("UNKNOWN_LIMB", "edit_constraints.upsert[0].foot_contact.limb")
+    if outcome.code != 0:
+        assert outcome.reason in ("UNKNOWN_LIMB", "UNSUPPORTED_CONSTRAINT")
+        return
+    await play_past(talk, 1, 60)
+    await talk.until(lambda: heard.reached)
+    assert not heard.reached[0].met
+    assert heard.reached[0].position_error_m > 10

@@ -143,6 +143,7 @@ def make_limits(config: ServerConfig) -> ServiceLimits:
         stuck_timeout_s=config.stuck_timeout_s,
         silent_timeout_s=config.silent_timeout_s,
         max_waiting_bytes=config.max_waiting_mib << 20,
+        reconnect_after_s=config.reconnect_after_s,
         peer=PeerLimits(
             streams=config.peer_streams,
             events_per_second=config.peer_events_per_second,

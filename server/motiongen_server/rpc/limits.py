@@ -83,7 +83,7 @@ class ServiceLimits:
     stuck_timeout_s: after which one is ended, or a clip, whose client takes nothing of what is written.
     silent_timeout_s: after which one counts as lost from which nothing comes; clients ping every 10 s. max_clip_calls:
     calls for clips that are under way. max_waiting_bytes: of unsent updates, and of events that wait for prompts, of
-    all streams together.
+    all streams together. reconnect_after_s: when clients are told to connect again as the server goes away; 0: at once.
     """
 
     max_streams: int = 2048
@@ -93,4 +93,5 @@ class ServiceLimits:
     stuck_timeout_s: float = 30.0
     silent_timeout_s: float = 90.0
     max_waiting_bytes: int = 256 << 20
+    reconnect_after_s: float = 0.0
     peer: PeerLimits = field(default_factory=PeerLimits)

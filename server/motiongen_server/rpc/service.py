@@ -65,7 +65,7 @@ class MotionService:
         self._flush_s = flush_s
         self._stream_metrics = stream_metrics
         self._record_window = record_window
-        self._reader = StreamReader(models, secrets.token_hex(4))
+        self._reader = StreamReader(models, secrets.token_hex(4), self._limits.reconnect_after_s)
         self._numbers = itertools.count(1)
         self._loop = asyncio.get_running_loop()
         count = (stream_metrics or NoStreamMetrics()).count_snapshot
@@ -232,7 +232,7 @@ class MotionService:
         for stream in self._streams.values():
             stream.accepts_opens = False
             if stream.greeted:  # else its hello, which comes first, is followed by the goodbye
-                say_draining(stream, grace_s)
+                say_draining(stream, grace_s, self._limits.reconnect_after_s)
 
     def send_away(self) -> None:
         """End every stream, so that clients go on with their sessions on other servers: nothing can be served here."""

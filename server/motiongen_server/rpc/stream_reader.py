@@ -32,11 +32,15 @@ EVENTS_A_WALK = 1024
 
 
 class StreamReader:
-    """Reads every stream of a service. ends_at: monotonic seconds, known once the server drains."""
+    """Reads every stream of a service. ends_at: monotonic seconds, known once the server drains.
 
-    def __init__(self, models: ModelRegistry, replica_id: str) -> None:
+    reconnect_after_s: as clients are told then.
+    """
+
+    def __init__(self, models: ModelRegistry, replica_id: str, reconnect_after_s: float = 0.0) -> None:
         self._models = models
         self._replica_id = replica_id
+        self._reconnect_after_s = reconnect_after_s
         self.ends_at: float | None = None
 
     async def read(self, stream: Stream, context: StreamContext) -> None:
@@ -109,4 +113,4 @@ class StreamReader:
         stream.reply(service_pb2.StreamMotionResponse(hello=answer))
         stream.greeted = True
         if self.ends_at is not None:
-            say_draining(stream, self.ends_at - time.monotonic())
+            say_draining(stream, self.ends_at - time.monotonic(), self._reconnect_after_s)

@@ -37,7 +37,7 @@ from motiongen_server.rpc.service import MotionService
 from motiongen_server.rpc.starting import StartingService
 from motiongen_server.settings import SettingError
 from motiongen_server.snapshots.store import SnapshotStore
-from motiongen_server.snapshots.stores import NONE, is_shared_by_machines, open_snapshot_store, state_folder
+from motiongen_server.snapshots.stores import NONE, is_for_several_servers, open_snapshot_store, state_folder
 from motiongen_server.transport import make_grpc_server
 
 _log = logging.getLogger("motiongen_server")
@@ -141,7 +141,7 @@ class Application:
         if (durability := self._service.durability) is not None:
             self.metrics.watch_snapshots(durability.writer)
         self._manager.open(self._service)
-        self._others_go_on = snapshots is not None and is_shared_by_machines(config.snapshot_store)
+        self._others_go_on = snapshots is not None and is_for_several_servers(config.snapshot_store)
         self._door.open(self._service)
         self.metrics.heartbeat_age.set_function(self._heartbeat_age_s)
         self.metrics.tasks.set_function(lambda: len(asyncio.all_tasks(self._loop)))

@@ -229,6 +229,20 @@ async def test_a_server_that_goes_away_leaves_its_sessions_to_the_other(tmp_path
             assert (session.stats.resumes, session.reopenings) == (1, ())
 
 
+async def test_clients_that_are_sent_away_go_on_with_their_sessions_on_the_other_server(tmp_path: Path) -> None:
+    """As where the last engine of a server is lost: no time is left to them, and the server itself stays."""
+    async with pair(tmp_path) as two:
+        session = await two.client.open("first", options=OPTIONS)
+        await played(session, 50)
+        await saved(session)
+        await quiet(two)
+        two.proxy.port = int(two.servers[1].address.rpartition(":")[2])
+        two.servers[0].service.send_away()
+        assert [row[FRAME] for row in await played(session, 100)] == list(range(50, 150))
+        assert (session.stats.resumes, session.reopenings) == (1, ())
+        await until_true(lambda: not two.servers[0].engine.num_sessions)
+
+
 async def test_a_session_that_its_client_closes_is_forgotten(tmp_path: Path) -> None:
     async with pair(tmp_path) as two:
         session = await two.client.open("first", options=OPTIONS)

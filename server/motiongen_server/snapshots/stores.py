@@ -42,8 +42,8 @@ def open_snapshot_store(asked: str, keep_s: float, folder: Path) -> SnapshotStor
     raise SettingError(f"snapshot_store is {asked!r}; it must be one of: {ALLOWED}")
 
 
-def is_shared_by_machines(asked: str) -> bool:
-    """Whether servers of other machines can go on with what a store holds."""
+def is_for_several_servers(asked: str) -> bool:
+    """Whether a store is one that several servers use, each of which can go on with what the others have saved."""
     return asked.startswith(REDIS)
 
 

@@ -10,7 +10,7 @@ import pytest
 from motiongen_server.settings import SettingError
 from motiongen_server.snapshots.sqlite_store import SqliteStore
 from motiongen_server.snapshots.store import Lease, Renewal, StoreFailed
-from motiongen_server.snapshots.stores import open_snapshot_store, state_folder
+from motiongen_server.snapshots.stores import is_for_several_servers, open_snapshot_store, state_folder
 from tests.server.snapshots.store_contract import StoreContract, Two
 
 KEEP_S = 60.0
@@ -90,6 +90,21 @@ def test_where_nothing_can_be_written_only_who_asked_for_a_file_is_refused(
     assert "sessions end with this server" in caplog.text
     with pytest.raises(SettingError, match="cannot be used"):
         open_snapshot_store("sqlite:", KEEP_S, tmp_path / "state")
+
+
+@pytest.mark.parametrize(
+    ("asked", "is_shared"),
+    [
+        ("auto", False),
+        ("none", False),
+        ("sqlite:x", False),
+        ("redis://a", True),
+        ("rediss://a", True),
+        ("unix:///a", True),
+    ],
+)
+def test_which_stores_are_for_several_servers(asked: str, is_shared: bool) -> None:
+    assert is_for_several_servers(asked) is is_shared
 
 
 @pytest.mark.parametrize(

@@ -50,29 +50,25 @@ def axis_angle_to_matrix(axis_angle: Tensor) -> Tensor:
 
 def matrix_to_quaternion(matrix: Tensor) -> Tensor:
     """(..., 3, 3) -> (..., 4) as (w, x, y, z). The largest component is taken positive, so w may be negative."""
-    m00, m11, m22 = matrix[..., 0, 0], matrix[..., 1, 1], matrix[..., 2, 2]
-    squares = torch.stack([1 + m00 + m11 + m22, 1 + m00 - m11 - m22, 1 - m00 + m11 - m22, 1 - m00 - m11 + m22], dim=-1)
+    flat = matrix.flatten(-2)
+    signed = matrix.diagonal(dim1=-2, dim2=-1)[..., None] * _SQUARE_SIGNS.to(matrix)
+    squares = 1 + signed[..., 0, :] + signed[..., 1, :] + signed[..., 2, :]
+    first, second = (flat.index_select(-1, number.to(matrix.device)) for number in (_FIRST, _SECOND))
+    products = first + _PRODUCT_SIGNS.to(matrix) * second
     roots = torch.sqrt(squares.clamp(min=0))  # twice each component's magnitude
-    wx = matrix[..., 2, 1] - matrix[..., 1, 2]
-    wy = matrix[..., 0, 2] - matrix[..., 2, 0]
-    wz = matrix[..., 1, 0] - matrix[..., 0, 1]
-    xy = matrix[..., 1, 0] + matrix[..., 0, 1]
-    xz = matrix[..., 0, 2] + matrix[..., 2, 0]
-    yz = matrix[..., 2, 1] + matrix[..., 1, 2]
-    w2, x2, y2, z2 = squares.unbind(-1)
-    # Row k holds the quaternion scaled by twice its k-th component times two.
-    candidates = torch.stack(
-        [
-            torch.stack([w2, wx, wy, wz], dim=-1),
-            torch.stack([wx, x2, xy, xz], dim=-1),
-            torch.stack([wy, xy, y2, yz], dim=-1),
-            torch.stack([wz, xz, yz, z2], dim=-1),
-        ],
-        dim=-2,
-    )
     largest = roots.argmax(dim=-1)
-    row = candidates.gather(-2, largest[..., None, None].expand(*largest.shape, 1, 4)).squeeze(-2)
+    # Row k of _ROWS names the quaternion scaled by twice its k-th component times two.
+    row = torch.cat([squares, products], dim=-1).gather(-1, _ROWS.to(matrix.device)[largest])
     return row / (2 * roots.gather(-1, largest[..., None]))
+
+
+# The squares of w, x, y, z are 1 and the diagonal with these signs, a column each; the products wx, wy, wz, xy, xz, yz
+# are sums and differences of two entries of the matrix, numbered row by row. In few operations, since where there are
+# few matrices they are what takes the time.
+_SQUARE_SIGNS = torch.tensor([[1.0, 1.0, -1.0, -1.0], [1.0, -1.0, 1.0, -1.0], [1.0, -1.0, -1.0, 1.0]])
+_FIRST, _SECOND = torch.tensor([7, 2, 3, 3, 2, 7]), torch.tensor([5, 6, 1, 1, 6, 5])
+_PRODUCT_SIGNS = torch.tensor([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0])
+_ROWS = torch.tensor([[0, 4, 5, 6], [4, 1, 7, 8], [5, 7, 2, 9], [6, 8, 9, 3]])
 
 
 def rotation_vector(matrix: Tensor) -> Tensor:

@@ -32,15 +32,15 @@ def settle_seam(layout: Representation, history: Tensor, new: Tensor, options: J
     before = global_to_local(skeleton, layout.global_rotations(history[:, -2:]))
     after = global_to_local(skeleton, whole[:, :2])
     last = before[:, -1]
-    going_on = rotation_vector(last @ before[:, 0].transpose(-1, -2))  # of one frame; zero where only one is known
+    # How much faster than the history a joint sets off, of a frame; one frame on either side tells nothing of that.
+    known = before.shape[1] > 1 and after.shape[1] > 1
+    later, earlier = (torch.stack([last, after[:, -1]]), torch.stack([before[:, 0], after[:, 0]]))
+    going_on, setting_off = rotation_vector(later @ earlier.transpose(-1, -2))  # of one frame; zero where one is known
     expected = axis_angle_to_matrix(going_on) @ last
     apart = rotation_vector(expected @ after[:, 0].transpose(-1, -2))  # (B, J, 3)
     apart = torch.cat([torch.zeros_like(apart[:, :1]), apart[:, 1:]], dim=1)  # the root's is the plan's
     jump = _beyond(apart, options.free_rad)
-    # How much faster than the history a joint sets off, of a frame; one frame on either side tells nothing of that.
-    known = before.shape[1] > 1 and after.shape[1] > 1
-    setting_off = rotation_vector(after[:, 1] @ after[:, 0].transpose(-1, -2)) if known else going_on
-    start = _beyond(going_on - setting_off, options.free_start_rad)
+    start = _beyond(going_on - setting_off if known else torch.zeros_like(going_on), options.free_start_rad)
     start = start.index_fill(1, _legs_and_root(skeleton, start.device), 0.0)
     touched = (jump != 0).any(-1) | (start != 0).any(-1)  # (B, J)
     joints = touched.any(dim=0).nonzero().flatten().tolist()

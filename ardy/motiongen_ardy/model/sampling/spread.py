@@ -38,15 +38,11 @@ def spread(values: Tensor, known: Tensor, reach: int) -> Tensor:
     frames = torch.arange(num_frames, device=known.device)[None, :, None]
     before, after = gaps(known)
     span = (after - before).clamp(1, reach)
-    weight_before = smooth_step(1 - (frames - before) / span)
-    weight_after = smooth_step(1 - (after - frames) / span) * ~known
-    width = values.shape[-1]
-
-    def taken(index: Tensor) -> Tensor:
-        index = index.clamp(0, num_frames - 1)
-        return values.gather(1, index[..., None].expand(*index.shape, width))
-
-    return weight_before[..., None] * taken(before) + weight_after[..., None] * taken(after)
+    weight_before, weight_after = smooth_step(1 - torch.stack([frames - before, after - frames]) / span)
+    weight_after = weight_after * ~known
+    index = torch.cat([before, after], dim=1).clamp(0, num_frames - 1)
+    taken = values.gather(1, index[..., None].expand(*index.shape, values.shape[-1]))
+    return weight_before[..., None] * taken[:, :num_frames] + weight_after[..., None] * taken[:, num_frames:]
 
 
 def held(values: Tensor, known: Tensor) -> Tensor:

@@ -26,7 +26,7 @@ def main() -> int:
     from motiongen_server.config import parse_config
     from motiongen_server.ops.logs import configure_logs
     from motiongen_server.ops.memory import keep_freed_memory
-    from motiongen_server.run import run
+    from motiongen_server.run import leave, run
     from motiongen_server.settings import SettingError
 
     try:
@@ -36,7 +36,7 @@ def main() -> int:
         return 2
     configure_logs(config.log_level, config.log_format)
     keep_freed_memory()
-    return asyncio.run(run(config))
+    leave(asyncio.run(run(config)))
 
 
 if __name__ == "__main__":

@@ -41,6 +41,7 @@ ATTACKS = (
     Attack("3,000 streams with hello and no session", "empty_streams", 1),
     Attack("opens with names of 5,000 characters", "long_names", 2),
     Attack("messages with some bytes changed, on streams and as clips", "mutations", 2),
+    Attack("long edits behind prompts that wait", "edits_behind_prompts", 1),
     Attack("4,000 watches of the health", "watches", 1),
     Attack("reflection, asked for without end", "reflections", 1),
     Attack("readers of a byte a second", "byte_a_second", 1),

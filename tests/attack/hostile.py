@@ -14,7 +14,16 @@ from collections.abc import Callable
 
 from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from tests.attack.calls import HELLO, STREAMS, Event, Request, bare_stream, channel_to, drain, flood, for_ever, many
-from tests.attack.hostile_load import Kind, burst_streams, byte_a_second, crowds, drawn, reflections, watches
+from tests.attack.hostile_load import (
+    Kind,
+    burst_streams,
+    byte_a_second,
+    crowds,
+    drawn,
+    edits_behind_prompts,
+    reflections,
+    watches,
+)
 from tests.attack.hostile_sockets import connections, garbage, idle_connections, unread_metrics
 from tests.attack.mutation import mutations
 
@@ -209,6 +218,7 @@ KINDS: dict[str, Kind] = {
         empty_events, empty_constraints, many_removals, huge_messages, pings, failing_opens, new_prompts, liars,
         silent_streams, unread_clips, unread_streams, catalogs, connections, garbage, heroes, playheads, empty_streams,
         long_names, idle_connections, unread_metrics, mutations, byte_a_second, burst_streams, crowds, watches,
+        edits_behind_prompts,
         reflections,
     )
 }  # fmt: skip

@@ -14,9 +14,9 @@ from typing import Any
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2
 
-from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
+from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from motiongen_server.rpc.handlers import SERVICE_NAME
-from tests.attack.calls import HELLO, STREAMS, Event, Request, bare_stream, channel_to, many
+from tests.attack.calls import HELLO, STREAMS, Event, Request, bare_stream, channel_to, drain, for_ever, many
 
 FPS = 20
 FREE_BYTES = 16_384
@@ -84,6 +84,35 @@ async def burst_streams(address: str) -> None:
                 call.cancel()
 
     await many(STREAMS, once)
+
+
+async def edits_behind_prompts(address: str) -> None:
+    """Sessions whose long edits wait behind a prompt each that nobody has used before."""
+    far = motion_pb2.RootTrajectory(positions=[1.0] * 800)
+    paths = [motion_pb2.Constraint(constraint_id=n, frame=40, root_trajectory=far) for n in range(1, 20)]  # 61 kB
+    name = random.getrandbits(64)
+
+    async def once(stream: int) -> None:
+        async with channel_to(address) as channel:
+            call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion()
+            opens = [Event(session=n, event_seq=1, open=session_pb2.OpenSession()) for n in range(64)]
+            await call.write(Request(hello=service_pb2.ClientHello(), events=opens))
+            reading = asyncio.create_task(drain(call))
+            try:
+                for number in itertools.count(2):
+                    for handle in range(64):
+                        event = Event(session=handle, event_seq=number)
+                        if number % 20 == 2:
+                            text = f"does {name} {stream} {handle} {number}"
+                            event.edit_prompts.upsert.add(prompt_id=1, text=text)
+                        else:
+                            event.edit_constraints.upsert.extend(paths)
+                        await call.write(Request(events=[event]))
+            finally:
+                reading.cancel()
+                await asyncio.gather(reading, return_exceptions=True)
+
+    await asyncio.gather(*(for_ever(lambda stream=stream: once(stream)) for stream in range(STREAMS)))
 
 
 async def watches(address: str) -> None:

@@ -18,7 +18,7 @@ from motiongen_server.engine.types import ModelFacts
 from motiongen_server.engine_process.pool import EnginePool, start_engine_processes
 from motiongen_server.ops.memory import keep_freed_memory, settled_objects
 from motiongen_server.ops.metrics import Metrics
-from motiongen_server.run import stop_on_signals
+from motiongen_server.run import leave, stop_on_signals
 from motiongen_server.text.prompts import TextEncoder
 from tests.bench.null_runner import NullEncoder
 
@@ -50,4 +50,4 @@ async def serve(config: ServerConfig) -> int:
 
 if __name__ == "__main__":
     keep_freed_memory()
-    sys.exit(asyncio.run(serve(parse_config(sys.argv[1:]))))
+    leave(asyncio.run(serve(parse_config(sys.argv[1:]))))

@@ -8,7 +8,9 @@ share of a core do not depend on that.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 from typing import Any
@@ -33,7 +35,10 @@ motiongen.connection.addEventListener("binary", ({ detail: { header, rows } }) =
   for (const head of header.heads ?? []) watched.frames += head[6];
 });
 """
-START = "Object.assign(watched, { ms: [], bytes: 0, frames: 0, messages: 0 })"
+START = """
+const from = motiongen.stage.renderer.info.render.frame;
+Object.assign(watched, { ms: [], bytes: 0, frames: 0, messages: 0, from });
+"""
 
 
 @dataclass(frozen=True)
@@ -61,11 +66,17 @@ def main() -> None:
         "--minutes", type=int, default=0, help="watch memory for so long instead, with one minute a row"
     )
     parser.add_argument("--precision", default="auto", help="of the server (default %(default)s)")
+    parser.add_argument("--server", metavar="HOST:PORT", help="one that runs, in place of one of its own")
     options = parser.parse_args()
     settings = ["--admit-load", "1000", "--precision", options.precision, "--drain-wait-s", "0"]
-    with ServerProcess(settings) as server, viewer_process(server.address) as ((address,), bridge):
+    with contextlib.ExitStack() as stack:
+        running, watched = options.server, []
+        if running is None:
+            server = stack.enter_context(ServerProcess(settings))
+            running, watched = server.address, [psutil.Process(server.pid)]
+        (address,), bridge = stack.enter_context(viewer_process(running))
         if options.minutes:
-            watch_memory(address, psutil.Process(bridge), psutil.Process(server.pid), options.minutes)
+            watch_memory(address, psutil.Process(bridge), watched, options.minutes)
             return
         table = make_table(
             "the viewer", "characters", "Hz", "Hz, plain", "script ms", "draw calls", "triangles", "KiB/s", "frames/s",
@@ -124,7 +135,8 @@ def _watched(
         time.sleep(seconds)
         told = page.run(
             "const { render } = motiongen.stage.renderer.info;"
-            "return { ...watched, calls: render.calls, triangles: render.triangles }"
+            "const drawn = render.frame - watched.from;"
+            "return { ...watched, drawn, calls: render.calls, triangles: render.triangles }"
         )
         spent = time.perf_counter() - begin
         if removes:
@@ -133,7 +145,7 @@ def _watched(
             )
             page.until("motiongen.cast.members.size === 0")
         return {
-            "hz": len(told["ms"]) / spent, "ms": median(told["ms"]), "calls": told["calls"],
+            "hz": told["drawn"] / spent, "ms": median(told["ms"]), "calls": told["calls"],
             "triangles": told["triangles"], "bytes": told["bytes"] / spent, "frames": told["frames"] / spent,
             "share": (_cpu_s(bridge) - busy) / spent, "mib": bridge.memory_info().rss / MIB if bridge else 0.0,
         }  # fmt: skip
@@ -141,7 +153,7 @@ def _watched(
         driver.quit()
 
 
-def watch_memory(address: str, bridge: psutil.Process, server: psutil.Process, minutes: int) -> None:
+def watch_memory(address: str, bridge: psutil.Process, watched: Sequence[psutil.Process], minutes: int) -> None:
     """Eight characters that are told something every five seconds, a row a minute, after the garbage was collected."""
     console = make_console()
     driver = start_chromium(size=(500, 400))
@@ -172,7 +184,7 @@ def watch_memory(address: str, bridge: psutil.Process, server: psutil.Process, m
             heap = driver.execute_cdp_cmd("Runtime.getHeapUsage", {})
             elements = page.run("return document.querySelectorAll('*').length")
             buffers = page.run("return motiongen.stage.renderer.info.memory.geometries")
-            servers = [server, *server.children(recursive=True)]
+            servers = [each for one in watched for each in (one, *one.children(recursive=True))]
             row = (
                 str(minute), f"{(heap['usedSize'] + heap.get('backingStorageSize', 0)) / MIB:.1f}", str(elements),
                 str(buffers), f"{bridge.memory_info().rss / MIB:.1f}",

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from selenium import webdriver
+from selenium.common.exceptions import TimeoutException
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.actions.action_builder import ActionBuilder
@@ -19,6 +20,7 @@ from selenium.webdriver.support.ui import WebDriverWait
 from motiongen_client.errors import MotiongenError
 
 PATIENCE_S = 150.0
+PICTURE_TRIES = 6
 SWITCHES = (
     "--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-gl=angle", "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
@@ -119,7 +121,14 @@ class Page:
         return ActionChains(self.driver)
 
     def picture(self, path: Path) -> None:
-        self.driver.save_screenshot(str(path))
+        """Keep what is shown. A browser that draws by software on a busy machine may need more than one try."""
+        for left in reversed(range(PICTURE_TRIES)):
+            try:
+                self.driver.save_screenshot(str(path))
+                return
+            except TimeoutException:
+                if not left:
+                    raise
 
     def complaints(self) -> list[str]:
         """What the console says beside what drawing by software brings."""

@@ -64,7 +64,7 @@ def open_page(view: str, open_driver: Callable[..., webdriver.Chrome]) -> Callab
 @pytest.fixture(scope="session")
 def driver() -> Iterator[webdriver.Chrome]:
     """A browser for all tests that leave it as it is."""
-    one = start_chromium(size=(1000, 760))
+    one = start_chromium(size=(900, 700))
     yield one
     one.quit()
 

@@ -6,6 +6,7 @@ On a machine that has nothing else to do: a busy one shows underruns and late ed
 from __future__ import annotations
 
 import argparse
+import contextlib
 from pathlib import Path
 
 from selenium.webdriver.common.by import By
@@ -24,18 +25,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.system.view.pictures", description=__doc__)
     parser.add_argument("--out", type=Path, default=PICTURES, metavar="FOLDER", help="default: docs/pictures")
     parser.add_argument("--only", default="stage,tools,compare,crowd,phone,gallery", help="of %(default)s")
+    parser.add_argument("--server", metavar="HOST:PORT", help="one that runs, in place of one of its own")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     wanted = options.only.split(",")
-    with ServerProcess(["--admit-load", "1000", "--drain-wait-s", "0"]) as server:
-        with viewer(server.address) as (address,):
+    with contextlib.ExitStack() as stack:
+        running = options.server
+        if running is None:
+            running = stack.enter_context(ServerProcess(["--admit-load", "1000", "--drain-wait-s", "0"])).address
+        with viewer(running) as (address,):
             for name, take in (("stage", stage), ("tools", tools), ("compare", compare), ("crowd", crowd)):
                 if name in wanted:
                     _taken(take, f"{address}?room={name}", options.out)
             if "phone" in wanted:
                 _taken(phone, plain(f"{address}?room=phone"), options.out)
         if "gallery" in wanted:
-            gallery(server.address, options.out)
+            gallery(running, options.out)
 
 
 def _taken(take: object, address: str, out: Path) -> None:

@@ -48,11 +48,12 @@ def test_a_take_is_made_again_with_ten_steps_and_compared(page: Page, pictures: 
 
 def test_what_was_saved_is_opened_again(page: Page, tmp_path: Path) -> None:
     page.driver.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
-    page.run(
-        "motiongen.cast.tell({ op: 'add_constraints', constraints: [{ kind: 'heading', frame: 60, heading_rad: 1 }] })"
+    page.tell(
+        op="add_constraints",
+        constraints=[{"kind": "heading", "frame": 30, "frames_from_effect": True, "heading_rad": 1}],
     )
-    page.settled_target("heading")
-    page.until("motiongen.cast.one.track.playhead() > 64")
+    target = page.settled_target("heading")
+    page.until("motiongen.cast.one.track.playhead() > arguments[0]", target["last"] + 2)
     for name in ("glb", "session.json", "constraints.json"):
         page.run("document.querySelector(`[data-take='${arguments[0]}']`).click()", name)
         saved = tmp_path / f"character-1.{name}"

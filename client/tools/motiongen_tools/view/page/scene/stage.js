@@ -7,13 +7,14 @@ const TILE_PX = 128;
 const LEAST_HZ = 24;
 const TRIED_MS = 2500;
 const LEAST_RATIO = 0.5;
+const PLAIN_MS = 60; // between two pictures that are drawn by software: the processor has more to do than that
 const THEMES = {
   dark: { sky: 0x14171c, ground: "#2a2f37", line: "#4a5360" },
   light: { sky: 0xe9edf2, ground: "#ccd3db", line: "#9aa6b4" },
 };
 
 export class Stage {
-  /** isPlain: for machines that draw by software: no shadows, no smooth edges, half as many pixels each way. */
+  /** isPlain: for machines that draw by software: no shadows, no smooth edges, fewer pixels, 15 pictures a second. */
   constructor(canvas, isPlain = false) {
     this.canvas = canvas;
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !isPlain, preserveDrawingBuffer: false });
@@ -22,6 +23,8 @@ export class Stage {
     this._ratio = isPlain ? LEAST_RATIO : Math.min(devicePixelRatio, 2);
     this._slowSinceMs = null;
     this._drawn = 0;
+    this._pauseMs = isPlain ? PLAIN_MS : 0;
+    this._drawnMs = -Infinity;
     this._shadowEvery = 1;
     this.renderer.shadowMap.autoUpdate = false;
     this.renderer.setPixelRatio(this._ratio);
@@ -115,6 +118,9 @@ export class Stage {
 
   render() {
     this.controls.update();
+    const nowMs = performance.now();
+    if (nowMs - this._drawnMs < this._pauseMs) return;
+    this._drawnMs = nowMs;
     const { x, z } = this.controls.target;
     this._ground.position.set(Math.round(x), 0, Math.round(z));
     if (this._drawn++ % this._shadowEvery === 0) { // the light stays where its shadows were drawn from

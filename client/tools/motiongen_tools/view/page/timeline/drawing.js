@@ -1,7 +1,7 @@
 // The timeline's picture: ruler, what is committed and planned, prompt spans, targets, seams, underruns.
 
 export const ROWS = { ruler: [0, 18], plan: [20, 30], spans: [34, 58], targets: [64, 82], marks: [84, 96] };
-const SIGNS = { waypoint: "◆", trajectory: "▬", path: "▬", keyframe: "☻", joint_targets: "✋", heading: "➤", joint_rotations: "↻" };
+const SIGNS = { waypoint: "◆", trajectory: "▬", path: "▬", keyframe: "☻", joint_targets: "✚", heading: "➤", joint_rotations: "↻" };
 const HUES = [24, 200, 120, 340, 270, 50, 170, 90];
 
 /** colours: of the theme; seek: the frame looked at, or null while live. drag: a span as it is being moved. */

@@ -12,9 +12,10 @@ import grpc
 import numpy as np
 
 from motiongen_client import LinePolicy, MotionClient, Session, SessionOptions
-from motiongen_client.errors import MotiongenError
+from motiongen_client.errors import EventRefused, MotiongenError
 
 PROMPTS = ("a person walks forward", "a person runs forward", "a person waves with the right hand", "a person stands")
+ENCODER_AWAY = ("TEXT_ENCODER_UNAVAILABLE", "TEXT_ENCODER_SLOW")
 CLIENTS = 4
 EDIT_EVERY_S = 3.0
 LOOK_EVERY_S = 0.01
@@ -24,7 +25,8 @@ POLICY = LinePolicy(ping_s=1.0, pong_timeout_s=1.0, hello_timeout_s=2.0)
 @dataclass
 class Character:
     """One session. lost_at, back_at: of its lines, in pairs, monotonic seconds. changed: committed frames that were
-    shown otherwise than promised. unanswered: edits that were refused or never answered. ended: why it did.
+    shown otherwise than promised. unanswered: edits that were refused or never answered. put_off: edits that were
+    refused until the text encoder is there again, which is an answer. ended: why it did.
     """
 
     session: Session
@@ -34,6 +36,7 @@ class Character:
     shown: int = 0
     answered: int = 0
     unanswered: int = 0
+    put_off: int = 0
     ended: str = ""
     promised: dict[int, np.ndarray] = field(default_factory=dict)
 
@@ -129,6 +132,11 @@ async def _direct(character: Character, index: int) -> None:
         number += 1
         try:
             await character.session.set_prompt(PROMPTS[number % len(PROMPTS)])
+        except EventRefused as refusal:
+            if refusal.reason in ENCODER_AWAY:
+                character.put_off += 1
+            else:
+                character.unanswered += 1
         except MotiongenError:
             character.unanswered += 1
         else:

@@ -212,6 +212,8 @@ async def play(
             print(f"{number + 1}. {what} ({kill.victim}): {lost}; {kill.missed} frames missed", flush=True)  # fmt: skip
             if kill.ended:
                 break
+        put_off = sum(each.put_off for each in cast.characters)
+        print(f"edits with new prompts that were put off while the encoder was away: {put_off}", flush=True)
 
 
 def main() -> int:

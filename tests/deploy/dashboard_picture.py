@@ -92,7 +92,7 @@ def draw_panel(axes: Any, panel: Panel, prometheus: Prometheus, start: float, en
             axes.plot(moments, values, lw=1, label=label)
     if panel.limit is not None:
         axes.axhline(panel.limit, color="#e02f44", lw=0.7, ls="--")
-    axes.set_ylim(bottom=0)
+    axes.set_ylim(0, 1.25 * axes.get_ylim()[1])
     axes.set_xlim(0, end - start)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=5, labelcolor="0.8", facecolor="#181b1f", edgecolor="#181b1f", ncol=3, loc="upper left")

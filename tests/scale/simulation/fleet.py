@@ -11,15 +11,19 @@ from tests.scale.simulation.assumptions import Assumptions
 
 RING_POINTS = 40
 """Of each server on the ring of a proxy's consistent hash."""
+BOUND = 1.5
+"""Of a hash with bounded loads: the clients that a server may have, by the mean of all."""
 HINTED = 8
 """Servers that one that is full knows the load of, when it names another."""
 
 
 class Placement(Enum):
-    """KEY: where the client's key leads, and there again if it is full. HINT: where it leads, and where that server
+    """KEY: where the client's key leads, and there again if it is full. BOUNDED: the same, but that no server is given
+    more than `BOUND` times the mean number of clients. HINT: where it leads, and where that server
     says there is room if it is full. LEAST: the emptier of two at random, from the beginning."""
 
     KEY = "key"
+    BOUNDED = "key, bounded"
     HINT = "key, then a hint"
     LEAST = "emptier of two"
 
@@ -100,7 +104,7 @@ class Fleet:
             first = self._by_key(client.key)
         if self.has_room(first, client.characters):
             return self._put(client, first)
-        if self.placement is Placement.KEY:
+        if self.placement in (Placement.KEY, Placement.BOUNDED):
             return None
         known = [self._dice.choice(self.servers) for _ in range(HINTED)]
         best = min(known, key=lambda server: (server.drains, server.characters))
@@ -108,9 +112,12 @@ class Fleet:
 
     def _by_key(self, key: float) -> Server:
         at = bisect.bisect(self._ring, key, key=lambda point: point[0])
+        most = float("inf")
+        if self.placement is Placement.BOUNDED:
+            most = BOUND * (1 + sum(len(server.clients) for server in self.servers)) / len(self.servers)
         for step in range(len(self._ring)):
             server = self._ring[(at + step) % len(self._ring)][2]
-            if not server.drains:
+            if not server.drains and len(server.clients) < most:
                 return server
         return self._ring[at % len(self._ring)][2]
 

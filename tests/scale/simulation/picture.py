@@ -9,7 +9,12 @@ from tests.scale.simulation.assumptions import Day
 from tests.scale.simulation.day import Outcome
 from tests.scale.simulation.fleet import Placement
 
-COLOURS = {Placement.KEY: "tab:red", Placement.HINT: "tab:blue", Placement.LEAST: "tab:green"}
+COLOURS = {
+    Placement.KEY: "tab:red",
+    Placement.BOUNDED: "tab:orange",
+    Placement.HINT: "tab:blue",
+    Placement.LEAST: "tab:green",
+}
 
 
 def draw_days(outcomes: Mapping[tuple[int, int, Placement], Outcome], folder: Path) -> Path:

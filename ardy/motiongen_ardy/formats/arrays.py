@@ -1,4 +1,4 @@
-"""Arrays out of an NPZ file from strangers: sizes checked before reading, no pickles, no paths."""
+"""Arrays out of an untrusted NPZ file: sizes checked before reading, no pickles, no paths."""
 
 from __future__ import annotations
 

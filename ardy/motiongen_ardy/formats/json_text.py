@@ -1,4 +1,4 @@
-"""JSON from strangers: bounded, no NaN, no name twice, and arrays of numbers of just the shape they must have."""
+"""Untrusted JSON: bounded, no NaN, no name twice, and arrays of numbers of just the shape they must have."""
 
 from __future__ import annotations
 

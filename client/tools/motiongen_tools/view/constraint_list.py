@@ -14,6 +14,7 @@ import numpy as np
 from motiongen_client.kinematics import quaternion_to_matrix
 from motiongen_client.motion import Motion, Rig
 from motiongen_client.types import (
+    FootContact,
     HeadingTarget,
     JointRotations,
     JointTargets,
@@ -103,6 +104,8 @@ def _entry(target: Target, take: Motion) -> tuple[Entry, str]:
             return _whole("fullbody", row, local, where[0]), ""
         case JointTargets(frame=frame):
             return _limbs(wanted, _row(frame, take), take)
+        case FootContact():
+            raise _Unsaid("lists of ARDY have no feet that stand")
         case JointRotations(frame=frame):
             return _rotated(wanted, _row(frame, take), take)
 

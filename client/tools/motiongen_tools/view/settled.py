@@ -10,6 +10,7 @@ import numpy as np
 from motiongen_client.kinematics import matrix_to_quaternion, quaternion_to_matrix
 from motiongen_client.types import (
     Flexible,
+    FootContact,
     HeadingTarget,
     JointRotations,
     JointTargets,
@@ -59,7 +60,7 @@ def _in_world(wanted: Wanted, placement: Placement) -> Wanted:
         return np.where(is_free[:, None], 0.0, moved).astype(np.float32)
 
     match wanted:
-        case Waypoint(x_m=x, z_m=z, heading_rad=faces):
+        case Waypoint(x_m=x, z_m=z, heading_rad=faces) | FootContact(x_m=x, z_m=z, heading_rad=faces):
             x, z = ground([x, z]).tolist()
             return dataclasses.replace(wanted, x_m=x, z_m=z, heading_rad=None if faces is None else faces + heading)
         case HeadingTarget(heading_rad=faces):

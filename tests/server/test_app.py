@@ -280,8 +280,8 @@ def test_model_device_steps_and_precision_reach_the_runner(monkeypatch: pytest.M
         return FakeRunner(RealTime())
 
     monkeypatch.setattr("motiongen_server.runner.load_runner", remember)
-    load_model(config(denoise_steps=5, precision="bfloat16"), BUILT_IN_MODEL)
-    assert asked == [(BUILT_IN_MODEL, "cpu", 5, "bfloat16")]
+    load_model(config(denoise_steps=5, precision="bfloat16", cuda_graphs=True), BUILT_IN_MODEL)
+    assert asked == [(BUILT_IN_MODEL, "cpu", 5, "bfloat16", True)]
 
 
 async def test_when_the_engine_fails_it_ends_with_1(caplog: pytest.LogCaptureFixture) -> None:

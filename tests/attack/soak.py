@@ -129,7 +129,7 @@ async def at_rest(server: Server) -> Reading:
     reading = server.read()
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(REST_S):
-            while not reading.rest:  # noqa: ASYNC110: a server of its own process tells no event
+            while not reading.rest:  # no event tells it from another process
                 await asyncio.sleep(1)
                 reading = server.read()
     return reading

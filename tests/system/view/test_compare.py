@@ -1,17 +1,33 @@
-"""In Chromium: a take is made again with more steps, and both are seen at the same frame; files are opened again."""
+"""In Chromium: a take is made again, with more steps or by another model, and both are seen at the same frame.
+
+Files are opened again.
+"""
 
 from __future__ import annotations
 
 import json
+import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
 
-from tests.system.view.chromium import Page
+from motiongen_ardy.checkpoint.model_card import BUILT_IN_MODEL
+from motiongen_tools.server_process import ServerProcess
+from tests.conftest import ROOT
+from tests.system.view.chromium import Page, viewer
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(500)]
+
+BUILT_IN = ROOT / "ardy" / "pretrained" / BUILT_IN_MODEL
+SLIDES = """
+const [last, done] = arguments;
+import('/ui/plots.js').then(({ figures }) =>
+  done([...motiongen.cast.members.values()].map((one) => figures(one, last).slides)));
+"""  # metres a second of feet that are said to stand, as the page plots them
 
 
 def test_a_take_is_made_again_with_ten_steps_and_compared(page: Page, pictures: Path) -> None:
@@ -68,4 +84,41 @@ def test_what_was_saved_is_opened_again(page: Page, tmp_path: Path) -> None:
     page.until("motiongen.cast.members.size === 2")  # who plays the session file again
     page.until("motiongen.cast.one.info.targets.filter(({ spec }) => spec.kind === 'waypoint').length === 1")
     page.until("motiongen.cast.members.get(2).info.targets.some(({ spec }) => spec.kind === 'heading')")
+    assert page.complaints() == []
+
+
+@pytest.fixture(scope="module")
+def with_and_without(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The address of a page on a server that holds the built-in model twice: its feet cleaned up, and as they come."""
+    raw = tmp_path_factory.mktemp("models") / "raw-feet"
+    shutil.copytree(BUILT_IN, raw)
+    sampling = raw / "sampling.yaml"
+    sampling.write_text(sampling.read_text().replace("clean_feet: true", "clean_feet: false"))
+    settings = ["--devices", "cpu:1", "--profile-s", "0.5", "--admit-load", "1000", "--drain-wait-s", "0"]
+    with (
+        ServerProcess([*settings, "--model", BUILT_IN_MODEL, "--model", str(raw)]) as server,
+        viewer(server.address) as (address,),
+    ):
+        yield address
+
+
+def test_a_take_is_made_again_without_the_clean_up_of_feet(
+    with_and_without: str, open_page: Callable[..., Page], pictures: Path
+) -> None:
+    page = open_page(with_and_without)
+    page.until_shown()
+    page.driver.find_element(By.CSS_SELECTOR, "[data-preset=walk]").click()
+    page.until("motiongen.cast.one.track.playhead() > 120")
+    page.run("document.getElementById('compare-panel').open = true")
+    Select(page.driver.find_element(By.ID, "again-model")).select_by_value("raw-feet")
+    page.run("document.getElementById('again').click()")
+    page.until("motiongen.cast.members.size === 2 && !motiongen.cast.members.get(2).info.is_rehearsing")
+    first, again = page.run("return [...motiongen.cast.members.values()].map(({ info }) => info)")
+    assert (again["model"], again["seed"]) == ("raw-feet", first["seed"])
+    page.run("document.getElementById('compare').click()")
+    page.until("document.getElementById('compare-said').value.includes('joints')")
+    page.picture(pictures / "with-and-without-clean-up.png")
+    cleaned, raw = page.driver.execute_async_script(SLIDES, 120)
+    assert len(cleaned) == len(raw) > 60
+    assert np.mean(cleaned) < np.mean(raw) / 2
     assert page.complaints() == []

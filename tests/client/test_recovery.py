@@ -165,3 +165,16 @@ async def test_a_session_that_nobody_looks_at_says_where_it_stands(client: Motio
     await client.open("a person walks")
     reports = await received(server, "playhead", 2)
     assert {report.playhead.frame for report in reports} == {0}
+
+
+async def test_a_session_that_is_closed_ends_though_the_line_is_lost_before_the_answer(
+    client: MotionClient, server: FakeServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = await client.open("a person walks")
+    monkeypatch.setattr(server.stream, "close", lambda handle: None)
+    closing = asyncio.create_task(session.close())
+    await received(server, "close")
+    server.stream.end()
+    end = await closing
+    assert "the line was lost" in end.message
+    assert await session.close() == end

@@ -112,6 +112,7 @@ class Recovery(Direction):
         """The line is lost; `reattach` follows, or `fail`."""
         if self._line is not Line.OPENING:
             self._line = Line.LOST
+            self._changed.set()  # who waits for an answer hears that none comes
 
     def reattach(self, catalog: Catalog) -> None:
         """There is another call to a server, which has this catalogue: go on there."""
@@ -245,6 +246,7 @@ class Recovery(Direction):
     def _lose(self, reason: str) -> None:
         """The server has ended the session as it goes away, or has lost it: go on elsewhere, or open it anew."""
         self._line, self._reason = Line.LOST, reason
+        self._changed.set()
         if not self.is_durable:
             self._token = ""
         if not self._carrier.draining:  # else the stream ends soon, and the next one reattaches

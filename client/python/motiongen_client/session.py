@@ -62,15 +62,17 @@ class Session(Conversation):
     async def close(self) -> SessionEnd:
         """End the session. Returns how it ended; calling it again returns the same.
 
-        While the line is lost it ends here at once, and on the server when its grace is over.
+        While the line is lost it ends here at once, and on the server when its grace is over; so it does where the line
+        is lost before the server has answered.
         """
-        if self._end is None and self._failure is None and self._line is Line.LOST:
-            self._finish(SessionEnd("client", "it was closed while the line was lost", self._num_frames, 0))
-        if self._end is None and self._failure is None:
+        if self._end is None and self._failure is None and self._line is not Line.LOST:
             self._send(session_pb2.SessionEvent(close=session_pb2.CloseSession()))
         while self._end is None:
             if self._failure is not None:
                 raise self._failure
+            if self._line is Line.LOST:
+                self._finish(SessionEnd("client", "it was closed while the line was lost", self._num_frames, 0))
+                break
             self._changed.clear()
             await self._changed.wait()
         return self._end

@@ -22,6 +22,7 @@ from tests.system.view.chromium import Page, viewer
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(500)]
 
+RAW_FEET = "raw-feet"
 BUILT_IN = ROOT / "ardy" / "pretrained" / BUILT_IN_MODEL
 SLIDES = """
 const [last, done] = arguments;
@@ -82,7 +83,7 @@ def test_what_was_saved_is_opened_again(page: Page, tmp_path: Path) -> None:
     page.until("motiongen.takes.opened.length === 1")  # the glTF, as its own scene
     assert page.run("return motiongen.takes.opened[0].numFrames") > 60
     page.until("motiongen.cast.members.size === 2")  # who plays the session file again
-    page.until("motiongen.cast.one.info.targets.filter(({ spec }) => spec.kind === 'waypoint').length === 1")
+    page.until("motiongen.cast.one.info.targets.filter(({ spec }) => spec.kind === 'trajectory').length === 1")
     page.until("motiongen.cast.members.get(2).info.targets.some(({ spec }) => spec.kind === 'heading')")
     assert page.complaints() == []
 
@@ -90,10 +91,15 @@ def test_what_was_saved_is_opened_again(page: Page, tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def with_and_without(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """The address of a page on a server that holds the built-in model twice: its feet cleaned up, and as they come."""
-    raw = tmp_path_factory.mktemp("models") / "raw-feet"
+    raw = tmp_path_factory.mktemp("models") / RAW_FEET
     shutil.copytree(BUILT_IN, raw)
-    sampling = raw / "sampling.yaml"
-    sampling.write_text(sampling.read_text().replace("clean_feet: true", "clean_feet: false"))
+    for name, old, new in (
+        ("sampling.yaml", "clean_feet: true", "clean_feet: false"),
+        ("MODEL_CARD.md", f"name: {BUILT_IN_MODEL}", f"name: {RAW_FEET}"),
+    ):
+        text = (raw / name).read_text(encoding="utf-8")
+        assert old in text
+        (raw / name).write_text(text.replace(old, new), encoding="utf-8")
     settings = ["--devices", "cpu:1", "--profile-s", "0.5", "--admit-load", "1000", "--drain-wait-s", "0"]
     with (
         ServerProcess([*settings, "--model", BUILT_IN_MODEL, "--model", str(raw)]) as server,
@@ -110,11 +116,11 @@ def test_a_take_is_made_again_without_the_clean_up_of_feet(
     page.driver.find_element(By.CSS_SELECTOR, "[data-preset=walk]").click()
     page.until("motiongen.cast.one.track.playhead() > 120")
     page.run("document.getElementById('compare-panel').open = true")
-    Select(page.driver.find_element(By.ID, "again-model")).select_by_value("raw-feet")
+    Select(page.driver.find_element(By.ID, "again-model")).select_by_value(RAW_FEET)
     page.run("document.getElementById('again').click()")
     page.until("motiongen.cast.members.size === 2 && !motiongen.cast.members.get(2).info.is_rehearsing")
     first, again = page.run("return [...motiongen.cast.members.values()].map(({ info }) => info)")
-    assert (again["model"], again["seed"]) == ("raw-feet", first["seed"])
+    assert (again["model"], again["seed"]) == (RAW_FEET, first["seed"])
     page.run("document.getElementById('compare').click()")
     page.until("document.getElementById('compare-said').value.includes('joints')")
     page.picture(pictures / "with-and-without-clean-up.png")

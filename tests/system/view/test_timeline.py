@@ -74,7 +74,7 @@ def test_a_take_is_saved_and_opened_again(page: Page, tmp_path: Path) -> None:
         )
     page.driver.find_element(By.ID, "open-file").send_keys(str(_saved(tmp_path, "character-1.npz", page)))
     page.until("motiongen.takes.opened.length === 1")
-    assert page.run("return motiongen.takes.opened[0].rows.length") == len(read_npz(tmp_path / "character-1.npz"))
+    assert page.run("return motiongen.takes.opened[0].numFrames") == len(read_npz(tmp_path / "character-1.npz"))
     assert read_session(_saved(tmp_path, "character-1.session.json", page)).opening["preset"] == "stand"
     page.driver.find_element(By.ID, "open-file").send_keys(str(_saved(tmp_path, "character-1.bvh", page)))
     page.until("motiongen.takes.opened.length === 2")

@@ -71,8 +71,9 @@ class Session(Conversation):
             if self._failure is not None:
                 raise self._failure
             if self._line is Line.LOST:
-                self._finish(SessionEnd("client", "it was closed while the line was lost", self._num_frames, 0))
-                break
+                end = SessionEnd("client", "it was closed while the line was lost", self._num_frames, 0)
+                self._finish(end)
+                return end
             self._changed.clear()
             await self._changed.wait()
         return self._end

@@ -14,7 +14,7 @@ from selenium.webdriver.support.ui import Select
 
 from motiongen_tools.cli import run
 from motiongen_tools.server_process import ServerProcess
-from tests.system.view.chromium import Page, plain, start_chromium, viewer
+from tests.system.view.chromium import Page, start_chromium, viewer
 
 PICTURES = Path(__file__).parents[3] / "docs" / "pictures"
 SIZE = (1280, 860)
@@ -38,7 +38,7 @@ def main() -> None:
                 if name in wanted:
                     _taken(take, f"{address}?room={name}", options.out)
             if "phone" in wanted:
-                _taken(phone, plain(f"{address}?room=phone"), options.out)
+                _taken(phone, f"{address}?room=phone", options.out)
         if "gallery" in wanted:
             gallery(running, options.out)
 
@@ -68,7 +68,7 @@ def stage(page: Page, out: Path) -> None:
     page.tell(op="set_prompt", preset="wave-both")
     accepted = "motiongen.cast.one.info.edits.find(({ op, effective_frame }) => op === 'set_prompt' && effective_frame)"
     edit = page.until(accepted)
-    frame = edit["effective_frame"] + 80
+    frame = edit["effective_frame"] + 200  # still to come, however late a picture is
     page.tell(op="set_prompt", preset="walk", frame=frame, end_frame=frame + 60)
     page.until("motiongen.cast.one.track.playhead() > arguments[0]", max(target["last"], edit["effective_frame"]) + 30)
     page.until_drawn()
@@ -93,6 +93,7 @@ def tools(page: Page, out: Path) -> None:
     page.run("document.getElementById('clear').click()")
     for panel in ("target-panel", "options-panel"):
         page.run("document.getElementById(arguments[0]).open = true", panel)
+        page.run("document.getElementById(arguments[0]).scrollIntoView()", panel)
         page.driver.find_element(By.ID, panel).screenshot(str(out / f"viewer-{panel}.png"))
         page.run("document.getElementById(arguments[0]).open = false", panel)
 
@@ -108,8 +109,8 @@ def compare(page: Page, out: Path) -> None:
     page.run("document.getElementById('compare').click(); document.getElementById('inspect').scrollTop = 260")
     page.run("motiongen.timeline.lookAt(110)")
     page.until("motiongen.compare.frame === 110")
-    page.until_drawn()
-    page.until_drawn()
+    for _ in range(8):  # the camera comes after
+        page.until_drawn()
     page.picture(out / "viewer-compare.png")
     Select(page.driver.find_element(By.ID, "compare-how")).select_by_value("over")
     page.until_drawn()
@@ -133,6 +134,7 @@ def phone(page: Page, out: Path) -> None:
     screen = {"width": 390, "height": 780, "deviceScaleFactor": 1, "mobile": True}
     page.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
     page.run("document.body.classList.add('watching')")
+    page.until("!document.querySelector('#notes p')")
     page.until_drawn()
     page.until_drawn()
     page.picture(out / "viewer-phone.png")

@@ -7,10 +7,14 @@ from pathlib import Path
 
 import pytest
 
+STARTED_BY_OTHERS = {"fuzz_targets"}
+"""By `fuzz_edge`, in a process of its own, with what `make fuzz` installs."""
 BENCHES = sorted(
     path.stem
     for path in Path(__file__).parent.glob("*.py")
-    if not path.stem.startswith(("test_", "__")) and "__main__" in path.read_text(encoding="utf-8")
+    if not path.stem.startswith(("test_", "__"))
+    and path.stem not in STARTED_BY_OTHERS
+    and "__main__" in path.read_text(encoding="utf-8")
 )
 
 

@@ -38,6 +38,8 @@ class Told:
         require(not self.is_closing, "nothing is said of a session after CloseSession")
         require(event.event_seq == self.sent_seq + 1, f"numbers rise by one: {event.event_seq} after {self.sent_seq}")
         self.sent_seq = event.event_seq
+        if self.heard is not None:
+            self.heard.sent_seq = event.event_seq
         self.is_closing = kind == "close"
 
     def _report(self, report: session_pb2.Playhead) -> None:

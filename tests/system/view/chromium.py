@@ -183,13 +183,15 @@ def viewer_process(server: str, port: int = 0, *more: str) -> Iterator[tuple[lis
     """As `viewer`, with the process id of the bridge. Raises ViewerFailed."""
     command = [sys.executable, "-m", "motiongen_tools", "view", "--server", server, "--port", str(port), *more]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        line = process.stdout.readline()
-        if not line:
-            raise ViewerFailed(f"the viewer did not start: {process.stderr.read()}")
-        addresses = [line.split()[-1]]
-        while "Ctrl+C" not in (line := process.stdout.readline()):
-            addresses.append(line.split()[-1])
-        yield addresses, process.pid
-        process.terminate()
+        try:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            line = process.stdout.readline()
+            if not line:
+                raise ViewerFailed(f"the viewer did not start: {process.stderr.read()}")
+            addresses = [line.split()[-1]]
+            while "Ctrl+C" not in (line := process.stdout.readline()):
+                addresses.append(line.split()[-1])
+            yield addresses, process.pid
+        finally:
+            process.terminate()

@@ -63,7 +63,7 @@ def test_a_page_goes_on_with_the_next_server(open_page: Callable[..., Page]) -> 
             page.until("document.getElementById('status-server').value.includes('lost')")
             with ServerProcess([*settings, "--port", address.rpartition(":")[2]]) as second:
                 assert second.address == address
-                page.until("motiongen.cast.one.info.reopenings === 1")
+                page.until("motiongen.cast.one.info.resumes + motiongen.cast.one.info.reopenings === 1")
                 at = page.run("return motiongen.cast.one.track.playhead()")
                 page.until("motiongen.cast.one.track.playhead() > arguments[0] + 30", at)
                 assert page.run("return motiongen.cast.one.info.spans.at(-1).preset") == "walk"

@@ -109,3 +109,18 @@ def test_twenty_characters_are_shown_and_removed(page: Page) -> None:
     page.run("motiongen.cast.ask({ op: 'remove', character: 7 })")
     page.until("motiongen.cast.members.size === 19")
     assert page.complaints() == []
+
+
+def test_marks_of_targets_that_are_over_leave_nothing_on_the_gpu(page: Page) -> None:
+    held = []
+    for count in (1, 2):
+        place = {"kind": "waypoint", "frame": 0, "at_any_frame": True, "x_m": 0.3 * count, "z_m": 0.3}
+        page.tell(op="add_constraints", constraints=[place])
+        page.until("motiongen.cast.one.info.targets.length === arguments[0]", count)
+        target = page.until(
+            "motiongen.cast.one.info.targets.at(-1).state.startsWith('m') && motiongen.cast.one.info.targets.at(-1)"
+        )
+        page.until("motiongen.cast.one.track.playhead() > arguments[0] + 3.2 * 20", target["last"])
+        page.until_drawn()
+        held.append(page.run("return motiongen.stage.renderer.info.memory.geometries"))
+    assert held[0] == held[1]

@@ -54,15 +54,14 @@ export class Marks {
       kept.add(target.id);
       const held = this._targets.get(target.id);
       if (held?.state === target.state && held.spec === JSON.stringify(target.spec)) continue;
-      held?.object.removeFromParent();
+      if (held) discard(held.object);
       const object = targetMark(target);
       this._group.add(object);
       this._targets.set(target.id, { object, state: target.state, spec: JSON.stringify(target.spec) });
     }
     for (const [id, { object }] of this._targets) {
       if (kept.has(id)) continue;
-      object.removeFromParent();
-      object.traverse((each) => each.geometry?.dispose());
+      discard(object);
       this._targets.delete(id);
     }
   }
@@ -94,6 +93,15 @@ export class Marks {
       if (foot.visible) foot.position.set(rig.positions[3 * joints[n]], 0.006, rig.positions[3 * joints[n] + 2]);
     });
   }
+}
+
+/** Take a mark off the stage, and what it has on the GPU. */
+function discard(object) {
+  object.removeFromParent();
+  object.traverse((each) => {
+    each.geometry?.dispose();
+    each.material?.dispose();
+  });
 }
 
 function targetMark(target) {

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -58,16 +57,13 @@ def attacked(
 ) -> Iterator[Attacked]:
     """Start a server; SIGTERM ends it, and what it exits with is noted. most_files: its limit of open descriptors."""
 
-    def limit() -> None:
-        if most_files is not None:
-            resource.setrlimit(resource.RLIMIT_NOFILE, (most_files, most_files))
-
-    before: Callable[[], None] | None = limit if most_files is not None else None
+    # By the shell, not between fork and exec: gRPC's threads in this process make Python code there unsafe.
+    limited = () if most_files is None else ("/bin/sh", "-c", f'ulimit -n {most_files} && exec "$@"', "sh")
     python_path = os.environ.get("ATTACKED_PYTHONPATH", os.environ.get("PYTHONPATH", ""))
     with log.open("w", encoding="utf-8") as errors:
         process = subprocess.Popen(
-            [sys.executable, "-m", *module, *ORDINARY, *settings],
-            cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True, preexec_fn=before,
+            [*limited, sys.executable, "-m", *module, *ORDINARY, *settings],
+            cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True,
             env={**os.environ, "PYTHONPATH": python_path},
         )  # fmt: skip
     assert process.stdout is not None

@@ -16,15 +16,7 @@ if [ ${#missing[@]} = 0 ]; then
   exit 0
 fi
 
-as_root=
-if [ "$(id -u)" != 0 ]; then
-  as_root="sudo -n"
-fi
-if ! command -v apt-get >/dev/null || ! $as_root true 2>/dev/null; then
-  echo "the C++ client needs ${missing[*]}; on Debian 12 or later: apt-get install ${packages[*]}" >&2
+if ! bash "$(dirname "$0")/apt_install.sh" "the C++ client needs ${missing[*]}" "${packages[@]}"; then
   echo "(make test CPP=no tests everything else)" >&2
   exit 1
 fi
-echo "installing ${packages[*]}"
-$as_root apt-get update -qq
-$as_root env DEBIAN_FRONTEND=noninteractive apt-get install -qq --yes --no-install-recommends "${packages[@]}" >/dev/null

@@ -28,14 +28,4 @@ done
 if [ ${#missing[@]} = 0 ]; then
   exit 0
 fi
-as_root=
-if [ "$(id -u)" != 0 ]; then
-  as_root="sudo -n"
-fi
-if ! command -v apt-get >/dev/null || ! $as_root true 2>/dev/null; then
-  echo "make test-system takes programs that are not here; on Debian 12 or later: apt-get install ${missing[*]}" >&2
-  exit 1
-fi
-echo "installing ${missing[*]}"
-$as_root apt-get update -qq
-$as_root env DEBIAN_FRONTEND=noninteractive apt-get install -qq --yes --no-install-recommends "${missing[@]}" >/dev/null
+exec bash "$(dirname "$0")/apt_install.sh" "make test-system takes programs that are not here" "${missing[@]}"

@@ -28,12 +28,7 @@ class Waypoint:
     tolerance_rad: float | None = None
 
     def __post_init__(self) -> None:
-        check_tolerance(self.tolerance_m, self.tolerance_rad)
-        check_frame("frame", self.frame)
-        check_finite("x_m", self.x_m)
-        check_finite("z_m", self.z_m)
-        if self.heading_rad is not None:
-            check_finite("heading_rad", self.heading_rad)
+        _check_place(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,15 +179,19 @@ class FootContact:
     tolerance_rad: float | None = None
 
     def __post_init__(self) -> None:
-        check_tolerance(self.tolerance_m, self.tolerance_rad)
-        check_frame("frame", self.frame)
-        check_finite("x_m", self.x_m)
-        check_finite("z_m", self.z_m)
-        if self.heading_rad is not None:
-            check_finite("heading_rad", self.heading_rad)
+        _check_place(self)
 
 
 Target = Waypoint | RootTrajectory | Keyframe | JointTargets | HeadingTarget | JointRotations | RootPath | FootContact
+
+
+def _check_place(target: Waypoint | FootContact) -> None:
+    check_tolerance(target.tolerance_m, target.tolerance_rad)
+    check_frame("frame", target.frame)
+    check_finite("x_m", target.x_m)
+    check_finite("z_m", target.z_m)
+    if target.heading_rad is not None:
+        check_finite("heading_rad", target.heading_rad)
 
 
 @dataclass(frozen=True)

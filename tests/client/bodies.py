@@ -2,29 +2,38 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 
-from motiongen_ardy.core.skeleton import Skeleton, load_skeleton
 from motiongen_client import Motion, Rig
 from motiongen_client.ground.limb_ik import two_bone
 from motiongen_client.kinematics import axis_angle_to_quaternion, matrix_to_quaternion
 
 FPS = 20
+SKELETONS = Path(__file__).resolve().parents[2] / "ardy" / "motiongen_ardy" / "skeletons"
 
 
 def client_rig(name: str = "core27") -> Rig:
     """A rig of ours as the catalogue has it."""
-    skeleton: Skeleton = load_skeleton(name)
-    joints = skeleton.num_joints
+    facts = json.loads((SKELETONS / f"{name}.json").read_text(encoding="utf-8"))  # the client does not need the library
+    names, parents = tuple(facts["joint_names"]), tuple(facts["parents"])
+    places = np.array(facts["neutral_joints_m"])
+
+    def indices(key: str) -> tuple[int, ...]:
+        return tuple(names.index(joint) for joint in facts[key])
+
+    right_hip, left_hip = indices("hip_joints_right_left")
     return Rig(
         rig_id=name,
-        joint_names=skeleton.joint_names,
-        parents=skeleton.parents,
-        offsets_m=skeleton.offsets.astype(np.float32),
+        joint_names=names,
+        parents=parents,
+        offsets_m=(places - places[np.maximum(parents, 0)]).astype(np.float32),
         frame_rate_hz=FPS,
-        blocks={"root_translation_m": 3, "joint_rotation_quat_wxyz": 4 * joints, "foot_contact": 4},
-        hip_joints=skeleton.hip_joints,
-        limbs={"LeftFoot": skeleton.left_foot, "RightFoot": skeleton.right_foot},
+        blocks={"root_translation_m": 3, "joint_rotation_quat_wxyz": 4 * len(names), "foot_contact": 4},
+        hip_joints=(right_hip, left_hip),
+        limbs={"LeftFoot": indices("left_foot_chain"), "RightFoot": indices("right_foot_chain")},
     )
 
 

@@ -24,6 +24,7 @@ from motiongen_client.playback import Playback
 from motiongen_client.retarget import JointMap, Retargeter, UserSkeleton
 from motiongen_client.sampling import Sampler
 from motiongen_client.types import FrameFormat
+from tests.client.golden_ground import ground
 
 FOLDER = Path(__file__).resolve().parents[1] / "data" / "client"
 RATE_HZ = 20
@@ -315,6 +316,7 @@ FILES: dict[str, Callable[[], Iterator[str]]] = {
     "steering": steering,
     "frame_formats": frame_formats,
     "retarget": retarget,
+    "ground": ground,
 }
 
 

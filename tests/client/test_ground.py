@@ -9,6 +9,7 @@ from motiongen_client import InvalidInput, Motion, Playback
 from motiongen_client.ground import Ground, GroundFollower, Heights
 from motiongen_client.ground.limb_ik import two_bone
 from motiongen_client.motion import Frame
+from motiongen_client.sampling import Sampler
 from tests.client.bodies import FPS, client_rig, walking
 
 RIG = client_rig()
@@ -147,6 +148,43 @@ def test_a_replan_does_not_make_what_is_shown_jump() -> None:
     shown += [follower.frame(Frame(RIG, index, playback.row(index))).row for index in range(24, 50)]
     played = Motion(RIG, 0, np.stack(shown))
     assert (turned_rad(played) - turned_rad(WALK)[:49]).max() < 0.35
+
+
+@pytest.mark.parametrize("name", ["up", "stairs up"])
+def test_moments_between_frames_are_on_the_ground_too_and_nothing_jumps(name: str) -> None:
+    ground, playback = Ground(RIG, GROUNDS[name]), Playback(FPS, RIG.row_width)
+    playback.announce_plan(1, 0)
+    playback.add_chunk(1, 0, WALK.rows, 80)
+    sampler, follower, hertz = Sampler(RIG, playback), GroundFollower(ground, playback), 120
+    shown = []
+    for tick in range(2 * hertz):
+        playback.advance(tick / hertz)
+        share, row = sampler.row(tick / hertz)
+        shown.append(follower.frame(Frame(RIG, playback.playhead, row, share=share)).row.copy())
+        # stands all the while
+        shown[-1][-4:] = WALK.foot_contact[playback.playhead : playback.playhead + 2].min(axis=0)
+    played = Motion(RIG, 0, np.stack(shown))
+    assert np.abs(off_ground(played, GROUNDS[name])).max() < 0.006
+    moved = np.diff(played.joint_positions_m(), axis=0)
+    frames = np.diff(ground.apply(WALK).joint_positions_m(), axis=0)
+    assert np.abs(moved).max() < np.abs(frames).max() * FPS / hertz * 1.5
+
+
+def test_nothing_is_seen_of_the_ground_on_the_other_side_of_a_cut() -> None:
+    high: Heights = lambda x, z: np.where(x > 5, 10.0, 0.0)  # noqa: E731
+    ground, playback = Ground(RIG, high), Playback(FPS, RIG.row_width)
+    playback.announce_plan(1, 0)
+    playback.add_chunk(1, 0, WALK.rows[:40], 30)
+    elsewhere = WALK.rows[30:70].copy()
+    elsewhere[:, 0] += 10
+    follower = GroundFollower(ground, playback)
+    shown = [follower.frame(Frame(RIG, index, playback.row(index))).row for index in range(25)]
+    playback.announce_plan(2, 30, is_cut=True)
+    playback.add_chunk(2, 30, elsewhere, 60)
+    shown += [follower.frame(Frame(RIG, index, playback.row(index))).row for index in range(25, 60)]
+    up = np.stack(shown)[:, 1] - np.concatenate([WALK.rows[:30], elsewhere[:30]])[:, 1]
+    assert np.abs(up[:30]).max() < 0.002
+    assert np.abs(up[30:] - 10).max() < 0.002
 
 
 def test_a_leg_that_is_too_short_points_to_its_goal_and_one_that_is_straight_bends_ahead() -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from motiongen.v1 import motion_pb2, session_pb2
+from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from tests.conftest import LiveServer
 from tests.cpp.building import ROOT
 from tests.cpp.test_client import Character, character
@@ -157,6 +158,35 @@ NOT_SAID = {
     "RootPath": set(),
 }
 """What the C++ client leaves out; client/cpp/README.md says why."""
+
+
+NOT_HEARD = {
+    "ServerHello": {"replica_id", "server_time_ns"},
+    "Pong": {"server_time_ns"},
+    "SessionUpdate": {"snapshot", "durable_seq"},
+    "PlanNotice": {"event_seqs"},
+    "EditOutcome": {"spare_sessions"},
+    "SessionClosed": {"late_frames"},
+}
+"""Of what a server says; the same page says why."""
+
+HEARD = (
+    "GetCatalogResponse", "Model", "Limits", "ConstraintForm", "LocomotionPreset", "Preset", "Rig", "Limb",
+    "GenerateClipResponse", "ClipSummary", "ConstraintResidual", "Deviation", "Goodbye", "SessionOpened",
+    "ConstraintPlacement", "EventWarning", "ConstraintReached", "SessionDurability", "ServiceLevel", "FrameChunk",
+    *NOT_HEARD,
+)  # fmt: skip
+
+
+def test_every_field_that_a_server_may_set_is_read_or_said_not_to_be() -> None:
+    folder = ROOT / "client" / "cpp" / "src" / "client"
+    words = {word for path in folder.glob("*.[ch]pp") for word in re.findall(r"\w+", path.read_text(encoding="utf-8"))}
+    for name in HEARD:
+        (module,) = (each for each in (motion_pb2, service_pb2, session_pb2) if hasattr(each, name))
+        fields = set(getattr(module, name).DESCRIPTOR.fields_by_name)
+        left_out = NOT_HEARD.get(name, set())
+        assert left_out <= fields
+        assert not fields - left_out - words, name
 
 
 def test_every_field_that_a_client_may_set_is_set_by_the_client_or_said_not_to_be() -> None:

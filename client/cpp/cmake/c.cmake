@@ -1,6 +1,6 @@
 # motiongen_c: one shared library with a C interface, for engines. What it is made of is linked in and hidden.
 add_library(motiongen_c SHARED
-  src/c/client.cpp src/c/clip.cpp src/c/engines.cpp src/c/session.cpp src/c/session_edits.cpp src/c/values.cpp)
+  src/c/client.cpp src/c/clip.cpp src/c/engines.cpp src/c/ground.cpp src/c/session.cpp src/c/session_edits.cpp src/c/values.cpp)
 add_library(motiongen::c ALIAS motiongen_c)
 target_include_directories(motiongen_c
   PUBLIC $<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/include> $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>

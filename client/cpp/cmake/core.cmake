@@ -2,6 +2,9 @@
 add_library(motiongen_core
   src/core/axes.cpp
   src/core/frame_format.cpp
+  src/core/ground.cpp
+  src/core/ground_follower.cpp
+  src/core/ground_lifts.cpp
   src/core/pose.cpp
   src/core/retarget.cpp
   src/core/rig.cpp

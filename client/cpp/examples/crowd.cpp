@@ -32,8 +32,9 @@ int main(int argc, char** argv) {
     motiongen::SessionOptions character;
     character.prompt = kPrompts[number % std::size(kPrompts)];
     character.priority = motiongen::Priority::crowd;
+    const std::size_t row = number / 25;
     character.start_x_m = 2.0F * static_cast<float>(number % 25);
-    character.start_z_m = 2.0F * static_cast<float>(number / 25);
+    character.start_z_m = 2.0F * static_cast<float>(row);
     auto opened = client->open(character);
     if (!opened) {
       std::fprintf(stderr, "%s\n", opened.status().message().c_str());

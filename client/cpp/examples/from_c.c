@@ -10,6 +10,13 @@ static int failed(const motiongen_error* error) {
   return 1;
 }
 
+/* a slope of 6 degrees, up the way that is walked */
+static double slope(void* context, double x_m, double z_m) {
+  (void)context;
+  (void)x_m;
+  return 0.1 * z_m;
+}
+
 int main(int argc, char** argv) {
   motiongen_error error = {.struct_size = sizeof error};
   motiongen_client_options options;
@@ -21,6 +28,7 @@ int main(int argc, char** argv) {
   motiongen_waypoint goal;
   motiongen_clip* clip = NULL;
   motiongen_residual residual;
+  motiongen_ground* ground = NULL;
   uint64_t frame;
   float* row;
 
@@ -39,12 +47,13 @@ int main(int argc, char** argv) {
   if (motiongen_session_rig(walker, &rig, &error) != MOTIONGEN_OK) return failed(&error);
   printf("%u joints, the root is %s\n", rig.num_joints, motiongen_session_joint_name(walker, 0));
 
+  if (motiongen_ground_create(walker, slope, NULL, &ground, &error) != MOTIONGEN_OK) return failed(&error);
   row = malloc(rig.row_floats * sizeof *row);
   if (row == NULL) return 1;
   for (frame = 0; frame < 40; ++frame) {
     if (motiongen_session_wait_frame(walker, frame, 30.0, &error) != MOTIONGEN_OK) return failed(&error);
     if (motiongen_session_advance_to(walker, frame, &error) != MOTIONGEN_OK) return failed(&error);
-    if (motiongen_session_copy_frame(walker, frame, row, rig.row_floats, &error) != MOTIONGEN_OK) return failed(&error);
+    if (!motiongen_session_sample_on_ground(walker, ground, row, rig.row_floats, &error)) return failed(&error);
     if (frame % 10 == 0) {
       const float* hips = row + rig.root_column;
       printf("frame %u: the hips are at %.2f, %.2f, %.2f m\n", (unsigned)frame, (double)hips[0], (double)hips[1],
@@ -52,6 +61,7 @@ int main(int argc, char** argv) {
     }
   }
   free(row);
+  motiongen_ground_destroy(ground);
 
   memset(&wanted, 0, sizeof wanted);
   wanted.struct_size = sizeof wanted;

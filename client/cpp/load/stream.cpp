@@ -113,9 +113,10 @@ bool Stream::take_message(const wire::Piece* pieces, std::size_t size, double no
     if (!message.read_tag(field, type)) return false;
     if (type != wire::kLength) {
       if (!message.skip_value(type)) return false;
-    } else if (!message.read_message(inner)) {
-      return false;
-    } else if (field == v1::StreamMotionResponse::kUpdatesFieldNumber) {
+      continue;
+    }
+    if (!message.read_message(inner)) return false;
+    if (field == v1::StreamMotionResponse::kUpdatesFieldNumber) {
       ++updates;
       if (!wire::read_update(inner, update) || !take_update(update, now_s, must_flush)) return false;
     } else if (!wire::gather(inner, scratch_) || !take_stream_event(field, now_s)) {

@@ -385,6 +385,24 @@ MOTIONGEN_C_API uint64_t motiongen_session_playhead(const motiongen_session* ses
 MOTIONGEN_C_API uint64_t motiongen_session_buffered_to(const motiongen_session* session);
 MOTIONGEN_C_API uint32_t motiongen_session_underruns(const motiongen_session* session);
 
+/* ---- ground: motion is made on a level floor at height 0; this puts it on slopes and steps before it is shown */
+
+/* The ground's height in metres at world x, z. Asked some 60 times a frame, inside the calls below; it must not use the
+ * session. */
+typedef double (*motiongen_heights)(void* context, double x_m, double z_m);
+typedef struct motiongen_ground motiongen_ground;
+/* For one session that is open: FAILED_PRECONDITION before. Destroy it when nothing uses it any more. */
+MOTIONGEN_C_API motiongen_code motiongen_ground_create(const motiongen_session* session, motiongen_heights heights,
+                                                       void* context, motiongen_ground** ground,
+                                                       motiongen_error* error);
+MOTIONGEN_C_API void motiongen_ground_destroy(motiongen_ground* ground);
+/* As motiongen_session_sample; where 0 is a mistake, `error` says so. */
+MOTIONGEN_C_API int32_t motiongen_session_sample_on_ground(motiongen_session* session, motiongen_ground* ground,
+                                                           float* row, uint32_t row_floats, motiongen_error* error);
+/* All frames of a motion, as a clip has them, in place: num_rows rows of the session's rig. */
+MOTIONGEN_C_API motiongen_code motiongen_ground_apply(motiongen_ground* ground, float* rows, uint32_t num_rows,
+                                                      motiongen_error* error);
+
 /* ---- help for engines, without a session */
 
 /* World metres a second of a stick as the player sees it; right, forward: -1 to 1, camera_heading_rad: 0 toward +Z,

@@ -17,3 +17,7 @@ struct motiongen_clip {
 struct motiongen_session {
   motiongen::Session session;
 };
+
+struct motiongen_ground {
+  motiongen::GroundFollower follower;
+};

@@ -3,15 +3,9 @@
 #include "c/structs.hpp"
 #include "motiongen/core/pose.hpp"
 
-using motiongen::Status;
 using motiongen::c::answer;
 using motiongen::c::missing;
-
-namespace {
-
-Status not_open() { return {motiongen::Code::failed_precondition, "NOT_OPEN", "the session has not opened yet"}; }
-
-}  // namespace
+using motiongen::c::not_open;
 
 void motiongen_session_destroy(motiongen_session* session) { delete session; }
 

@@ -53,6 +53,8 @@ inline motiongen_code missing(const char* what, motiongen_error* error) {
   return answer(invalid(what, "NULL or a struct_size of 0", "a pointer to what the header says"), error);
 }
 
+inline Status not_open() { return {Code::failed_precondition, "NOT_OPEN", "the session has not opened yet"}; }
+
 inline std::string text(const char* given) { return given == nullptr ? std::string() : std::string(given); }
 
 }  // namespace motiongen::c

@@ -92,6 +92,7 @@ Result<std::shared_ptr<const Catalog>> catalog(const v1::GetCatalogResponse& mes
   for (const auto& each : message.models()) made->models.push_back(model(each));
   if (made->models.empty()) return violation("the catalogue has no model");
   made->limits = limits(message.limits());
+  if (message.has_free_share()) made->free_share = message.free_share();
   return std::shared_ptr<const Catalog>(std::move(made));
 }
 

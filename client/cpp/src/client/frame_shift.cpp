@@ -1,5 +1,7 @@
 #include "client/frame_shift.hpp"
 
+#include <cstddef>
+
 namespace motiongen {
 
 bool shift(v1::PromptSpan& span, std::uint64_t base) {
@@ -25,7 +27,7 @@ bool shift(v1::Constraint& constraint, std::uint64_t base) {
   auto* way = constraint.mutable_root_trajectory();
   const auto passed = base - constraint.frame();
   if (2 * passed >= static_cast<std::uint64_t>(way->positions_size())) return false;
-  const auto count = static_cast<int>(passed);
+  const auto count = static_cast<std::ptrdiff_t>(passed);
   way->mutable_positions()->erase(way->positions().begin(), way->positions().begin() + 2 * count);
   if (way->headings_size() > 0) {
     way->mutable_headings()->erase(way->headings().begin(), way->headings().begin() + count);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <vector>
 
 namespace motiongen {
@@ -117,7 +118,7 @@ v1::Constraint path_left(v1::Constraint constraint, const Placement& placement, 
   if (way_m.empty() || frame <= placement.first_frame) return constraint;
   const std::uint64_t frames = std::max<std::uint64_t>(placement.last_frame - placement.first_frame, 1);
   const double share = static_cast<double>(frame - placement.first_frame) / static_cast<double>(frames);
-  int passed = 0;
+  std::ptrdiff_t passed = 0;
   for (std::size_t corner = 0; corner + 1 < way_m.size(); ++corner) passed += way_m[corner] < share * length_m ? 1 : 0;
   positions->erase(positions->begin(), positions->begin() + 2 * passed);
   return constraint;

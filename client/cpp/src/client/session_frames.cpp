@@ -29,18 +29,28 @@ bool Session::is_closed() const {
 }
 
 bool Session::sample(Span<float> out) {
+  const auto shown = show(nullptr, out);
+  return shown && shown.value();
+}
+
+Result<bool> Session::sample_on_ground(GroundFollower& ground, Span<float> out) { return show(&ground, out); }
+
+Result<bool> Session::show(GroundFollower* ground, Span<float> out) {
   bool shown = false;
   bool began = false;
+  Status raised;
   {
     const std::lock_guard<std::mutex> lock(state_->mutex);
     if (!state_->timeline || out.size() < state_->rig.row_width) return false;
     began = !state_->timeline->started();
     shown = state_->options.clock == Clock::manual ? state_->timeline->sample_here(now_s(), state_->rig, out)
                                                    : state_->timeline->sample(now_s(), state_->rig, out);
+    if (shown && ground != nullptr) raised = ground->apply(*state_->timeline, out);
     began = began && shown;
     if (began) state_->report(now_s(), core_->report_period_s(), core_->outbox());
   }
   if (began) core_->flush();  // the server's idea of our clock begins here
+  if (!raised) return raised;
   return shown;
 }
 

@@ -5,13 +5,18 @@
 
 namespace motiongen {
 
-struct Quaternion {
-  float w, x, y, z;
+template <class T>
+struct BasicQuaternion {
+  T w, x, y, z;
 };
 
-struct Vector {
-  float x, y, z;
+template <class T>
+struct BasicVector {
+  T x, y, z;
 };
+
+using Quaternion = BasicQuaternion<float>;
+using Vector = BasicVector<float>;
 
 inline Quaternion load(const float* from) { return {from[0], from[1], from[2], from[3]}; }
 
@@ -22,27 +27,36 @@ inline void store(const Quaternion& q, float* to) {
   to[3] = q.z;
 }
 
-inline float dot(const Quaternion& a, const Quaternion& b) { return a.w * b.w + a.x * b.x + a.y * b.y + a.z * b.z; }
+template <class T>
+T dot(const BasicQuaternion<T>& a, const BasicQuaternion<T>& b) {
+  return a.w * b.w + a.x * b.x + a.y * b.y + a.z * b.z;
+}
 
 // The rotation b and after it a.
-inline Quaternion multiply(const Quaternion& a, const Quaternion& b) {
+template <class T>
+BasicQuaternion<T> multiply(const BasicQuaternion<T>& a, const BasicQuaternion<T>& b) {
   return {a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z, a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
           a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x, a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w};
 }
 
 // The rotation back.
-inline Quaternion inverse(const Quaternion& q) { return {q.w, -q.x, -q.y, -q.z}; }
+template <class T>
+BasicQuaternion<T> inverse(const BasicQuaternion<T>& q) {
+  return {q.w, -q.x, -q.y, -q.z};
+}
 
 // Of length 1; `otherwise` where it has none.
-inline Quaternion normalized(const Quaternion& q, const Quaternion& otherwise) {
-  const float length = std::sqrt(dot(q, q));
+template <class T>
+BasicQuaternion<T> normalized(const BasicQuaternion<T>& q, const BasicQuaternion<T>& otherwise) {
+  const T length = std::sqrt(dot(q, q));
   if (!(length > 0)) return otherwise;
   return {q.w / length, q.x / length, q.y / length, q.z / length};
 }
 
 // v + 2 u x (u x v + w v), u being the vector part of a unit quaternion.
-inline Vector rotate(const Quaternion& q, const Vector& v) {
-  const Vector t = {2 * (q.y * v.z - q.z * v.y), 2 * (q.z * v.x - q.x * v.z), 2 * (q.x * v.y - q.y * v.x)};
+template <class T>
+BasicVector<T> rotate(const BasicQuaternion<T>& q, const BasicVector<T>& v) {
+  const BasicVector<T> t = {2 * (q.y * v.z - q.z * v.y), 2 * (q.z * v.x - q.x * v.z), 2 * (q.x * v.y - q.y * v.x)};
   return {v.x + q.w * t.x + (q.y * t.z - q.z * t.y), v.y + q.w * t.y + (q.z * t.x - q.x * t.z),
           v.z + q.w * t.z + (q.x * t.y - q.y * t.x)};
 }

@@ -120,6 +120,10 @@ std::optional<std::uint64_t> Timeline::last_cut() const {
 
 bool Timeline::started() const { return state_->started; }
 std::uint64_t Timeline::playhead() const { return state_->playhead; }
+float Timeline::share() const {
+  const bool may_mix = state_->buffered_to() > state_->playhead + 1 && !state_->is_cut(state_->playhead + 1);
+  return may_mix ? state_->blend : 0;
+}
 std::uint64_t Timeline::buffered_to() const { return state_->buffered_to(); }
 std::uint64_t Timeline::received_to() const { return state_->received_to; }
 std::uint64_t Timeline::first_kept() const { return state_->first_kept; }

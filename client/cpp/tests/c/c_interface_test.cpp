@@ -66,6 +66,10 @@ TEST(CInterface, TakesMissingPointers) {
   EXPECT_EQ(motiongen_session_set_options(nullptr, nullptr, nullptr, nullptr), MOTIONGEN_INVALID_ARGUMENT);
   EXPECT_EQ(motiongen_session_placement(nullptr, 1, nullptr, nullptr), MOTIONGEN_INVALID_ARGUMENT);
   EXPECT_EQ(motiongen_session_is_durable(nullptr), 0);
+  EXPECT_EQ(motiongen_ground_create(nullptr, nullptr, nullptr, nullptr, nullptr), MOTIONGEN_INVALID_ARGUMENT);
+  EXPECT_EQ(motiongen_ground_apply(nullptr, nullptr, 0, nullptr), MOTIONGEN_INVALID_ARGUMENT);
+  EXPECT_EQ(motiongen_session_sample_on_ground(nullptr, nullptr, nullptr, 0, nullptr), 0);
+  motiongen_ground_destroy(nullptr);
   EXPECT_EQ(motiongen_clip_rows(nullptr, 0, nullptr), nullptr);
   EXPECT_EQ(motiongen_clip_residual(nullptr, 0, 0, nullptr, nullptr), MOTIONGEN_INVALID_ARGUMENT);
   motiongen_clip_destroy(nullptr);

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cstdlib>
 #include <future>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <thread>
@@ -72,6 +73,35 @@ TEST(Stream, ACharacterPlaysAndIsTold) {
   EXPECT_GE(walker->stats().plans, 2U);
   ASSERT_TRUE(walker->close());
   EXPECT_EQ(walker->set_prompt("anything").status().code(), Code::failed_precondition);
+}
+
+TEST(Stream, ACharacterWalksUpASlope) {
+  auto client = Client::connect(server());
+  ASSERT_TRUE(client) << client.status().message();
+  auto walker = client->open(walking());
+  ASSERT_TRUE(walker->wait_frame(0, kLimitS));
+  auto slope = Ground::make(walker->rig(), [](double x, double z) { return 1 + 0.1 * z + 0.05 * x; });
+  ASSERT_TRUE(slope) << slope.status().message();
+  GroundFollower feet(std::move(slope).value());
+  std::vector<float> level(walker->rig().row_width);
+  std::vector<float> raised = level;
+  const auto before = walker->sample_on_ground(feet, raised);
+  ASSERT_TRUE(before);
+  EXPECT_FALSE(before.value()) << "no frame has been shown";
+  for (std::uint64_t frame = 0; frame <= 40; ++frame) {
+    ASSERT_TRUE(walker->wait_frame(frame, kLimitS));
+    ASSERT_TRUE(walker->advance_to(frame));
+    ASSERT_TRUE(walker->copy_frame(frame, level));
+    const auto shown = walker->sample_on_ground(feet, raised);
+    ASSERT_TRUE(shown && shown.value());
+    const auto from = walker->rig().root_translation_m(level);
+    const auto to = walker->rig().root_translation_m(raised);
+    EXPECT_NEAR(to[1] - from[1], 1 + 0.1F * from[2] + 0.05F * from[0], 0.25F) << frame;
+    EXPECT_EQ(to[0], from[0]);
+  }
+  auto broken = Ground::make(walker->rig(), [](double, double) { return std::numeric_limits<double>::quiet_NaN(); });
+  GroundFollower nowhere(std::move(broken).value());
+  EXPECT_EQ(walker->sample_on_ground(nowhere, raised).status().code(), Code::invalid_argument);
 }
 
 TEST(Stream, AMistakeIsAnAnswerOfItsEditAlone) {

@@ -69,6 +69,7 @@ def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
             max_clip_frames=limits.max_clip_frames,
             max_clip_samples=limits.max_clip_samples,
         ),
+        free_share=message.free_share if message.HasField("free_share") else None,
     )
 
 

@@ -18,7 +18,7 @@ _FADE_FRAMES = 4
 
 
 class GroundFollower:
-    """Gives each frame of a session's playback on the ground, one after another.
+    """Gives each frame of a session's playback on the ground, one after another, and moments between them.
 
     A step is known by where it ends, as far as that is held. Where a replan moves that while the foot is in the air,
     what is shown goes over to the new way within a fifth of a second.
@@ -27,7 +27,8 @@ class GroundFollower:
     def __init__(self, ground: Ground, playback: Playback) -> None:
         self._ground = ground
         self._playback = playback
-        self._rows: list[Float32] = []  # what the run was made of, from _first on
+        self._rig = ground.rig.with_outputs({})
+        self._rows: list[Float32] = []  # what the run was made of, from _first on; one more than is followed
         self._run: Float32 | None = None
         self._first = 0
         self._shown: tuple[int, Float32] | None = None
@@ -36,32 +37,65 @@ class GroundFollower:
         )
 
     def frame(self, frame: Frame) -> Frame:
-        """The frame on the ground, without outputs. frame: as `poll` or `frames` of the session gave it."""
-        index, row = frame.index, frame.row
+        """The frame on the ground, without outputs. frame: as `poll`, `frames` or `sample` of the session gave it."""
+        index = frame.index
+        held = self._playback.held_rows(index, index + 1)
+        level = held[0] if held else frame.row
         place = index - self._first
-        if self._run is None or not 0 <= place < len(self._rows) or self._rows[place] is not row:
-            self._make(index, row)
-            place = index - self._first
+        if self._run is None or place >= RUN_FRAMES or not self._is_of_run(index, level):
+            self._make(index, level)
+            place = 0
         assert self._run is not None
         shown = self._faded(index, self._run[place])
         self._shown = index, shown
-        return replace(frame, rig=self._ground.rig.with_outputs({}), row=shown, poser=None)
+        row = shown if frame.row is level else self._between(frame, level, shown)
+        return replace(frame, rig=self._rig, row=row, poser=None)
+
+    def _is_of_run(self, index: int, row: Float32) -> bool:
+        place = index - self._first
+        return 0 <= place < len(self._rows) and self._rows[place] is row
 
     def _make(self, index: int, row: Float32) -> None:
-        playback = self._playback
-        first = max(index - AROUND_FRAMES, playback.first_kept)
-        rows = playback.held_rows(first, index + AROUND_FRAMES + RUN_FRAMES)
+        first, rows = self._around(index)
         if index - first >= len(rows) or rows[index - first] is not row:
             first, rows = index, [row]
         whole = self._ground.apply(Motion(self._ground.rig, first, np.stack(rows))).rows
-        last = index + RUN_FRAMES
+        self._gap = None
         if self._shown is not None and first <= self._shown[0] == index - 1:
             self._gap = (index, *self._apart(self._shown[1], whole[index - 1 - first]))
-        self._rows, self._run, self._first = (
-            rows[index - first : last - first],
-            whole[index - first : last - first],
-            index,
-        )
+        run = slice(index - first, index - first + RUN_FRAMES + 1)
+        self._rows, self._run, self._first = rows[run], whole[run], index
+
+    def _around(self, index: int) -> tuple[int, list[Float32]]:
+        """The frames that motion leads to and from at one, and the first of them: none on the other side of a cut."""
+        playback = self._playback
+        first = index
+        while first > max(index - AROUND_FRAMES, playback.first_kept) and not playback.is_cut(first):
+            first -= 1
+        rows = playback.held_rows(first, index + AROUND_FRAMES + RUN_FRAMES)
+        ahead = range(index + 1, first + len(rows))
+        end = next((frame for frame in ahead if playback.is_cut(frame)), ahead.stop)
+        return first, rows[: end - first]
+
+    def _between(self, frame: Frame, level: Float32, shown: Float32) -> Float32:
+        """What the ground changes of a frame, and of the next, put on a row on the way from one to the other."""
+        joints = self._ground.leg_columns
+        height = self._ground.rig.block_columns[ROOT_BLOCK].start + 1
+        up, turns = shown[height] - level[height], self._turns(shown, level)
+        following = self._playback.held_rows(frame.index + 1, frame.index + 2)
+        if frame.share > 0 and following and self._is_of_run(frame.index + 1, following[0]):
+            assert self._run is not None
+            due = self._faded(frame.index + 1, self._run[frame.index + 1 - self._first])
+            up = up + frame.share * (due[height] - following[0][height] - up)
+            turns = slerp(turns, self._turns(due, following[0]), frame.share)
+        row = frame.row.copy()
+        row[height] += up
+        row[joints] = product(turns, row[joints])
+        return row
+
+    def _turns(self, shown: Float32, level: Float32) -> Float32:
+        joints = self._ground.leg_columns
+        return product(shown[joints], inverse(level[joints]))
 
     def _apart(self, shown: Float32, due: Float32) -> tuple[Float32, Float32]:
         columns = self._ground.rig.block_columns

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -69,6 +70,14 @@ class Ground:
         for leg, (ankle, foot) in zip(self._legs, goals, strict=True):
             self._bend(leg, ankle, foot, hips, positions, rotations, rows[:, columns[ROTATION_BLOCK]])
         return Motion(motion.rig, motion.first_frame, rows)
+
+    @cached_property
+    def leg_columns(self) -> NDArray[np.intp]:
+        """(6, 4) where the rotations that it changes lie in a row."""
+        start = self.rig.block_columns[ROTATION_BLOCK].start
+        joints = np.array([joint for leg in self._legs for joint in (leg.hip, leg.knee, leg.ankle)])
+        columns: NDArray[np.intp] = start + 4 * joints[:, None] + np.arange(4)
+        return columns
 
     def height(self, points: Float64) -> Float64:
         """(T) below points (T, 3). Raises InvalidInput where the callback gives something else."""

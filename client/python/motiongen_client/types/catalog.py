@@ -78,12 +78,17 @@ class Limits:
 
 @dataclass(frozen=True)
 class Catalog:
-    """What a server offers; models[0] is its default."""
+    """What a server offers; models[0] is its default.
+
+    free_share: of what the server can carry, 0 to 1, what it had left to new sessions when this was asked for; None
+    where it does not say. It is no promise, and as old as the catalogue.
+    """
 
     etag: str
     rigs: tuple[Rig, ...]
     models: tuple[Model, ...]
     limits: Limits
+    free_share: float | None = None
 
     def rig(self, rig_id: str) -> Rig:
         """The rig with a name. Raises UnknownName, which lists the rigs there are."""

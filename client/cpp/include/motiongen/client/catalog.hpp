@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -84,6 +85,7 @@ struct Catalog {
   std::vector<Rig> rigs;
   std::vector<Model> models;
   Limits limits;
+  std::optional<float> free_share;  // of what the server can carry, what it had left to new sessions; absent: not said
 };
 
 }  // namespace motiongen

@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "motiongen/client/types.hpp"
+#include "motiongen/core/ground.hpp"
 #include "motiongen/core/span.hpp"
 #include "motiongen/core/timeline.hpp"
 
@@ -95,6 +96,9 @@ class MOTIONGEN_API Session {
   // The pose to show now, between two frames (with Clock::manual that of the frame it was moved to); false before the
   // first has come, and `out` is as it was.
   [[nodiscard]] bool sample(Span<float> out);
+  // The same on a ground that no other session is followed on. Its heights are asked for inside this call and must not
+  // use the session. INVALID_ARGUMENT where the ground is of another rig, or where a height is not finite.
+  [[nodiscard]] Result<bool> sample_on_ground(GroundFollower& ground, Span<float> out);
   // The frame to show now. Returns its number, nothing before the first has come.
   [[nodiscard]] std::optional<std::uint64_t> frame(Span<float> out);
   // A frame that is held. OUT_OF_RANGE tells which are.
@@ -115,6 +119,7 @@ class MOTIONGEN_API Session {
   [[nodiscard]] Result<EditId> add_target(const Target& target, std::uint32_t* id);
   [[nodiscard]] Result<EditId> edit_targets(Span<const Target> targets, std::vector<std::uint32_t>* ids, bool clear);
   [[nodiscard]] Result<EditId> play(bool paused);
+  [[nodiscard]] Result<bool> show(GroundFollower* ground, Span<float> out);
   std::shared_ptr<ClientCore> core_;
   std::shared_ptr<SessionState> state_;
 };

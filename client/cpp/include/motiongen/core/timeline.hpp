@@ -125,6 +125,7 @@ class MOTIONGEN_API Timeline {
 
   bool started() const;               // whether a frame has been shown; until then the playhead stands before the first
   std::uint64_t playhead() const;     // the frame being shown
+  float share() const;                // how far what `sample` showed last is on the way to the next frame, 0 to 1
   std::uint64_t buffered_to() const;  // the first frame that is not held
   std::uint64_t received_to() const;  // where the next chunk must begin
   std::uint64_t first_kept() const;   // the oldest frame that can still be read

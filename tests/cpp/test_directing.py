@@ -164,15 +164,16 @@ NOT_HEARD = {
     "ServerHello": {"replica_id", "server_time_ns"},
     "Pong": {"server_time_ns"},
     "SessionUpdate": {"snapshot", "durable_seq"},
-    "PlanNotice": {"event_seqs"},
+    "PlanNotice": {"event_seqs", "cause"},  # the cause is read by its number
     "EditOutcome": {"spare_sessions"},
     "SessionClosed": {"late_frames"},
+    "Goodbye": {"grace"},
 }
 """Of what a server says; the same page says why."""
 
 HEARD = (
     "GetCatalogResponse", "Model", "Limits", "ConstraintForm", "LocomotionPreset", "Preset", "Rig", "Limb",
-    "GenerateClipResponse", "ClipSummary", "ConstraintResidual", "Deviation", "Goodbye", "SessionOpened",
+    "GenerateClipResponse", "ClipSummary", "ConstraintResidual", "Deviation", "SessionOpened",
     "ConstraintPlacement", "EventWarning", "ConstraintReached", "SessionDurability", "ServiceLevel", "FrameChunk",
     *NOT_HEARD,
 )  # fmt: skip

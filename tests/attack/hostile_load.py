@@ -128,6 +128,17 @@ async def watches(address: str) -> None:
     await many(16, connection)
 
 
+async def health_checks(address: str) -> None:
+    """The health, asked for without end, 32 times at once on some connections each."""
+
+    async def connection() -> None:
+        async with channel_to(address) as channel:
+            stub = health_pb2_grpc.HealthStub(channel)
+            await many(32, lambda: stub.Check(health_pb2.HealthCheckRequest()))
+
+    await many(STREAMS, connection)
+
+
 async def reflections(address: str) -> None:
     """What is served, asked for without end."""
     question = reflection_pb2.ServerReflectionRequest(file_containing_symbol=SERVICE_NAME).SerializeToString()

@@ -45,10 +45,21 @@ def walking_s(root: RootState, place: tuple[float, float], heading: float | None
     return max(_SHORTEST_S, moving + turns / _TURN_RAD_S)
 
 
-def walked(corners: NDArray[Any], speed: float, smoothing_m: float, root: RootState, fps: int) -> Float64:
+class WayTooLong(ValueError):
+    """A way takes longer than it may. seconds: how long."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__(f"the way takes {seconds:.0f} s")
+        self.seconds = seconds
+
+
+def walked(
+    corners: NDArray[Any], speed: float, smoothing_m: float, root: RootState, fps: int, most_s: float = math.inf
+) -> Float64:
     """Ground places (T, 2), one a frame after `root`, along lines from there through corners (N, 2), to a stand.
 
     speed: metres a second where it is straight; slower in bends. The way is off its lines by smoothing_m at most.
+    Raises WayTooLong where it takes longer than most_s, before any place is worked out.
     """
     places = np.concatenate([[[root.x, root.z]], np.asarray(corners, np.float64)])
     keep = np.concatenate([[True], np.hypot(*np.diff(places, axis=0).T) > _SAME_M])
@@ -64,6 +75,8 @@ def walked(corners: NDArray[Any], speed: float, smoothing_m: float, root: RootSt
     wait = turn / _TURN_RAD_S if turn > math.pi / 4 else 0.0
     takes_s = 2.0 * steps / np.maximum(pace[:-1] + pace[1:], 1e-6)
     at_s = np.concatenate([[0.0], np.cumsum(takes_s)]) + wait
+    if at_s[-1] > most_s:
+        raise WayTooLong(float(at_s[-1]))
     frames = np.arange(1, math.ceil(at_s[-1] * fps) + 1) / fps
     step = np.clip(np.searchsorted(at_s, frames, side="right") - 1, 0, len(steps) - 1)
     # Evenly faster or slower within each step.
@@ -81,17 +94,16 @@ def rounded(places: Float64, within_m: float) -> Float64:
     """
     if within_m <= 0 or len(places) < 3:
         return places
-    parts = [places[:1]]
     share = np.linspace(0.0, 1.0, 17)[:, None]
-    for before, corner, after in zip(places[:-2], places[1:-1], places[2:], strict=True):
-        back, on = before - corner, after - corner
-        back_m, on_m = float(np.hypot(*back)), float(np.hypot(*on))
-        back, on = back / back_m, on / on_m
-        half = float(np.hypot(*(back + on))) / 2.0  # cos of half the angle between the legs
-        reach = min(2.0 * within_m / max(half, 1e-6), back_m / 2.0, on_m / 2.0)
-        begin, end = corner + reach * back, corner + reach * on
-        parts.append((1 - share) ** 2 * begin + 2 * share * (1 - share) * corner + share**2 * end)
-    return np.concatenate([*parts, places[-1:]])
+    corner = places[1:-1]
+    back, on = places[:-2] - corner, places[2:] - corner
+    back_m, on_m = np.hypot(*back.T), np.hypot(*on.T)
+    back, on = back / back_m[:, None], on / on_m[:, None]
+    half = np.hypot(*(back + on).T) / 2.0  # cos of half the angle between the legs
+    reach = np.minimum(2.0 * within_m / np.maximum(half, 1e-6), np.minimum(back_m, on_m) / 2.0)[:, None]
+    begin, end = (corner + reach * back)[:, None], (corner + reach * on)[:, None]
+    bends = (1 - share) ** 2 * begin + 2 * share * (1 - share) * corner[:, None] + share**2 * end
+    return np.concatenate([places[:1], bends.reshape(-1, 2), places[-1:]])
 
 
 def _sampled(line: Float64) -> Float64:
@@ -116,11 +128,18 @@ def _paces(way: Float64, steps: Float64, speed: float, first: float) -> Float64:
         slow = np.sqrt(_SIDEWAYS_M_S2 / np.maximum(bend, 1e-6))
         begin = 1 + apart // 2
         most[begin : begin + len(slow)] = np.minimum(speed, slow)
-    gains = 2.0 * ACCELERATION_M_S2 * steps
-    pace = most.copy()
-    pace[0], pace[-1] = first, 0.0
-    for index in range(1, len(pace)):
-        pace[index] = min(pace[index], math.sqrt(pace[index - 1] ** 2 + gains[index - 1]))
-    for index in range(len(pace) - 2, -1, -1):
-        pace[index] = min(pace[index], math.sqrt(pace[index + 1] ** 2 + gains[index]))
-    return pace
+    return paced(most, steps, first)
+
+
+def paced(most: Float64, steps: Float64, first: float) -> Float64:
+    """Metres a second at places (T): from `first` to a stand, no faster than `most` (T) nor than a body speeds up.
+
+    steps: (T - 1) metres from each place to the next. Squares of speeds rise and fall by what is gained on each step at
+    most, so both ways are running minima.
+    """
+    gained = np.concatenate([[0.0], np.cumsum(2.0 * ACCELERATION_M_S2 * steps)])
+    squares = most**2
+    squares[0], squares[-1] = first**2, 0.0
+    squares = np.minimum.accumulate(squares - gained) + gained
+    squares = np.minimum.accumulate((squares + gained)[::-1])[::-1] - gained
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))

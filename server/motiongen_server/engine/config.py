@@ -14,7 +14,8 @@ class EngineConfig:
     max_sessions, max_clips, max_rows: sessions held at once, and beside them clips; rows of one denoising step.
     max_step_s: what a step may be expected to take, so that an edit need not wait long for the next one; steps are not
     made smaller than pays, though.
-    max_pending_events, max_prompts, max_constraints: limits of one session.
+    max_pending_events, max_prompts, max_constraints: limits of one session. max_held_trajectory_frames: of all root
+    trajectories and paths together that one session holds.
     history_crop: most history frames given to a window. continue_threshold: unplayed frames at which the next window is
     started. So that sessions opened together spread out, each differently: continue_jitter, most frames added to that,
     and stride_jitter, most frames by which the first window made while the client plays is cut. first_chunk,
@@ -47,6 +48,7 @@ class EngineConfig:
     max_pending_events: int = 64
     max_prompts: int = 16
     max_constraints: int = 256
+    max_held_trajectory_frames: int = 24_000
     history_crop: int = 16
     continue_threshold: int = 20
     continue_jitter: int = 4
@@ -83,6 +85,7 @@ class EngineConfig:
     def __post_init__(self) -> None:
         for name in ("max_sessions", "max_clips", "max_rows", "max_pending_events", "max_prompts", "max_constraints"):
             self._check(name, 1)
+        self._check("max_held_trajectory_frames", 1)
         for name in ("first_chunk", "steady_chunk", "continue_threshold", "max_waiting_edits", "hold_frames"):
             self._check(name, 1)
         for name in (

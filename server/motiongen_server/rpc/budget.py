@@ -14,9 +14,13 @@ MESSAGE_COST = 1.0
 EVENT_COST = 1.0
 REFUSAL_COST = 9.0
 """More, for an event that is refused: its answer costs the server several times what taking it does."""
+PATH_COST = 50.0
+"""More, for each path: the engine works out where it leads, in the time of so many other events."""
 BYTES_A_TOKEN = 256.0
 CALL_COST = 1.0
 """Of a call, of those that a peer may make in a second; a clip's costs more by its bytes."""
+PATH_CALLS = 0.25
+"""More, for each path of each sample of a clip."""
 BYTES_A_CALL = 16_384.0
 
 

@@ -47,6 +47,7 @@ class Catalog:
             max_request_bytes=limits.max_request_bytes,
             default_lookahead_frames=limits.default_lookahead_frames,
             max_trajectory_frames=limits.max_trajectory_frames,
+            max_held_trajectory_frames=limits.max_held_trajectory_frames,
             max_coordinate_m=MAX_COORDINATE_M,
             max_guidance=MAX_GUIDANCE,
             max_speed_mps=MAX_SPEED_MPS,

@@ -1,4 +1,7 @@
-"""Health: gRPC's health checks. No watcher can keep others from a place, or a change from being told to them."""
+"""Health: gRPC's health checks. No watcher can keep others from a place, or a change from being told to them.
+
+Who checks without end is answered at a pace (`health_pace`).
+"""
 
 from __future__ import annotations
 
@@ -11,12 +14,13 @@ import grpc.aio
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from motiongen_server.errors import StreamRefused
+from motiongen_server.rpc.health_pace import HealthPace
 from motiongen_server.rpc.peers import address_of
 from motiongen_server.rpc.stream_errors import reader_stuck, too_many_streams
 
 MOST_WATCHERS = 512
 MOST_OF_AN_ADDRESS = 128
-"""A check that is asked for again and again needs no place."""
+"""A check that is asked for now and then needs no place."""
 STUCK_S = 5.0
 
 Context: TypeAlias = "grpc.aio.ServicerContext[health_pb2.HealthCheckRequest, health_pb2.HealthCheckResponse]"
@@ -29,6 +33,7 @@ class Health(health_pb2_grpc.HealthServicer):
         self._statuses: dict[str, int] = {}
         self._changed = asyncio.Event()
         self._watchers: Counter[str] = Counter()
+        self._pace = HealthPace()
 
     def set(self, service: str, status: int) -> None:
         """Tell a status to all who ask or watch. Waits for none of them."""
@@ -37,7 +42,11 @@ class Health(health_pb2_grpc.HealthServicer):
         changed.set()
 
     async def Check(self, request: health_pb2.HealthCheckRequest, context: Context) -> health_pb2.HealthCheckResponse:
-        """The status now."""
+        """The status now, told at a pace to who asks for it often."""
+        try:
+            await self._pace.wait(context.peer())
+        except StreamRefused as refusal:
+            await context.abort_with_status(refusal.status())
         status = self._statuses.get(request.service)
         if status is None:
             await context.abort(grpc.StatusCode.NOT_FOUND, f"no service {request.service[:80]!r} is served here")

@@ -31,6 +31,7 @@ class Limits:
     default_lookahead_frames: int = 40
     max_lookahead_frames: int = 80
     max_trajectory_frames: int = 400
+    max_held_trajectory_frames: int = 24_000
     max_hold_frames: int = 400
     max_clip_frames: int = 2_400
     max_clip_samples: int = 16

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
-from motiongen.v1 import session_pb2
+from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_server.engine.types import (
     Close,
     Closed,
@@ -20,8 +20,8 @@ from motiongen_server.engine.types.refusals import draining, handle_in_use, sess
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.identity.caller import ANYBODY
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
-from motiongen_server.rpc.budget import REFUSAL_COST
-from motiongen_server.rpc.convert import check_resume, playhead_of
+from motiongen_server.rpc.budget import PATH_COST, REFUSAL_COST
+from motiongen_server.rpc.convert import check_resume, num_paths, playhead_of
 from motiongen_server.rpc.durability import new_secret, token_of
 from motiongen_server.rpc.event_errors import (
     invalid_event_seq,
@@ -104,6 +104,8 @@ class Stream(StreamTakeOvers):
                 raise unread
             if kind != "close":  # which asks for less work, not for more
                 self._take_token(entry, now)
+            if kind in ("open", "edit_constraints"):
+                self.budget.charge(PATH_COST * num_paths(_constraints_of(event)), now)
             pass_on(entry, event, now)
         except EventRefused as refusal:
             self.budget.charge(REFUSAL_COST, now)
@@ -265,3 +267,8 @@ class Stream(StreamTakeOvers):
         self.send_queue.clear()
         self.responses.clear()
         self.cut()
+
+
+def _constraints_of(event: session_pb2.SessionEvent) -> Iterable[motion_pb2.Constraint]:
+    """Those that it sets."""
+    return event.open.constraints if event.WhichOneof("event") == "open" else event.edit_constraints.upsert

@@ -55,6 +55,12 @@ def too_many_calls(wait_s: float, kind: str) -> StreamRefused:
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_CALLS", message, retry_after_s=max(0.1, wait_s))
 
 
+def too_many_checks(wait_s: float) -> StreamRefused:
+    """Of the health."""
+    message = f"too many health checks of your connection wait; ask again in {wait_s:.1f} s, or watch the health"
+    return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_CALLS", message, retry_after_s=max(0.1, wait_s))
+
+
 def stream_empty(after_s: float) -> StreamRefused:
     message = f"the stream has carried no session for {after_s:g} s; begin another when there is one to open"
     return StreamRefused(grpc.StatusCode.DEADLINE_EXCEEDED, "STREAM_EMPTY", message)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motiongen_ardy.locomotion.velocity import RootState
-from motiongen_ardy.locomotion.way import ACCELERATION_M_S2, rounded, walked, walking_s
+from motiongen_ardy.locomotion.way import ACCELERATION_M_S2, WayTooLong, paced, rounded, walked, walking_s
 
 FPS = 20
 STANDING = RootState(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -43,6 +43,38 @@ def test_who_stands_gets_to_a_place_a_few_centimetres_away(distance: float) -> N
     ground = walked(np.array([[0.0, distance]]), 0.5, 0.0, STANDING, FPS)
     assert np.allclose(ground[-1], (0.0, distance), atol=1e-6)
     assert len(ground) <= FPS
+
+
+def _paced_one_by_one(most: np.ndarray, steps: np.ndarray, first: float) -> np.ndarray:
+    """A second way to the same paces: each from its neighbour, forwards and back."""
+    pace = most.copy()
+    pace[0], pace[-1] = first, 0.0
+    gains = 2.0 * ACCELERATION_M_S2 * steps
+    for index in range(1, len(pace)):
+        pace[index] = min(pace[index], math.sqrt(pace[index - 1] ** 2 + gains[index - 1]))
+    for index in range(len(pace) - 2, -1, -1):
+        pace[index] = min(pace[index], math.sqrt(pace[index + 1] ** 2 + gains[index]))
+    return pace
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    most=st.lists(st.floats(0.0, 10.0), min_size=3, max_size=60),
+    step=st.floats(0.01, 4.0),
+    first=st.floats(0.0, 5.0),
+)
+def test_nobody_speeds_up_or_slows_down_faster_than_a_body_can(most: list[float], step: float, first: float) -> None:
+    steps = np.full(len(most) - 1, step)
+    expected = _paced_one_by_one(np.array(most), steps, first)
+    assert paced(np.array(most), steps, first) == pytest.approx(expected, abs=1e-5)
+
+
+def test_a_way_that_takes_too_long_is_not_worked_out() -> None:
+    slow = np.array([[0.0, 100.0]])
+    assert len(walked(slow, 0.1, 0.0, STANDING, FPS, 1100.0)) > 1000 * FPS
+    with pytest.raises(WayTooLong) as caught:
+        walked(slow, 0.1, 0.0, STANDING, FPS, 900.0)
+    assert caught.value.seconds == pytest.approx(1000.0, rel=0.01)
 
 
 def test_a_corner_is_cut_by_the_distance_that_is_allowed_and_no_more() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import gc
+import itertools
 import time
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_server.engine.types import Chunk, Close, Closed, CloseReason, Code, Open, Outcome
+from motiongen_server.rpc.budget import PATH_COST
 from motiongen_server.rpc.event_path import MAX_WAITING_EVENTS
 from motiongen_server.rpc.limits import PeerLimits
 from tests.server.rpc.test_event_order import HANDLE, PAUSE, WALK, Line, make_catalog
@@ -181,3 +183,18 @@ async def test_an_encoding_that_ends_in_the_moment_of_its_session_finds_nothing_
     gc.collect()  # asyncio tells of a task that failed when it is collected
     assert failures == []
     assert line.refusals() == [(2, "SESSION_CLOSED")]
+
+
+async def test_a_path_costs_its_stream_as_much_as_the_engine_takes_to_work_it_out(line: Line) -> None:
+    line.open()
+    now, rate = time.monotonic(), line.catalog.limits.stream_events_per_second
+    line.stream.budget.charge(rate, now)
+    path = motion_pb2.Constraint(constraint_id=1, root_path=motion_pb2.RootPath(positions=[1.0, 0.0]))
+    waypoint = motion_pb2.Constraint(constraint_id=2, frame=90, waypoint=motion_pb2.Waypoint(x=1.0))
+    edits = {2: [waypoint], 3: [path], 4: [path, waypoint, path]}
+    owed = [0.0]
+    for number, asked in edits.items():
+        edit = session_pb2.EditConstraints(upsert=asked)
+        line.stream.receive(session_pb2.SessionEvent(session=HANDLE, event_seq=number, edit_constraints=edit), now)
+        owed.append(rate * line.stream.budget.owed_s(now))
+    assert [round((after - before) / PATH_COST) for before, after in itertools.pairwise(owed)] == [0, 1, 2]

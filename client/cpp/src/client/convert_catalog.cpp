@@ -68,6 +68,7 @@ Limits limits(const v1::Limits& message) {
   made.max_lookahead_frames = message.max_lookahead_frames();
   made.default_lookahead_frames = message.default_lookahead_frames();
   made.max_trajectory_frames = message.max_trajectory_frames();
+  made.max_held_trajectory_frames = message.max_held_trajectory_frames();
   made.max_request_bytes = message.max_request_bytes();
   made.max_hold_frames = message.max_hold_frames();
   made.max_speed_mps = message.max_speed_mps();

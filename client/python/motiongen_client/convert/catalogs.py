@@ -68,6 +68,7 @@ def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
             max_hold_frames=limits.max_hold_frames,
             max_clip_frames=limits.max_clip_frames,
             max_clip_samples=limits.max_clip_samples,
+            max_held_trajectory_frames=limits.max_held_trajectory_frames,
         ),
         free_share=message.free_share if message.HasField("free_share") else None,
     )

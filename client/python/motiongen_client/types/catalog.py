@@ -74,6 +74,7 @@ class Limits:
     max_hold_frames: int
     max_clip_frames: int
     max_clip_samples: int
+    max_held_trajectory_frames: int = 0
 
 
 @dataclass(frozen=True)

@@ -128,7 +128,7 @@ class Preset(_message.Message):
     def __init__(self, preset_id: _Optional[str] = ..., text: _Optional[str] = ..., description: _Optional[str] = ...) -> None: ...
 
 class Limits(_message.Message):
-    __slots__ = ("max_sessions_per_stream", "max_constraints", "max_events_per_second", "max_lookahead_frames", "max_prompts", "max_prompt_characters", "max_request_bytes", "default_lookahead_frames", "max_trajectory_frames", "max_coordinate_m", "max_guidance", "max_stream_events_per_second", "max_speed_mps", "max_hold_frames", "max_clip_frames", "max_clip_samples", "resume_grace")
+    __slots__ = ("max_sessions_per_stream", "max_constraints", "max_events_per_second", "max_lookahead_frames", "max_prompts", "max_prompt_characters", "max_request_bytes", "default_lookahead_frames", "max_trajectory_frames", "max_coordinate_m", "max_guidance", "max_stream_events_per_second", "max_speed_mps", "max_hold_frames", "max_clip_frames", "max_clip_samples", "resume_grace", "max_held_trajectory_frames")
     MAX_SESSIONS_PER_STREAM_FIELD_NUMBER: _ClassVar[int]
     MAX_CONSTRAINTS_FIELD_NUMBER: _ClassVar[int]
     MAX_EVENTS_PER_SECOND_FIELD_NUMBER: _ClassVar[int]
@@ -146,6 +146,7 @@ class Limits(_message.Message):
     MAX_CLIP_FRAMES_FIELD_NUMBER: _ClassVar[int]
     MAX_CLIP_SAMPLES_FIELD_NUMBER: _ClassVar[int]
     RESUME_GRACE_FIELD_NUMBER: _ClassVar[int]
+    MAX_HELD_TRAJECTORY_FRAMES_FIELD_NUMBER: _ClassVar[int]
     max_sessions_per_stream: int
     max_constraints: int
     max_events_per_second: float
@@ -163,7 +164,8 @@ class Limits(_message.Message):
     max_clip_frames: int
     max_clip_samples: int
     resume_grace: _duration_pb2.Duration
-    def __init__(self, max_sessions_per_stream: _Optional[int] = ..., max_constraints: _Optional[int] = ..., max_events_per_second: _Optional[float] = ..., max_lookahead_frames: _Optional[int] = ..., max_prompts: _Optional[int] = ..., max_prompt_characters: _Optional[int] = ..., max_request_bytes: _Optional[int] = ..., default_lookahead_frames: _Optional[int] = ..., max_trajectory_frames: _Optional[int] = ..., max_coordinate_m: _Optional[float] = ..., max_guidance: _Optional[float] = ..., max_stream_events_per_second: _Optional[float] = ..., max_speed_mps: _Optional[float] = ..., max_hold_frames: _Optional[int] = ..., max_clip_frames: _Optional[int] = ..., max_clip_samples: _Optional[int] = ..., resume_grace: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ...) -> None: ...
+    max_held_trajectory_frames: int
+    def __init__(self, max_sessions_per_stream: _Optional[int] = ..., max_constraints: _Optional[int] = ..., max_events_per_second: _Optional[float] = ..., max_lookahead_frames: _Optional[int] = ..., max_prompts: _Optional[int] = ..., max_prompt_characters: _Optional[int] = ..., max_request_bytes: _Optional[int] = ..., default_lookahead_frames: _Optional[int] = ..., max_trajectory_frames: _Optional[int] = ..., max_coordinate_m: _Optional[float] = ..., max_guidance: _Optional[float] = ..., max_stream_events_per_second: _Optional[float] = ..., max_speed_mps: _Optional[float] = ..., max_hold_frames: _Optional[int] = ..., max_clip_frames: _Optional[int] = ..., max_clip_samples: _Optional[int] = ..., resume_grace: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., max_held_trajectory_frames: _Optional[int] = ...) -> None: ...
 
 class StreamMotionRequest(_message.Message):
     __slots__ = ("events", "hello", "ping")

@@ -171,12 +171,13 @@ def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) ->
 
 
 def edit_constraints(
-    held: Conditions, event: SetConstraints, floor: int, limit: int, anchor: Callable[[], Anchor]
+    held: Conditions, event: SetConstraints, floor: int, limit: int, most_frames: int, anchor: Callable[[], Anchor]
 ) -> tuple[Conditions, tuple[Constraint, ...], tuple[Placement, ...]]:
     """Apply an edit of constraints. floor: the first frame that can still change; anchor: for what asks "from here".
 
     Returns the new conditions, every constraint that came, went or was replaced, and where those that left it open
-    were put. Raises EventRefused for an unknown id, a target that has passed, or more than `limit` constraints.
+    were put. Raises EventRefused for an unknown id, a target that has passed, more than `limit` constraints, or
+    trajectories of more than most_frames together.
     """
     constraints = {item.constraint_id: item for item in held.constraints}
     changed: list[Constraint] = []
@@ -187,7 +188,7 @@ def edit_constraints(
         if constraint_id not in constraints:
             raise _unknown("constraint", constraint_id, index, constraints)
         changed.append(constraints.pop(constraint_id))
-    upserts, placements = place_all(event.upsert, anchor, "edit_constraints.upsert")
+    upserts, placements = place_all(event.upsert, anchor, "edit_constraints.upsert", most_frames)
     for index, item in enumerate(upserts):
         # Of several frames at which it may be met one that still can be is enough.
         latest = item.first_frame if isinstance(item, RootTrajectory) else item.last_frame
@@ -199,17 +200,21 @@ def edit_constraints(
         constraints[item.constraint_id] = item
     if len(constraints) > limit:
         raise _too_many("constraints", len(constraints), limit)
+    if (frames := sum(map(_trajectory_frames, constraints.values()))) > most_frames:
+        raise _too_many_frames(frames, most_frames, "edit_constraints.upsert")
     return replace(held, constraints=tuple(constraints.values())), tuple(changed), placements
 
 
 def place_all(
-    asked: Sequence[Asked], anchor: Callable[[], Anchor], field: str
+    asked: Sequence[Asked], anchor: Callable[[], Anchor], field: str, most_frames: int
 ) -> tuple[tuple[Constraint, ...], tuple[Placement, ...]]:
     """Constraints as they are asked for, in frames and in the world; and where those were put that left it open.
 
-    field: the path of their list. Raises EventRefused for one that cannot be placed.
+    field: the path of their list. Raises EventRefused for one that cannot be placed, and for trajectories of more than
+    most_frames together, before any more of them are worked out.
     """
     constraints: list[Constraint] = []
+    frames = 0
     placements: list[Placement] = []
     here: Anchor | None = None  # most edits need none, and it costs a pose
     for index, item in enumerate(asked):
@@ -220,7 +225,15 @@ def place_all(
             placements.append(placement)
         else:
             constraints.append(item)
+        frames += _trajectory_frames(constraints[-1])
+        if frames > most_frames:
+            raise _too_many_frames(frames, most_frames, f"{field}[{index}]")
     return tuple(constraints), tuple(placements)
+
+
+def _trajectory_frames(constraint: Constraint) -> int:
+    """That it says a place for, each of its own; other constraints take no more memory the longer they hold."""
+    return len(constraint.xz) if isinstance(constraint, RootTrajectory) else 0
 
 
 def _start(prompt: Prompt) -> int:
@@ -266,4 +279,14 @@ def _too_many(what: str, given: int, limit: int) -> EventRefused:
         f"the session would hold {given} {what}; remove some or reuse their ids",
         f"edit_{what}.upsert",
         f"at most {limit} {what} at once",
+    )
+
+
+def _too_many_frames(given: int, limit: int, field: str) -> EventRefused:
+    return EventRefused(
+        Code.RESOURCE_EXHAUSTED,
+        "TOO_MANY_TRAJECTORY_FRAMES",
+        f"trajectories and paths would have {given} frames together; send the later ones when earlier ones are over",
+        field,
+        f"at most {limit} frames at once (max_held_trajectory_frames)",
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, TypeAlias
 
@@ -42,6 +42,11 @@ class PendingEdit:
     dirty_from: int
     placements: tuple[Placement, ...] = ()
     left_open: tuple[tuple[Unplaced, Constraint], ...] = ()
+
+    def with_open_of(self, held: Container[int]) -> PendingEdit:
+        """The same without what it left open and is not held any more. held: the id() of each constraint that is."""
+        left = tuple(each for each in self.left_open if id(each[1]) in held)
+        return self if len(left) == len(self.left_open) else replace(self, left_open=left)
 
     def done(self, session: SessionKey, frame: int) -> Outcome:
         """The answer that it is in effect from a frame on."""
@@ -84,7 +89,9 @@ def edited(
             conditions = replace(held, velocity=velocity, gait=gait_of(gaits, event, held.gait_at(floor)))
             return Edited(conditions, "velocity", conditions.first_change(held, floor, dirty_from))
         case SetConstraints():
-            conditions, changed, placements = edit_constraints(held, event, floor, config.max_constraints, anchor)
+            conditions, changed, placements = edit_constraints(
+                held, event, floor, config.max_constraints, config.max_held_trajectory_frames, anchor
+            )
             # What lies beyond the reach waits until a later window sees it.
             first = min((item.first_frame for item in changed if item.last_frame >= floor), default=None)
             dirty_from = None if first is None else max(floor, first - reach + 1)
@@ -119,6 +126,12 @@ class EditQueue:
 
     def add(self, edit: PendingEdit) -> None:
         self.waiting = (*self.waiting, edit)
+
+    def forget_replaced(self, held: Iterable[Constraint]) -> None:
+        """Of constraints that were left open only those that are held can still be put elsewhere: keep no others."""
+        if self.are_left_open:
+            there = {id(item) for item in held}
+            self.waiting = tuple(edit.with_open_of(there) for edit in self.waiting)
 
     def take(self) -> tuple[PendingEdit, ...]:
         """All that wait, for a window that starts now."""
@@ -158,7 +171,7 @@ class EditQueue:
 
         sent_to: the end of what was sent and still holds; edits beyond it that nobody saw were overtaken.
         """
-        answered = [(edit, max(edit.dirty_from, first_frame)) for edit in edits]
+        answered = [(edit.with_open_of(()), max(edit.dirty_from, first_frame)) for edit in edits]
         self.unseen = [(edit, frame) for edit, frame in self.unseen if frame < sent_to] + answered
         return answered
 

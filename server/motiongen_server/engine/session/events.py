@@ -70,6 +70,7 @@ def _edit(state: SessionState, event: EditEvent, now: float, report: StepReport)
     state.conditions, kind, dirty_from, placements, left_open = edited(
         state.conditions, event, floor, reach, state.config, lambda: _anchor(state, now), state.spec.gaits
     )
+    state.edits.forget_replaced(state.conditions.constraints)
     if dirty_from is None:
         return [Outcome(state.key, event.event_seq, Code.OK, placements=placements)]
     if dirty_from > 0:

@@ -39,7 +39,10 @@ def open_session(
     last_frame = None if spec.clip_frames is None else spec.clip_frames - 1
     start = root_before(0, timeline, reader, spec.start_pose, facts.fps)
     constraints, placements = place_all(
-        spec.constraints, lambda: Anchor(0, start, facts.fps, facts.rig, last_frame), "open.constraints"
+        spec.constraints,
+        lambda: Anchor(0, start, facts.fps, facts.rig, last_frame),
+        "open.constraints",
+        config.max_held_trajectory_frames,
     )
     clock = PlaybackClock(facts.fps, rate=config.playback_rate, slack=spec.lookahead)
     stride = spread(ordinal) * (config.stride_jitter // facts.patch + 1)

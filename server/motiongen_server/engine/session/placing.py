@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motiongen_ardy.locomotion.velocity import RootState
-from motiongen_ardy.locomotion.way import walked, walking_s
+from motiongen_ardy.locomotion.way import WayTooLong, walked, walking_s
 from motiongen_server.engine.types import (
     Code,
     Constraint,
@@ -129,12 +129,15 @@ def _chain_m(joint: int, rig: RigLayout) -> float:
 
 def _walked_path(path: RootPath, anchor: Anchor, field: str) -> RootTrajectory:
     places = np.concatenate([[[anchor.root.x, anchor.root.z]], path.corners])
-    seconds = float(np.hypot(*np.diff(places, axis=0).T).sum()) / path.speed_mps
-    if seconds > MOST_PATH_S:
-        given = f"it takes {seconds:.0f} s to walk it at {path.speed_mps:g} m/s"
+    try:
+        # At full speed all the way first, which costs little to know.
+        if (seconds := float(np.hypot(*np.diff(places, axis=0).T).sum()) / path.speed_mps) > MOST_PATH_S:
+            raise WayTooLong(seconds)
+        ground = walked(path.corners, path.speed_mps, path.smoothing_m, anchor.root, anchor.fps, MOST_PATH_S)
+    except WayTooLong as error:
+        given = f"it takes {error.seconds:.0f} s to walk it at {path.speed_mps:g} m/s, slower in bends"
         allowed = f"a way of up to {MOST_PATH_S:g} s; send the rest when this one nears its end"
-        raise EventRefused(Code.INVALID_ARGUMENT, "PATH_TOO_LONG", given, f"{field}.root_path", allowed)
-    ground = walked(path.corners, path.speed_mps, path.smoothing_m, anchor.root, anchor.fps)
+        raise EventRefused(Code.INVALID_ARGUMENT, "PATH_TOO_LONG", given, f"{field}.root_path", allowed) from error
     if anchor.last_frame is not None:
         ground = ground[: max(1, anchor.last_frame + 1 - anchor.frame)]
     return RootTrajectory(

@@ -33,8 +33,17 @@ from motiongen_server.engine.types import (
 from motiongen_server.engine.types.refusals import draining
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
+from motiongen_server.rpc.budget import PATH_CALLS
 from motiongen_server.rpc.clip.request import check_extent, clip_specs, last_frame_of, opening_event
-from motiongen_server.rpc.convert import UNENCODED, coding_of, prompt_texts, residual_of, warnings_of, write_update
+from motiongen_server.rpc.convert import (
+    UNENCODED,
+    coding_of,
+    num_paths,
+    prompt_texts,
+    residual_of,
+    warnings_of,
+    write_update,
+)
 from motiongen_server.rpc.convert.frames import FrameCoding
 from motiongen_server.rpc.encoding import encoded
 from motiongen_server.rpc.event_errors import too_many_clips
@@ -158,6 +167,7 @@ class ClipService:
         if len(self._calls) >= self._limits.max_clip_calls:
             raise too_many_clips(self._limits.max_clip_calls)
         number, num_samples = next(self._numbers), request.sample_count or 1
+        peer.calls.charge(PATH_CALLS * num_paths(request.open.constraints) * num_samples, time.monotonic())
         peer.begin_clip(num_samples)
         try:
             call = await self._prepared(request, number, model, peer)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 
 from motiongen.v1 import motion_pb2
@@ -55,6 +56,11 @@ def _weight(message: motion_pb2.Constraint, field: str) -> float:
             "WEIGHT_OUT_OF_RANGE", f"{field}.weight", f"the weight is {weight:g}", f"above 0 to {MAX_WEIGHT:g}"
         )
     return float(weight)
+
+
+def num_paths(constraints: Iterable[motion_pb2.Constraint]) -> int:
+    """How many of them are paths, whose places the engine works out."""
+    return sum(constraint.HasField("root_path") for constraint in constraints)
 
 
 def path_of(message: motion_pb2.RootPath, identifier: int, field: str) -> RootPath:

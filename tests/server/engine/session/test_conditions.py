@@ -138,25 +138,25 @@ def test_refused_edits_say_what_is_allowed() -> None:
         ),
         (lambda: edit_prompts(held, _prompts(prompt(2, 2)), 0, 1), Code.RESOURCE_EXHAUSTED, "TOO_MANY_PROMPTS", "1"),
         (
-            lambda: edit_constraints(held, _constraints(remove=(6,)), 0, 9, here),
+            lambda: edit_constraints(held, _constraints(remove=(6,)), 0, 9, 99, here),
             Code.NOT_FOUND,
             "UNKNOWN_CONSTRAINT",
             "5",
         ),
         (
-            lambda: edit_constraints(held, _constraints(Waypoint(6, 19, 0.0, 0.0)), 20, 9, here),
+            lambda: edit_constraints(held, _constraints(Waypoint(6, 19, 0.0, 0.0)), 20, 9, 99, here),
             Code.FAILED_PRECONDITION,
             "FRAME_COMMITTED",
             "from 20",
         ),
         (
-            lambda: edit_constraints(held, _constraints(Waypoint(6, 20, 0.0, 0.0)), 20, 1, here),
+            lambda: edit_constraints(held, _constraints(Waypoint(6, 20, 0.0, 0.0)), 20, 1, 99, here),
             Code.RESOURCE_EXHAUSTED,
             "TOO_MANY_CONSTRAINTS",
             "1",
         ),
         (
-            lambda: edit_constraints(held, _constraints(remove=(5,), clear=True), 0, 9, here),
+            lambda: edit_constraints(held, _constraints(remove=(5,), clear=True), 0, 9, 99, here),
             Code.NOT_FOUND,
             "UNKNOWN_C",
             "non",
@@ -177,10 +177,10 @@ def test_an_edit_of_constraints_names_all_that_came_and_went() -> None:
     old = Waypoint(1, 50, 0.0, 0.0)
     path = RootTrajectory(2, 60, np.zeros((10, 2), np.float32))
     new = Waypoint(1, 80, 1.0, 0.0)
-    edited, changed, _ = edit_constraints(Conditions((), (old, path)), _constraints(new, remove=(2,)), 10, 9, here)
+    edited, changed, _ = edit_constraints(Conditions((), (old, path)), _constraints(new, remove=(2,)), 10, 9, 99, here)
     assert edited.constraints == (new,)
     assert set(changed) == {old, path, new}
-    edited, changed, _ = edit_constraints(Conditions((), (old, path)), _constraints(clear=True), 10, 9, here)
+    edited, changed, _ = edit_constraints(Conditions((), (old, path)), _constraints(clear=True), 10, 9, 99, here)
     assert (edited.constraints, changed) == ((), (old, path))
 
 

@@ -69,6 +69,7 @@ struct Limits {
   std::uint32_t max_lookahead_frames = 0;
   std::uint32_t default_lookahead_frames = 0;
   std::uint32_t max_trajectory_frames = 0;
+  std::uint32_t max_held_trajectory_frames = 0;  // of all that a session holds; 0: the server tells of no limit
   std::uint32_t max_request_bytes = 0;
   std::uint32_t max_hold_frames = 0;
   float max_speed_mps = 0;

@@ -66,6 +66,8 @@ def catalog(frame_rate: int) -> service_pb2.GetCatalogResponse:
                 default_denoise_steps=4,
                 min_denoise_steps=1,
                 max_denoise_steps=10,
+                default_guidance=session_pb2.Guidance(text=2.5, constraint=1.5),
+                default_history_frames=4,
                 text_encoder="none",
                 num_parameters=2_500_000,
             )
@@ -175,7 +177,7 @@ class FakeStream:
                 ids -= set(event.edit_constraints.remove)
                 ids |= {constraint.constraint_id for constraint in event.edit_constraints.upsert}
                 self.replan(event)
-            case "set_velocity":
+            case "set_velocity" | "seek" | "set_options":
                 self.replan(event)
             case "set_play_state":
                 self.push(event.session, outcome=session_pb2.EditOutcome(event_seq=event.event_seq))

@@ -45,6 +45,8 @@ def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
                     for each in entry.locomotion_presets
                 ),
                 known_motions=tuple(entry.known_motions),
+                default_text_guidance=_weight(entry, "text"),
+                default_constraint_guidance=_weight(entry, "constraint"),
                 default_tolerance_m=entry.default_tolerance_m,
                 default_tolerance_rad=entry.default_tolerance_rad,
                 outputs={block.name: block.width for block in entry.outputs},
@@ -105,6 +107,12 @@ def rig(message: motion_pb2.Rig) -> Rig:
         hip_joints=hips,
         limbs={limb.name: tuple(limb.joints) for limb in message.limbs},
     )
+
+
+def _weight(model: service_pb2.Model, condition: str) -> float:
+    """The default guidance by "text" or "constraint"; 1, what models are trained for, where the server says none."""
+    guidance = model.default_guidance
+    return float(getattr(guidance, condition)) if guidance.HasField(condition) else 1.0
 
 
 _FORM_SUPPORTS = frozenset(service_pb2.FormSupport.values())

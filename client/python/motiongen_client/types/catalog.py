@@ -27,6 +27,7 @@ class Model:
     preset_descriptions: the motion to expect of them, where it is told. constraint_forms: by name "trained",
     "untrained" (taken with a warning) or "refused"; empty where nothing is claimed. known_motions: what its training
     captions are about, in words. default_tolerance_m, default_tolerance_rad: of constraints that do not say.
+    default_text_guidance, default_constraint_guidance: the weights of sessions that ask for none.
     outputs: name -> width of what frames may have besides, where `SessionOptions.outputs` asks for it.
     """
 
@@ -51,6 +52,8 @@ class Model:
     known_motions: tuple[str, ...] = ()
     default_tolerance_m: float = 0.0
     default_tolerance_rad: float = 0.0
+    default_text_guidance: float = 1.0
+    default_constraint_guidance: float = 1.0
     outputs: Mapping[str, int] = field(default_factory=dict)
 
 

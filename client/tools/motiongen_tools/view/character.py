@@ -8,17 +8,19 @@ from typing import Any
 from motiongen_client.errors import InvalidInput, MotiongenError
 from motiongen_client.motion import Float32
 from motiongen_client.session import Session
-from motiongen_client.types import ConstraintReached, Reopened, ServiceLevel, SessionOptions
-from motiongen_tools.view.commands import apply
+from motiongen_client.types import ConstraintReached, Model, Reopened, ServiceLevel, SessionOptions
+from motiongen_tools.view.commands import CUT_FRAMES, apply
 from motiongen_tools.view.edit_log import EditLog, Entry
 from motiongen_tools.view.feed import Feed
 from motiongen_tools.view.fields import Message
 from motiongen_tools.view.rehearsal import Rehearsal
 from motiongen_tools.view.script import Script
+from motiongen_tools.view.served_with import ServedWith
 from motiongen_tools.view.wire import Head
 
 MOST_MARKS = 400
 LEAST_SCALE, MOST_SCALE = 0.1, 2.0
+CUTS = ("teleport", "cut_to")
 
 
 class Character:
@@ -33,6 +35,7 @@ class Character:
         name: str,
         session: Session,
         options: SessionOptions,
+        model: Model,
         opening: Message,
         rehearsal: Rehearsal | None = None,
     ) -> None:
@@ -42,6 +45,7 @@ class Character:
         self.options = options
         self.opening = opening
         self.script = Script()
+        self._served_with = ServedWith(options, session.opened, model)
         self.edits = EditLog()
         self.revision = 1
         self.failure = ""
@@ -65,17 +69,27 @@ class Character:
         """Do what a message says. Raises InvalidInput, or what ended the session."""
         if message.get("op") == "undo":
             return self._undo()
+        is_option = message.get("op") == "set_options"
+        if is_option:
+            message = self._served_with.completed(message)
         edit = apply(self.session, message)
-        back = self.script.inverse(message, edit.prompt_id, edit.constraint_ids) if can_be_undone else []
-        playhead = self.session.playback.playhead
-        entry = self.edits.add(message, _named(message, edit.what), playhead, edit, back, self._note_answer)
+        back = self.script.inverse(message, edit.prompt_id, edit.constraint_ids)
+        entry = self.edits.add(
+            message,
+            _named(message, edit.what),
+            self.session.playback.playhead,
+            edit,
+            self._note_answer,
+            takes_back=[self._served_with.inverse(message)] if is_option else back,
+            can_be_undone=can_be_undone,
+        )
         self.revision += 1
         return entry
 
     def _undo(self) -> Entry:
         last = self.edits.pop_undoable()
         if last is None:
-            raise InvalidInput("op", "undo", "an edit of a prompt or a constraint before it")
+            raise InvalidInput("op", "undo", "an edit of prompts, constraints or options, or a cut, before it")
         self.revision += 1
         return [self.tell(message, can_be_undone=False) for message in last.takes_back][-1]
 
@@ -188,6 +202,11 @@ class Character:
             playhead, edit = self.session.playback.playhead, entry.edit
             self.script.take(entry.message, entry.effective_frame, edit.prompt_id, edit.constraint_ids, playhead)
             self.script.note_placements(entry.placements)
+            if entry.message.get("op") == "set_options":
+                self._served_with.take(entry.message)
+            if entry.message.get("op") in CUTS and (entry.effective_frame or 0) >= CUT_FRAMES:
+                # back to where it was: on from the frames before the cut
+                entry.takes_back = [{"op": "cut_to", "frame": entry.effective_frame}]
         self.revision += 1
 
     def _note_reached(self, reached: ConstraintReached) -> None:

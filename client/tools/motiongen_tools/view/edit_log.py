@@ -26,6 +26,7 @@ class Entry:
     at_frame: int
     edit: Edit = field(repr=False)
     takes_back: list[Message] = field(default_factory=list, repr=False)
+    can_be_undone: bool = True
     state: str = "sent"
     effective_frame: int | None = None
     latency_ms: int | None = None
@@ -62,11 +63,13 @@ class EditLog:
         what: str,
         at_frame: int,
         edit: Edit,
-        takes_back: list[Message],
         on_answer: Callable[[Entry], None],
+        *,
+        takes_back: list[Message],
+        can_be_undone: bool,
     ) -> Entry:
-        """Note an edit that was sent; on_answer is called once it is accepted or refused."""
-        entry = Entry(self._next, message, what, at_frame, edit, takes_back)
+        """Note an edit that was sent; on_answer, called once it is accepted or refused, may say what takes it back."""
+        entry = Entry(self._next, message, what, at_frame, edit, takes_back, can_be_undone)
         self._next += 1
         self.entries.append(entry)
         del self.entries[:-MOST_KEPT]
@@ -86,9 +89,9 @@ class EditLog:
             entry.placements = outcome.placements
             if "frame" not in entry.message:  # one that is scheduled shows when its time comes
                 self._unshown.append(entry)
-            if entry.takes_back:
-                self._undoable.append(entry)
         on_answer(entry)
+        if entry.state == "accepted" and entry.takes_back and entry.can_be_undone:
+            self._undoable.append(entry)
 
     def look(self) -> bool:
         """Whether an edit's first frame has come since the last look."""

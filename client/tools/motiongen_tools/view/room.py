@@ -82,7 +82,8 @@ class Room:
         options = session_options(message, self._place(number))
         session = await self._line.client.open(prompt, options=options, keep_s=KEEP_S)
         name = fields.text(message, "name", "") or f"character {number}"
-        self.characters[number] = Character(number, name[:60], session, options, message, rehearsal)
+        model = self._line.client.catalog.model(session.opened.model_id)
+        self.characters[number] = Character(number, name[:60], session, options, model, message, rehearsal)
         self.changes += 1
         return number
 

@@ -164,4 +164,4 @@ function drawChosen(nowMs) {
 requestAnimationFrame(draw);
 
 // What tests and consoles look at.
-globalThis.motiongen = { cast, connection, stage, bodies, status, timeline, tools, takes, compare, velocity, pick };
+globalThis.motiongen = { cast, connection, stage, bodies, status, timeline, tools, takes, compare, velocity, pick, marks, plots };

@@ -14,6 +14,7 @@ export class Plots {
     this._context = this._canvas.getContext("2d");
     this.element = make("section", {}, make("h2", {}, "Root speed, foot slide (m/s), way to the target (m), to 3"), this._canvas);
     this._drawnMs = 0;
+    this.drawn = { speeds: [], slides: [], ways: [] };
   }
 
   /** At every frame that is drawn. place: the frame that is shown. */
@@ -23,7 +24,7 @@ export class Plots {
     const { width } = this._canvas;
     const context = this._context;
     context.clearRect(0, 0, width, HEIGHT);
-    const { speeds, slides, ways } = figures(member, Math.floor(place));
+    const { speeds, slides, ways } = (this.drawn = figures(member, Math.floor(place)));
     const style = getComputedStyle(document.documentElement);
     draw(context, speeds, width, style.getPropertyValue("--accent"));
     draw(context, slides, width, style.getPropertyValue("--bad"));

@@ -1,0 +1,87 @@
+"""What is undone of a character: cuts, by going on from before them, and options, by those there were."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+import pytest
+
+from motiongen_client.errors import InvalidInput
+from motiongen_tools.view.bridge import Bridge
+from motiongen_tools.view.character import Character
+from motiongen_tools.view.edit_log import Entry
+from motiongen_tools.view.fields import Message
+from motiongen_tools.view.room import Room
+from tests.client.fake_server import FakeServer
+from tests.waiting import LIMIT_S
+
+OPTIONS = {
+    "priority": "near",
+    "lookahead_frames": 80,
+    "steps": 4,
+    "history_frames": 4,
+    "text_guidance": 2.5,
+    "constraint_guidance": 2.0,
+}
+
+
+class Steered:
+    """A character of a room whose bridge beats."""
+
+    def __init__(self, bridge: Bridge, character: Character) -> None:
+        self._bridge = bridge
+        self.character = character
+
+    async def tell(self, message: Message) -> Entry:
+        """Tell, and wait until the answer is noted."""
+        entry = self.character.tell(message)
+        await self.until(lambda: entry.state != "sent")
+        assert entry.state == "accepted", entry.detail
+        return entry
+
+    async def undo(self) -> Message:
+        """What was told to undo the last edit."""
+        return (await self.tell({"op": "undo"})).message
+
+    async def until(self, holds: Callable[[], bool]) -> None:
+        async with asyncio.timeout(LIMIT_S):
+            while not holds():
+                await self._bridge.beat()
+
+
+@pytest.fixture
+async def steered(bridge: Bridge, room: Room) -> Steered:
+    (number,) = await room.add({"count": 1, "constraint_guidance": 2.0})
+    return Steered(bridge, room.characters[number])
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+async def test_an_option_that_was_never_set_has_its_first_value_again(steered: Steered, name: str) -> None:
+    await steered.tell({"op": "set_options", name: "hero" if name == "priority" else 8})
+    assert (await steered.undo())[name] == OPTIONS[name]
+
+
+async def test_options_are_undone_step_by_step(steered: Steered) -> None:
+    await steered.tell({"op": "set_options", "steps": 6, "priority": "hero"})
+    await steered.tell({"op": "set_options", "steps": 8})
+    assert await steered.undo() == {"op": "set_options", "steps": 6}
+    assert await steered.undo() == {"op": "set_options", "steps": 4, "priority": "near"}
+    with pytest.raises(InvalidInput, match="undo"):
+        steered.character.tell({"op": "undo"})
+
+
+async def test_a_weight_that_is_not_given_stays_as_it_is(steered: Steered, server: FakeServer) -> None:
+    await steered.tell({"op": "set_options", "text_guidance": 0.5})
+    await steered.tell({"op": "set_options", "constraint_guidance": 3.0})
+    sent = [event.set_options.guidance for event in server.stream.received if event.HasField("set_options")]
+    assert [(each.text, each.constraint) for each in sent] == [(0.5, 2.0), (0.5, 3.0)]
+
+
+@pytest.mark.parametrize("cut", [{"op": "teleport", "x_m": 5.0, "z_m": 5.0}, {"op": "cut_to", "frame": 16}])
+async def test_after_a_cut_is_undone_it_goes_on_from_before_the_cut(steered: Steered, cut: Message) -> None:
+    await steered.until(lambda: steered.character.session.playback.playhead > 40)
+    done = await steered.tell(cut)
+    assert await steered.undo() == {"op": "cut_to", "frame": done.effective_frame}
+    with pytest.raises(InvalidInput, match="undo"):
+        steered.character.tell({"op": "undo"})

@@ -16,7 +16,8 @@ class Told:
     """One session: what its client has said and what it has been sent. It outlives a stream by its token."""
 
     heard: Heard | None = None  # checks the server too; None: of a session that was resumed
-    sent_seq: int = 0
+    sent_seq: int = 0  # on the present stream, or answered before it
+    most_sent: int = 0  # on any
     is_closing: bool = False
     is_over: bool = False
     token: str = ""
@@ -36,8 +37,12 @@ class Told:
             self._report(event.playhead)
             return
         require(not self.is_closing, "nothing is said of a session after CloseSession")
-        require(event.event_seq == self.sent_seq + 1, f"numbers rise by one: {event.event_seq} after {self.sent_seq}")
+        # what was answered when the session was resumed need not be said again
+        left_out = [number for number in range(self.sent_seq + 1, event.event_seq) if number not in self.answered]
+        rises = event.event_seq > self.sent_seq and not left_out
+        require(rises, f"numbers rise by one: {event.event_seq} after {self.sent_seq}")
         self.sent_seq = event.event_seq
+        self.most_sent = max(self.most_sent, event.event_seq)
         if self.heard is not None:
             self.heard.sent_seq = event.event_seq
         self.is_closing = kind == "close"
@@ -46,7 +51,7 @@ class Told:
         require(report.frame >= self.playhead, f"a playhead never falls: {report.frame} after {self.playhead}")
         require(report.frame <= max(self.end - 1, 0), f"frame {report.frame} is shown, but {self.end} were sent")
         require(report.buffered_to <= self.end, f"{report.buffered_to} frames are held, but {self.end} were sent")
-        require(report.answered_seq <= self.sent_seq, "no event is answered that was not sent")
+        require(report.answered_seq <= self.most_sent, "no event is answered that was not sent")
         missing = [number for number in range(2, report.answered_seq + 1) if number not in self.answered]
         require(not missing, f"{missing} are said to be answered, and were not")
         self.playhead = report.frame
@@ -101,25 +106,27 @@ class StreamRules:
         require(before is None or before.is_over, "a handle is used again when its session is over")
         require(event.event_seq == 1, "an OpenSession has the number 1")
         if not event.open.resume_token:
-            self.sessions[event.session] = Told(Heard(self._row_bytes), sent_seq=1, kinds=["open"])
+            self.sessions[event.session] = Told(Heard(self._row_bytes), sent_seq=1, most_sent=1, kinds=["open"])
             return
         given = {field.name for field, _ in event.open.ListFields()}
         require(given <= RESUMING, f"an open that resumes has nothing else: {given - RESUMING}")
         told = self._kept.get(event.open.resume_token)
         require(told is not None, "a token is one that the server gave")
         assert told is not None
+        self.sessions[event.session] = told
         point = event.open.resume_point
         require(point.attempt > told.attempt, "each attempt to resume has a higher number")
         require(point.next_frame <= told.end, f"{point.next_frame} frames are held, but {told.end} were sent")
-        require(point.answered_seq <= told.sent_seq, "no event is answered that was not sent")
+        require(point.answered_seq <= told.most_sent, "no event is answered that was not sent")
         told.attempt, told.heard, told.end = point.attempt, None, point.next_frame
         told.sent_seq = point.answered_seq  # what was not answered is said again, with its numbers
-        self.sessions[event.session] = told
 
     def hear(self, response: service_pb2.StreamMotionResponse) -> None:
         """Note a message of the server before the client has it."""
         for update in response.updates:
-            told = self.sessions[update.session]
+            told = self.sessions.get(update.session)
+            require(told is not None, "nothing is said of a session that was never opened")
+            assert told is not None
             told.hear(update)
             if told.token:
                 self._kept[told.token] = told

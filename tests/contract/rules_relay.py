@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import AsyncIterator
 
 import grpc
@@ -14,6 +13,8 @@ from motiongen_compliance.heard import RuleBroken
 from tests.contract.client_rules import StreamRules, Told
 
 Requests = AsyncIterator[service_pb2.StreamMotionRequest]
+PROBE = service_pb2.StreamMotionResponse()
+"""Is written when a client seems to have finished: one whose line is lost seems so too, and only a write tells."""
 
 
 class RulesRelay(service_pb2_grpc.MotionServiceServicer):
@@ -53,29 +54,48 @@ class RulesRelay(service_pb2_grpc.MotionServiceServicer):
         rules = StreamRules(self._catalog, self.kept)
         self.streams.append(rules)
         call = self._stub.StreamMotion()
-        forward = asyncio.create_task(self._forward(request_iterator, context, call, rules))
+        said: asyncio.Queue[service_pb2.StreamMotionResponse | None] = asyncio.Queue()
+        tasks = [
+            asyncio.create_task(self._forward(request_iterator, call, rules, said)),
+            asyncio.create_task(self._listen(call, said)),
+        ]
         try:
-            async for response in call:
+            while (response := await said.get()) is not None:
+                if response is PROBE:
+                    yield service_pb2.StreamMotionResponse()
+                    await call.done_writing()
+                    continue
                 self._note(lambda response=response: rules.hear(response))
                 yield response
+            if await call.code() is not grpc.StatusCode.OK:
+                await context.abort(await call.code(), await call.details())
         finally:
-            forward.cancel()
             call.cancel()
-            with contextlib.suppress(asyncio.CancelledError, asyncio.InvalidStateError, grpc.RpcError):
-                await forward
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _forward(
         self,
         requests: Requests,
-        context: grpc.aio.ServicerContext,
         call: grpc.aio.StreamStreamCall,
         rules: StreamRules,
+        said: asyncio.Queue[service_pb2.StreamMotionResponse | None],
     ) -> None:
         async for request in requests:
             self._note(lambda request=request: rules.say(request))
             await call.write(request)
-        if not context.cancelled() and not context.done():  # one whose line is lost has not finished
-            await call.done_writing()
+        said.put_nowait(PROBE)
+
+    @staticmethod
+    async def _listen(
+        call: grpc.aio.StreamStreamCall, said: asyncio.Queue[service_pb2.StreamMotionResponse | None]
+    ) -> None:
+        try:
+            async for response in call:
+                said.put_nowait(response)
+        finally:
+            said.put_nowait(None)
 
     def _note(self, check: object) -> None:
         try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import subprocess
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +18,7 @@ from tests.cpp.building import SOURCE, run
 from tests.cpp.proxy import TcpProxy
 
 Program = Callable[[str], Path]
+PATIENCE_S = 200.0
 
 
 def test_the_parts_of_the_client_pass_their_unit_tests(program: Program, tmp_path: Path) -> None:
@@ -91,6 +93,8 @@ def character(program: Program, address: str, **variables: str) -> Iterator[Char
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
     assert process.stdin is not None
     assert process.stdout is not None
+    patience = threading.Timer(PATIENCE_S, process.kill)  # else who waits for a line that never comes waits for ever
+    patience.start()
     with process.stdout, process.stdin:
         try:
             yield Character(process)
@@ -98,6 +102,7 @@ def character(program: Program, address: str, **variables: str) -> Iterator[Char
             process.stdin.flush()
             assert process.wait(60) == 0
         finally:
+            patience.cancel()
             process.kill()
             process.wait()
 

@@ -10,6 +10,8 @@ from motiongen_server.engine.types import (
     Close,
     Closed,
     CloseReason,
+    Code,
+    Outcome,
     Output,
     PlanNotice,
     Resumed,
@@ -84,6 +86,13 @@ class KeptSessions:
         self._timers[entry.key] = asyncio.get_running_loop().call_later(self.grace_s, self._give_up, entry)
         return True
 
+    def see_out(self, entry: SessionEntry) -> None:
+        """A session is being closed, and its stream has gone: nobody resumes it, and its end is awaited."""
+        self._by_token.pop(entry.token, None)
+        if entry.known_to_engine and entry.closed is None:
+            entry.carrier = _Nobody(entry, self)
+            self._away[entry.key] = entry
+
     def move(self, entry: SessionEntry, carrier: Carrier, handle: int) -> None:
         """Another stream carries a session from now on."""
         self._stop_timer(entry)
@@ -146,7 +155,8 @@ class _Nobody:
             if isinstance(said, Closed):
                 refuse_waiting(self._entry)
             self._entry.note(said)
-            if isinstance(said, Closed) and self._kept.find(self._entry.token) is None:
+            is_refused = isinstance(said, Outcome) and said.event_seq == 1 and said.code is not Code.OK
+            if (isinstance(said, Closed) or is_refused) and self._kept.find(self._entry.token) is None:
                 self._kept.forget(self._entry)
 
     def take_now(self, *outputs: Output) -> None:

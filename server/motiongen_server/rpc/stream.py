@@ -248,6 +248,7 @@ class Stream(StreamTakeOvers):
         self.close_all(CloseReason.CLIENT)
         for entry in self._entries.values():
             entry.place.release()
+            self._kept.see_out(entry)
         self.end()
         self._patience.end()
 

@@ -33,6 +33,7 @@ from motiongen_server.rpc import event_path
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert import prompt_texts
 from motiongen_server.rpc.event_errors import too_many_fields
+from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import Limits
 from motiongen_server.rpc.stream import Stream
 
@@ -94,14 +95,17 @@ class Engine:
 
 @dataclass
 class Line:
-    """A stream between a client and an engine, both played by the test."""
+    """A stream between a client and an engine, both played by the test. kept: sessions that outlive their streams."""
 
     catalog: Catalog = field(default_factory=make_catalog)
     engine: Engine = field(default_factory=Engine)
     prompts: Prompts = field(default_factory=Prompts)
+    kept: KeptSessions | None = None
+    number: int = 1
 
     def __post_init__(self) -> None:
-        self.stream = Stream(1, ModelRegistry(LoadedModel("fake", self.engine, self.prompts, self.catalog)))  # type: ignore[arg-type]
+        models = ModelRegistry(LoadedModel("fake", self.engine, self.prompts, self.catalog))  # type: ignore[arg-type]
+        self.stream = Stream(self.number, models, kept=self.kept)
         self.heard: list[session_pb2.SessionUpdate] = []
 
     def send(self, event_seq: int, **event: object) -> None:

@@ -54,7 +54,10 @@ def test_a_joint_leaves_a_trail_beside_the_root(page: Page, pictures: Path) -> N
 def test_the_plan_that_was_replaced_is_seen_for_a_while(page: Page) -> None:
     page.run("document.querySelector('[data-preset=walk]').click()")
     page.until("motiongen.cast.one.track.playhead() > 60")
-    page.tell(op="add_constraints", constraints=[{"kind": "waypoint", "x_m": -2, "z_m": 0, "frame": 90, "frames_from_effect": True}])
+    page.tell(
+        op="add_constraints",
+        constraints=[{"kind": "waypoint", "x_m": -2, "z_m": 0, "frame": 90, "frames_from_effect": True}],
+    )
     replaced = page.until("motiongen.marks._ghost.visible && motiongen.marks._ghost.geometry.drawRange.count")
     assert replaced > 1
     page.until("!motiongen.marks._ghost.visible")

@@ -1,0 +1,73 @@
+"""Sessions that outlive their streams: which are resumed, and which are only seen to their ends."""
+
+from __future__ import annotations
+
+import pytest
+
+from motiongen.v1 import session_pb2
+from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Open, Outcome, Resume, SessionKey
+from motiongen_server.rpc.kept_sessions import KeptSessions
+from tests.server.rpc.test_event_order import HANDLE, Engine, Line
+
+KEY = SessionKey(1, HANDLE)
+
+
+@pytest.fixture
+async def kept() -> KeptSessions:
+    return KeptSessions(30.0)
+
+
+@pytest.fixture
+async def line(kept: KeptSessions) -> Line:
+    return Line(kept=kept)
+
+
+def token_of(line: Line) -> str:
+    return next(update.opened.session_token for update in line.updates() if update.HasField("opened"))
+
+
+def resume(kept: KeptSessions, engine: Engine, token: str) -> Line:
+    """Another stream that asks for the session."""
+    line = Line(engine=engine, kept=kept, number=2)
+    point = session_pb2.ResumePoint(attempt=1, answered_seq=1)
+    line.send(1, open=session_pb2.OpenSession(resume_token=token, resume_point=point))
+    return line
+
+
+async def test_a_session_whose_transport_is_lost_is_resumed(line: Line, kept: KeptSessions) -> None:
+    line.open()
+    line.stream.lose()
+    assert resume(kept, line.engine, token_of(line)).refusals() == []
+    assert line.engine.kinds() == [Open, Resume]
+
+
+async def test_one_that_its_client_has_finished_is_not_though_its_end_is_still_to_come(
+    line: Line, kept: KeptSessions
+) -> None:
+    line.open()
+    token = token_of(line)
+    line.stream.close_all(CloseReason.CLIENT)
+    line.stream.end()
+    line.stream.lose()
+    assert resume(kept, line.engine, token).refusals() == [(1, "SESSION_NOT_KEPT")]
+    assert line.engine.kinds() == [Open, Close]
+
+
+async def test_nothing_is_left_of_it_after_its_end(line: Line, kept: KeptSessions) -> None:
+    line.open()
+    line.stream.end()
+    line.stream.lose()
+    carrier = kept.carrier_of(KEY)
+    assert carrier is not None
+    carrier.take(Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0))
+    assert not kept.has_away
+    assert kept.num_parked == 0
+
+
+async def test_nothing_is_left_of_one_that_is_refused_after_its_stream_has_gone(line: Line, kept: KeptSessions) -> None:
+    line.send(1, open=session_pb2.OpenSession())
+    line.stream.lose()
+    carrier = kept.carrier_of(KEY)
+    assert carrier is not None
+    carrier.take(Outcome(KEY, 1, Code.RESOURCE_EXHAUSTED))
+    assert not kept.has_away

@@ -30,6 +30,7 @@ from motiongen_server.ops.memory import FreedMemory, give_back_freed_memory
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.ops.port import OpsPort
 from motiongen_server.ops.tracing import WindowSpans, open_window_spans
+from motiongen_server.replicas.opening import open_other_servers
 from motiongen_server.rpc.handlers import SERVICE_NAME, add_methods
 from motiongen_server.rpc.health import Health
 from motiongen_server.rpc.reflection import add_reflection
@@ -137,6 +138,7 @@ class Application:
             self._callers,
             snapshots,
             None if self._spans is None else self._spans.record,
+            None if snapshots is None else open_other_servers(asked, config.advertise_address),
         )
         if (durability := self._service.durability) is not None:
             self.metrics.watch_snapshots(durability.writer)
@@ -146,9 +148,7 @@ class Application:
         self.metrics.heartbeat_age.set_function(self._heartbeat_age_s)
         self.metrics.tasks.set_function(lambda: len(asyncio.all_tasks(self._loop)))
         self.metrics.free_share.set_function(lambda: self._manager.models.free_share)
-        self.metrics.streams.set_function(lambda: self._service.num_streams)
-        self.metrics.parked.set_function(lambda: self._service.num_parked)
-        self.metrics.queue_bytes.set_function(lambda: self._service.num_waiting_bytes)
+        self.metrics.watch_service(self._service)
         self.metrics.prompts_waiting.set_function(lambda: self._factory.num_waiting_prompts)
         self._set_health(health_pb2.HealthCheckResponse.SERVING)
         self._ready = True

@@ -109,6 +109,9 @@ class ServerConfig:
     idle_timeout_s: float = setting(300.0, "silence after which a session is closed", 1, 1e6)
     resume_grace_s: float = setting(30.0, "for which sessions wait for a client that lost its line", 0, 3600)
     snapshot_store: str = setting("auto", SNAPSHOT_STORES)
+    advertise_address: str = setting(
+        "", "host:port of this server for clients that another of the same Redis has no room for; none: by the proxy"
+    )
     state_dir: str = setting("", "folder of what outlives the server; none: motiongen in $XDG_STATE_HOME")
     snapshot_keep_s: float = setting(600.0, "for which a session that nobody serves stays there", 10, 1e6)
     prompt_cache: int = setting(4096, "prompts whose embeddings are remembered", 1, 10_000_000)
@@ -144,6 +147,8 @@ class ServerConfig:
             check_admin_address(self.admin_listen)
         check_protection(self)
         check_collector(self.trace_to)
+        if self.advertise_address:
+            check_advertised(self.advertise_address)
         check_devices(self.devices)
 
     @property
@@ -154,6 +159,16 @@ class ServerConfig:
     def lookahead_for(self, horizon: int) -> int:
         """Frames sent beyond the playhead of a session that does not say, of a model with that horizon."""
         return self.lookahead_frames or max(DEFAULT_LOOKAHEAD_FRAMES, horizon)
+
+
+def check_advertised(given: str) -> None:
+    """Raise SettingError unless clients can be told it."""
+    host, _, port = given.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) <= 65535 or len(given) > 256:
+        raise SettingError(
+            f"advertise_address is {given!r}; it must be host:port as clients reach this server, such as "
+            "motion-3.example.com:50051"
+        )
 
 
 def check_admin_address(given: str) -> None:

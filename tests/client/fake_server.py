@@ -104,7 +104,8 @@ class Character:
 class FakeStream:
     """One call. Tests may say anything on it with `push`, or end it with `end` or `fail`."""
 
-    def __init__(self) -> None:
+    def __init__(self, replica_id: str = "fake") -> None:
+        self.replica_id = replica_id
         self.outgoing: queue.Queue[service_pb2.StreamMotionResponse | grpc.StatusCode | None] = queue.Queue()
         self.characters: dict[int, Character] = {}
         self.received: list[session_pb2.SessionEvent] = []
@@ -131,7 +132,7 @@ class FakeStream:
                     case "hello":
                         self.agent = request.hello.client_agent
                         self.outgoing.put(
-                            service_pb2.StreamMotionResponse(hello=service_pb2.ServerHello(replica_id="fake"))
+                            service_pb2.StreamMotionResponse(hello=service_pb2.ServerHello(replica_id=self.replica_id))
                         )
                     case "ping":
                         self.pings.append(request.ping)
@@ -150,6 +151,10 @@ class FakeStream:
     def take(self, event: session_pb2.SessionEvent, refuse: Callable[..., str]) -> None:
         kind = event.WhichOneof("event")
         reason = refuse(event)
+        if isinstance(reason, session_pb2.EditOutcome):
+            reason.event_seq = event.event_seq
+            self.push(event.session, outcome=reason)
+            return
         if reason:
             outcome = session_pb2.EditOutcome(
                 event_seq=event.event_seq,
@@ -255,14 +260,16 @@ class FakeStream:
 class FakeServer(service_pb2_grpc.MotionServiceServicer):
     """Use it as `with FakeServer() as server`. frame_rate: high, so that real time passes quickly.
 
-    refuse: given an event, the reason to refuse it, or "".
+    refuse: given an event, the reason to refuse it, or "", or the outcome to refuse it with. replica_id: its name.
     """
 
-    def __init__(self, frame_rate: int = 100) -> None:
+    def __init__(self, frame_rate: int = 100, replica_id: str = "fake") -> None:
+        self.replica_id = replica_id
         self.frame_rate = frame_rate
         self.streams: list[FakeStream] = []
         self.metadata: list[dict[str, str | bytes]] = []  # of every call
-        self.refuse: Callable[[session_pb2.SessionEvent], str] = lambda event: ""
+        self.refuse: Callable[[session_pb2.SessionEvent], str | session_pb2.EditOutcome] = lambda event: ""
+        self.turned_away: list[grpc.Status] = []  # how the next streams are refused
         self._threads = ThreadPoolExecutor(16)
         self._server = grpc.server(self._threads)
         service_pb2_grpc.add_MotionServiceServicer_to_server(self, self._server)
@@ -278,7 +285,9 @@ class FakeServer(service_pb2_grpc.MotionServiceServicer):
         self, request_iterator: Iterator[service_pb2.StreamMotionRequest], context: grpc.ServicerContext
     ) -> Iterator[service_pb2.StreamMotionResponse]:
         self.metadata.append(dict(context.invocation_metadata()))
-        stream = FakeStream()
+        if self.turned_away:
+            context.abort_with_status(self.turned_away.pop(0))
+        stream = FakeStream(self.replica_id)
         self.streams.append(stream)
         reader = threading.Thread(target=stream.read, args=(request_iterator, lambda event: self.refuse(event)))
         reader.start()

@@ -9,7 +9,7 @@ import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_client import InvalidInput, LinePolicy, MotionClient
-from motiongen_client.backoff import FIRST_DELAY_S, LONGEST_DELAY_S, Backoff
+from motiongen_client.backoff import FIRST_DELAY_S, LONGEST_DELAY_S, LONGEST_SOON_DELAY_S, SOON_S, Backoff
 from motiongen_client.frame_shift import shifted
 from motiongen_client.wishes import Wishes
 from tests.client.fake_server import FakeServer
@@ -40,10 +40,12 @@ def constraints(*upsert: motion_pb2.Constraint, clear: bool = False) -> session_
 
 def test_delays_grow_to_a_longest_one_and_begin_anew() -> None:
     backoff = Backoff(lambda: 1.0)
-    delays = [backoff.next_s() for _ in range(12)]
+    delays = [backoff.next_s() for _ in range(24)]
     assert delays[0] == FIRST_DELAY_S
     assert delays == sorted(delays)
     assert delays[-1] == LONGEST_DELAY_S
+    soon = [delay for number, delay in enumerate(delays) if sum(delays[:number]) < SOON_S]
+    assert max(soon) == LONGEST_SOON_DELAY_S
     backoff.reset()
     assert backoff.next_s() == FIRST_DELAY_S
     assert backoff.next_s(7.0) == 7.0, "the server asked for more"

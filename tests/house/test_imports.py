@@ -64,7 +64,7 @@ ROOMS = (
     room(f"{SERVER}/engine_process", "msgpack numpy zmq ~", never="asyncio"),
     room(
         f"{SERVER}/rpc/convert",
-        "google.protobuf numpy motiongen ~.engine.types ~.errors"
+        "google.protobuf numpy motiongen ~.engine.types ~.errors ~.replicas.hint"
         " ~.rpc.abilities ~.rpc.catalog ~.rpc.convert ~.rpc.limits",
     ),
     room(f"{SERVER}/rpc/catalog.py", "motiongen ~.rpc.abilities ~.engine.types ~.rpc.limits ~.text.presets"),
@@ -75,13 +75,14 @@ ROOMS = (
     room(
         f"{SERVER}/rpc",
         "grpc google motiongen numpy ~.rpc ~.text ~.errors ~.config"
-        " ~.engine.types ~.engine.engine_port ~.models.registry ~.identity ~.snapshots",
+        " ~.engine.types ~.engine.engine_port ~.models.registry ~.identity ~.snapshots ~.replicas",
     ),
     room(
         f"{SERVER}/snapshots",
         "numpy redis ~.snapshots ~.engine.types ~.engine_process.codec ~.settings",
         never="asyncio",
     ),
+    room(f"{SERVER}/replicas", "redis ~.replicas ~.snapshots ~.engine.types", never="asyncio"),
     room(f"{SERVER}/text/presets.py", "~.engine.types"),
     room(f"{SERVER}/text/event_errors.py", "~.engine.types ~.errors"),
     room(f"{SERVER}/text/prompts.py", "numpy ~.errors ~.text.event_errors ~.text.turns"),

@@ -77,9 +77,9 @@ class Proxy(ABC):
 
     def start(self) -> None:
         """Return once it listens."""
-        log = (self.folder / f"{self.name}.log").open("ab")
-        subprocess.run(self.check(), check=True, stdout=log, stderr=log)
-        self.process = subprocess.Popen(self.command(), stdout=log, stderr=log)
+        with (self.folder / f"{self.name}.log").open("ab") as log:
+            subprocess.run(self.check(), check=True, stdout=log, stderr=log)
+            self.process = subprocess.Popen(self.command(), stdout=log, stderr=log)
         until(self._listens)
 
     def kill(self) -> None:

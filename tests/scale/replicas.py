@@ -45,10 +45,12 @@ class Replica:
     ) -> None:
         self.name = name
         self.behind = Behind(free_port(), free_port())
+        self.address = f"127.0.0.1:{self.behind.port}"
         self._log = folder / f"{name}.log"
         self._command = [
             sys.executable, "-m", program, "--port", str(self.behind.port), "--ops-port",
-            str(self.behind.ops_port), "--snapshot-store", store, *SMALL, *arguments,
+            str(self.behind.ops_port), "--snapshot-store", store, "--advertise-address", self.address,
+            *SMALL, *arguments,
         ]  # fmt: skip
         self.process: subprocess.Popen[bytes] | None = None
         self.environment: Mapping[str, str] = {}

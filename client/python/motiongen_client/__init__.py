@@ -20,6 +20,7 @@ from motiongen_client.errors import (
     MissingExtra,
     MotiongenError,
     NotAllowed,
+    OtherServer,
     ProtocolViolation,
     ServerUnavailable,
     SessionEnded,
@@ -74,5 +75,5 @@ __all__ = [
     "Clip", "Residual", "Deviation", "Catalog", "Model", "Limits", "Opened", "Outcome", "ServiceLevel", "SessionEnd",
     "LocomotionPreset", "ModelWarning", "ConstraintReached",
     "MotiongenError", "InvalidInput", "UnknownName", "ServerUnavailable", "StreamLost", "SessionEnded",
-    "EventRefused", "DeadlineExceeded", "ProtocolViolation", "MissingExtra", "NotAllowed",
+    "EventRefused", "DeadlineExceeded", "ProtocolViolation", "MissingExtra", "NotAllowed", "OtherServer",
 ]  # fmt: skip

@@ -6,6 +6,8 @@ import random
 from collections.abc import Callable
 
 FIRST_DELAY_S, GROWTH, LONGEST_DELAY_S = 0.05, 1.6, 2.0
+SOON_S, LONGEST_SOON_DELAY_S = 3.0, 0.25
+"""For as long as what a client holds may last, it is not another second that it loses to a server that is back."""
 
 FINAL_CODES = frozenset({"INVALID_ARGUMENT", "UNAUTHENTICATED", "PERMISSION_DENIED", "UNIMPLEMENTED"})
 """Ends of a stream that would be the same again; any other is the loss of the transport, whatever a proxy calls it."""
@@ -19,14 +21,16 @@ class Backoff:
 
     def __init__(self, random_share: Callable[[], float] = random.random) -> None:
         self._random_share = random_share
-        self._delay_s = FIRST_DELAY_S
+        self.reset()
 
     def next_s(self, at_least_s: float = 0.0) -> float:
         """Seconds to wait before the next attempt. at_least_s: what the server asked for."""
-        delay_s = self._delay_s * (0.5 + 0.5 * self._random_share())
-        self._delay_s = min(self._delay_s * GROWTH, LONGEST_DELAY_S)
-        return max(delay_s, at_least_s)
+        delay_s = max(self._delay_s * (0.5 + 0.5 * self._random_share()), at_least_s)
+        self._waited_s += delay_s
+        longest_s = LONGEST_DELAY_S if self._waited_s >= SOON_S else min(LONGEST_SOON_DELAY_S, LONGEST_DELAY_S)
+        self._delay_s = min(self._delay_s * GROWTH, longest_s)
+        return delay_s
 
     def reset(self) -> None:
         """An attempt has come to something: begin with short delays again."""
-        self._delay_s = FIRST_DELAY_S
+        self._delay_s, self._waited_s = FIRST_DELAY_S, 0.0

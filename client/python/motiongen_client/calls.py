@@ -15,7 +15,7 @@ from motiongen_client.backoff import FINAL_CODES, Backoff
 from motiongen_client.call import Call
 from motiongen_client.errors import MotiongenError, ServerUnavailable, StreamLost
 from motiongen_client.line_policy import LinePolicy
-from motiongen_client.status import CREDENTIALS_EXPIRED
+from motiongen_client.status import CREDENTIALS_EXPIRED, STARTING
 
 _log = logging.getLogger(__name__)
 
@@ -52,7 +52,10 @@ class Calls:
         policy: LinePolicy,
         max_request_bytes: int,
         events: CallEvents,
+        reroute: Callable[[], None] | None = None,
     ) -> None:
+        """reroute: has the next channel lead to another server, where a proxy has several and this one cannot serve."""
+        self._reroute = reroute
         self._connect = connect
         self._address = address
         self._agent = agent
@@ -183,6 +186,8 @@ class Calls:
                 failure = lost
                 if lost.code in FINAL_CODES:
                     break
+                if lost.reason == STARTING and self._reroute is not None:
+                    self._reroute()
             except ServerUnavailable as unavailable:
                 failure = StreamLost("UNAVAILABLE", unavailable.detail)
             except MotiongenError as violation:

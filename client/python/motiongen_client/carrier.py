@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from motiongen.v1 import session_pb2
+from motiongen_client.errors import EventRefused
 
 
 class Carrier(Protocol):
@@ -30,3 +31,9 @@ class Carrier(Protocol):
 
     def report_soon(self) -> None:
         """Report playheads without waiting for the next regular report."""
+
+    def move_elsewhere(self, handle: int, refusal: EventRefused) -> bool:
+        """Try to have another server go on with a session that this one has no room for.
+
+        The session waits meanwhile: it is moved to another stream, or told to `wait_for_room`. False: none is known.
+        """

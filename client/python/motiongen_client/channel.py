@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+import secrets
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from ipaddress import ip_address
 from typing import Any, TypeAlias, cast
 
@@ -33,6 +34,10 @@ OPTIONS: tuple[Option, ...] = (
     ("grpc.initial_reconnect_backoff_ms", 100),
     ("grpc.max_reconnect_backoff_ms", 2_000),
 )
+REPLICA_KEY = "x-motiongen-key"
+"""Metadata by which a proxy can bring all calls of one client to one server, which has its sessions."""
+DRAWN_KEY = re.compile(r"[0-9a-f]{16}")
+"""Those that are drawn here: they name nobody, so servers may tell them to others."""
 _UNIX = "unix:"
 _KEY = re.compile(r"(?!grpc-)[0-9a-z_.-]+(?<!-bin)")
 _TEXT = re.compile(r"[\x20-\x7e]+")
@@ -76,12 +81,39 @@ class ChannelSettings:
             return channel
         return cast(grpc.aio.Channel, _WithMetadata(channel, self._call_metadata))
 
+    @property
+    def routing_key(self) -> str:
+        """The key by which a proxy chooses a server, "" for none."""
+        return next((text for name, text in self.metadata if name == REPLICA_KEY), "")
+
+    def routed_by(self, key: str) -> ChannelSettings:
+        """The same, with another key."""
+        others = [pair for pair in self.metadata if pair[0] != REPLICA_KEY]
+        return replace(self, metadata=(*others, (REPLICA_KEY, key)))
+
     def _call_metadata(self) -> tuple[tuple[str, str], ...]:
         token = self.token() if callable(self.token) else self.token
         if token is None:
             return tuple(self.metadata)
         _check_token(token)
         return (*self.metadata, ("authorization", f"Bearer {token}"))
+
+
+class Route:
+    """The way of one stream to a server: the same key with every call, until another server is wanted."""
+
+    def __init__(self, settings: ChannelSettings) -> None:
+        self._settings = settings
+
+    def open(self) -> grpc.aio.Channel:
+        """A new channel."""
+        return self._settings.open()
+
+    def change(self) -> None:
+        """Have the next channel lead elsewhere, where a proxy places calls by their key and it was drawn here."""
+        key = self._settings.routing_key
+        if DRAWN_KEY.fullmatch(key):
+            self._settings = self._settings.routed_by(drawn_key())
 
 
 class _WithMetadata:
@@ -105,6 +137,11 @@ class _WithMetadata:
             return lambda *given, **also: call(*given, metadata=self._metadata(), **also)
 
         return method
+
+
+def drawn_key() -> str:
+    """A key for a client that has none."""
+    return secrets.token_hex(8)
 
 
 def _host_of(address: str) -> str:

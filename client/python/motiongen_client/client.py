@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 
 import grpc
@@ -14,7 +14,8 @@ from motiongen.v1 import service_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_client import clip, convert
 from motiongen_client.backoff import Backoff
-from motiongen_client.channel import ChannelSettings, Option, Token
+from motiongen_client.channel import REPLICA_KEY, ChannelSettings, Option, Route, Token, drawn_key
+from motiongen_client.elsewhere import Elsewhere
 from motiongen_client.errors import MotiongenError, ServerUnavailable
 from motiongen_client.line_policy import LinePolicy
 from motiongen_client.prompts import Prompt
@@ -22,9 +23,6 @@ from motiongen_client.session import Session
 from motiongen_client.status import NOT_ALLOWED, error_of
 from motiongen_client.stream import Stream
 from motiongen_client.types import NO_PROMPTS, Catalog, Clip, Constraint, SessionOptions
-
-REPLICA_KEY = "x-motiongen-key"
-"""Metadata by which a proxy can bring all calls of one client to one server, which has its sessions."""
 
 
 class MotionClient:
@@ -45,10 +43,15 @@ class MotionClient:
         channel_options: Sequence[Option] = (),
         connect_timeout_s: float = 10.0,
         policy: LinePolicy | None = None,
+        other_addresses: Collection[str] | Callable[[str], bool] = (),
     ) -> None:
-        """Raises InvalidInput."""
+        """Raises InvalidInput.
+
+        other_addresses: where a server that has no room may send this client, with its token: addresses, or what says
+        whether one is allowed. Through a proxy none is needed: other servers are reached at the same address.
+        """
         if not any(name == REPLICA_KEY for name, _ in metadata):
-            metadata = (*metadata, (REPLICA_KEY, secrets.token_hex(8)))
+            metadata = (*metadata, (REPLICA_KEY, drawn_key()))
         self._settings = ChannelSettings(address, credentials, token, metadata, channel_options)
         self.address = address
         self.catalog: Catalog
@@ -57,6 +60,7 @@ class MotionClient:
         self._channel: grpc.aio.Channel | None = None
         self._stub: MotionServiceStub
         self._streams: list[Stream] = []
+        self._elsewhere = Elsewhere(self._stream, other_addresses)
         self._own_stream: Stream | None = None
 
     async def connect(self) -> MotionClient:
@@ -91,8 +95,21 @@ class MotionClient:
 
     def stream(self, *, report_hz: float = 4.0) -> Stream:
         """A new stream, to be entered with `async with`. One stream carries many sessions; one is enough for most."""
+        return self._stream("", "", report_hz, moves=False)
+
+    def _stream(self, address: str, routing_key: str, report_hz: float = 4.0, *, moves: bool = True) -> Stream:
+        """One to another address, or by another key, where these are given. moves: sessions may leave it for others."""
+        settings = replace(self._settings, address=address or self.address)
+        route = Route(settings.routed_by(routing_key) if routing_key else settings)
         stream = Stream(
-            self._settings.open, self.address, self.catalog, agent_name(), report_hz=report_hz, policy=self._policy
+            route.open,
+            settings.address,
+            self.catalog,
+            agent_name(),
+            report_hz=report_hz,
+            policy=self._policy,
+            move=self._elsewhere.move if moves else None,
+            reroute=route.change,
         )
         self._streams.append(stream)
         return stream
@@ -111,12 +128,20 @@ class MotionClient:
         constraints: Sequence[Constraint] = (),
         keep_s: float | None = 60.0,
     ) -> Session:
-        """Make a character on a stream that the client keeps for this; otherwise as `Stream.open`."""
+        """Make a character on a stream that the client keeps for this; otherwise as `Stream.open`.
+
+        Where the server has no room, one that it names is asked, on a stream of its own; so it is when the session is
+        to go on after a loss.
+        """
         if self._own_stream is None or self._own_stream.is_over:
-            self._own_stream = await self.stream().start()
-        return await self._own_stream.open(
-            prompt, later_prompts=later_prompts, options=options, constraints=constraints, keep_s=keep_s
-        )
+            self._own_stream = await self._stream("", "").start()
+
+        async def open_on(stream: Stream) -> Session:
+            return await stream.open(
+                prompt, later_prompts=later_prompts, options=options, constraints=constraints, keep_s=keep_s
+            )
+
+        return await self._elsewhere.open(self._own_stream, open_on)
 
     async def generate_clip(
         self,
@@ -149,6 +174,7 @@ class MotionClient:
 
     async def close(self) -> None:
         """End all streams and the connection. May be called again."""
+        await self._elsewhere.close()
         for stream in self._streams:
             await stream.close()
         self._streams.clear()

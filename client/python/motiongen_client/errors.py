@@ -6,6 +6,7 @@ Every message says what was given, what is allowed and what to do. `MotiongenErr
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 
 class MotiongenError(Exception):
@@ -88,12 +89,25 @@ class SessionEnded(MotiongenError):
         self.message = message
 
 
+@dataclass(frozen=True)
+class OtherServer:
+    """A server that has room where another has none.
+
+    address: host:port, "" where it is not told. routing_key: for the metadata x-motiongen-key of calls to the same
+    address, by which a proxy leads there; "" where none is known.
+    """
+
+    address: str = ""
+    routing_key: str = ""
+
+
 class EventRefused(MotiongenError):
     """The server refused an event; it changed nothing and the session goes on.
 
     event: what was tried; code: name of the google.rpc code; reason: stable name of the mistake, as docs/protocol.md
     lists them; field: path of the field at fault; allowed: what would have been accepted there; retry_after_s: how long
-    to wait before trying the same again, None where waiting is not known to help.
+    to wait before trying the same again, None where waiting is not known to help; other_servers: those that have room
+    for a session that this one has none for, the best first. `MotionClient.open` has asked them where it may.
     """
 
     def __init__(
@@ -105,6 +119,7 @@ class EventRefused(MotiongenError):
         field: str = "",
         allowed: str = "",
         retry_after_s: float | None = None,
+        other_servers: Sequence[OtherServer] = (),
     ) -> None:
         where = f" at {field}" if field else ""
         hint = f"; allowed is {allowed}" if allowed else ""
@@ -117,6 +132,7 @@ class EventRefused(MotiongenError):
         self.field = field
         self.allowed = allowed
         self.retry_after_s = retry_after_s
+        self.other_servers = tuple(other_servers)
 
 
 class DeadlineExceeded(MotiongenError, TimeoutError):

@@ -124,6 +124,23 @@ class Recovery(Direction):
         else:
             self._reopen(self._reason or "the server does not resume sessions")
 
+    @property
+    def is_waiting(self) -> bool:
+        """Whether it lives, and no server is asked to go on with it at present."""
+        return self._line is Line.LOST and self._failure is None
+
+    def wait_for_room(self, refusal: EventRefused) -> None:
+        """The server has no room for it at present, nor has another: ask again when it says so."""
+        self._later(self._resume if self._token else self._reopen_again, refusal.retry_after_s or 0.0)
+
+    def move(self, handle: int, carrier: Carrier, catalog: Catalog, *, now: bool) -> None:
+        """Another stream carries it from now on, by this handle. now: it has a call, so its server is asked at once."""
+        self.handle, self._carrier = handle, carrier
+        for event in self._unanswered.values():
+            event.session = handle
+        if now:
+            self.reattach(catalog)
+
     # ---- what is said
 
     @property
@@ -235,9 +252,9 @@ class Recovery(Direction):
         if self._line is Line.OPENING:
             self.fail(refusal)
         elif refusal.code in _WORTH_WAITING:
-            is_resuming = self._line is Line.RESUMING
             self._line = Line.LOST
-            self._later(self._resume if is_resuming else self._reopen_again, refusal.retry_after_s or 0.0)
+            if not self._carrier.move_elsewhere(self.handle, refusal):
+                self.wait_for_room(refusal)
         elif self._line is Line.RESUMING:
             self._reopen(f"the server did not keep it ({refusal.reason})")
         else:

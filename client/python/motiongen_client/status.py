@@ -10,6 +10,8 @@ from motiongen_client.errors import EventRefused, MotiongenError, NotAllowed, Se
 
 NOT_ALLOWED = (grpc.StatusCode.UNAUTHENTICATED, grpc.StatusCode.PERMISSION_DENIED)
 CREDENTIALS_EXPIRED = "CREDENTIALS_EXPIRED"
+STARTING = "STARTING"
+"""A server that is there but cannot serve yet: what sessions it had are gone from it."""
 _DETAILS = "grpc-status-details-bin"
 
 

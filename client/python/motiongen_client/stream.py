@@ -37,8 +37,14 @@ class Stream:
         *,
         report_hz: float = 4.0,
         policy: LinePolicy | None = None,
+        move: Callable[[Stream, Session, EventRefused], bool] | None = None,
+        reroute: Callable[[], None] | None = None,
     ) -> None:
-        """connect: makes a channel to the server, for one call."""
+        """connect: makes a channel to the server, for one call.
+
+        move: has another stream carry a session for which there is no room here; False where none is known. reroute:
+        has the next channel lead to another server, where there are several.
+        """
         if not 1 <= report_hz <= 5:
             raise InvalidInput("report_hz", report_hz, "a number from 1 to 5")
         self._address = address
@@ -46,7 +52,8 @@ class Stream:
         self._report_period_s = 1 / report_hz
         self._policy = policy or LinePolicy()
         events = CallEvents(self._take, self._hear_hello, self._begin, self._interrupt, self._fail)
-        self._calls = Calls(connect, address, agent, self._policy, catalog.limits.max_request_bytes, events)
+        self._calls = Calls(connect, address, agent, self._policy, catalog.limits.max_request_bytes, events, reroute)
+        self._move = move
         self._sessions: dict[int, Session] = {}
         self._next_handle = 1
         self._report_wanted = asyncio.Event()
@@ -188,6 +195,28 @@ class Stream:
     def report_soon(self) -> None:
         """Report playheads without waiting for the next regular report."""
         self._report_wanted.set()
+
+    def move_elsewhere(self, handle: int, refusal: EventRefused) -> bool:
+        """As in Carrier."""
+        session = self._sessions.get(handle)
+        return self._move is not None and session is not None and self._move(self, session, refusal)
+
+    # ---- sessions that go from one stream to another
+
+    def release(self, session: Session) -> None:
+        """Carry a session no more."""
+        self._sessions.pop(session.handle, None)
+
+    def adopt(self, session: Session) -> None:
+        """Carry a session that waits for a server, which is asked as soon as there is a call."""
+        handle = self._next_handle
+        self._next_handle += 1
+        self._sessions[handle] = session
+        session.move(handle, self, self._catalog, now=self.is_connected)
+
+    async def ask_catalog(self) -> None:
+        """Take the server's own catalogue in place of the one that is held. Raises ServerUnavailable."""
+        await self._fetch_catalog(self._calls.channel)
 
     # ---- what becomes of the calls
 

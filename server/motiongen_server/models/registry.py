@@ -97,6 +97,11 @@ class ModelRegistry:
         """The share of the default model's capacity that is left to new sessions, 0 to 1."""
         return next(iter(self)).engine.free_share
 
+    @property
+    def free_shares(self) -> dict[str, float]:
+        """The same of each model, by its name. From any thread; 0 of those that take no sessions."""
+        return {each.model_id: 0.0 if each.refusal else each.engine.free_share for each in self}
+
     def catalog_response(self, known_etag: str) -> service_pb2.GetCatalogResponse:
         """The catalogue, or its etag alone for a client that holds it already; with what is free at this moment."""
         if known_etag == self._response.catalog_etag:

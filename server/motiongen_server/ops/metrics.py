@@ -35,6 +35,22 @@ class WatchedWriter(Protocol):
     def is_failing(self) -> bool: ...
 
 
+class WatchedService(Protocol):
+    """The edge, as far as metrics tell of it."""
+
+    @property
+    def num_streams(self) -> int: ...
+
+    @property
+    def num_parked(self) -> int: ...
+
+    @property
+    def num_waiting_bytes(self) -> int: ...
+
+    @property
+    def num_other_servers(self) -> int: ...
+
+
 class Metrics:
     """The server's metrics, in a registry of their own."""
 
@@ -110,6 +126,11 @@ class Metrics:
             "Of the default model's capacity, what is left to new sessions, 0 to 1; 0 while the server drains.",
             registry=registry,
         )
+        self.other_servers = Gauge(
+            "motiongen_other_servers",
+            "Servers of the same Redis whose room is known, to be named to clients that are refused; 8 at most.",
+            registry=registry,
+        )
         self.tasks = Gauge("motiongen_event_loop_tasks", "Tasks of the gateway's event loop.", registry=registry)
         self.queue_bytes = Gauge(
             "motiongen_outbound_queue_bytes", "What waits to be written to all streams.", registry=registry
@@ -140,6 +161,13 @@ class Metrics:
         self.engine_up.labels(engine).set_function(lambda: float(process.pid is not None))
         self.engine_restarts.labels(engine).set_function(lambda: process.num_restarts)
         self.engine_memory.labels(engine).set_function(lambda: process.rss_bytes)
+
+    def watch_service(self, service: WatchedService) -> None:
+        """Tell of streams and sessions whenever somebody asks."""
+        self.streams.set_function(lambda: service.num_streams)
+        self.parked.set_function(lambda: service.num_parked)
+        self.queue_bytes.set_function(lambda: service.num_waiting_bytes)
+        self.other_servers.set_function(lambda: service.num_other_servers)
 
     def watch_snapshots(self, writer: WatchedWriter) -> None:
         """Tell of the way to the store of snapshots whenever somebody asks."""

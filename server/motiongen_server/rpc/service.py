@@ -19,6 +19,7 @@ from motiongen_server.errors import StreamRefused
 from motiongen_server.identity.caller import Caller
 from motiongen_server.identity.callers import Callers
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
+from motiongen_server.replicas.other_servers import OtherServers
 from motiongen_server.rpc.budget import BYTES_A_CALL, CALL_COST
 from motiongen_server.rpc.clip import ClipService, clip_request
 from motiongen_server.rpc.durability import Durability
@@ -53,10 +54,12 @@ class MotionService:
         callers: Callers | None = None,
         snapshots: SnapshotStore | None = None,
         record_window: RecordWindow | None = None,
+        other_servers: OtherServers | None = None,
     ) -> None:
         """callers: who may call; everybody where it is left out. snapshots: where sessions are saved; None: nowhere.
 
-        record_window: takes the traces of windows; None: there are none.
+        record_window: takes the traces of windows; None: there are none. other_servers: of the same store, named to
+        clients that are refused for want of room; None: nothing is known of any.
         """
         self._models = models
         self._callers = callers or Callers()
@@ -65,6 +68,7 @@ class MotionService:
         self._flush_s = flush_s
         self._stream_metrics = stream_metrics
         self._record_window = record_window
+        self._others = other_servers
         self._reader = StreamReader(models, secrets.token_hex(4), self._limits.reconnect_after_s)
         self._numbers = itertools.count(1)
         self._loop = asyncio.get_running_loop()
@@ -76,6 +80,8 @@ class MotionService:
         self._watch = StreamWatch(self._limits, self._streams, self._callers)
         self._all_ended = asyncio.Event()
         self._all_ended.set()
+        if other_servers is not None:
+            other_servers.start(lambda: models.free_shares)
 
     @property
     def num_streams(self) -> int:
@@ -85,6 +91,11 @@ class MotionService:
     def num_parked(self) -> int:
         """Sessions that wait for a client that lost its transport."""
         return self._kept.num_parked
+
+    @property
+    def num_other_servers(self) -> int:
+        """Servers of the same store that can be named to clients which find no room here."""
+        return 0 if self._others is None else self._others.num_known
 
     @property
     def num_waiting_bytes(self) -> int:
@@ -153,6 +164,8 @@ class MotionService:
             raise
         peer = self._peers.of(caller, address, now)
         peer.charge_call(cost, now)
+        if self._others is not None:
+            self._others.note_call(metadata)
         return peer, caller
 
     async def StreamMotion(self, request_iterator: AsyncIterator[bytes], context: StreamContext) -> None:
@@ -176,6 +189,8 @@ class MotionService:
         stream.flush_s = self._flush_s
         stream.tracing = None if self._record_window is None else StreamTracing(self._record_window)
         stream.caller = caller
+        if self._others is not None:
+            stream.other_servers = self._others.named
         stream.accepts_opens = self._reader.ends_at is None
         peer.num_streams += 1
         self._streams[stream.number] = stream
@@ -258,6 +273,8 @@ class MotionService:
 
     def write_last_snapshots(self) -> None:
         """Once all sessions are closed: wait a moment for what is still to be saved, and let go of the store."""
+        if self._others is not None:
+            self._others.close()
         if self.durability is not None:
             self.durability.close()
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from motiongen_server.engine.types import (
@@ -18,6 +18,7 @@ from motiongen_server.engine.types import (
     SessionKey,
     SnapshotTaken,
 )
+from motiongen_server.replicas.hint import FOR_WANT_OF_ROOM, OtherServer, RefusedOpen
 from motiongen_server.rpc.event_errors import resume_out_of_range
 from motiongen_server.rpc.event_path import refuse_waiting
 from motiongen_server.rpc.kept_sessions import KeptSessions
@@ -30,12 +31,16 @@ _FRAMES_AND_PLANS = (Chunk, PlanNotice)  # a union would be made anew for every 
 
 
 class StreamSessions(StreamOutput):
-    """The half of a `Stream` that hears the engine. empty_since: monotonic seconds, while there is no session."""
+    """The half of a `Stream` that hears the engine. empty_since: monotonic seconds, while there is no session.
+
+    other_servers: those with room for a session of a model, as far as is known.
+    """
 
     def __init__(self, number: int, limits: Limits, stream_metrics: StreamMetrics, kept: KeptSessions) -> None:
         super().__init__(limits, stream_metrics)
         self.number = number
         self.empty_since = time.monotonic()
+        self.other_servers: Callable[[str], tuple[OtherServer, ...]] = lambda _: ()
         self._kept = kept
         self._entries: dict[int, SessionEntry] = {}  # by the handle that they have here
         self._by_key: dict[SessionKey, SessionEntry] = {}
@@ -101,7 +106,7 @@ class StreamSessions(StreamOutput):
             elif isinstance(said, Outcome) and said.event_seq == 1:  # the engine does not go on with a snapshot
                 self._stream_metrics.count_resume("refused")
                 self._end(entry)
-                self._say(replace(said, session=SessionKey(self.number, entry.handle)), None)
+                self._say(replace(self._hinted(said, entry), session=SessionKey(self.number, entry.handle)), None)
             return
         if isinstance(noted, Opened):
             self._kept.add(entry)
@@ -112,7 +117,14 @@ class StreamSessions(StreamOutput):
                 self._stream_metrics.reject(noted.reason)
             refuse_waiting(entry)
             self._end(entry)
+            noted = self._hinted(noted, entry)
         self._put(noted, entry)
+
+    def _hinted(self, refusal: Outcome, entry: SessionEntry) -> Outcome:
+        """The refusal of an open, with the servers that have room where this one has none."""
+        if refusal.reason not in FOR_WANT_OF_ROOM:
+            return refusal
+        return RefusedOpen.of(refusal, self.other_servers(entry.model.model_id))
 
     def _end(self, entry: SessionEntry) -> None:
         self._kept.forget(entry)

@@ -27,6 +27,7 @@ SET_BY_THE_APPLICATION = {
     "motiongen_sessions_parked",
     "motiongen_event_loop_tasks",
     "motiongen_free_share",
+    "motiongen_other_servers",
     "motiongen_slow_reader_closes",
     "motiongen_frames_dropped",
     "motiongen_streams",

@@ -14,6 +14,7 @@ import pytest
 from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_server.engine.types import Chunk, Close, Closed, CloseReason, Code, Open, Outcome
 from motiongen_server.rpc.budget import PATH_COST
+from motiongen_server.replicas.hint import OtherServer
 from motiongen_server.rpc.event_path import MAX_WAITING_EVENTS
 from motiongen_server.rpc.limits import PeerLimits
 from tests.server.rpc.test_event_order import HANDLE, PAUSE, WALK, Line, make_catalog
@@ -107,6 +108,30 @@ async def test_an_open_refused_by_the_engine_frees_its_handle(line: Line) -> Non
     assert line.stream.num_sessions == 0
     line.open()
     assert line.stream.num_sessions == 1
+
+
+@pytest.mark.parametrize(
+    ("reason", "is_named"), [("OVERLOADED", True), ("SESSION_LIMIT", True), ("STEPS_QUOTA", False)]
+)
+async def test_an_open_refused_for_want_of_room_names_servers_that_have_some(
+    line: Line, reason: str, is_named: bool
+) -> None:
+    asked: list[str] = []
+
+    def named(model_id: str) -> tuple[OtherServer, ...]:
+        asked.append(model_id)
+        return OtherServer("b:50051", ""), OtherServer("", "0123456789abcdef")
+
+    line.stream.other_servers = named
+    line.send(1, open=session_pb2.OpenSession())
+    opened = line.engine.events[0]
+    assert isinstance(opened, Open)
+    line.stream.take(Outcome(opened.session, 1, Code.RESOURCE_EXHAUSTED, reason=reason, message="full"))
+    told = line.updates()[-1].outcome
+    assert (told.reason, told.message) == (reason, "full")
+    both = [("b:50051", ""), ("", "0123456789abcdef")]
+    assert [(each.address, each.routing_key) for each in told.other_servers] == (both if is_named else [])
+    assert asked == ([line.catalog.facts.model_id] if is_named else [])
 
 
 async def test_applied_seq_is_that_of_the_time_of_each_update(line: Line) -> None:

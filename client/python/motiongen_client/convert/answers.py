@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from google.protobuf.duration_pb2 import Duration
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from motiongen_client.errors import EventRefused
+from motiongen_client.errors import EventRefused, OtherServer
 from motiongen_client.types import (
     ConstraintReached,
     Deviation,
@@ -67,7 +67,9 @@ def outcome(message: session_pb2.EditOutcome, event: str, offset: int = 0) -> Ou
         return Outcome(message.event_seq, effective_frame, warnings(message.warnings), placed)
     retry_after_s = seconds(message.retry_after) if message.HasField("retry_after") else None
     code = code_name(message.code)
-    return EventRefused(event, code, message.reason, message.message, message.field, message.allowed, retry_after_s)
+    others = tuple(OtherServer(each.address, each.routing_key) for each in message.other_servers)
+    said = message.reason, message.message, message.field, message.allowed
+    return EventRefused(event, code, *said, retry_after_s, others)
 
 
 def service_level(message: session_pb2.ServiceLevel) -> ServiceLevel:

@@ -340,7 +340,7 @@ class PlanNotice(_message.Message):
     def __init__(self, plan: _Optional[int] = ..., valid_from: _Optional[int] = ..., cause: _Optional[_Union[PlanCause, str]] = ..., event_seqs: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class EditOutcome(_message.Message):
-    __slots__ = ("event_seq", "code", "reason", "message", "effective_frame", "field", "allowed", "retry_after", "warnings", "spare_sessions", "placements")
+    __slots__ = ("event_seq", "code", "reason", "message", "effective_frame", "field", "allowed", "retry_after", "warnings", "spare_sessions", "placements", "other_servers")
     EVENT_SEQ_FIELD_NUMBER: _ClassVar[int]
     CODE_FIELD_NUMBER: _ClassVar[int]
     REASON_FIELD_NUMBER: _ClassVar[int]
@@ -352,6 +352,7 @@ class EditOutcome(_message.Message):
     WARNINGS_FIELD_NUMBER: _ClassVar[int]
     SPARE_SESSIONS_FIELD_NUMBER: _ClassVar[int]
     PLACEMENTS_FIELD_NUMBER: _ClassVar[int]
+    OTHER_SERVERS_FIELD_NUMBER: _ClassVar[int]
     event_seq: int
     code: int
     reason: str
@@ -363,7 +364,16 @@ class EditOutcome(_message.Message):
     warnings: _containers.RepeatedCompositeFieldContainer[EventWarning]
     spare_sessions: int
     placements: _containers.RepeatedCompositeFieldContainer[_motion_pb2.ConstraintPlacement]
-    def __init__(self, event_seq: _Optional[int] = ..., code: _Optional[int] = ..., reason: _Optional[str] = ..., message: _Optional[str] = ..., effective_frame: _Optional[int] = ..., field: _Optional[str] = ..., allowed: _Optional[str] = ..., retry_after: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., warnings: _Optional[_Iterable[_Union[EventWarning, _Mapping]]] = ..., spare_sessions: _Optional[int] = ..., placements: _Optional[_Iterable[_Union[_motion_pb2.ConstraintPlacement, _Mapping]]] = ...) -> None: ...
+    other_servers: _containers.RepeatedCompositeFieldContainer[OtherServer]
+    def __init__(self, event_seq: _Optional[int] = ..., code: _Optional[int] = ..., reason: _Optional[str] = ..., message: _Optional[str] = ..., effective_frame: _Optional[int] = ..., field: _Optional[str] = ..., allowed: _Optional[str] = ..., retry_after: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., warnings: _Optional[_Iterable[_Union[EventWarning, _Mapping]]] = ..., spare_sessions: _Optional[int] = ..., placements: _Optional[_Iterable[_Union[_motion_pb2.ConstraintPlacement, _Mapping]]] = ..., other_servers: _Optional[_Iterable[_Union[OtherServer, _Mapping]]] = ...) -> None: ...
+
+class OtherServer(_message.Message):
+    __slots__ = ("address", "routing_key")
+    ADDRESS_FIELD_NUMBER: _ClassVar[int]
+    ROUTING_KEY_FIELD_NUMBER: _ClassVar[int]
+    address: str
+    routing_key: str
+    def __init__(self, address: _Optional[str] = ..., routing_key: _Optional[str] = ...) -> None: ...
 
 class EventWarning(_message.Message):
     __slots__ = ("reason", "message", "field")

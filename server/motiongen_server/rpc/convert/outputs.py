@@ -17,6 +17,7 @@ from motiongen_server.engine.types import (
     ServiceLevel,
     Warned,
 )
+from motiongen_server.replicas.hint import RefusedOpen
 
 
 def write_update(update: session_pb2.SessionUpdate, output: Output) -> None:
@@ -98,6 +99,9 @@ def _write_outcome(message: session_pb2.EditOutcome, outcome: Outcome) -> None:
         message.warnings.extend(_warnings(outcome.warnings))
     if outcome.placements:
         message.placements.extend(_placements(outcome.placements))
+    if isinstance(outcome, RefusedOpen):
+        for address, routing_key in outcome.other_servers:
+            message.other_servers.add(address=address, routing_key=routing_key)
 
 
 def _placements(placements: Iterable[Placement]) -> Iterable[motion_pb2.ConstraintPlacement]:

@@ -1,0 +1,120 @@
+"""Elsewhere: the streams to servers that have room where the client's own has none."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Collection
+
+from motiongen_client.errors import EventRefused, MotiongenError, OtherServer
+from motiongen_client.session import Session
+from motiongen_client.stream import Stream
+
+_log = logging.getLogger(__name__)
+
+MOST_WAYS = 64
+"""That are kept in mind; keys change, and several lead to the same server."""
+MOST_ASKED = 4
+"""Servers that are asked for one session, the first among them."""
+
+
+class Elsewhere:
+    """Made by `MotionClient`, whose stream is the first to be asked."""
+
+    def __init__(
+        self, make_stream: Callable[[str, str], Stream], other_addresses: Collection[str] | Callable[[str], bool]
+    ) -> None:
+        """make_stream: to an address and by a routing key, each "" for the client's own."""
+        self._make_stream = make_stream
+        self._is_allowed = other_addresses if callable(other_addresses) else frozenset(other_addresses).__contains__
+        self._streams: dict[OtherServer, asyncio.Task[Stream]] = {}
+        self._moving: set[asyncio.Task[None]] = set()
+
+    async def open(self, stream: Stream, open_on: Callable[[Stream], Awaitable[Session]]) -> Session:
+        """Open a session on a stream, or where its server says that there is room. Raises the last refusal."""
+        asked = {stream.replica_id}
+        while True:
+            try:
+                return await open_on(stream)
+            except EventRefused as refusal:
+                following = await self._next(refusal, asked)
+                if following is None:
+                    raise
+                stream = following
+
+    def move(self, stream: Stream, session: Session, refusal: EventRefused) -> bool:
+        """Have another server go on with a session that waits. False: none is known that may be asked."""
+        if not any(self._way(each) for each in refusal.other_servers):
+            return False
+        task = asyncio.get_running_loop().create_task(self._move(stream, session, refusal), name="motiongen-move")
+        self._moving.add(task)
+        task.add_done_callback(self._moving.discard)
+        return True
+
+    async def _move(self, stream: Stream, session: Session, refusal: EventRefused) -> None:
+        call = stream.call_number
+        following = await self._next(refusal, {stream.replica_id})
+        if not session.is_waiting or stream.call_number != call:
+            return  # it has ended, or its own server has been asked anew
+        if following is None:
+            session.wait_for_room(refusal)
+            return
+        _log.info("session %d goes on at another server: %s", session.handle, refusal.reason)
+        stream.release(session)
+        following.adopt(session)
+
+    async def _next(self, refusal: EventRefused, asked: set[str]) -> Stream | None:
+        """A stream to one of the servers that a refusal names, that has not been asked; None where there is none."""
+        if len(asked) >= MOST_ASKED:
+            return None
+        for server in refusal.other_servers:
+            way = self._way(server)
+            if way is None:
+                continue
+            try:
+                stream = await self._stream(way)
+            except MotiongenError as error:
+                _log.info("a server that was named cannot be reached: %s", error)
+                continue
+            if stream.replica_id not in asked:  # else the key leads nowhere else: there is no proxy
+                asked.add(stream.replica_id)
+                return stream
+        return None
+
+    def _way(self, server: OtherServer) -> OtherServer | None:
+        """How a server may be reached: by its own address where that is allowed, else by its key."""
+        if server.address and self._is_allowed(server.address):
+            return OtherServer(address=server.address)
+        return OtherServer(routing_key=server.routing_key) if server.routing_key else None
+
+    async def _stream(self, way: OtherServer) -> Stream:
+        """Raises ServerUnavailable, StreamLost or InvalidInput."""
+        begun = self._streams.get(way)
+        if begun is None or (begun.done() and (_failed(begun) or begun.result().is_over)):
+            for old in list(self._streams)[: len(self._streams) + 1 - MOST_WAYS]:
+                del self._streams[old]  # the stream goes on, for as long as it carries sessions
+            begun = asyncio.get_running_loop().create_task(self._begin(way), name="motiongen-elsewhere")
+            self._streams[way] = begun
+        return await asyncio.shield(begun)
+
+    async def _begin(self, way: OtherServer) -> Stream:
+        stream = self._make_stream(way.address, way.routing_key)
+        await stream.start()
+        for other in [each.result() for each in self._streams.values() if each.done() and not _failed(each)]:
+            if other.replica_id == stream.replica_id and other.is_connected:  # another way to it
+                await stream.close()
+                return other
+        await stream.ask_catalog()
+        return stream
+
+    async def close(self) -> None:
+        """Move nothing any more; the streams are the client's to close."""
+        tasks = [*self._moving, *self._streams.values()]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        self._streams.clear()
+
+
+def _failed(task: asyncio.Task[Stream]) -> bool:
+    return task.cancelled() or task.exception() is not None

@@ -1,0 +1,164 @@
+"""Clients that a server has no room for: they go where it sends them, as far as they may."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator
+
+import grpc
+import pytest
+
+from motiongen.v1 import session_pb2
+from motiongen_client import EventRefused, MotionClient, OtherServer
+from motiongen_client.channel import ChannelSettings, Route
+from motiongen_server.errors import StreamRefused
+from tests.client.fake_server import FakeServer
+from tests.client.waiting import received, until
+
+Refuse = Callable[[session_pb2.SessionEvent], str | session_pb2.EditOutcome]
+
+
+def full(*others: tuple[str, str]) -> Refuse:
+    """A server that lets nobody in, and names others: addresses and keys."""
+
+    def refuse(event: session_pb2.SessionEvent) -> str | session_pb2.EditOutcome:
+        if not event.HasField("open"):
+            return ""
+        outcome = session_pb2.EditOutcome(code=8, reason="OVERLOADED", message="full")
+        outcome.retry_after.FromSeconds(3600)
+        for address, key in others:
+            outcome.other_servers.add(address=address, routing_key=key)
+        return outcome
+
+    return refuse
+
+
+@pytest.fixture
+def server() -> Iterator[FakeServer]:
+    with FakeServer(replica_id="first") as running:
+        yield running
+
+
+@pytest.fixture
+def other() -> Iterator[FakeServer]:
+    with FakeServer(replica_id="other") as running:
+        yield running
+
+
+async def test_a_session_is_opened_on_the_server_that_is_named(server: FakeServer, other: FakeServer) -> None:
+    server.refuse = full(("elsewhere:1", ""), (other.address, ""))
+    async with MotionClient(server.address, other_addresses=[other.address]) as client:
+        sessions = [await client.open("walk") for _ in range(2)]
+        assert [len(each.characters) for each in other.streams] == [2], "on one stream"
+        server.refuse = lambda event: ""
+        home = await client.open("walk")
+        assert server.stream.characters, "who has room again is asked first"
+        await sessions[0].set_prompt("run")
+        for session in (*sessions, home):
+            await session.close()
+
+
+async def test_many_that_are_refused_at_once_share_a_stream(server: FakeServer, other: FakeServer) -> None:
+    server.refuse = full((other.address, ""))
+    async with MotionClient(server.address, other_addresses=lambda address: address == other.address) as client:
+        await asyncio.gather(*(client.open("walk") for _ in range(8)))
+        assert [len(each.characters) for each in other.streams] == [8]
+
+
+async def test_an_address_that_nobody_has_allowed_is_not_called(server: FakeServer, other: FakeServer) -> None:
+    server.refuse = full((other.address, ""))
+    async with MotionClient(server.address) as client:
+        with pytest.raises(EventRefused, match="OVERLOADED") as refused:
+            await client.open("walk")
+    assert refused.value.other_servers == (OtherServer(address=other.address),)
+    assert (other.metadata, len(server.streams)) == ([], 1)
+
+
+async def test_a_key_that_leads_to_the_same_server_is_followed_once(server: FakeServer) -> None:
+    server.refuse = full(("", "0123456789abcdef"))
+    async with MotionClient(server.address) as client:
+        with pytest.raises(EventRefused):
+            await client.open("walk")
+    assert len(server.streams) == 2
+    assert server.metadata[-1]["x-motiongen-key"] == "0123456789abcdef" != server.metadata[0]["x-motiongen-key"]
+    assert [len(each.received) for each in server.streams] == [1, 0], "it is not asked to open again"
+
+
+async def test_servers_that_name_each_other_are_each_asked_once(server: FakeServer, other: FakeServer) -> None:
+    server.refuse, other.refuse = full((other.address, "")), full((server.address, ""), (other.address, ""))
+    async with MotionClient(server.address, other_addresses={server.address, other.address}) as client:
+        with pytest.raises(EventRefused):
+            await client.open("walk")
+    assert [len(each.received) for each in (*server.streams, *other.streams)] == [1, 0, 1]
+
+
+async def test_one_that_cannot_be_reached_is_passed_over(server: FakeServer, other: FakeServer) -> None:
+    server.refuse = full(("127.0.0.1:1", ""), ("no address", ""), (other.address, ""))
+    async with MotionClient(server.address, other_addresses=lambda _: True) as client:
+        await client.open("walk")
+        assert other.stream.characters
+
+
+async def test_a_session_that_is_not_taken_back_goes_on_elsewhere(server: FakeServer, other: FakeServer) -> None:
+    async with MotionClient(server.address, other_addresses=[other.address]) as client:
+        session, stays = await client.open("walk"), await client.open("stand")
+        await session.set_prompt("run")
+        await until(lambda: session.playback.buffered_to > 20)
+        refuse = full((other.address, ""))
+        server.refuse = lambda event: refuse(event) if event.session == session.handle else ""
+        handle = session.handle
+        server.stream.fail(grpc.StatusCode.UNAVAILABLE)
+        (opening,) = [event.open for event in await received_at(other, "open")]
+        assert [span.text for span in opening.prompts] == ["run"]
+        assert opening.prior_frames.frame_count > 0
+        await until(lambda: session.stats.reopenings == 1)
+        assert len(server.streams) == 2
+        assert (session.handle, handle) == (1, 1)
+        await session.set_prompt("stop")
+        assert [event.session for event in await received_at(other, "edit_prompts")] == [1]
+        await until(lambda: stays.stats.reopenings == 1)
+        await stays.set_prompt("run")
+        await received(server, "edit_prompts")
+        await session.close()
+        assert not other.stream.characters
+        await stays.close()
+
+
+async def test_one_that_nobody_takes_waits_for_its_own_server(server: FakeServer) -> None:
+    async with MotionClient(server.address, other_addresses=["127.0.0.1:1"]) as client:
+        session = await client.open("walk")
+        server.refuse = full(("127.0.0.1:1", ""))
+        server.stream.fail(grpc.StatusCode.UNAVAILABLE)
+        await until(lambda: len(server.streams) == 2 and server.stream.received)
+        await until(lambda: not client._elsewhere._moving and session.is_waiting)
+        server.refuse = lambda event: ""
+        server.stream.fail(grpc.StatusCode.UNAVAILABLE)  # which has it asked before the time that the server named
+        await until(lambda: session.stats.reopenings == 1)
+        await session.close()
+
+
+async def received_at(server: FakeServer, kind: str) -> list[session_pb2.SessionEvent]:
+    await until(lambda: server.streams)
+    return await received(server, kind)
+
+
+async def test_a_server_that_cannot_serve_yet_is_asked_by_another_key(server: FakeServer) -> None:
+    async with MotionClient(server.address) as client:
+        session = await client.open("walk")
+        starting = StreamRefused(grpc.StatusCode.UNAVAILABLE, "STARTING", "it loads").status()
+        server.turned_away = [starting, starting]
+        server.stream.fail(grpc.StatusCode.UNAVAILABLE)
+        await until(lambda: session.stats.reopenings == 1)
+        await session.close()
+    keys = [each["x-motiongen-key"] for each in server.metadata]
+    first, streams = keys[0], keys[1:6]
+    assert streams[:2] == [first, first], "who was only lost may still have the session"
+    assert len(set(streams[1:4])) == 3
+
+
+def test_a_route_changes_the_key_that_was_drawn_and_no_other() -> None:
+    for key, changes in (("0123456789abcdef", True), ("player-7", False)):
+        route = Route(ChannelSettings("localhost:1", metadata=(("x-motiongen-key", key), ("other", "1"))))
+        route.change()
+        metadata = dict(route._settings.metadata)
+        assert (metadata["x-motiongen-key"] != key, metadata["other"]) == (changes, "1")

@@ -40,7 +40,8 @@ def test_everything_a_character_can_be_told_can_be_told_here() -> None:
     def methods(kind: type) -> set[str]:
         return {name for name in dir(kind) if not name.startswith("_")}
 
-    only_there = {"begin", "fail", "hear", "interrupt", "is_over", "is_reporting", "reattach", "report"}
+    for_streams = {"begin", "fail", "hear", "interrupt", "is_over", "is_reporting", "reattach", "report"}
+    only_there = for_streams | {"is_waiting", "move", "wait_for_room"}
     assert methods(Asynchronous) - methods(Blocking) == only_there
 
 

@@ -18,6 +18,7 @@ from motiongen_server.engine.types import Gait, Guidance, ModelFacts
 from motiongen_server.identity.callers import Callers
 from motiongen_server.identity.setup import listen
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
+from motiongen_server.replicas.other_servers import OtherServers
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.handlers import add_methods
@@ -68,7 +69,9 @@ class LocalServer:
         callers: Callers | None = None,
         credentials: grpc.ServerCredentials | None = None,
         snapshots: SnapshotStore | None = None,
+        other_servers: OtherServers | None = None,
     ) -> None:
+        self._other_servers = other_servers
         self._snapshots = snapshots
         self._callers = callers
         self._credentials = credentials
@@ -99,7 +102,11 @@ class LocalServer:
         )
         self.model = LoadedModel("fake", self.engine, self.prompts, catalog)
         self.service = MotionService(
-            ModelRegistry(self.model), limits=self._service_limits, callers=self._callers, snapshots=self._snapshots
+            ModelRegistry(self.model),
+            limits=self._service_limits,
+            callers=self._callers,
+            snapshots=self._snapshots,
+            other_servers=self._other_servers,
         )
         self._server = grpc.aio.server(options=[("grpc.max_receive_message_length", limits.max_request_bytes)])
         add_methods(self.service, self._server)

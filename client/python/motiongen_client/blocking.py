@@ -10,7 +10,7 @@ One background thread runs the event loop of one client; everything here hands w
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import grpc
 
@@ -72,6 +72,7 @@ class MotionClient:
         channel_options: Sequence[Option] = (),
         connect_timeout_s: float = 10.0,
         policy: LinePolicy | None = None,
+        other_addresses: Collection[str] | Callable[[str], bool] = (),
     ) -> None:
         """As the client with asyncio; a function that gives the token is called on the client's own thread."""
         self._inner = client.MotionClient(
@@ -82,6 +83,7 @@ class MotionClient:
             channel_options=channel_options,
             connect_timeout_s=connect_timeout_s,
             policy=policy,
+            other_addresses=other_addresses,
         )
         self._loop: BackgroundLoop
 

@@ -42,6 +42,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.scale.simulation", description=__doc__)
     parser.add_argument("--servers", type=int, nargs="+", default=[10, 100, 1000])
     parser.add_argument("--capacities", type=int, nargs="+", default=list(CLIENTS), choices=list(CLIENTS))
+    parser.add_argument(
+        "--placed-by",
+        nargs="+",
+        type=Placement,
+        default=list(Placement),
+        help=", ".join(each.value for each in Placement),
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, help="folder of the picture (default: none is drawn)")
     options = parser.parse_args()
@@ -52,7 +59,7 @@ def main() -> None:
     for capacity in options.capacities:
         for servers in options.servers:
             given = Assumptions(capacity, characters=CLIENTS[capacity])
-            for placement in Placement:
+            for placement in options.placed_by:
                 simulation = Simulation(servers, placement, given, seed=options.seed)
                 outcome = simulation.run()
                 print(row(servers, capacity, placement, outcome, simulation.day.warm_until), flush=True)

@@ -123,7 +123,7 @@ class Simulation:
         self._try_to_open(self._client(now), now, now)
 
     def _try_to_open(self, client: Client, asked_at: float, now: float) -> None:
-        if self.fleet.place(client) is not None:
+        if self.fleet.place(client, now) is not None:
             if now > asked_at:
                 self.outcome.waited.append(now - asked_at)
             self._at(client.ends_at + now - asked_at, lambda _: self.fleet.leave(client))
@@ -147,7 +147,7 @@ class Simulation:
     def _take_over(self, client: Client, lost_at: float, now: float) -> None:
         if client.ends_at <= now:
             return
-        server = self.fleet.place(client)
+        server = self.fleet.place(client, now)
         if server is None:
             again = now + 0.5 * self.given.retry_s * self._dice.uniform(0.5, 1.5)
             self._at(again, partial(self._take_over, client, lost_at))

@@ -13,14 +13,20 @@ RING_POINTS = 40
 """Of each server on the ring of a proxy's consistent hash."""
 BOUND = 1.5
 """Of a hash with bounded loads: the clients that a server may have, by the mean of all."""
-HINTED = 8
-"""Servers that one that is full knows the load of, when it names another."""
+KNOWN, NAMED, ASKED = 8, 3, 4
+"""Servers that one that is full knows the room of, and names of these; that a client asks, the first among them."""
+TELL_S = 1.0
+"""How often servers tell their room."""
+LEAST_FREE = 0.05
+"""Of what a server admits, with less of which it is not named."""
 
 
 class Placement(Enum):
     """KEY: where the client's key leads, and there again if it is full. BOUNDED: the same, but that no server is given
-    more than `BOUND` times the mean number of clients. HINT: where it leads, and where that server
-    says there is room if it is full. LEAST: the emptier of two at random, from the beginning."""
+    more than `BOUND` times the mean number of clients. HINT: where it leads, and from a server that is full to one that
+    it names, by what servers told a moment ago, as `motiongen_server.replicas` does it. LEAST: the emptier of two at
+    random, from the beginning, and else as HINT.
+    """
 
     KEY = "key"
     BOUNDED = "key, bounded"
@@ -42,7 +48,9 @@ class Client:
 @dataclass(eq=False)
 class Server:
     """characters, clients: on it; in the order they came, which a set would not keep. backlog: windows that wait as of
-    `looked_at`, of clients that came with little in hand. drains: it takes nobody more."""
+    `looked_at`, of clients that came with little in hand. drains: it takes nobody more. told: its characters as the
+    others know them, since `told_at`.
+    """
 
     number: int
     zone: int
@@ -51,6 +59,14 @@ class Server:
     backlog: float = 0.0
     looked_at: float = 0.0
     drains: bool = False
+    told: int = 0
+    told_at: float = -TELL_S
+
+    def told_free(self, now: float, given: Assumptions) -> float:
+        """The share of what it admits that the others take for free: what it said up to a second ago."""
+        if now - self.told_at >= TELL_S:
+            self.told, self.told_at = self.characters, now
+        return 0.0 if self.drains else max(0.0, 1.0 - self.told / (given.admitted * given.capacity))
 
     def wait_s(self, windows: int, now: float, given: Assumptions) -> float:
         """How long so many more windows take beside those of who plays on, and let them wait with the others."""
@@ -93,7 +109,7 @@ class Fleet:
         given = self.given
         return not server.drains and server.characters + characters <= given.admitted * given.capacity
 
-    def place(self, client: Client) -> Server | None:
+    def place(self, client: Client, now: float = 0.0) -> Server | None:
         """A server with room for a client, by the policy; None where it is refused."""
         if not self.servers:
             return None
@@ -106,9 +122,23 @@ class Fleet:
             return self._put(client, first)
         if self.placement in (Placement.KEY, Placement.BOUNDED):
             return None
-        known = [self._dice.choice(self.servers) for _ in range(HINTED)]
-        best = min(known, key=lambda server: (server.drains, server.characters))
-        return self._put(client, best) if self.has_room(best, client.characters) else None
+        return self._named(client, [first], now)
+
+    def _named(self, client: Client, asked: list[Server], now: float) -> Server | None:
+        """One that the server asked last names, or that one in turn; None where four have been asked."""
+        while len(asked) < ASKED:
+            others = [server for server in self.servers if server is not asked[-1]]
+            known = self._dice.sample(others, min(KNOWN, len(others)))
+            free = [(server.told_free(now, self.given), server) for server in known]
+            drawn = [(self._dice.random() ** (1.0 / share), server) for share, server in free if share >= LEAST_FREE]
+            named = [server for _, server in sorted(drawn, key=lambda pair: -pair[0])[:NAMED]]
+            following = next((server for server in named if server not in asked), None)
+            if following is None:
+                return None
+            if self.has_room(following, client.characters):
+                return self._put(client, following)
+            asked.append(following)
+        return None
 
     def _by_key(self, key: float) -> Server:
         at = bisect.bisect(self._ring, key, key=lambda point: point[0])

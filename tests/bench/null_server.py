@@ -1,6 +1,7 @@
 """The real server with engine processes that compute nothing: `python -m tests.bench.null_server --port 0 ...`.
 
-Takes the server's own settings. Once ready it prints a JSON line with both ports and, by name, the operating system's
+Takes the server's own settings; of an encoder at `--text-encoder grpc:HOST:PORT` the first numbers of each vector, else
+a prompt's length. Once ready it prints a JSON line with both ports and, by name, the operating system's
 numbers of its threads, so that their processor time can be told apart. SIGTERM ends it.
 """
 
@@ -10,7 +11,11 @@ import asyncio
 import json
 import sys
 import threading
+from collections.abc import Sequence
 
+import numpy as np
+
+from motiongen_ardy.text import Vectors
 from motiongen_server.app import Application
 from motiongen_server.config import ServerConfig, parse_config
 from motiongen_server.engine.ports import Deliver
@@ -19,15 +24,32 @@ from motiongen_server.engine_process.pool import EnginePool, start_engine_proces
 from motiongen_server.ops.memory import keep_freed_memory, settled_objects
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.run import leave, stop_on_signals
+from motiongen_server.text.encoder.client import RemoteEncoder
 from motiongen_server.text.prompts import TextEncoder
 from tests.bench.null_runner import NullEncoder
+
+
+class FirstNumbers:
+    """An encoder service, for a model that takes shorter vectors."""
+
+    def __init__(self, address: str, width: int) -> None:
+        self._remote = RemoteEncoder(address, 20.0)
+        self._width = width
+
+    @property
+    def identity(self) -> str:
+        return self._remote.identity
+
+    def encode(self, texts: Sequence[str]) -> Vectors:
+        return np.ascontiguousarray(self._remote.encode(texts)[:, : self._width])
 
 
 def start_null_engines(config: ServerConfig, deliver: Deliver, metrics: Metrics) -> EnginePool:
     pool = start_engine_processes(config, deliver, metrics, (sys.executable, "-m", "tests.bench.null_engine"))
 
     def load_text(facts: ModelFacts) -> TextEncoder:
-        return NullEncoder()
+        kind, _, address = config.text_encoder.partition(":")
+        return FirstNumbers(address, facts.embedding_dim) if kind == "grpc" else NullEncoder()
 
     pool.load_text = load_text  # type: ignore[method-assign]
     return pool

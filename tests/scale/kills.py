@@ -40,7 +40,10 @@ COUNTED = ("missed", "changed", "unanswered", "not_back")
 
 @dataclass(frozen=True)
 class Kill:
-    """One, and what was noticed until the next. away_s: of each character that lost its line; missed: frames."""
+    """One, and what was noticed until the next. away_s: of each character that lost its line; missed: frames.
+
+    down_s: until the process that was killed had been started again; of servers, which take longer, until it was begun.
+    """
 
     number: int
     what: str
@@ -52,6 +55,7 @@ class Kill:
     changed: int
     unanswered: int
     not_back: int
+    down_s: float = 0.0
     ended: tuple[str, ...] = field(default=())
 
 
@@ -77,11 +81,9 @@ class Books:
 
 
 class World:
-    """Everything that can be killed, and who notices. has_encoder: not with servers that compute nothing."""
+    """Everything that can be killed, and who notices."""
 
-    def __init__(
-        self, replicas: Replicas, proxy: Proxy, encoder: Encoder | None, cast: Cast, draw: random.Random
-    ) -> None:
+    def __init__(self, replicas: Replicas, proxy: Proxy, encoder: Encoder, cast: Cast, draw: random.Random) -> None:
         self._replicas, self._proxy, self._encoder, self._cast = replicas, proxy, encoder, cast
         self._draw = draw
 
@@ -89,16 +91,17 @@ class World:
         """End one process at a moment that is drawn, start it again, and wait until all is well."""
         characters = self._cast.characters
         await asyncio.sleep(self._draw.uniform(0.0, 2.0))
-        before, killed_at = Books.of(characters), time.monotonic()
         replica = self._draw.choice(await asyncio.to_thread(self._serving))
+        before, killed_at = Books.of(characters), time.monotonic()
         victim = await asyncio.to_thread(self._end_and_start, what, replica)
+        down_s = round(time.monotonic() - killed_at, 3)
         not_back = await self._until_well(killed_at)
         after = Books.of(characters)
         return Kill(
             number, what, victim,
             tuple(round(s, 3) for each in characters for s in each.away_s(killed_at)),
             after.resumed - before.resumed, after.anew - before.anew, after.missed - before.missed,
-            after.changed - before.changed, after.unanswered - before.unanswered, not_back,
+            after.changed - before.changed, after.unanswered - before.unanswered, not_back, down_s,
             tuple(each.ended for each in characters if each.ended),
         )  # fmt: skip
 
@@ -110,7 +113,7 @@ class World:
         if what == "engine":
             replica.kill_engine()  # which its gateway starts again
             return replica.name
-        if what == "encoder" and self._encoder is not None:
+        if what == "encoder":
             self._encoder.kill()
             self._encoder.begin()
         elif what == "redis":
@@ -144,7 +147,7 @@ class World:
                 replica.begin()
         ready = all(replica.is_ready for replica in self._replicas.all)
         saving = all(replica.metric("motiongen_snapshot_store_up") == 1 for replica in self._replicas.all)
-        return ready and saving and (self._encoder is None or self._encoder.is_ready)
+        return ready and saving and self._encoder.is_ready
 
 
 def order(times: int, seed: int, kinds: list[str]) -> list[str]:
@@ -191,17 +194,14 @@ def read(path: Path) -> list[Kill]:
     return [Kill(**{**json.loads(line), "away_s": tuple(json.loads(line)["away_s"])}) for line in lines]
 
 
-async def play(
-    address: str, replicas: Replicas, proxy: Proxy, encoder: Encoder | None, options: argparse.Namespace
-) -> None:
-    kinds = [kind for kind in options.kinds if kind != "encoder" or encoder is not None]
+async def play(address: str, replicas: Replicas, proxy: Proxy, encoder: Encoder, options: argparse.Namespace) -> None:
     path = options.out / "kills.jsonl"
     begin = len(read(path))
     ends_at = time.monotonic() + 60 * options.minutes
     async with Cast(address, options.characters, CERTIFICATES / "authority.pem") as cast:
         await asyncio.sleep(2 * SETTLED_S)
         world = World(replicas, proxy, encoder, cast, random.Random(f"{options.seed} {begin}"))
-        for number, what in enumerate(order(options.times, options.seed, kinds)):
+        for number, what in enumerate(order(options.times, options.seed, options.kinds)):
             if number < begin or time.monotonic() > ends_at:
                 continue
             kill = await world.kill(number, what)
@@ -209,7 +209,8 @@ async def play(
                 file.write(json.dumps(asdict(kill)) + "\n")
             most = max(kill.away_s, default=0.0)
             lost = f"{len(kill.away_s)} lost their line, for {most:.2f} s at most"
-            print(f"{number + 1}. {what} ({kill.victim}): {lost}; {kill.missed} frames missed", flush=True)  # fmt: skip
+            started = f"started again after {kill.down_s:.2f} s"
+            print(f"{number + 1}. {what} ({kill.victim}), {started}: {lost}; {kill.missed} frames missed", flush=True)  # fmt: skip
             if kill.ended:
                 break
         put_off = sum(each.put_off for each in cast.characters)
@@ -227,7 +228,7 @@ def main() -> int:
     parser.add_argument("--characters", type=int, default=12, help="default: %(default)s")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="default: all")
     parser.add_argument("--proxy", choices=names, default=names[0], help="default: %(default)s")
-    parser.add_argument("--null", action="store_true", help="servers without a model, nor an encoder")
+    parser.add_argument("--null", action="store_true", help="servers without a model")
     parser.add_argument("--out", type=Path, default=Path("out/kills"), help="default: %(default)s")
     parser.add_argument("--go-on", action="store_true", help="add to the kills in --out")
     options = parser.parse_args()
@@ -237,12 +238,11 @@ def main() -> int:
         path.unlink(missing_ok=True)
     with tempfile.TemporaryDirectory(prefix="kills-") as name:
         folder = Path(name)
-        encoder = None if options.null else Encoder(folder)
-        more = () if encoder is None else ("--text-encoder", f"grpc:127.0.0.1:{encoder.port}")
+        encoder = Encoder(folder)
+        more = ("--text-encoder", f"grpc:127.0.0.1:{encoder.port}")
         program = NULL_SERVER if options.null else SERVER
         try:
-            if encoder is not None:
-                encoder.start()
+            encoder.start()
             with (
                 Replicas(folder, 2, more, program=program) as replicas,
                 PROXIES[names.index(options.proxy)](folder, replicas.behind) as proxy,
@@ -252,8 +252,7 @@ def main() -> int:
             print(f"error: {missing}", file=sys.stderr)
             return 2
         finally:
-            if encoder is not None:
-                encoder.stop()
+            encoder.stop()
     return report(read(path))
 
 

@@ -210,7 +210,7 @@ async def play(address: str, replicas: Replicas, proxy: Proxy, encoder: Encoder,
             most = max(kill.away_s, default=0.0)
             lost = f"{len(kill.away_s)} lost their line, for {most:.2f} s at most"
             started = f"started again after {kill.down_s:.2f} s"
-            print(f"{number + 1}. {what} ({kill.victim}), {started}: {lost}; {kill.missed} frames missed", flush=True)  # fmt: skip
+            print(f"{number + 1}. {what} ({kill.victim}), {started}: {lost}; {kill.missed} missed", flush=True)
             if kill.ended:
                 break
         put_off = sum(each.put_off for each in cast.characters)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.scale.chaos import troubles
-from tests.scale.kills import order, read
+from tests.scale.kills import KINDS, order, read
 from tests.scale.proxies import PROXIES, REPOSITORY, Proxy
 from tests.scale.troubles import TROUBLES
 
@@ -55,9 +55,7 @@ def test_processes_that_are_killed_cost_nobody_an_event_or_a_committed_frame(tmp
     """Every kind once; how long it took is for the full run to judge."""
     done = ran("tests.scale.kills", "--null", "--times", "5", "--characters", "8", "--out", str(tmp_path))
     kills = read(tmp_path / "kills.jsonl")
-    assert {each.what for each in kills} == {"gateway", "engine", "encoder", "redis", "proxy"}, (
-        done.stdout + done.stderr
-    )
+    assert {each.what for each in kills} == set(KINDS), done.stdout + done.stderr
     for each in kills:
         assert (each.changed, each.unanswered, each.anew, each.not_back, each.ended) == (0, 0, 0, 0, ()), each
         assert bool(each.resumed) is (each.what not in ("encoder", "redis")), each

@@ -21,7 +21,7 @@ class Backoff:
 
     def __init__(self, random_share: Callable[[], float] = random.random) -> None:
         self._random_share = random_share
-        self.reset()
+        self._delay_s, self._waited_s = FIRST_DELAY_S, 0.0
 
     def next_s(self, at_least_s: float = 0.0) -> float:
         """Seconds to wait before the next attempt. at_least_s: what the server asked for."""

@@ -31,7 +31,7 @@ class Placement(Enum):
     KEY = "key"
     BOUNDED = "key, bounded"
     HINT = "key, then a hint"
-    LEAST = "emptier of two"
+    LEAST = "emptier of two, else a hint"
 
 
 @dataclass(eq=False)

@@ -13,8 +13,8 @@ import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_server.engine.types import Chunk, Close, Closed, CloseReason, Code, Open, Outcome
-from motiongen_server.rpc.budget import PATH_COST
 from motiongen_server.replicas.hint import OtherServer
+from motiongen_server.rpc.budget import PATH_COST
 from motiongen_server.rpc.event_path import MAX_WAITING_EVENTS
 from motiongen_server.rpc.limits import PeerLimits
 from tests.server.rpc.test_event_order import HANDLE, PAUSE, WALK, Line, make_catalog

@@ -44,10 +44,19 @@ class Scene:
 
 
 async def connect(
-    address: str, credentials: grpc.ChannelCredentials | None = None, token: str = ""
+    address: str, credentials: grpc.ChannelCredentials | None = None, token: str = "", through: str = ""
 ) -> AsyncIterator[Target]:
-    """A connection for as long as it is iterated. credentials: None speaks plain text. token: "" for none."""
+    """A connection for as long as it is iterated.
+
+    credentials: None speaks plain text. token: "" for none. through: an address that leads to the server's, if not "".
+    """
+    options: tuple[tuple[str, str | int], ...]
     options = (("grpc.max_receive_message_length", 8 << 20), ("grpc.use_local_subchannel_pool", 1))
+    if through:
+        options += (("grpc.default_authority", address), ("grpc.max_reconnect_backoff_ms", 1000))
+        if credentials is not None:
+            options += (("grpc.ssl_target_name_override", address.rpartition(":")[0].strip("[]")),)
+        address = through
     if credentials is None:
         channel = grpc.aio.insecure_channel(address, options)
     else:

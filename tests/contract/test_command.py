@@ -35,10 +35,10 @@ def command(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 async def test_a_server_that_keeps_the_protocol_passes_at_real_time(tmp_path: Path) -> None:
     async with LocalServer() as server:
-        words = "credit or windows_follow or goes_on_where"
+        words = "credit or windows_follow or goes_on_where or said_again"
         done = await asyncio.to_thread(command, tmp_path, server.address, "-k", words)
     assert done.returncode == 0, done.stdout
-    assert "3 passed" in done.stdout
+    assert "4 passed" in done.stdout
 
 
 def test_a_server_that_does_not_is_told_which_rule_it_breaks(tmp_path: Path) -> None:
@@ -53,7 +53,7 @@ async def test_a_server_that_asks_who_calls_is_tested_over_tls_with_a_token(tmp_
     (tmp_path / "token").write_text(tenants.one())
     credentials = server_credentials(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
     async with LocalServer(callers=tenants.callers(), credentials=credentials) as server:
-        words = [server.address, "-k", "windows_follow", "--ca", AUTHORITY]
+        words = [server.address, "-k", "windows_follow or said_again", "--ca", AUTHORITY]
         words += ["--certificate", str(CERTIFICATES / "client.pem"), "--key", str(CERTIFICATES / "client.key")]
         refused = await asyncio.to_thread(command, tmp_path, *words)
         done = await asyncio.to_thread(command, tmp_path, *words, "--token-file", str(tmp_path / "token"))

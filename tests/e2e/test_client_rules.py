@@ -11,6 +11,7 @@ from motiongen_client import EventRefused, MotionClient, Session, Waypoint
 from motiongen_client.edit import Edit
 from tests.conftest import LiveServer
 from tests.contract.rules_relay import RulesRelay
+from tests.e2e.tcp_proxy import TcpProxy
 
 LIMIT_S = 240.0
 
@@ -66,3 +67,28 @@ async def test_every_edit_is_said_by_the_rules(live_server: LiveServer) -> None:
         (told,) = relay.streams[0].sessions.values()
         assert told.kinds.count("playhead") > 0
         assert told.sent_seq == 1 + 2 * len(taken) + 1
+
+
+@pytest.mark.filterwarnings("ignore")
+async def test_a_session_is_resumed_by_the_rules(live_server: LiveServer) -> None:
+    async with (
+        asyncio.timeout(LIMIT_S),
+        RulesRelay(live_server.address) as relay,
+        TcpProxy(int(relay.address.rpartition(":")[2])) as proxy,
+    ):
+        async with MotionClient(proxy.address) as client:
+            walker = await client.open("a person walks forward")
+            await play(walker, 2)
+            for number in range(3):
+                said = walker.set_prompt("a person runs forward")
+                proxy.cut()
+                late = walker.set_prompt("a person waves")
+                assert await answered(said), number
+                assert await answered(late), number
+                await play(walker, 1)
+            assert [await answered(edit) for edit in edits(walker)].count(False) == 1
+            assert (walker.stats.resumes, walker.reopenings) == (3, ())
+            await walker.close()
+        assert relay.broken == []
+        (told,) = relay.kept.values()
+        assert told.attempt >= 3

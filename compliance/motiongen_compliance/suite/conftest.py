@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 import grpc
 import pytest
 
+from motiongen_compliance.line import Line, a_line
 from motiongen_compliance.target import Scene, Target, connect
 
 
@@ -15,6 +16,22 @@ async def target(
     server_address: str, server_credentials: grpc.ChannelCredentials | None, server_token: str
 ) -> AsyncIterator[Target]:
     async for connected in connect(server_address, server_credentials, server_token):
+        yield connected
+
+
+@pytest.fixture
+async def line(server_address: str) -> AsyncIterator[Line]:
+    """What `distant` reaches the server through."""
+    async with a_line(server_address) as line:
+        yield line
+
+
+@pytest.fixture
+async def distant(
+    server_address: str, server_credentials: grpc.ChannelCredentials | None, server_token: str, line: Line
+) -> AsyncIterator[Target]:
+    """The server, by connections that a test cuts."""
+    async for connected in connect(server_address, server_credentials, server_token, through=line.address):
         yield connected
 
 

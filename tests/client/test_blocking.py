@@ -41,7 +41,7 @@ def test_everything_a_character_can_be_told_can_be_told_here() -> None:
         return {name for name in dir(kind) if not name.startswith("_")}
 
     for_streams = {"begin", "fail", "hear", "interrupt", "is_over", "is_reporting", "reattach", "report"}
-    only_there = for_streams | {"is_waiting", "move", "wait_for_room"}
+    only_there = for_streams | {"glance", "is_same", "is_waiting", "move", "wait_for_room"}
     assert methods(Asynchronous) - methods(Blocking) == only_there
 
 
@@ -55,6 +55,33 @@ def test_a_stream_of_several(client: MotionClient) -> None:
         assert constraints.wait().effective_frame is not None
         assert two.pause().wait().effective_frame is None
     assert one.end is not None
+
+
+def test_looking_again_while_the_same_frame_is_shown_asks_no_other_thread(
+    client: MotionClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = client.open("a person walks")
+    while session.poll() is None:
+        pass
+    session.pause().wait()
+    now_s = [100.0]
+    monkeypatch.setattr(session._inner, "_clock", lambda: now_s[0])
+    session.resume().wait()
+    asked = []
+    call = session._loop.call
+    monkeypatch.setattr(session._loop, "call", lambda function: asked.append(function) or call(function))
+    shown = []
+    for tick in range(200):  # 10 for each frame of the server's 100 a second
+        now_s[0] = 100.0 + tick / 1000
+        frame = session.poll()
+        assert frame is not None
+        shown.append(frame.index)
+    assert shown == sorted(shown)
+    assert len(set(shown)) >= 19
+    assert len(asked) < 80, "once for each frame and for each thing that came"
+    monkeypatch.undo()
+    assert session.close().reason == "client"
+    assert session.poll() is not None
 
 
 def test_leaving_frames_early_leaves_the_session_usable(client: MotionClient) -> None:

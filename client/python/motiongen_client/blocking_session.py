@@ -58,6 +58,7 @@ class Session:
     def __init__(self, loop: BackgroundLoop, inner: session.Session) -> None:
         self._loop = loop
         self._inner = inner
+        self._glance: session.Glance | None = None
 
     @property
     def opened(self) -> Opened:
@@ -227,8 +228,14 @@ class Session:
             self._loop.leave(frames)
 
     def poll(self) -> Frame | None:
-        """Move the playhead to the present and return the frame to show now; None before the first one came."""
-        return self._loop.call(self._inner.poll)
+        """Move the playhead to the present and return the frame to show now; None before the first one came.
+
+        While the same frame is shown, and nothing has come, this neither waits for the client's thread nor locks.
+        """
+        glance = self._glance
+        if glance is None or not self._inner.is_same(glance):
+            self._glance = glance = self._loop.call(self._inner.glance)
+        return glance.frame
 
     def sample(self) -> Frame | None:
         """As `poll`, but with the pose of this very moment, between two frames."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 
@@ -11,6 +10,7 @@ from numpy.typing import ArrayLike
 from motiongen.v1 import session_pb2
 from motiongen_client import convert
 from motiongen_client.carrier import Carrier
+from motiongen_client.changes import Changes
 from motiongen_client.edit import Edit, EditBook
 from motiongen_client.errors import InvalidInput, MotiongenError
 from motiongen_client.frame_shift import shifted
@@ -53,7 +53,7 @@ class Direction(ABC):
         self._reached = ReachedBook()
         self._unanswered: dict[int, session_pb2.SessionEvent] = {}  # by number, all but playheads
         self._offset = 0  # which of our frames is the server's frame 0
-        self._changed = asyncio.Event()  # something came, or is due now
+        self._changed = Changes()  # something came, or is due now
 
     def set_prompt(
         self, prompt: Prompt, *, frame: int | None = None, end_frame: int | None = None, prompt_id: int | None = None

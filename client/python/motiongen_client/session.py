@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass
 
@@ -34,6 +35,18 @@ class SessionStats:
     late_plans: int
     resumes: int = 0
     reopenings: int = 0
+
+
+@dataclass(frozen=True)
+class Glance:
+    """A frame that was shown, and until when it is: until_s of the session's clock, if nothing is heard before.
+
+    count: of changes until then. until_s: None where the next look may find another frame.
+    """
+
+    frame: Frame | None
+    count: int
+    until_s: float | None
 
 
 class Session(Conversation):
@@ -147,6 +160,18 @@ class Session(Conversation):
         if not self.playback.started:
             return None
         return self._frame(self.playback.playhead)
+
+    def glance(self) -> Glance:
+        """As `poll`, with how long the same frame will be shown: for threads that do not want to ask each time."""
+        count = self._changed.count
+        frame = self.poll()
+        is_moving = self.playback.is_playing and self._end is None
+        until_s = self.playback.next_due_s() if is_moving else math.inf
+        return Glance(frame, count, until_s if frame is not None else None)
+
+    def is_same(self, glance: Glance) -> bool:
+        """Whether `poll` would give the frame of a glance. May be called from any thread."""
+        return glance.until_s is not None and self._changed.count == glance.count and self._clock() < glance.until_s
 
     def sample(self) -> Frame | None:
         """As `poll`, but with the pose of this very moment, between two frames: for a loop at 60 or 144 Hz.

@@ -1,4 +1,4 @@
-"""docs/operations.md: the metrics and settings it names are those that there are."""
+"""docs/operations.md: the metrics, settings and alerts it names are those that there are."""
 
 from __future__ import annotations
 
@@ -28,3 +28,10 @@ def test_the_page_lists_every_metric_and_no_other(repository: Any) -> None:
 def test_the_settings_it_names_exist(repository: Any) -> None:
     known = {f"--{each.name.replace('_', '-')}" for each in fields(ServerConfig)}
     assert sorted(set(re.findall(r"`(--[a-z-]+)`", page(repository))) - known) == []
+
+
+def test_every_alert_has_an_entry_of_the_runbook_and_no_other_has(repository: Any) -> None:
+    rules = (repository.root / "deploy" / "prometheus" / "alerts.yaml").read_text(encoding="utf-8")
+    alerts = re.findall(r"(?m)^ *- alert: (\w+)$", rules)
+    assert alerts
+    assert re.findall(r"(?m)^### `(\w+)`$", page(repository)) == alerts, "in the order of the rules"

@@ -256,7 +256,7 @@ class Application:
             self._manager.look_after()
             if not self._door.is_open and self._engine_is_well(HEARTBEAT_LIMIT_S):
                 self._door.open(self._service)
-            if self._freed.is_due():
+            if self._freed.is_due(is_busy=self._service.num_streams > 0):
                 await asyncio.to_thread(give_back_freed_memory)
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._stop.wait(), timeout=1.0)

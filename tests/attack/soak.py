@@ -4,9 +4,9 @@ Characters of every kind play in real time and come and go (`soak.yaml`), on the
 SQLite file, or on engines that compute nothing (`--null`). The load is that of `motiongen bench`, in parts of some
 minutes, each over new connections; in the rest after each part nothing is open. Resident memory, descriptors, threads
 and tasks are read all the time and written to `readings.jsonl` in the folder of `--out` at once; `--report` tells what
-an unfinished run came to so far. Exit code 1 where memory grows by more than 1 MiB an hour (upper 95 % bound, after a
-warm-up of 20 minutes or a fifth of the time), what is counted at rest grew, 1 % of the frames were missed, or a part of
-the load failed.
+an unfinished run came to so far. Exit code 1 where memory at the ends of the rests grows by more than 1 MiB an hour
+(upper 95 % bound, after a warm-up of 20 minutes or a fifth of the time), what is counted at rest grew, 1 % of the
+frames were missed, or a part of the load failed.
 """
 
 from __future__ import annotations

@@ -120,6 +120,13 @@ def by_minute(readings: Sequence[Reading], name: str) -> tuple[list[float], list
     return [minute / 60 for minute in minutes], [sum(values) / len(values) for values in minutes.values()]
 
 
+def at_rests(readings: Sequence[Reading], name: str) -> tuple[list[float], list[float]]:
+    """Hours and a figure at the end of each rest, when all that was open has gone and memory has been given back."""
+    follows_rest = [one.rest for one in readings[1:]] + [False]
+    ends = [one for one, goes_on in zip(readings, follows_rest, strict=False) if one.rest and not goes_on]
+    return [one.at_s / 3600 for one in ends], [float(getattr(one, name)) for one in ends]
+
+
 def judge(readings: Sequence[Reading], parts: Sequence[Part], warm_s: float) -> tuple[list[str], list[str]]:
     """Lines that tell the result, and what does not hold."""
     told, faults = [], []
@@ -134,12 +141,15 @@ def judge(readings: Sequence[Reading], parts: Sequence[Part], warm_s: float) -> 
     faults += [f"a part of the load failed: {part.failed}" for part in parts if part.failed]
     later = [each for each in readings if each.at_s >= warm_s]
     for process in PROCESSES:
-        hours, mib = by_minute(later, f"{process}_mib")
-        slope, bound = slope_with_bound(hours, mib)
-        there = f"{mib[0]:.1f} -> {mib[-1]:.1f} MiB" if mib else "no reading after the warm-up"
-        told.append(f"{process}: {there}, {slope:+.2f} MiB an hour, at most {bound:+.2f} (95 %)")
-        if not bound < MOST_MIB_AN_HOUR:
-            faults.append(f"{process}: memory grows by up to {bound:.2f} MiB an hour, allowed is {MOST_MIB_AN_HOUR:g}")
+        for when, course in (("at rest", at_rests), ("under load", by_minute)):
+            hours, mib = course(later, f"{process}_mib")
+            slope, bound = slope_with_bound(hours, mib)
+            there = f"{mib[0]:.1f} -> {mib[-1]:.1f} MiB" if mib else "no reading after the warm-up"
+            told.append(f"{process} {when}: {there}, {slope:+.2f} MiB an hour, at most {bound:+.2f} (95 %)")
+            # What is open at a moment differs from part to part; what stays of it must not.
+            if course is at_rests and not bound < MOST_MIB_AN_HOUR:
+                fault = f"memory at rest grows by up to {bound:.2f} MiB an hour, allowed is {MOST_MIB_AN_HOUR:g}"
+                faults.append(f"{process}: {fault}")
     resting = [each for each in readings if each.rest]
     for name in [f"{process}_{what}" for process in PROCESSES for what in ("descriptors", "threads")] + ["tasks"]:
         counts = [int(getattr(each, name)) for each in resting]

@@ -36,11 +36,11 @@ def test_what_stays_the_same_holds() -> None:
 @pytest.mark.parametrize(
     ("readings", "part", "fault"),
     [
-        (two_hours(mib_an_hour=1.5), GOOD, "gateway: memory grows"),
+        (two_hours(mib_an_hour=1.5), GOOD, "gateway: memory at rest grows"),
         (two_hours(descriptors_an_hour=3), GOOD, "gateway descriptors at rest grew from 31 to"),
         (two_hours(), replace(GOOD, missed=200), "2.00% of the frames were missed"),
         (two_hours(), replace(GOOD, failed="exit code 1"), "exit code 1"),
-        (two_hours()[:2], GOOD, "memory grows by up to inf"),
+        (two_hours()[:2], GOOD, "memory at rest grows by up to inf"),
         ([], GOOD, "two rests"),
     ],
 )

@@ -33,11 +33,13 @@ from motiongen_server.engine_process.messages import (
 from motiongen_server.engine_process.outlet import Outlet, Wire
 from motiongen_server.engine_process.slot import BuildEngine, Slot
 from motiongen_server.engine_process.sockets import EngineEnd, poller_of
-from motiongen_server.ops.memory import settle_again
+from motiongen_server.ops.memory import FreedMemory, give_back_freed_memory, settle_again
 from motiongen_server.settings import SettingError
 
 _log = logging.getLogger(__name__)
 
+FREED_EVERY_S = 2.0
+"""How often it is looked whether memory is to be given back."""
 BLOCKED_MS = 10
 """How often it is looked whether the gateway, or an engine, takes more again."""
 
@@ -69,6 +71,7 @@ class EngineHost:
         self._jobs: queue.SimpleQueue[Load | LoadEncoder | Stop | BaseException] = queue.SimpleQueue()
         self._texts: queue.SimpleQueue[EncodeTexts] = queue.SimpleQueue()
         self._bell = Bell()
+        self._freed = FreedMemory()
         self._is_over = False
         self._is_stopping = False
         self._news = poller_of([end.ahead, self._bell.fileno(), end.events])
@@ -93,7 +96,12 @@ class EngineHost:
 
     def _work(self) -> BaseException | None:
         while True:
-            job = self._jobs.get()
+            try:
+                job = self._jobs.get(timeout=FREED_EVERY_S)
+            except queue.Empty:
+                if self._freed.is_due(is_busy=any(slot.is_busy for slot in tuple(self._slots.values()))):
+                    give_back_freed_memory()
+                continue
             if isinstance(job, Load):
                 self._load(job)
             elif isinstance(job, LoadEncoder):

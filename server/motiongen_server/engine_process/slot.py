@@ -56,6 +56,11 @@ class Slot:
         self._thread.start()
 
     @property
+    def is_busy(self) -> bool:
+        """Whether a session or a clip is open."""
+        return self._engine is not None and self._engine.num_sessions > 0
+
+    @property
     def is_full(self) -> bool:
         """Whether as many events wait as may."""
         return len(self.inbox) > MOST_WAITING

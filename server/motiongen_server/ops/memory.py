@@ -52,15 +52,24 @@ def resident_bytes(pid: int) -> int:
 
 
 class FreedMemory:
-    """Tells when memory is worth giving back: after a peak that is over. What is in use every day stays."""
+    """Tells when memory is worth giving back: after a peak that is over, and when nothing is done any more.
+
+    What is in use every day stays meanwhile. Of sessions of all lengths that come and go, pieces are left between what
+    lives longer: a day of them would leave more and more.
+    """
 
     def __init__(self, resident_bytes_of_process: Callable[[], int] | None = None) -> None:
         self._resident_bytes = resident_bytes_of_process or (lambda: resident_bytes(os.getpid()))
         self._kept: int | None = None
+        self._was_busy = False
 
-    def is_due(self) -> bool:
-        """Whether much more is resident than after the last time."""
+    def is_due(self, *, is_busy: bool) -> bool:
+        """Whether much more is resident than after the last time, or all that was being done has ended."""
+        has_ended, self._was_busy = self._was_busy and not is_busy, is_busy
         now = self._resident_bytes()
+        if has_ended:
+            self._kept = None  # what is left then is the least
+            return True
         if self._kept is None or now < self._kept:
             self._kept = now
         if now - self._kept <= KEPT_BYTES:

@@ -52,6 +52,7 @@ class Notebook:
     """In the place of an engine: writes down what it is given, and refuses what has the event number 13."""
 
     observe = None
+    num_sessions = 0
 
     def __init__(self) -> None:
         self.lease = Device().lease()

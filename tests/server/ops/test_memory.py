@@ -80,13 +80,20 @@ def test_the_memory_of_a_process_is_told_and_of_one_that_has_ended_none() -> Non
 def test_memory_is_given_back_after_a_peak_and_not_again_and_again() -> None:
     resident = 100 << 20
     freed = FreedMemory(lambda: resident)
-    assert not freed.is_due()
+    assert not freed.is_due(is_busy=True)
     resident += KEPT_BYTES // 2
-    assert not freed.is_due(), "what is in use every day stays"
+    assert not freed.is_due(is_busy=True), "what is in use every day stays"
     resident += KEPT_BYTES
-    assert freed.is_due()
-    assert not freed.is_due(), "it did not help: only a higher peak is worth another try"
+    assert freed.is_due(is_busy=True)
+    assert not freed.is_due(is_busy=True), "it did not help: only a higher peak is worth another try"
     resident = 90 << 20
-    assert not freed.is_due()
+    assert not freed.is_due(is_busy=True)
     resident += KEPT_BYTES + 1
-    assert freed.is_due()
+    assert freed.is_due(is_busy=True)
+
+
+def test_memory_is_given_back_when_nothing_is_done_any_more_and_once() -> None:
+    freed = FreedMemory(lambda: 100 << 20)
+    assert [freed.is_due(is_busy=busy) for busy in (False, True, True, False, False, True, False)] == [
+        False, False, False, True, False, False, True
+    ]  # fmt: skip

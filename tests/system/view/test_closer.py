@@ -36,8 +36,7 @@ def test_a_joint_leaves_a_trail_beside_the_root(page: Page, pictures: Path) -> N
     page.until_drawn()
     hand, root = line(page, "_jointTrail"), line(page, "_trail")
     assert len(hand) == len(root) == 81, "four seconds of twenty frames, and the present one"
-    heights = [y for _, y, _ in hand]
-    assert max(heights) - min(heights) > 0.3, "a hand that waves goes up"
+    assert min(y for _, y, _ in hand) > 1, "a hand that waves is up"
     assert {round(y, 3) for _, y, _ in root} == {0.01}
     here = page.run(
         """

@@ -46,7 +46,7 @@ def test_a_joint_leaves_a_trail_beside_the_root(page: Page, pictures: Path) -> N
         return [...rig.positions.slice(3 * joint, 3 * joint + 3)];
         """
     )
-    assert hand[-1] == pytest.approx(here, abs=0.01)
+    assert hand[-1] == pytest.approx(here, abs=0.05), "but for the frame that may have passed"
     page.picture(pictures / "trail.png")
 
 

@@ -181,7 +181,8 @@ function figure(context, place, { take, shift, at, name, line }, colours, ratio)
     context.fillStyle = colours.soft;
     context.font = `${11 * ratio}px system-ui, sans-serif`;
     context.textAlign = "center";
-    context.fillText(name, floor[0], floor[1] + (20 + 13 * line) * ratio);
+    const under = floor[1] + (20 + 13 * line) * ratio;
+    context.fillText(name, floor[0], Math.min(under, context.canvas.height - 5 * ratio)); // who stands in front is low in the picture
     context.textAlign = "start";
   }
 }

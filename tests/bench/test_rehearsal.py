@@ -8,6 +8,7 @@ import pytest
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.types import Priority
 from motiongen_tools.bench.scenario import BUILT_IN, load_scenario
+from tests.bench.admission import FULL_MISS, Machine, let_in, missed
 from tests.bench.rehearsal import Costs, Rehearsal, rehearse
 
 CONFIG = EngineConfig(max_sessions=4096)
@@ -36,3 +37,16 @@ def test_a_crowd_plays_on_and_is_answered_while_heroes_steer() -> None:
 def test_a_stick_is_followed_as_often_as_it_speaks() -> None:
     found = _rehearse("hero", 4)
     assert found.windows > 0.9 * 4 * 10 * 11  # ten a second, eleven seconds
+
+
+@pytest.mark.parametrize(
+    ("machine", "could"), [(Machine(0.7, quota=True), 104), (Machine(1.5, quota=True), 220), (Machine(1.0), 152)]
+)
+def test_under_a_quota_too_nine_tenths_of_what_could_be_served_is_let_in_and_served_in_full(
+    machine: Machine, could: int
+) -> None:
+    """could: what `python -m tests.bench.admission` finds, give or take the steps of its search."""
+    count, degraded, found = let_in(machine, load_scenario("crowd"), 2 * could, 10)
+    assert 0.88 * could <= count <= could
+    assert degraded == 0
+    assert missed(found) < FULL_MISS

@@ -15,7 +15,7 @@ from motiongen_server.engine.scheduling.step_executor import StepExecutor
 from motiongen_server.engine.scheduling.step_quotas import StepQuotas
 from motiongen_server.engine.session import planning
 from motiongen_server.engine.session.state import SessionState
-from motiongen_server.engine.types import Float32Array, Output, PlanCause, WindowResult
+from motiongen_server.engine.types import Float32Array, Output, PlanCause, WindowJob, WindowResult
 from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine.window_timings import WindowTimings
 
@@ -121,7 +121,7 @@ class RunningWindows:
     ) -> list[tuple[SessionState, list[Output]]]:
         """Give windows to their sessions; each of them, with what is said of it."""
         said = []
-        due = late = 0
+        due, late = 0, 0.0
         for result in results:
             state = self._owners.pop(result.job_id, None)
             if state is None:
@@ -137,9 +137,10 @@ class RunningWindows:
             if job is not None and job.cause is not PlanCause.CONTINUE and not job.background:
                 load.note_replan(job.priority)
             # Only who goes on shows whether the machine keeps up: edits may ask for more than it could ever do.
-            if job is not None and job.cause is PlanCause.CONTINUE and job.first_frame and not job.background:
+            if running is not None and _shows_load(running.job):
                 due += 1
-                late += len(report.deadline_misses) - misses
+                if len(report.deadline_misses) > misses:
+                    late += running.late_share(now)
         load.note_windows(now, due, late)
         return said
 
@@ -149,3 +150,7 @@ class RunningWindows:
             self.timings.forget(job_id)
         del self._owners[job_id]
         self._executor.discard(job_id)
+
+
+def _shows_load(job: WindowJob) -> bool:
+    return job.cause is PlanCause.CONTINUE and job.first_frame > 0 and not job.background

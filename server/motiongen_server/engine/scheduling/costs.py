@@ -12,8 +12,10 @@ from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, field
 
 _LEARNING_RATE = 0.125
-# A neighbour that takes the cores slows every size: the other buckets follow a measurement at half the rate.
-_SHARED_RATE = 0.0625
+# How fast what one size costs beside the others follows what is measured.
+_SHAPE_RATE = 1 / 128
+# The pace is of about so many calls.
+_PACE_CALLS = 32
 # One hiccup must not pass for the new normal: a measurement counts as at most so many times what was expected.
 _MOST_SURPRISE = 4.0
 _REFRESH_EVERY = 8
@@ -44,6 +46,10 @@ class CallCosts:
     """What one kind of call costs by its size. assumed_s: of any size, before anything was measured.
 
     deviation: the mean distance of a measurement from what was expected, as a share of it.
+
+    A neighbour that takes the cores, or a quota that is used up, slows every size: what calls took of late, of what
+    these sizes take else, is the pace of all of them. It is a ratio of sums. A mean of ratios would be too great where
+    calls are uneven, as those are on the way of which the processor is taken away.
     """
 
     assumed_s: float
@@ -53,21 +59,31 @@ class CallCosts:
     _curve: list[float] = field(default_factory=list)
     _efficient: dict[tuple[int, float], int] = field(default_factory=dict)
     _unread: int = 0
+    _pace: float = 1.0
+    _spent_s: float = 0.0
+    _usual_s: float = 0.0
 
     def observe(self, size: int, seconds: float) -> None:
         """Take in what a call of this size took."""
         index = bisect_left(SIZES, size)
         mean = self._means.get(index)
+        if mean is None and self._means and min(self._means) < index < max(self._means):
+            # One measurement says little: it begins with what its neighbours cost.
+            mean, self._weights[index] = self.seconds(size) / self._pace, 0.0
         if mean is None:
-            self._means[index], self._weights[index] = max(seconds, _LEAST_S), 1.0
+            self._means[index], self._weights[index] = max(seconds / self._pace, _LEAST_S), 1.0
             self._forget_curve()
             return
-        ratio = min(seconds / mean, _MOST_SURPRISE)
+        expected_s = mean * self._pace
+        ratio = min(seconds / expected_s, _MOST_SURPRISE)
         self.deviation += _LEARNING_RATE * (abs(ratio - 1.0) - self.deviation)
-        shared = 1.0 + _SHARED_RATE * (ratio - 1.0)
-        for other in self._means:
-            self._means[other] = max(self._means[other] * shared, _LEAST_S)
-        self._means[index] = max(mean * (1.0 + _LEARNING_RATE * (ratio - 1.0)), _LEAST_S)
+        if not self._usual_s:
+            self._spent_s = self._usual_s = _PACE_CALLS * mean
+        kept = 1.0 - 1.0 / _PACE_CALLS
+        self._spent_s = kept * self._spent_s + ratio * expected_s
+        self._usual_s = kept * self._usual_s + mean
+        self._means[index] = max(mean + _SHAPE_RATE * (ratio * expected_s / self._pace - mean), _LEAST_S)
+        self._pace = self._spent_s / self._usual_s
         self._weights[index] = min(self._weights[index] + 1.0, _MOST_WEIGHT)
         self._unread += 1
         if self._unread >= _REFRESH_EVERY:
@@ -84,7 +100,7 @@ class CallCosts:
         if not self._means:
             return self.assumed_s
         if not self._curve:
-            self._curve = _monotone_curve(self._means, self._weights)
+            self._curve = [self._pace * each for each in _monotone_curve(self._means, self._weights)]
         index = bisect_left(SIZES, size)
         if index < len(self._curve):
             return self._curve[index]

@@ -58,10 +58,11 @@ def levels_of(facts: ModelFacts) -> tuple[Level, ...]:
 class DegradationLimits:
     """When to go down and up. Shares are of 1.
 
-    Down where more than miss_share of the windows of miss_window_s were late, or the load is above high_load, and that
-    for pressed_s, since many sessions that open at once ask for more than they do later; not again within settle_s,
-    since what a level saves shows only then. Up after well_s without either and with the load below
-    low_load, and after half as long if the level before held; where it did not, twice as long, up to patience times.
+    Down where the windows of miss_window_s were late by more than miss_share of the time that their frames play, or
+    the load is above high_load, and that for pressed_s, since many sessions that open at once ask for more than they
+    do later; not again within settle_s, since what a level saves shows only then. Up after well_s without either and
+    with the load below low_load, and after half as long if the level before held; where it did not, twice as long, up
+    to patience times.
     least_busy: a machine that computes for less of the time is not what windows are late for, and nobody gets less.
     min_windows: fewer than so many windows say nothing about the share that is late.
     """
@@ -95,8 +96,8 @@ class Degradation:
             key=lambda move: (move[1] + _HEAD_START[move[0]], -move[0]),
         )
         self._made = 0
-        self._late: deque[tuple[float, int, int]] = deque()
-        self._windows = self._misses = 0
+        self._noted: deque[tuple[float, int, float]] = deque()
+        self._windows, self._late = 0, 0.0
         self._settled_at = now
         self._well_since = now
         self._unpressed_at = now
@@ -112,17 +113,20 @@ class Degradation:
         """How many levels down a class is."""
         return max((depth for moved, depth in self._moves[: self._made] if moved is priority), default=0)
 
-    def note_windows(self, now: float, windows: int, misses: int) -> None:
-        """So many windows were due, so many of them late."""
+    def note_windows(self, now: float, windows: int, late: float) -> None:
+        """So many windows were due. late: for how long their frames were not there, in the time that a window plays.
+
+        Who waits for a window by a twentieth of that time misses a twentieth of its frames, not all of them.
+        """
         if windows:
-            self._late.append((now, windows, misses))
+            self._noted.append((now, windows, late))
             self._windows += windows
-            self._misses += misses
+            self._late += late
 
     @property
     def missed_share(self) -> float:
-        """Late windows among those of the last miss_window_s; 0 while there are too few to tell."""
-        return self._misses / self._windows if self._windows >= self._limits.min_windows else 0.0
+        """Of the frames of the windows of the last miss_window_s, those that were late; 0 where too few are known."""
+        return self._late / self._windows if self._windows >= self._limits.min_windows else 0.0
 
     def update(self, now: float, load: float, present: Mapping[Priority, int], busy: float = 1.0) -> Iterable[Priority]:
         """Go down or up a level if it is time; returns the class that moved, if one did.
@@ -131,10 +135,10 @@ class Degradation:
         busy: share of the time in which anything was computed, however well its steps were filled.
         """
         limits = self._limits
-        while self._late and self._late[0][0] < now - limits.miss_window_s:
-            _, windows, misses = self._late.popleft()
+        while self._noted and self._noted[0][0] < now - limits.miss_window_s:
+            _, windows, late_windows = self._noted.popleft()
             self._windows -= windows
-            self._misses -= misses
+            self._late -= late_windows
         late = self.missed_share > limits.miss_share and busy >= limits.least_busy
         pressed = late or load > limits.high_load
         settled = now - self._settled_at >= limits.settle_s
@@ -147,8 +151,8 @@ class Degradation:
             self._learn_patience(now)
             self._settled_at = now
             # What was late before says nothing about the level that comes.
-            self._late.clear()
-            self._windows = self._misses = 0
+            self._noted.clear()
+            self._windows, self._late = 0, 0.0
             return self._down(present)
         if self._made and now - max(self._well_since, self._settled_at) >= self._wait_s:
             self._settled_at = self._went_up_at = now

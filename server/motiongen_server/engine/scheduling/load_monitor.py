@@ -53,10 +53,10 @@ class LoadMonitor:
         """A session's window was finished that changed what it would have shown."""
         self._rates.note_replan(priority)
 
-    def note_windows(self, now: float, windows: int, misses: int) -> None:
-        """So many windows were due, so many of them late."""
+    def note_windows(self, now: float, windows: int, late: float) -> None:
+        """So many windows were due, and so late were they, in windows: see `Degradation.note_windows`."""
         if self._degradation is not None:
-            self._degradation.note_windows(now, windows, misses)
+            self._degradation.note_windows(now, windows, late)
 
     def measure(
         self, now: float, work_s: float, busy_s: float, prices: Prices, present: Mapping[Priority, int]

@@ -72,7 +72,9 @@ def next_window(state: SessionState, now: float, predicted_s: float, job_id: int
     end = first_frame + state.facts.horizon
     if cause is PlanCause.CONTINUE and state.clock.running:
         end, state.cut_frames = end - state.cut_frames, 0
-    state.running = RunningWindow(job, end, state.edits.take(), state.conditions.velocity, state.drift_state.correction)
+    state.running = RunningWindow(
+        job, end, state.edits.take(), state.conditions.velocity, state.drift_state.correction, state.facts.fps
+    )
     state.running.cut, state.cut = cut, None
     change = state.conditions.prompt_change_after(first_frame, end)
     state.running.accept_to = max(change, state.least_start(state.running))

@@ -40,12 +40,18 @@ class RunningWindow:
     answers: tuple[PendingEdit, ...]
     velocity: Velocity | None
     correction: Correction | None
+    fps: int
     steps_done: int = 0
     cut: Cut | None = None
 
     @property
     def first_frame(self) -> int:
         return self.job.first_frame
+
+    def late_share(self, now: float) -> float:
+        """How much of the playing time of its own frames its client would have to wait for it that is done only now."""
+        length_s = max(1, self.accept_to - self.first_frame) / self.fps
+        return min(1.0, max(0.0, now - self.job.deadline) / length_s)
 
     @property
     def fresh(self) -> bool:

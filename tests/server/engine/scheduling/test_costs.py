@@ -133,3 +133,27 @@ def test_unsteady_costs_are_predicted_with_room() -> None:
 
 def test_the_demand_of_a_window_is_its_share_of_full_steps() -> None:
     assert _table().demand_s(4, 3, 96) == pytest.approx(4 * 3 * 0.106 / 96 + 0.005)
+
+
+def test_calls_on_the_way_of_which_the_processor_is_taken_away_are_no_dearer_than_they_are_on_average() -> None:
+    costs = CallCosts(0.5)
+    for size in (1, 4, 16, 64):
+        costs.observe(size, 0.01 + 0.001 * size)
+    of_each = {size: 0.01 + 0.001 * size for size in (4, 16)}
+    computed_s = 0.0
+    found = []
+    for number in range(3000):  # 50 ms of each 100 ms are computed in, and whatever runs then stands still
+        size = 4 if number % 3 else 16
+        before, computed_s = computed_s, computed_s + of_each[size]
+        stalls = int(computed_s / 0.05) - int(before / 0.05)
+        costs.observe(size, of_each[size] + 0.05 * stalls)
+        found.append(costs.seconds(64) / 0.074)
+    assert sum(found[500:]) / len(found[500:]) == pytest.approx(2.0, rel=0.15)
+
+
+def test_a_size_between_others_is_not_judged_by_its_first_call() -> None:
+    costs = CallCosts(0.5)
+    for size in (8, 32):
+        costs.observe(size, 0.01 * size)
+    costs.observe(16, 0.5)
+    assert costs.seconds(16) == pytest.approx(0.16, rel=0.15)

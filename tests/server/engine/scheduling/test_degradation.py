@@ -144,3 +144,11 @@ def test_rungs_give_less_and_less() -> None:
     assert RUNGS[0] is FULL
     assert RUNGS[-1].tier is ServiceTier.HOLD
     assert [level.hold for level in RUNGS] == [False] * (len(RUNGS) - 1) + [True]
+
+
+def test_windows_that_are_a_moment_late_cost_nobody_anything() -> None:
+    day = Day()
+    for _ in range(40):
+        day.now += EVERY_S
+        day.degradation.note_windows(day.now, 20, 3 * 0.05)  # three of twenty, by a twentieth of their time each
+        assert day.degradation.update(day.now, 0.7, ALL) == ()

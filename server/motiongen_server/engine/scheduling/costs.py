@@ -14,8 +14,9 @@ from dataclasses import dataclass, field
 _LEARNING_RATE = 0.125
 # How fast what one size costs beside the others follows what is measured.
 _SHAPE_RATE = 1 / 128
-# The pace is of about so many calls.
-_PACE_CALLS = 32
+# The pace is of about so many calls, or of so long, where that is fewer; never of fewer than the least.
+_PACE_CALLS, _LEAST_PACE_CALLS = 32, 8
+_PACE_S = 2.0
 # One hiccup must not pass for the new normal: a measurement counts as at most so many times what was expected.
 _MOST_SURPRISE = 4.0
 _REFRESH_EVERY = 8
@@ -79,7 +80,7 @@ class CallCosts:
         self.deviation += _LEARNING_RATE * (abs(ratio - 1.0) - self.deviation)
         if not self._usual_s:
             self._spent_s = self._usual_s = _PACE_CALLS * mean
-        kept = 1.0 - 1.0 / _PACE_CALLS
+        kept = 1.0 - min(1.0 / _LEAST_PACE_CALLS, max(1.0 / _PACE_CALLS, seconds / _PACE_S))
         self._spent_s = kept * self._spent_s + ratio * expected_s
         self._usual_s = kept * self._usual_s + mean
         self._means[index] = max(mean + _SHAPE_RATE * (ratio * expected_s / self._pace - mean), _LEAST_S)

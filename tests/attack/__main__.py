@@ -48,7 +48,13 @@ ATTACKS = (
     Attack("reflection, asked for without end", "reflections", 1),
     Attack("readers of a byte a second", "byte_a_second", 1),
     Attack("streams that send what they may at once, and are begun anew", "burst_streams", 2),
-    Attack("512 sessions that play where there is room, and ask again (built-in model)", "crowds", 1, built_in=True),
+    Attack(
+        "512 sessions that play where there is room, and ask again (built-in model)",
+        "crowds",
+        1,
+        built_in=True,
+        after="welcome_crowds",
+    ),
     Attack("all of these by chance, five at a time, seeds 1 and 2", "drawn", 2),
     Attack("idle connections on the port of operations", "idle_connections", 1, at_ops=True),
     Attack(

@@ -24,6 +24,7 @@ from tests.attack.hostile_load import (
     health_checks,
     reflections,
     watches,
+    welcome_crowds,
 )
 from tests.attack.hostile_sockets import connections, garbage, idle_connections, unread_metrics
 from tests.attack.mutation import mutations
@@ -230,11 +231,11 @@ KINDS: dict[str, Kind] = {
         empty_events, empty_constraints, many_removals, huge_messages, pings, failing_opens, new_prompts, liars,
         silent_streams, unread_clips, unread_streams, catalogs, connections, garbage, heroes, playheads, empty_streams,
         long_names, idle_connections, unread_metrics, mutations, byte_a_second, burst_streams, crowds, watches,
-        edits_behind_prompts, health_checks, long_paths, reflections,
+        edits_behind_prompts, health_checks, long_paths, reflections, welcome_crowds,
     )
 }  # fmt: skip
-ELSEWHERE = {connections, idle_connections, unread_metrics}
-"""They hold all connections that there may be, or are for the port of operations."""
+ELSEWHERE = {connections, idle_connections, unread_metrics, welcome_crowds}
+"""They hold all connections that there may be, are for the port of operations, or are not hostile."""
 
 
 async def main(name: str, address: str, seed: int) -> None:

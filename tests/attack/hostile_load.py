@@ -197,14 +197,19 @@ class Crowd:
                     self._refused.add(handle)
 
 
-async def crowds(address: str) -> None:
+async def crowds(address: str, of_each_stream: int = 64) -> None:
     """512 sessions of the class CROWD, each of which plays once it is let in, and asks again until then."""
 
     async def once() -> None:
         async with channel_to(address) as channel:
-            await Crowd(service_pb2_grpc.MotionServiceStub(channel).StreamMotion(), 64).play()
+            await Crowd(service_pb2_grpc.MotionServiceStub(channel).StreamMotion(), of_each_stream).play()
 
     await many(STREAMS, once)
+
+
+async def welcome_crowds(address: str) -> None:
+    """200 of them, about as many as there is room for."""
+    await crowds(address, 25)
 
 
 async def drawn(kinds: Sequence[Kind], address: str, seed: int) -> None:

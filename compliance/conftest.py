@@ -12,8 +12,8 @@ import pytest
 from motiongen_server.engine.config import EngineConfig
 from tests.conftest import ROOT
 from tests.contract.local import LocalServer
+from tests.waiting import LIMIT_S
 
-LIMIT_S = 60.0
 FAST = 1000.0
 """Times real time, at which playheads earn credit here: tests take motion as fast as it comes."""
 

@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.waiting import LIMIT_S
+
 # how fast an example runs is the machine's affair, not the test's
 settings.register_profile("motiongen", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("motiongen")
@@ -72,5 +74,5 @@ def live_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer
             address, ops = f"localhost:{ports['grpc_port']}", f"http://localhost:{ports['ops_port']}"
             yield LiveServer(process, address, ops)
             process.send_signal(signal.SIGTERM)
-            exit_code = process.wait(timeout=60)
+            exit_code = process.wait(LIMIT_S)
     assert exit_code == 0, log.read_text()

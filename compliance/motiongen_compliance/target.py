@@ -9,9 +9,8 @@ from functools import partial
 import grpc.aio
 
 from motiongen.v1 import service_pb2, service_pb2_grpc
-from motiongen_compliance.talk import Talk
+from motiongen_compliance.talk import LIMIT_S, Talk
 
-LIMIT_S = 60.0
 """For the catalogue."""
 
 

@@ -36,8 +36,25 @@ class Machine:
     def play(self, scenario: Scenario, characters: int, seconds: int, config: EngineConfig) -> Rehearsal:
         engines = self.engines or math.ceil(self.cores)
         if self.quota:
-            return rehearse(scenario, characters, seconds, self.seed, Costs(), engines, config, self.cores)
-        return rehearse(scenario, characters, seconds, self.seed, Costs(slower=engines / self.cores), engines, config)
+            return rehearse(
+                scenario,
+                characters,
+                seconds,
+                self.seed,
+                costs=Costs(),
+                engines=engines,
+                config=config,
+                quota=self.cores,
+            )
+        return rehearse(
+            scenario,
+            characters,
+            seconds,
+            self.seed,
+            costs=Costs(slower=engines / self.cores),
+            engines=engines,
+            config=config,
+        )
 
 
 def missed(found: Rehearsal) -> float:

@@ -121,13 +121,24 @@ class Contest:
         embeddings = self.embeddings if name != "null" else _null_embeddings(one.runner)
         size = 1 if name == "B0" else self.config.max_rows
         offline_s = self.effort.offline_s
-        offline = offline_rate(one.runner, size, self.habits.num_steps, embeddings, offline_s, self.clock).windows_per_s
+        offline = offline_rate(
+            one.runner, size, self.habits.num_steps, embeddings, seconds=offline_s, clock=self.clock
+        ).windows_per_s
         trials: list[Trial] = []
 
         def trial(characters: int, measure_s: float) -> Trial:
             say(f"{name}: {characters} characters")
             warm_up_s = self.effort.warm_up_s
-            tried = run_trial(one, characters, self.habits, embeddings, self.config, warm_up_s, measure_s, self.clock)
+            tried = run_trial(
+                one,
+                characters,
+                self.habits,
+                embeddings,
+                self.config,
+                warm_up_s=warm_up_s,
+                measure_s=measure_s,
+                clock=self.clock,
+            )
             say(f"  {tried.missed:.1%} missed, {tried.windows_per_s:.1f} windows/s, others {tried.others_share:.0%}")
             return tried
 

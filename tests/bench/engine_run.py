@@ -146,10 +146,10 @@ def ceiling(
         batch,
         settings.num_steps,
         chosen.embeddings,
-        seconds,
-        settings.clock,
-        steps_run,
-        waits_for(settings.device),
+        seconds=seconds,
+        clock=settings.clock,
+        steps_run=steps_run,
+        synchronize=waits_for(settings.device),
     )
     config, history_tokens = chosen.model.config, HISTORY_FRAMES // chosen.model.config.patch
     one_step = rate.passes * step_flops(config, Pass(history_tokens))

@@ -55,6 +55,7 @@ def offline_rate(
     batch: int,
     num_steps: int,
     embeddings: Sequence[Float32Array],
+    *,
     seconds: float,
     clock: BenchClock,
     steps_run: int | None = None,

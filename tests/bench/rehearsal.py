@@ -48,6 +48,7 @@ def rehearse(
     characters: int,
     seconds: int,
     seed: int,
+    *,
     costs: Costs,
     engines: int,
     config: EngineConfig,
@@ -112,10 +113,10 @@ def main() -> int:
     for index, name in enumerate(options.scenario):
         scenario = load_scenario(name)
         characters = options.characters[index] if options.characters else scenario.characters
+        costs, config = Costs(slower=options.slower), EngineConfig(max_sessions=4096)
         found = rehearse(
-            scenario, characters, options.seconds, options.seed, Costs(slower=options.slower), options.engines,
-            EngineConfig(max_sessions=4096),
-        )  # fmt: skip
+            scenario, characters, options.seconds, options.seed, costs=costs, engines=options.engines, config=config
+        )
         print(
             f"{name} {characters}: busy {found.busy:.0%}, {found.rows:.1f} rows a step, {found.windows} windows, "
             f"{found.restarted} restarted, {found.waste:.1%} of steps thrown away"

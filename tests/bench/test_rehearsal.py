@@ -15,7 +15,7 @@ CONFIG = EngineConfig(max_sessions=4096)
 
 
 def _rehearse(name: str, characters: int) -> Rehearsal:
-    return rehearse(load_scenario(name), characters, 5, 1, Costs(slower=1.25), 2, CONFIG)
+    return rehearse(load_scenario(name), characters, 5, 1, costs=Costs(slower=1.25), engines=2, config=CONFIG)
 
 
 @pytest.mark.parametrize("name", BUILT_IN)

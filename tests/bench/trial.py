@@ -85,6 +85,7 @@ def run_trial(
     habits: Habits,
     embeddings: Sequence[Float32Array],
     config: EngineConfig,
+    *,
     warm_up_s: float,
     measure_s: float,
     clock: BenchClock,

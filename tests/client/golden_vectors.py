@@ -105,13 +105,13 @@ class Player:
     """The Python client, told the lines of a script."""
 
     def __init__(self) -> None:
-        self._playback = Playback(RATE_HZ, RIG.row_width)
-        self._sampler = Sampler(RIG, self._playback)
+        self.playback = Playback(RATE_HZ, RIG.row_width)
+        self.sampler = Sampler(RIG, self.playback)
 
     def tell(self, line: str) -> str:
         """What comes of it: of `sample` the playhead and the row, or nothing before there is one."""
         name, *words = line.split()
-        playback = self._playback
+        playback = self.playback
         match name:
             case "begin":
                 self.__init__()  # type: ignore[misc]
@@ -131,7 +131,7 @@ class Player:
                 playback.advance(float(words[0]))
                 if not playback.started:
                     return "-1"
-                _, row = self._sampler.row(float(words[0]))
+                _, row = self.sampler.row(float(words[0]))
                 return f"{playback.playhead} {numbers(row)}"
         return ""
 

@@ -32,9 +32,9 @@ def test_the_scripts_reach_what_they_are_for() -> None:
     for line in lines:
         player.tell(line.partition(" ->")[0])
         if line.startswith("sample"):
-            fading += player._sampler._apart is not None
-            underruns = max(underruns, player._playback.underruns)
-            late = max(late, player._playback.late_plans)
+            fading += player.sampler.is_fading
+            underruns = max(underruns, player.playback.underruns)
+            late = max(late, player.playback.late_plans)
     assert fading > 20
     assert underruns > 3
     assert late > 0

@@ -62,6 +62,7 @@ class LocalServer:
         self,
         limits: Limits | None = None,
         engine_config: EngineConfig | None = None,
+        *,
         abilities: Abilities = NOTHING_CLAIMED,
         gaits: tuple[Gait, ...] = (),
         facts: ModelFacts = FACTS,
@@ -77,7 +78,7 @@ class LocalServer:
         self._credentials = credentials
         self._facts = facts
         self._service_limits = service_limits
-        self._limits = limits or Limits()
+        self.limits = limits or Limits()
         self._abilities = abilities
         self._gaits = gaits
         # It plays in real time: without the rest, a busy machine would have sessions refused or served with less.
@@ -86,7 +87,7 @@ class LocalServer:
         )
 
     async def __aenter__(self) -> LocalServer:
-        limits = self._limits
+        limits = self.limits
         self.runner = FakeRunner(RealTime(), facts=self._facts)
         self.prompts = PromptEncoder(LengthEncoder(), 1000)
         self.engine = Engine(self.runner, self.runner.clock, self._deliver, self._engine_config)
@@ -95,7 +96,7 @@ class LocalServer:
             limits,
             Guidance(2.0, 2.0),
             "CC0-1.0",
-            self.prompts.identity,
+            text_encoder=self.prompts.identity,
             history_frames=16,
             gaits=self._gaits,
             abilities=self._abilities,

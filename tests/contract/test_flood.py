@@ -14,7 +14,7 @@ async def test_answers_to_a_flood_that_nobody_reads_stay_within_the_limit(
 ) -> None:
     other, flooder = await local.talk(), await local.talk()
     await other.open(1)
-    limits = local_server.service._models.limits
+    limits = local_server.limits
     nothing = session_pb2.SessionEvent(session=5)  # four bytes that cost the server an answer of a few hundred
     request = service_pb2.StreamMotionRequest(events=[nothing] * 100_000)
 
@@ -23,12 +23,11 @@ async def test_answers_to_a_flood_that_nobody_reads_stay_within_the_limit(
             await flooder.call.write(request)
 
     flooding = asyncio.create_task(flood())
-    stream = local_server.service._streams[2]
-    while stream.send_queue.num_bytes <= limits.hard_backlog_bytes:
+    while local_server.service.num_waiting_bytes <= limits.hard_backlog_bytes:
         await other.ping(1)  # takes its turn on the same event loop, and is no event that a session has too many of
     for _ in range(5):
         await other.plays_on(1)
-        assert stream.send_queue.num_bytes < 1.1 * limits.hard_backlog_bytes
+        assert local_server.service.num_waiting_bytes < 1.1 * limits.hard_backlog_bytes
     flooding.cancel()
     flooder.call.cancel()
     while local_server.service.num_streams > 1:

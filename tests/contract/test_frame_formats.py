@@ -41,7 +41,16 @@ def walk(frames: int) -> np.ndarray:
 
 def sent(rows: np.ndarray, scalar_type: int, parts: int = 1) -> motion_pb2.FrameChunk:
     response: list[bytes | memoryview] = []
-    append_frames(response, 1, 2, 3, 8, np.array_split(rows, parts), 4, FrameCoding(scalar_type, J))
+    append_frames(
+        response,
+        1,
+        applied_seq=2,
+        plan=3,
+        first_frame=8,
+        parts=np.array_split(rows, parts),
+        committed_to=4,
+        coding=FrameCoding(scalar_type, J),
+    )
     message = service_pb2.StreamMotionResponse.FromString(b"".join(response))
     return message.updates[0].chunk
 
@@ -93,7 +102,7 @@ def test_a_chunk_of_another_size_origin_or_type_is_named() -> None:
 
 
 def test_a_scalar_type_that_is_not_offered_is_refused_by_name() -> None:
-    catalog = Catalog(FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", "hashed-1", history_frames=16)
+    catalog = Catalog(FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", text_encoder="hashed-1", history_frames=16)
     opening = session_pb2.OpenSession(scalar_type=9)  # type: ignore[arg-type]
     with pytest.raises(EventRefused, match="9 is not offered") as refused:
         engine_event(session_pb2.SessionEvent(event_seq=1, open=opening), SessionKey(1, 1), 0.0, {}, catalog)
@@ -129,7 +138,16 @@ def test_outputs_are_stored_with_the_errors_and_bytes_that_are_promised(
     rows, rig = walk_with_outputs(30), RIG.with_outputs(OUTPUTS)
     response: list[bytes | memoryview] = []
     blocks = tuple(ChannelBlock(*output) for output in OUTPUTS.items())
-    append_frames(response, 1, 2, 3, 8, [rows], 4, FrameCoding(scalar_type, J, blocks))
+    append_frames(
+        response,
+        1,
+        applied_seq=2,
+        plan=3,
+        first_frame=8,
+        parts=[rows],
+        committed_to=4,
+        coding=FrameCoding(scalar_type, J, blocks),
+    )
     chunk = service_pb2.StreamMotionResponse.FromString(b"".join(response)).updates[0].chunk
     assert len(chunk.data) == 30 * frame_bytes
     found = Motion(rig, 8, FrameReader(rig, FORMATS[scalar_type]).rows(chunk))
@@ -151,7 +169,16 @@ def test_the_root_of_a_robot_far_away_is_as_near_as_ours() -> None:
     qpos = np.concatenate([rows[:, [2, 0, 1]], np.zeros((10, 33))], axis=1)  # forward, left, up are our z, x, y
     response: list[bytes | memoryview] = []
     both = np.concatenate([rows, qpos], axis=1).astype(np.float32)
-    append_frames(response, 1, 2, 3, 8, [both], 4, FrameCoding(F16, J, blocks))
+    append_frames(
+        response,
+        1,
+        applied_seq=2,
+        plan=3,
+        first_frame=8,
+        parts=[both],
+        committed_to=4,
+        coding=FrameCoding(F16, J, blocks),
+    )
     chunk = service_pb2.StreamMotionResponse.FromString(b"".join(response)).updates[0].chunk
     rig = RIG.with_outputs({"g1_qpos": 36})
     found = Motion(rig, 8, FrameReader(rig, FrameFormat.F16).rows(chunk)).output("g1_qpos")
@@ -160,7 +187,7 @@ def test_the_root_of_a_robot_far_away_is_as_near_as_ours() -> None:
 
 @pytest.mark.parametrize("names", [["heart_rate"], ["joint_positions_m", "joint_positions_m"]])
 def test_outputs_that_are_not_offered_or_come_twice_are_refused_by_name(names: list[str]) -> None:
-    catalog = Catalog(FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", "hashed-1", history_frames=16)
+    catalog = Catalog(FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", text_encoder="hashed-1", history_frames=16)
     opening = session_pb2.OpenSession(outputs=names)
     with pytest.raises(EventRefused, match=names[0]) as refused:
         engine_event(session_pb2.SessionEvent(event_seq=1, open=opening), SessionKey(1, 1), 0.0, {}, catalog)
@@ -170,7 +197,7 @@ def test_outputs_that_are_not_offered_or_come_twice_are_refused_by_name(names: l
 
 def test_a_robot_s_numbers_are_not_quantised() -> None:
     facts = replace(FACTS, outputs=(ChannelBlock("g1_qpos", 36),))
-    catalog = Catalog(facts, Limits(), Guidance(1.5, 2.5), "CC0-1.0", "hashed-1", history_frames=16)
+    catalog = Catalog(facts, Limits(), Guidance(1.5, 2.5), "CC0-1.0", text_encoder="hashed-1", history_frames=16)
     opening = session_pb2.OpenSession(outputs=["g1_qpos"], scalar_type=motion_pb2.SCALAR_TYPE_QUANTISED)
     with pytest.raises(EventRefused, match="is not quantised") as refused:
         engine_event(session_pb2.SessionEvent(event_seq=1, open=opening), SessionKey(1, 1), 0.0, {}, catalog)

@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +17,7 @@ from motiongen_tools.server_process import ServerProcess
 from tests.conftest import TINY_MODEL, LiveServer
 from tests.cpp.building import SOURCE, run
 from tests.cpp.proxy import TcpProxy
+from tests.waiting import LIMIT_S
 
 Program = Callable[[str], Path]
 PATIENCE_S = 200.0
@@ -81,6 +83,17 @@ class Character:
             assert words[0] != "closed", f"the session ended before it told {kind!r}: {line}"
         raise AssertionError(f"the program ended without telling {kind!r}")
 
+    def hear_each(self, *kinds: str) -> None:
+        """As many lines of each kind, in whichever order they come."""
+        missing = Counter(kinds)
+        while missing.total():
+            assert self._process.stdout is not None
+            words = self._process.stdout.readline().split()
+            assert words, f"the program ended without telling {dict(missing)}"
+            assert words[0] != "closed", f"the session ended before it told {dict(missing)}"
+            self.heard.append(words)
+            missing -= Counter([words[0]])
+
     def place(self, frame: int) -> tuple[float, ...]:
         self.tell(f"x {frame}")
         return tuple(map(float, self.hear("x")[2:]))
@@ -100,7 +113,7 @@ def character(program: Program, address: str, **variables: str) -> Iterator[Char
             yield Character(process)
             process.stdin.write("quit\n")
             process.stdin.flush()
-            assert process.wait(60) == 0
+            assert process.wait(LIMIT_S) == 0
         finally:
             patience.cancel()
             process.kill()

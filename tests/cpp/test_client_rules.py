@@ -10,8 +10,8 @@ from tests.conftest import LiveServer
 from tests.contract.rules_relay import RulesRelay
 from tests.cpp.proxy import TcpProxy
 from tests.cpp.test_client import Character, character
+from tests.waiting import LIMIT_S
 
-LIMIT_S = 240.0
 Program = Callable[[str], Path]
 EDITS = (
     "prompt a person runs forward",
@@ -69,8 +69,7 @@ async def test_a_session_is_resumed_by_the_rules(program: Program, live_server: 
                 walker.tell("prompt a person runs forward")
                 proxy.cut()
                 walker.tell("prompt a person waves")
-                walker.hear("recovered")
-                walker.hear("edit")
+                walker.hear_each("recovered", "edit", "edit")
             tell_all(walker)
 
     async with asyncio.timeout(LIMIT_S), RulesRelay(live_server.address) as relay:

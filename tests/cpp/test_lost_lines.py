@@ -16,9 +16,8 @@ from tests.contract.local import LocalServer
 from tests.e2e.lost_line import FACTS_AS_SERVED, Taken
 from tests.e2e.tcp_proxy import TcpProxy
 from tests.server.engine.fakes import FRAME, PROMPT
-from tests.waiting import until_true
+from tests.waiting import LIMIT_S, until_true
 
-LIMIT_S = 300.0
 NO_TEXT = -1
 NUM_CLIENTS, CHARACTERS_EACH, CUTS_EACH = 8, 2, 25
 

@@ -15,8 +15,8 @@ from tests.contract.local import LocalServer
 from tests.cpp.test_client import Character, character
 from tests.e2e.lost_line import FACTS_AS_SERVED
 from tests.e2e.tcp_proxy import TcpProxy
+from tests.waiting import LIMIT_S
 
-LIMIT_S = 120.0
 Program = Callable[[str], Path]
 
 

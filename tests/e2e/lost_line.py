@@ -22,9 +22,6 @@ from tests.contract.local import LocalServer
 from tests.e2e.tcp_proxy import TcpProxy
 from tests.server.engine.fakes import FACTS
 
-LIMIT_S = 120.0
-
-
 FACTS_AS_SERVED = replace(
     FACTS,
     fps=100,  # so that little time is a lot of motion

@@ -5,55 +5,24 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
+from tests.tcp_line import Carry, TcpLine
+
 CHUNK_BYTES = 4096
 
 
-class TcpProxy:
-    """Use as `async with TcpProxy(port) as proxy`. address: where it listens; port: of the server behind it.
+class TcpProxy(TcpLine):
+    """budget: asked for each new connection; after so many bytes, both ways together, it is aborted; None: never.
 
-    budget: asked for each new connection; after so many bytes, both directions together, it is aborted; None: never.
-    num_cuts: how many were. is_shut: new connections are aborted at once. is_silent: nothing is passed on any more.
+    num_cuts: how many were. is_silent: nothing is passed on any more.
     """
 
     def __init__(self, port: int, budget: Callable[[], int | None] = lambda: None) -> None:
-        self.port = port
+        super().__init__(port)
         self.num_cuts = 0
-        self.is_shut = False
         self.is_silent = False
         self.budget = budget
-        self._open: set[asyncio.StreamWriter] = set()
-        self._tasks: set[asyncio.Task[None]] = set()
 
-    async def __aenter__(self) -> TcpProxy:
-        self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
-        self.address = f"127.0.0.1:{self._server.sockets[0].getsockname()[1]}"
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        self._server.close()
-        self.cut()
-        if self._tasks:
-            await asyncio.wait(self._tasks)
-
-    def cut(self) -> None:
-        """Abort every connection."""
-        for writer in self._open:
-            writer.transport.abort()
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._tasks.add(task)
-        if self.is_shut:
-            writer.transport.abort()
-            return
-        try:
-            behind_reader, behind = await asyncio.open_connection("127.0.0.1", self.port)
-        except OSError:
-            writer.transport.abort()
-            return
-        pair = {writer, behind}
-        self._open |= pair
+    def carry(self) -> Carry:
         left = self.budget()
 
         async def pass_on(source: asyncio.StreamReader, target: asyncio.StreamWriter) -> None:
@@ -69,11 +38,4 @@ class TcpProxy:
                 target.write(data)
                 await target.drain()
 
-        ways = [asyncio.create_task(pass_on(reader, behind)), asyncio.create_task(pass_on(behind_reader, writer))]
-        await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
-        for end in pair:
-            end.transport.abort()
-        for way in ways:
-            way.cancel()
-        await asyncio.wait(ways)
-        self._open -= pair
+        return pass_on

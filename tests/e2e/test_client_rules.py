@@ -12,8 +12,7 @@ from motiongen_client.edit import Edit
 from tests.conftest import LiveServer
 from tests.contract.rules_relay import RulesRelay
 from tests.e2e.tcp_proxy import TcpProxy
-
-LIMIT_S = 240.0
+from tests.waiting import LIMIT_S
 
 
 def edits(walker: Session) -> Iterator[Edit]:

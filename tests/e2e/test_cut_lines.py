@@ -18,10 +18,10 @@ from motiongen_client import (
     Session,
 )
 from tests.contract.local import LocalServer
-from tests.e2e.lost_line import LIMIT_S, LOOKAHEAD, Received, Taken, a_server
+from tests.e2e.lost_line import LOOKAHEAD, Received, Taken, a_server
 from tests.e2e.tcp_proxy import TcpProxy
 from tests.server.engine.fakes import FRAME, PROMPT
-from tests.waiting import until_true
+from tests.waiting import LIMIT_S, until_true
 
 pytestmark = pytest.mark.usefixtures("short_delays")
 
@@ -104,7 +104,6 @@ async def test_lines_that_are_cut_at_two_hundred_moments_lose_nothing(
 
         proxy_port = int(server.address.rpartition(":")[2])
         async with TcpProxy(proxy_port) as proxy, MotionClient(proxy.address) as client:
-            proxy._budget = budget
             sessions = [await client.open("first", options=LOOKAHEAD) for _ in range(2)]
             proxy.budget = budget
             proxy.cut()

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from motiongen_ardy.data.bvh import read_bvh
+from tests.waiting import LIMIT_S
 
 
 def test_the_demo_shows_eight_characters_and_leaves_nothing_running(tmp_path: Path) -> None:
@@ -22,7 +23,7 @@ def test_the_demo_shows_eight_characters_and_leaves_nothing_running(tmp_path: Pa
         "--out",
         str(tmp_path),
     ]  # no place due
-    done = subprocess.run(command, capture_output=True, text=True, timeout=110, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=2 * LIMIT_S, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     clips = [read_bvh(path) for path in sorted(tmp_path.glob("*.bvh"))]
     assert len(clips) == 8

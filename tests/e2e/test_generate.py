@@ -113,7 +113,8 @@ def test_every_format_of_a_person(live_server: LiveServer, tmp_path: Path, capsy
 
 
 def test_every_format_of_a_robot_and_on_from_its_state(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    server = ["--start-server", "--", "--model", str(G1_MODEL), "--text-encoder", "hashed", "--profile-s", "0.1"]
+    server = ["--start-server", "--", "--model", str(G1_MODEL), "--text-encoder", "hashed"]
+    server += ["--devices", "cpu:1", "--precision", "float32", "--profile-s", "0.1"]
     names = ("g1.csv", "g1.controller.csv", "g1.npz", "g1.bvh", "g1.glb")
     files = [argument for name in names for argument in ("--out", str(tmp_path / name))]
     assert run(["generate", "walk", "--seconds", "2", "--rate-hz", "50", *files, *server]) == 0, capsys.readouterr().err

@@ -12,9 +12,9 @@ from motiongen_client import (
     SessionOptions,
     StreamLost,
 )
-from tests.e2e.lost_line import LIMIT_S, LOOKAHEAD, Received, a_server, check_history, played, proxied
+from tests.e2e.lost_line import LOOKAHEAD, Received, a_server, check_history, played, proxied
 from tests.server.engine.fakes import CONSTRAINTS, FRAME, PROMPT, SEED
-from tests.waiting import until_true
+from tests.waiting import LIMIT_S, until_true
 
 pytestmark = pytest.mark.usefixtures("short_delays")
 
@@ -99,7 +99,8 @@ async def test_a_line_that_falls_silent_is_noticed_and_the_session_resumed() -> 
         await until_true(lambda: not client.is_connected)
         proxy.is_silent = False
         assert await played(session, 100) == list(range(50, 150))
-        assert (session.stats.resumes, session.reopenings) == (1, ())
+        assert session.stats.resumes >= 1  # a machine that stands still for a moment falls silent too
+        assert session.reopenings == ()
         assert server.engine.num_sessions == 1
 
 

@@ -7,6 +7,7 @@ import signal
 from pathlib import Path
 
 from tests.e2e.test_drain import LIMIT_S, serving
+from tests.scale.replicas import SERVER
 from tests.server.identity.files import TenantsFile, copy_pair
 
 PLAIN = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes(100)
@@ -17,7 +18,7 @@ async def test_clients_without_tls_on_a_port_with_it_are_not_logged(tmp_path: Pa
     tenants.one()
     certificate, key = copy_pair("server-1", tmp_path)
     protected = ("--tls-certificate", certificate, "--tls-key", key, "--tenants", str(tenants.path))
-    async with asyncio.timeout(LIMIT_S), serving(*protected, "--drain-wait-s", "0") as (process, ports):
+    async with asyncio.timeout(LIMIT_S), serving(*protected, "--drain-wait-s", "0", program=SERVER) as (process, ports):
         for _ in range(20):
             reader, writer = await asyncio.open_connection("localhost", ports["grpc_port"])
             writer.write(PLAIN)

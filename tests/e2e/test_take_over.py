@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from motiongen_client import LinePolicy, MotionClient, Session, SessionOptions, backoff, calls
-from motiongen_server.rpc.durability import lease_of
 from motiongen_server.snapshots import writer
 from motiongen_server.snapshots.sqlite_store import SqliteStore
 from motiongen_server.snapshots.store import Held, Lease, Renewal, StoreFailed
@@ -33,15 +32,20 @@ def short_delays(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class SharedStore(SqliteStore):
-    """The file that two servers share. is_broken: it does nothing; num_saved: records that it took."""
+    """The file that two servers share. is_broken: it does nothing; num_saved: records that it took; names: of whom."""
 
     is_broken = False
     num_saved = 0
+
+    def __init__(self, path: Path, keep_s: float) -> None:
+        super().__init__(path, keep_s)
+        self.names: set[str] = set()
 
     def save(self, records: Sequence[tuple[Lease, bytes]]) -> list[bool]:
         self._check()
         answers = super().save(records)
         self.num_saved += len(records)
+        self.names |= {lease.name for lease, _ in records}
         return answers
 
     def take(self, name: str, holder: str) -> Held | None:
@@ -100,7 +104,7 @@ async def played(session: Session, frames: int) -> list[np.ndarray]:
 
 async def saved(session: Session) -> None:
     """Wait until every event of the session outlives its server."""
-    await until_true(lambda: session.is_durable and session.durable_seq == session._next_seq - 1)
+    await until_true(lambda: session.is_durable and session.durable_seq == session.last_seq)
 
 
 async def quiet(two: Pair) -> None:
@@ -248,7 +252,6 @@ async def test_a_session_that_its_client_closes_is_forgotten(tmp_path: Path) -> 
         session = await two.client.open("first", options=OPTIONS)
         await played(session, 20)
         await saved(session)
-        token = session._token
+        (name,) = two.stores[0].names
         await session.close()
-        name = lease_of(token).name
         await until_true(lambda: two.stores[1].take(name, "test") is None)

@@ -40,6 +40,8 @@ SETTINGS = (
     "1000",
     "--degrade",
     "false",
+    "--prompt-timeout-s",  # beyond what any test here waits for the encoder
+    str(2 * LIMIT_S),
 )
 
 

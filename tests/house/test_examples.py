@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from tests.waiting import LIMIT_S
+
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "client" / "python" / "examples").glob("*.py"))
 ADDRESS = "localhost:50051"
@@ -18,7 +20,7 @@ ADDRESS = "localhost:50051"
 def run_program(program: str, *arguments: str, folder: Path) -> str:
     """Run Python in `folder`, warnings as errors; return what it printed. Its own errors reach the test's output."""
     command = [sys.executable, "-W", "error", program, *arguments]
-    return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, cwd=folder, timeout=100).stdout
+    return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, cwd=folder, timeout=LIMIT_S).stdout
 
 
 def test_the_example_of_the_readme_runs(live_server: Any, tmp_path: Path) -> None:

@@ -61,7 +61,12 @@ ROOMS = (
     room(f"{SERVER}/engine", "numpy motiongen_ardy.locomotion ~.engine", never="asyncio"),
     room(f"{SERVER}/runner", f"{NUMBERS} motiongen_ardy ~.runner ~.engine.types ~.engine.ports", never="asyncio"),
     room(f"{SERVER}/engine_process/model_loading.py", "torch motiongen_ardy ~", never="asyncio"),
-    room(f"{SERVER}/engine_process", "msgpack numpy zmq ~", never="asyncio"),
+    room(
+        f"{SERVER}/engine_process",
+        "msgpack numpy zmq ~.engine ~.engine_process ~.ops ~.config ~.devices ~.settings"
+        " ~.rpc.abilities ~.text.prompts ~.models.loader",
+        never="asyncio",
+    ),
     room(
         f"{SERVER}/rpc/convert",
         "google.protobuf numpy motiongen ~.engine.types ~.errors ~.replicas.hint"

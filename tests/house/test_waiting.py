@@ -13,10 +13,11 @@ SLEEPS = {"time.sleep", "asyncio.sleep", "sleep"}
 
 
 def naps(source: str) -> list[int]:
-    """The lines that sleep for anything but a plain 0, which only lets others run."""
+    """The lines that sleep for anything but a plain 0, which only lets others run; or wait for an event of nobody."""
     calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
     named = [call for call in calls if ast.unparse(call.func) in SLEEPS]
-    return [call.lineno for call in named if not (call.args and ast.unparse(call.args[0]) == "0")]
+    sleeps = [call for call in named if not (call.args and ast.unparse(call.args[0]) == "0")]
+    return [call.lineno for call in sleeps + [c for c in calls if c.args and "Event().wait" in ast.unparse(c.func)]]
 
 
 def test_no_test_sleeps(repository: Any) -> None:
@@ -36,6 +37,7 @@ def test_no_test_sleeps(repository: Any) -> None:
         ("x = 1\ntime.sleep(0.1)", [2]),
         ("await asyncio.sleep(wait_s)", [1]),
         ("from time import sleep\nsleep(5)", [2]),
+        ("threading.Event().wait(0.2)", [1]),
     ],
 )
 def test_a_nap_is_seen(source: str, lines: list[int]) -> None:

@@ -108,7 +108,7 @@ class Cast:
         while True:
             now = time.monotonic()
             for character in self.characters:
-                is_away = character.session._line.name in ("LOST", "RESUMING", "REOPENING")
+                is_away = character.session.is_away
                 was_away = len(character.lost_at) > len(character.back_at)
                 if is_away and not was_away:
                     character.lost_at.append(now)

@@ -6,36 +6,26 @@ import asyncio
 import contextlib
 import random
 
+from tests.tcp_line import Carry, TcpLine
+
 PIECE_BYTES = 16_384
 STALL_SHARE = 0.02
 """Of pieces that wait as long as TCP does for one that was lost."""
 
 
-class ImpairedLine:
-    """Use as `async with ImpairedLine(port, draw) as line`. address: where it listens; port: of who is behind it.
+class ImpairedLine(TcpLine):
+    """delay_s: each way, up to twice as much by chance; order is kept, as by TCP. stall_s: what some wait besides.
 
-    delay_s: each way, up to twice as much by chance; order is kept, as by TCP. stall_s: what some pieces wait besides.
     is_silent: nothing is passed on and nothing is closed, as of a machine that has lost its power.
     """
 
+    name = "localhost"
+
     def __init__(self, port: int, draw: random.Random) -> None:
-        self.port = port
+        super().__init__(port)
         self.delay_s = self.stall_s = 0.0
         self.is_silent = False
         self._draw = draw
-        self._open: set[asyncio.StreamWriter] = set()
-        self._tasks: set[asyncio.Task[None]] = set()
-
-    async def __aenter__(self) -> ImpairedLine:
-        self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
-        self.address = f"localhost:{self._server.sockets[0].getsockname()[1]}"
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        self._server.close()
-        self.cut()
-        if self._tasks:
-            await asyncio.wait(self._tasks)
 
     def heal(self) -> None:
         """As a good line. What was on its way while it was silent is lost with its connections."""
@@ -43,33 +33,8 @@ class ImpairedLine:
             self.cut()
         self.delay_s, self.stall_s, self.is_silent = 0.0, 0.0, False
 
-    def cut(self) -> None:
-        """Abort every connection."""
-        for writer in self._open:
-            writer.transport.abort()
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
-        try:
-            behind_reader, behind = await asyncio.open_connection("127.0.0.1", self.port)
-        except OSError:
-            writer.transport.abort()
-            return
-        self._open |= {writer, behind}
-        ways = [
-            asyncio.create_task(self._carry(reader, behind)),
-            asyncio.create_task(self._carry(behind_reader, writer)),
-        ]
-        await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
-        for end in (writer, behind):
-            end.transport.abort()
-        for way in ways:
-            way.cancel()
-        await asyncio.wait(ways)
-        self._open -= {writer, behind}
+    def carry(self) -> Carry:
+        return self._carry
 
     async def _carry(self, source: asyncio.StreamReader, target: asyncio.StreamWriter) -> None:
         """One way of a connection: what has been read waits its time, and what comes meanwhile is read on."""

@@ -1,80 +1,26 @@
-"""The application's life with a fake model: loading, ready, serving, draining, failing."""
+"""The application with a fake model: loading, ready, serving; settings that do not fit it."""
 
 from __future__ import annotations
 
 import asyncio
-import socket
-import threading
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
 
 import grpc
 import grpc.aio
-import httpx
 import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
-from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
+from motiongen.v1 import service_pb2, service_pb2_grpc
 from motiongen_ardy.checkpoint.model_card import BUILT_IN_MODEL
 from motiongen_compliance.talk import Talk
 from motiongen_server.addresses import join_address
-from motiongen_server.app import SERVICE_NAME, Application, StoppedEarly
-from motiongen_server.config import ServerConfig
-from motiongen_server.engine.ports import Runner
+from motiongen_server.app import SERVICE_NAME
 from motiongen_server.engine_process.model_loading import build_engine, load_model
 from motiongen_server.settings import SettingError
-from tests.contract.local import LengthEncoder, RealTime
-from tests.server.engine.fakes import FACTS, FakeRunner
-from tests.server.in_process import ENGINE, in_process
+from tests.contract.local import RealTime
+from tests.server.application import NOT_SERVING, SERVING, SlowLoad, application_of, config, get, running
+from tests.server.engine.fakes import FakeRunner
 from tests.waiting import LIMIT_S
-
-SERVING, NOT_SERVING = health_pb2.HealthCheckResponse.SERVING, health_pb2.HealthCheckResponse.NOT_SERVING
-
-
-def config(**settings: object) -> ServerConfig:
-    defaults: dict[str, object] = {"port": 0, "ops_port": 0, "drain_wait_s": 0, "drain_grace_s": 0, "profile_s": 0}
-    defaults |= {"admit_load": 1000.0, "degrade": False}  # however busy the machine
-    return ServerConfig(**{**defaults, **settings})  # type: ignore[arg-type]
-
-
-def load(_: ServerConfig) -> FakeRunner:
-    return FakeRunner(RealTime())
-
-
-class SlowLoad:
-    """Loads the fake model when the test lets it. begun: somebody waits for it."""
-
-    def __init__(self) -> None:
-        self._loop = asyncio.get_running_loop()
-        self.begun = asyncio.Event()
-        self.may_end = threading.Event()
-
-    def __call__(self, settings: ServerConfig) -> FakeRunner:
-        self._loop.call_soon_threadsafe(self.begun.set)
-        assert self.may_end.wait(LIMIT_S)
-        return load(settings)
-
-
-def application_of(settings: ServerConfig, load: Callable[[ServerConfig], Runner] = load) -> Application:
-    return Application(settings, in_process(load, LengthEncoder()))
-
-
-@asynccontextmanager
-async def running(settings: ServerConfig) -> AsyncIterator[Application]:
-    """An application that serves, drained at the end unless the test did it."""
-    async with asyncio.timeout(LIMIT_S):
-        application = application_of(settings)
-        await application.start()
-        try:
-            yield application
-        finally:
-            await application.drain()
-
-
-async def get(application: Application, path: str) -> httpx.Response:
-    async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{application.ops_port}") as client:
-        return await client.get(path)
 
 
 async def test_while_it_loads_it_is_alive_and_not_ready() -> None:
@@ -162,87 +108,6 @@ async def test_one_stream_too_many_is_refused() -> None:
         await first.open(1)
 
 
-async def test_a_start_that_fails_leaves_no_port_open() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        application = application_of(config(port=taken.getsockname()[1]))
-        with pytest.raises(SettingError, match="cannot listen"):
-            await application.start()
-    with pytest.raises(ConnectionRefusedError):
-        await asyncio.open_connection("127.0.0.1", application.ops_port)
-
-
-async def test_asked_to_stop_it_ends_with_0_and_tells_health() -> None:
-    async with asyncio.timeout(LIMIT_S):
-        application = application_of(config())
-        await application.start()
-        async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
-            watch = health_pb2_grpc.HealthStub(channel).Watch(health_pb2.HealthCheckRequest(service=SERVICE_NAME))
-            assert (await watch.read()).status == SERVING
-            application.ask_to_stop()
-            await application.serve()
-            draining = asyncio.create_task(application.drain())
-            assert (await watch.read()).status == NOT_SERVING
-            watch.cancel()
-            assert await draining == 0
-
-
-async def test_asked_to_stop_while_it_loads_it_ends_without_waiting_for_the_model() -> None:
-    slow = SlowLoad()
-    async with asyncio.timeout(LIMIT_S):
-        application = application_of(config(), slow)
-        starting = asyncio.create_task(application.start())
-        await slow.begun.wait()
-        application.ask_to_stop()
-        with pytest.raises(StoppedEarly):
-            await starting
-        async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
-            with pytest.raises(grpc.aio.AioRpcError) as refused:
-                await service_pb2_grpc.MotionServiceStub(channel).GetCatalog(service_pb2.GetCatalogRequest())
-        assert refused.value.code() is grpc.StatusCode.UNAVAILABLE
-        await application.stop_ops()
-    slow.may_end.set()
-
-
-async def test_a_client_that_does_not_read_does_not_hold_up_the_end() -> None:
-    async with asyncio.timeout(LIMIT_S):
-        application = application_of(config(stream_events_per_second=1e7, peer_events_per_second=1e9))
-        await application.start()
-        async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
-            stub = service_pb2_grpc.MotionServiceStub(channel)
-            call = stub.StreamMotion()
-            await call.write(service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello()))
-            unknown = service_pb2.StreamMotionRequest(events=[session_pb2.SessionEvent(session=5)] * 50_000)
-            value = application.metrics.registry.get_sample_value
-            flooding = asyncio.create_task(call.write(unknown))
-            while (value("motiongen_outbound_queue_bytes") or 0) < 1 << 20:  # noqa: ASYNC110  no event tells it
-                await asyncio.sleep(0)
-            application.ask_to_stop()
-            await application.serve()
-            assert await application.drain() == 0
-            call.cancel()
-            await asyncio.gather(flooding, return_exceptions=True)
-
-
-async def test_until_the_goodbye_sessions_still_open() -> None:
-    """Balancers see the changed health some time after it changed."""
-    async with asyncio.timeout(LIMIT_S):
-        application = application_of(config(drain_wait_s=600))
-        await application.start()
-        async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
-            watch = health_pb2_grpc.HealthStub(channel).Watch(health_pb2.HealthCheckRequest(service=SERVICE_NAME))
-            assert (await watch.read()).status == SERVING
-            waiting = asyncio.create_task(application.drain())
-            assert (await watch.read()).status == NOT_SERVING
-            watch.cancel()
-            stub = service_pb2_grpc.MotionServiceStub(channel)
-            catalog = await stub.GetCatalog(service_pb2.GetCatalogRequest())  # type: ignore[misc]
-            talk = await Talk(stub, catalog).hello()  # type: ignore[arg-type]
-            await talk.open(1)
-            waiting.cancel()
-            application._config = config()
-            assert await application.drain() == 0
-
-
 async def test_the_line_at_the_start_names_model_licence_ports_and_threads(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level("INFO", "motiongen_server"):
         async with running(config()) as application:
@@ -282,22 +147,6 @@ def test_model_device_steps_and_precision_reach_the_runner(monkeypatch: pytest.M
     monkeypatch.setattr("motiongen_server.runner.load_runner", remember)
     load_model(config(denoise_steps=5, precision="bfloat16", cuda_graphs=True), BUILT_IN_MODEL)
     assert asked == [(BUILT_IN_MODEL, "cpu", 5, "bfloat16", True)]
-
-
-async def test_when_the_engine_fails_it_ends_with_1(caplog: pytest.LogCaptureFixture) -> None:
-    application = application_of(config())
-
-    def observe(report: object) -> None:
-        raise RuntimeError("the books do not fit together")
-
-    application.metrics.of_engine(FACTS.model_id, ENGINE).observe = observe  # type: ignore[method-assign]
-    async with asyncio.timeout(LIMIT_S):
-        await application.start()
-        await application.serve()
-        assert (await get(application, "/readyz")).status_code == 503
-        assert (await get(application, "/livez")).status_code == 503
-        assert await application.drain() == 1
-    assert "the engine's loop failed" in caplog.text
 
 
 @pytest.mark.parametrize(

@@ -85,7 +85,16 @@ def test_every_constraint_has_its_forms(item: Constraint | SetVelocity, forms: s
 def _catalog(forms: Mapping[str, FormSupport] | None = None, domain: PromptDomain | None = None) -> Catalog:
     abilities = Abilities(forms or {}, known_motions=("walking", "waving"), domain=domain)
     presets = (Preset("far", "far away", np.array([0, 1], np.float32), "goes away"),)
-    return Catalog(FACTS, Limits(), Guidance(2, 2), "CC0-1.0", "length-1", 16, presets, abilities=abilities)
+    return Catalog(
+        FACTS,
+        Limits(),
+        Guidance(2, 2),
+        "CC0-1.0",
+        text_encoder="length-1",
+        history_frames=16,
+        presets=presets,
+        abilities=abilities,
+    )
 
 
 def _warned(event: session_pb2.SessionEvent, catalog: Catalog) -> tuple[Warned, ...]:

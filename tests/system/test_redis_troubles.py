@@ -22,12 +22,11 @@ from tests.e2e.tcp_proxy import TcpProxy
 from tests.scale.proxies import free_port
 from tests.server.engine.fakes import FRAME
 from tests.system.real_redis import start_redis, url_in
-from tests.waiting import until, until_true
+from tests.waiting import LIMIT_S, until, until_true
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
 
 OPTIONS = SessionOptions(lookahead_frames=80)
-LIMIT_S = 120.0
 
 
 @pytest.fixture(autouse=True)
@@ -171,7 +170,7 @@ async def test_after_a_failover_another_server_goes_on_with_what_the_replica_hol
                 replica.client.replicaof("NO", "ONE")  # type: ignore[no-untyped-call]
                 address.port = replica.port
                 await is_served_on(session)
-                await until_true(lambda: session.is_durable and session.durable_seq == session._next_seq - 1)
+                await until_true(lambda: session.is_durable and session.durable_seq == session.last_seq)
                 durability = first.service.durability
                 assert durability is not None
                 await until_true(lambda: durability.writer.lag_s == 0.0)

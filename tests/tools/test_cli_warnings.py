@@ -6,13 +6,13 @@ import logging
 
 import pytest
 
-from motiongen_tools.cli import _warnings_shown
+from motiongen_tools.cli import warnings_shown
 
 
 def test_the_command_line_shows_what_the_library_warns_of_once(capsys: pytest.CaptureFixture[str]) -> None:
     log = logging.getLogger("motiongen_client.session")
     before = list(logging.getLogger("motiongen_client").handlers)
-    with _warnings_shown():
+    with warnings_shown():
         log.warning("session %d: %s", 0, "'jump' is outside")
     assert capsys.readouterr().err == "warning: session 0: 'jump' is outside\n"
     assert logging.getLogger("motiongen_client").handlers == before

@@ -50,7 +50,7 @@ def start_or_stop(shelf: Shelf) -> Made:
             turn = smoothstep((np.arange(raw.num_frames) - told - 2) / length) * math.radians(angle)
             slow = np.abs(np.gradient(turn)) * shelf.fps / 2.5
             stride = 1 - 0.6 * np.clip(smooth(slow, 2.0), 0, 1)
-            motion = warp(skeleton, raw, shelf.fps, turn, turn, stride)
+            motion = warp(skeleton, raw, shelf.fps, turn, travel=turn, stride=stride)
             spans = [spans[0], (told, f"start-turn-{side}", clip.style), (told + length, what, clip.style)]
             if kind == "both":
                 spans.append((last, other.content, other.style))

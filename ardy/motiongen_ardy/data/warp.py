@@ -22,6 +22,7 @@ def warp(
     poses: Poses,
     fps: float,
     heading: np.ndarray,
+    *,
     travel: np.ndarray,
     stride: np.ndarray,
     flatten: np.ndarray | None = None,

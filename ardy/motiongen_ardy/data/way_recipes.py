@@ -29,7 +29,7 @@ def speed_change(shelf: Shelf) -> Made:
     zero = np.zeros(raw.num_frames)
     factor = pace * stride
     slow = np.full(raw.num_frames, max(0.0, 0.8 * (1 - stride)))
-    motion = warp(shelf.skeleton, raw, shelf.fps, zero, zero, zero + stride, slow)
+    motion = warp(shelf.skeleton, raw, shelf.fps, zero, travel=zero, stride=zero + stride, flatten=slow)
     what = moving_content(clip)
     if what in ("walk", "run"):
         what += "-slow" if factor < 0.82 else "-fast" if factor > 1.18 else ""
@@ -80,7 +80,7 @@ def bend(shelf: Shelf) -> Made:
     tight = np.abs(rate) > 0.95 * MAX_TURN_RATE
     stride = smooth(np.where(tight, np.clip(wanted, 0.35, 1.0), 1.0), 4.0)
     turn = np.cumsum(rate) / fps
-    motion = warp(shelf.skeleton, poses, fps, turn, turn, stride, 0.7 * (1 - stride))
+    motion = warp(shelf.skeleton, poses, fps, turn, travel=turn, stride=stride, flatten=0.7 * (1 - stride))
     side = "left" if sign > 0 else "right"
     if kind in ("weave", "random"):
         return Made(kind, (clip,), f"{what}-weaving", clip.style, motion, ((0, f"{what}-weaving", clip.style),))
@@ -136,7 +136,14 @@ def strafe(shelf: Shelf) -> Made:
         still_part *= 1 - smoothstep((np.arange(frames) - last - 2) / 12)
     zero = np.zeros(frames)
     motion = warp(
-        shelf.skeleton, poses, fps, zero, away + drift, zero + stride, flatten * still_part, widen * still_part
+        shelf.skeleton,
+        poses,
+        fps,
+        zero,
+        travel=away + drift,
+        stride=zero + stride,
+        flatten=flatten * still_part,
+        widen=widen * still_part,
     )
     side = "left" if sign > 0 else "right"
     content = "walk-back" if angle > 158 else f"walk-back-diagonal-{side}" if angle > 108 else f"walk-sideways-{side}"
@@ -163,7 +170,7 @@ def on_the_spot(shelf: Shelf) -> Made:
     turn = sign * angle * smoothstep((np.arange(frames) - told - 2) / max(stop_at - told - 2, 8))
     zero = np.zeros(frames)
     moving = smoothstep((np.arange(frames) - told) / 10) * (1 - smoothstep((np.arange(frames) - last - 2) / 10))
-    motion = warp(shelf.skeleton, poses, fps, turn, turn, zero, 0.9 * moving)
+    motion = warp(shelf.skeleton, poses, fps, turn, travel=turn, stride=zero, flatten=0.9 * moving)
     content = f"turn-on-spot-{'left' if sign > 0 else 'right'}"
     # The order to stand comes when the turn is done.
     spans = ((0, still.content, still.style), (told, content, clip.style), (stop_at, other.content, other.style))

@@ -143,6 +143,7 @@ class Context:
         unit: str,
         results: Sequence[Result],
         measure: Callable[[Result], float],
+        *,
         bound: str | None = None,
         from_standing: bool = False,
         more_is_better: bool = False,

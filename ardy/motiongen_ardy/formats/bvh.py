@@ -97,7 +97,7 @@ def read_bvh(path: Path, skeleton: Skeleton | None = None) -> StoredMotion:
     rotations, translations = rotations[:, order], translations[:, order] * scale
     check_bones(path, skeleton, torch.from_numpy(bvh.offsets[order] * scale), BONES_WITHIN_M)
     _check_rigid(path, skeleton, translations)
-    return from_pose(skeleton, rotations, translations[:, 0], fps, path)
+    return from_pose(skeleton, rotations, translations[:, 0], fps, source=path)
 
 
 def _check_tree(path: Path, bvh: Bvh, skeleton: Skeleton, order: list[int]) -> None:

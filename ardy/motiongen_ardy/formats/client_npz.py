@@ -58,4 +58,4 @@ def read_client_npz(path: Path, skeleton: Skeleton | None = None) -> StoredMotio
     root = torch.from_numpy(arrays["root_translation_m"].astype(np.float64))
     contacts = torch.from_numpy(arrays["foot_contact"] > 0.5)
     fps = whole_fps(path, float(arrays["frame_rate_hz"]))
-    return from_pose(skeleton, rotations, root, fps, path, contacts=contacts)
+    return from_pose(skeleton, rotations, root, fps, source=path, contacts=contacts)

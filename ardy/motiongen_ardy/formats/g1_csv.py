@@ -101,7 +101,7 @@ def qpos_motion(source: object, qpos: Tensor, fps: float) -> StoredMotion:
     check_num_frames(source, len(qpos))
     motion = qpos_to_motion(qpos, whole_fps(source, fps))
     rotations, root, contacts = motion.local_rotations, motion.root_positions, motion.foot_contacts
-    return from_pose(load_g1().skeleton, rotations, root, motion.fps, source, contacts=contacts)
+    return from_pose(load_g1().skeleton, rotations, root, motion.fps, source=source, contacts=contacts)
 
 
 def _qpos(path: Path, stored: StoredMotion) -> Tensor:

@@ -71,7 +71,7 @@ def read_npz(path: Path, skeleton: Skeleton | None = None) -> StoredMotion:
     lengths = {name: len(arrays[name]) for name in arrays if arrays[name].ndim}
     if len(set(lengths.values())) > 1:
         raise FormatError(path, f"arrays of different lengths: {lengths}", "every array has one entry a frame")
-    stored = from_pose(skeleton, rotations, root, fps, path, text, contacts)
+    stored = from_pose(skeleton, rotations, root, fps, source=path, text=text, contacts=contacts)
     if "posed_joints" in arrays:
         _check_positions(path, stored, torch.from_numpy(arrays["posed_joints"].astype(np.float32)))
     return stored

@@ -69,6 +69,7 @@ def from_pose(
     local_rotations: Tensor,
     root_positions: Tensor,
     fps: int,
+    *,
     source: object,
     text: str = "",
     contacts: Tensor | None = None,

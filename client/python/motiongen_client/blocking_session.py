@@ -80,6 +80,26 @@ class Session:
         return self._inner.is_paused
 
     @property
+    def is_away(self) -> bool:
+        """Whether its line was lost, and the session has not gone on yet."""
+        return self._inner.is_away
+
+    @property
+    def is_durable(self) -> bool:
+        """Whether its server saves it, so that another can go on with it."""
+        return self._inner.is_durable
+
+    @property
+    def durable_seq(self) -> int:
+        """Every event up to this number outlives the server."""
+        return self._inner.durable_seq
+
+    @property
+    def last_seq(self) -> int:
+        """The number of the newest event."""
+        return self._inner.last_seq
+
+    @property
     def reopenings(self) -> tuple[Reopened, ...]:
         """Each time that the session could not be resumed and was opened anew."""
         return self._inner.reopenings

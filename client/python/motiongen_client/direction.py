@@ -258,6 +258,11 @@ class Direction(ABC):
         """Whether the server hears what is sent; else it waits among the unanswered."""
 
     @property
+    def last_seq(self) -> int:
+        """The number of the newest event: all of them outlive the server once `durable_seq` has come to it."""
+        return self._next_seq - 1
+
+    @property
     def _answered_seq(self) -> int:
         """Every event up to this number has been answered."""
         return min(self._unanswered, default=self._next_seq) - 1

@@ -125,6 +125,11 @@ class Recovery(Direction):
             self._reopen(self._reason or "the server does not resume sessions")
 
     @property
+    def is_away(self) -> bool:
+        """Whether its line was lost, and the session has not gone on yet."""
+        return self._line in (Line.LOST, Line.RESUMING, Line.REOPENING)
+
+    @property
     def is_waiting(self) -> bool:
         """Whether it lives, and no server is asked to go on with it at present."""
         return self._line is Line.LOST and self._failure is None

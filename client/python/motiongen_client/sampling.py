@@ -53,6 +53,11 @@ class Sampler:
         self._apart: tuple[Float32, Float32] | None = None  # what was shown, seen from what was due: root, joints
         self._faded_at_s = 0.0
 
+    @property
+    def is_fading(self) -> bool:
+        """Whether a jump of what is shown is being faded out."""
+        return self._apart is not None
+
     def row(self, now_s: float) -> tuple[float, Float32]:
         """How far the playhead is on its way to the next frame, 0 to 1, and the (D,) row to show."""
         playback, index = self._playback, self._playback.playhead

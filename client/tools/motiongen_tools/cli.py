@@ -8,9 +8,7 @@ import contextlib
 import logging
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from motiongen_client.errors import MotiongenError
 from motiongen_tools import (
@@ -23,19 +21,12 @@ from motiongen_tools import (
     cli_stream,
     cli_view,
 )
+from motiongen_tools.cli_script import AtAction, PromptAction, Script, check_generate, check_stream
 from motiongen_tools.connection import add_connection
 from motiongen_tools.demo import command
 from motiongen_tools.demo.script import PLACE_BOUND_M, STORY_S
 
 DEFAULT_SERVER = "localhost:50051"
-
-
-@dataclass
-class Script:
-    """Prompts by the second they take over at, in the order given, and an `--at` that waits for its prompt."""
-
-    prompts: list[tuple[float, str]] = field(default_factory=list)
-    waiting_at_s: float | None = None
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -45,7 +36,7 @@ def run(arguments: Sequence[str]) -> int:
     except SystemExit as end:  # argparse has printed why, or the help
         return int(end.code or 0)
     try:
-        with _warnings_shown():
+        with warnings_shown():
             result: int = asyncio.run(options.command(options))
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
@@ -57,7 +48,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 @contextlib.contextmanager
-def _warnings_shown() -> Iterator[None]:
+def warnings_shown() -> Iterator[None]:
     """What the library warns of, on standard error: prompts and constraints that a model does not know, refusals."""
     shown = logging.StreamHandler(sys.stderr)
     shown.setFormatter(logging.Formatter("warning: %(message)s"))
@@ -76,9 +67,9 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.command is cli_generate.generate:
         options.server_arguments = settings
-        _check_generate(parser, options)
+        check_generate(parser, options)
     if options.command is cli_stream.stream:
-        _check_stream(parser, options)
+        check_stream(parser, options)
     if options.command is cli_bench.bench:
         cli_bench.check(parser, options)
     return options
@@ -106,8 +97,10 @@ def _parser() -> argparse.ArgumentParser:
     stream.set_defaults(command=cli_stream.stream, script=Script())
     _add_server(stream)
     add_connection(stream)
-    stream.add_argument("--prompt", action=_Prompt, metavar="TEXT", help="what to do; again, after --at, to change it")
-    stream.add_argument("--at", action=_At, metavar="SECONDS", help="when the next --prompt takes over")
+    stream.add_argument(
+        "--prompt", action=PromptAction, metavar="TEXT", help="what to do; again, after --at, to change it"
+    )
+    stream.add_argument("--at", action=AtAction, metavar="SECONDS", help="when the next --prompt takes over")
     stream.add_argument(
         "--waypoint",
         action="append",
@@ -142,8 +135,10 @@ def _parser() -> argparse.ArgumentParser:
     add_connection(generate)
     where.add_argument("--start-server", action="store_true", help="start one for this; its settings stand after --")
     generate.add_argument("prompt", nargs="?", metavar="PROMPT", help="what to do from the start")
-    generate.add_argument("--prompt", dest="script", action=_Prompt, metavar="TEXT", help="after --at, what to do next")
-    generate.add_argument("--at", action=_At, metavar="SECONDS", help="when the next --prompt takes over")
+    generate.add_argument(
+        "--prompt", dest="script", action=PromptAction, metavar="TEXT", help="after --at, what to do next"
+    )
+    generate.add_argument("--at", action=AtAction, metavar="SECONDS", help="when the next --prompt takes over")
     cli_generate.add_arguments(generate)
 
     catalog = commands.add_parser("catalog", help="show what a server offers", description="Show what a server offers.")
@@ -234,66 +229,6 @@ def _add_server(parser: argparse._ActionsContainer) -> None:
     parser.add_argument(
         "--server", default=DEFAULT_SERVER, metavar="HOST:PORT", help="or unix:PATH (default: %(default)s)"
     )
-
-
-def _check_generate(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    script: Script = options.script
-    if options.prompt is not None:
-        if script.prompts and script.prompts[0][0] == 0:
-            parser.error("PROMPT and a --prompt without --at before it are both for the start; give one")
-        options.script = script = Script([(0.0, options.prompt), *script.prompts], script.waiting_at_s)
-    if script.waiting_at_s is not None:
-        parser.error(f"--at {script.waiting_at_s:g} has no --prompt after it")
-    if not script.prompts and not options.waypoint and options.constraints is None and options.history is None:
-        parser.error("nothing to do: give a PROMPT, --waypoint, --constraints or --history")
-    if options.server_arguments and not options.start_server:
-        parser.error(f"{options.server_arguments[0]!r} is for a server that this starts: give --start-server too")
-    _check_times(parser, options)
-
-
-def _check_stream(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    script: Script = options.script
-    if script.waiting_at_s is not None:
-        parser.error(f"--at {script.waiting_at_s:g} has no --prompt after it")
-    if not script.prompts and not options.waypoint:
-        parser.error("nothing to do: give a --prompt, a --waypoint or both")
-    _check_times(parser, options)
-
-
-def _check_times(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    script: Script = options.script
-    for name, at_s in [
-        *(("--at", at_s) for at_s, _ in script.prompts),
-        *(("--waypoint", waypoint.at_s) for waypoint in options.waypoint),
-    ]:
-        if at_s >= options.seconds:
-            parser.error(f"{name}: {at_s:g} s is not before the end, which is at --seconds {options.seconds:g}")
-
-
-class _Prompt(argparse.Action):
-    """`--prompt TEXT`, at the time of the `--at` before it."""
-
-    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any) -> None:
-        script: Script = namespace.script
-        if script.waiting_at_s is None and script.prompts:
-            parser.error(f"--prompt {values!r}: a second prompt needs --at SECONDS before it")
-        at_s = script.waiting_at_s or 0.0
-        if script.prompts and at_s <= script.prompts[-1][0]:
-            parser.error(f"--at {at_s:g}: times must rise; the prompt before it is at {script.prompts[-1][0]:g} s")
-        namespace.script = Script([*script.prompts, (at_s, values)])
-
-
-class _At(argparse.Action):
-    """`--at SECONDS`, for the `--prompt` after it."""
-
-    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any) -> None:
-        script: Script = namespace.script
-        if script.waiting_at_s is not None:
-            parser.error(f"--at {script.waiting_at_s:g} has no --prompt after it")
-        try:
-            namespace.script = Script(script.prompts, cli_stream.parse_seconds(values))
-        except argparse.ArgumentTypeError as error:
-            parser.error(f"argument --at: {error}")
 
 
 def _positive(text: str) -> float:

@@ -28,7 +28,7 @@ from motiongen_tools.server_process import ServerProcess
 
 VOID = 3  # exit code of a run whose figures do not count
 _CHARACTERS_A_PROCESS = 2000
-_REST_S = 10.0
+REST_S = 10.0
 _NEEDED = {"hdrh": "hdrhistogram", "matplotlib": "matplotlib", "psutil": "psutil", "yaml": "pyyaml"}
 
 
@@ -125,7 +125,7 @@ async def bench(options: argparse.Namespace) -> int:
                 run,
                 options.trial_seconds,
                 lambda trial: console.print(terminal.describe_trial(trial), soft_wrap=True),
-                lambda: asyncio.sleep(_REST_S),
+                lambda: asyncio.sleep(REST_S),
                 options.find_within or math.inf,
             )
             result = found.result

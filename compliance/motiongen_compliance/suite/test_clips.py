@@ -12,9 +12,9 @@ from grpc_status import rpc_status
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_compliance.messages import waypoint
+from motiongen_compliance.talk import LIMIT_S
 from motiongen_compliance.target import Target
 
-LIMIT_S = 30.0
 REFUSALS = (grpc.StatusCode.INVALID_ARGUMENT, grpc.StatusCode.NOT_FOUND, grpc.StatusCode.RESOURCE_EXHAUSTED)
 
 

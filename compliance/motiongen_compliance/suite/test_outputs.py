@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
+from motiongen_compliance.talk import LIMIT_S
 from motiongen_compliance.target import Target
-
-LIMIT_S = 30.0
 
 
 def columns(rig: motion_pb2.Rig, outputs: list[motion_pb2.ChannelBlock]) -> dict[str, slice]:

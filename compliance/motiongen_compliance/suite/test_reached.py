@@ -6,10 +6,8 @@ import pytest
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_compliance.messages import edit_constraints, waypoint
-from motiongen_compliance.talk import Talk
+from motiongen_compliance.talk import LIMIT_S, Talk
 from motiongen_compliance.target import Target
-
-LIMIT_S = 20.0
 
 
 async def play_past(talk: Talk, handle: int, frame: int) -> None:

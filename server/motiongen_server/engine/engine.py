@@ -17,12 +17,12 @@ from motiongen_server.engine.scheduling.device import Device, DeviceLease
 from motiongen_server.engine.scheduling.load_monitor import LoadMonitor
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.scheduler import Scheduler
-from motiongen_server.engine.session import emission, events
+from motiongen_server.engine.session import emission
 from motiongen_server.engine.session.beginning import begun, first_words
 from motiongen_server.engine.session.further_blocks import OutputsFailed
-from motiongen_server.engine.session.opening import change_options
 from motiongen_server.engine.session.snapshot import news_of
 from motiongen_server.engine.session.state import SessionState
+from motiongen_server.engine.session_events import SessionEvents
 from motiongen_server.engine.types import (
     Close,
     CloseReason,
@@ -34,12 +34,9 @@ from motiongen_server.engine.types import (
     Output,
     Playhead,
     Resume,
-    Seek,
-    SetOptions,
-    SetPlayState,
     StepsOf,
 )
-from motiongen_server.engine.types.refusals import handle_in_use, prior_frames_failed, session_not_open
+from motiongen_server.engine.types.refusals import handle_in_use, session_not_open
 from motiongen_server.engine.types.report import StepReport
 
 # The longest sleep: it keeps the heartbeat fresh.
@@ -50,7 +47,7 @@ class Engine:
     """Generates the motion of all sessions with one runner.
 
     What stands under "from any thread" may be used from any. All else belongs to the thread that calls `step`, which
-    calls `deliver`. sessions, windows: those of the moment. observe: takes the report of every round.
+    calls `deliver`. sessions, windows, admission: those of the moment. observe: takes the report of every round.
     """
 
     def __init__(
@@ -80,14 +77,15 @@ class Engine:
         if scheduler is None:  # not `or`: a policy that holds no jobs yet is false
             costs = CostTable.assumed(config.initial_step_s)
             scheduler = Scheduler(costs, config.max_rows, max_step_s=config.max_step_s)
-        self._admission = Admission(runner.facts, config)
-        self._intake = Intake(self._admission, self._mailbox, config.max_pending_events)
+        self.admission = Admission(runner.facts, config)
+        self._intake = Intake(self.admission, self._mailbox, config.max_pending_events)
         self.lease = Device().lease() if lease is None else lease
-        self._load_monitor = LoadMonitor(runner.facts, self._admission, now, config.degrade, self.lease)
+        self._load_monitor = LoadMonitor(runner.facts, self.admission, now, config.degrade, self.lease)
         self.sessions = OpenSessions()
         self.windows = RunningWindows(
             runner, clock, scheduler, self.lease, config.max_rows, self._fail, config.trace_as
         )
+        self._session_events = SessionEvents(self.admission, self.sessions, self.windows, self._load_monitor)
         self._load_response = LoadResponse(self._load_monitor, self.windows, self.sessions)
         self._ordinals = itertools.count()
         self._send_queue: list[Output] = []
@@ -110,7 +108,7 @@ class Engine:
     @property
     def free_share(self) -> float:
         """Of all that sessions may take, the share that is left to new ones, 0 to 1."""
-        return self._admission.free_share
+        return self.admission.free_share
 
     def submit(self, event: Event) -> Outcome | None:
         """Hand in an event. The answer comes through `deliver`; only one that is refused here is returned, at once."""
@@ -126,11 +124,11 @@ class Engine:
 
     def drain(self) -> None:
         """Take no new sessions; those that are open are served on."""
-        self._admission.close()
+        self.admission.close()
 
     def stop(self) -> None:
         """Start no new windows, finish those that run, close every session as DRAINED, and end the loop."""
-        self._admission.close()
+        self.admission.close()
         self._stopping = True
         self._mailbox.ring()
 
@@ -157,7 +155,7 @@ class Engine:
         if now >= self._load_monitor.due_at:
             self._measure(now)
             self._flush()
-        report.opens += self._admission.take_refused().elements()
+        report.opens += self.admission.take_refused().elements()
         report.sessions = self.sessions.take_counts()
         report.quota_steps = self.windows.quotas.take_taken(now)
         return report
@@ -179,7 +177,7 @@ class Engine:
 
     def end_failed(self) -> None:
         """Close every session because of an error of the engine itself, and take no new ones."""
-        self._admission.close()
+        self.admission.close()
         self._close_all(CloseReason.ENGINE_FAULT, Code.INTERNAL, "the server's engine failed; open a new session")
 
     # ---- events and sessions ----------------------------------------------------------------------------------------
@@ -196,27 +194,13 @@ class Engine:
             elif isinstance(event, Close):
                 self._close(state, event.reason, Code.OK, "")
             else:
-                state.last_seq = max(state.last_seq, event.event_seq)
-                job = state.running.job if state.running else None
-                if isinstance(event, SetOptions):
-                    self._send_queue += self._change(state, event)
-                elif isinstance(event, Seek):
-                    self._send_queue += self._cut(state, event, now)
-                elif isinstance(event, SetPlayState):
-                    self.sessions.count(state, -1)
-                    self._send_queue += events.apply(state, event, now, self._report)
-                    self.sessions.count(state, 1)
-                else:
-                    self._send_queue += events.apply(state, event, now, self._report)
-                if job is not None and state.running is None:
-                    self.windows.discard(job.job_id)
-                self.sessions.touch(state)
+                self._send_queue += self._session_events.take(state, event, now, self._report)
 
     def _open(self, event: Open, held: SessionState | None) -> None:
         if held is not None:
             self._report.opens.append(self._refuse(event, handle_in_use(event.session.handle)))
             return
-        refusal = self._admission.reserve(event.spec, event.event_seq)
+        refusal = self.admission.reserve(event.spec, event.event_seq)
         if refusal is not None:
             self._send_queue.append(refusal)
             return
@@ -224,7 +208,7 @@ class Engine:
         try:
             state = begun(event, next(self._ordinals), self._facts, self._config, now, self.windows.features)
         except EventRefused as failed:
-            self._admission.release(spec.session, spec)
+            self.admission.release(spec.session, spec)
             self._report.opens.append(self._refuse(event, failed))
             return
         self.sessions.add(state)
@@ -234,26 +218,6 @@ class Engine:
             return
         self.sessions.watch_silence(state, now + self._config.idle_timeout_s)
         self._send_queue += state.set_tier(self._load_monitor.level(spec.priority))
-
-    def _cut(self, state: SessionState, event: Seek, now: float) -> list[Output]:
-        features = None if event.prior_rows is None else self.windows.features(event.prior_rows)
-        if event.prior_rows is not None and features is None:
-            return [prior_frames_failed("seek.prior_frames").outcome(event.session, event.event_seq)]
-        return events.cut(state, event, features, now, self._report)
-
-    def _change(self, state: SessionState, event: SetOptions) -> list[Output]:
-        """Give a session other options, where there is room for what they ask."""
-        changed = event.changed(state.spec)
-        refusal = self._admission.change(state.spec, changed)
-        if refusal is not None:
-            return [refusal.outcome(event.session, event.event_seq)]
-        self.sessions.leave_class(state)
-        change_options(state, changed)
-        self.sessions.join_class(state)
-        return [
-            Outcome(event.session, event.event_seq, Code.OK),
-            *state.set_tier(self._load_monitor.level(changed.priority)),
-        ]
 
     def _refuse(self, event: Event, refusal: EventRefused) -> Code:
         """Answer an event that does not reach a session."""
@@ -266,7 +230,7 @@ class Engine:
         self._send_queue += state.close(reason, code, message)
         self._report.closes.append(reason)
         self.sessions.remove(state)
-        self._admission.release(state.key, state.spec)
+        self.admission.release(state.key, state.spec)
 
     def _close_all(self, reason: CloseReason, code: Code, message: str) -> None:
         for state in list(self.sessions):
@@ -312,7 +276,7 @@ class Engine:
         self._take_events()
         for state, outputs in self.windows.land(results, self._clock.now(), self._report, self._load_monitor):
             if state.plan == 1:
-                self._admission.note_begun(state.key)
+                self.admission.note_begun(state.key)
             self._send_queue += outputs
             self.sessions.touch(state)
 
@@ -326,4 +290,4 @@ class Engine:
         for state in self._load_response.to_shed():
             self._close(state, CloseReason.OVERLOAD, Code.RESOURCE_EXHAUSTED, message)
         self._load_response.describe(self._report)
-        self._report.full = self._admission.full
+        self._report.full = self.admission.full

@@ -72,6 +72,7 @@ class EngineHost:
         self._texts: queue.SimpleQueue[EncodeTexts] = queue.SimpleQueue()
         self._bell = Bell()
         self._freed = FreedMemory()
+        wire.on_blocked = self._bell.ring  # the reader may be waiting for news, and they may not come
         self._is_over = False
         self._is_stopping = False
         self._news = poller_of([end.ahead, self._bell.fileno(), end.events])

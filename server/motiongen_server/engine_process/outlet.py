@@ -6,7 +6,7 @@ import contextlib
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import zmq
 
@@ -33,6 +33,8 @@ class Wire:
         self._unsent: deque[bytes] = deque()
         self.is_blocked = False
         """Whether the gateway has as much to read as may wait."""
+        self.on_blocked: Callable[[], None] = lambda: None
+        """Called when that begins: somebody has to call `flush` until it is over."""
 
     def say(self, message: ToGateway) -> None:
         """Send a message, now or after those that wait. Raises CodecError for what cannot be encoded."""
@@ -55,7 +57,9 @@ class Wire:
             try:
                 self._socket.send(self._unsent[0], zmq.NOBLOCK)
             except zmq.Again:
-                self.is_blocked = True
+                if not self.is_blocked:
+                    self.is_blocked = True
+                    self.on_blocked()
                 return
             self._unsent.popleft()
         self.is_blocked = False

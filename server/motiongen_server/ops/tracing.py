@@ -6,6 +6,7 @@ dropped, and nobody waits.
 
 from __future__ import annotations
 
+import threading
 import time
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from opentelemetry.sdk.trace.export import SpanExporter
 
 SPAN_NAME = "motiongen.window"
-END_MS = 2000
+END_S = 2.0
 """That spans which have not left may take once the server ends."""
 
 
@@ -35,6 +36,7 @@ class WindowSpans:
         except ImportError as error:
             raise _not_installed() from error
         self._kind = trace.SpanKind.SERVER
+        self._exporter = exporter
         resource = Resource.create({SERVICE_NAME: "motiongen-server"})
         self._provider = TracerProvider(sampler=TraceIdRatioBased(share), resource=resource, shutdown_on_exit=False)
         self._provider.add_span_processor(BatchSpanProcessor(exporter))
@@ -70,8 +72,13 @@ class WindowSpans:
 
     def close(self) -> None:
         """Send what there is, for a moment, and end."""
-        self._provider.force_flush(END_MS)
-        self._provider.shutdown()
+        # By itself the library tries again for half a minute where the collector is away.
+        giving_up = threading.Timer(END_S, self._exporter.shutdown)
+        giving_up.start()
+        try:
+            self._provider.shutdown()
+        finally:
+            giving_up.cancel()
 
     def _date(self, monotonic_s: float) -> int:
         """Nanoseconds since 1970."""

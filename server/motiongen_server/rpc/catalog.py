@@ -21,6 +21,7 @@ class Catalog:
         limits: Limits,
         guidance: Guidance,
         licence: str,
+        *,
         text_encoder: str,
         history_frames: int,
         presets: Sequence[Preset] = (),

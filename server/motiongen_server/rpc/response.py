@@ -20,12 +20,12 @@ def response_of(waiting: Iterable[Run | Said]) -> bytes:
             append_frames(
                 response,
                 item.handle,
-                item.applied_seq,
-                item.plan,
-                item.first_frame,
-                item.parts,
-                item.committed_to,
-                coding,
+                applied_seq=item.applied_seq,
+                plan=item.plan,
+                first_frame=item.first_frame,
+                parts=item.parts,
+                committed_to=item.committed_to,
+                coding=coding,
             )
             continue
         # The number as of then: since, later events may have been answered in later updates.

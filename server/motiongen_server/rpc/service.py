@@ -77,7 +77,7 @@ class MotionService:
         self._kept = KeptSessions(models.limits.resume_grace_s, stream_metrics, self.durability)
         self._streams: dict[int, Stream] = {}
         self.clips = ClipService(models, self._numbers, stream_metrics, self._limits)
-        self._watch = StreamWatch(self._limits, self._streams, self._callers)
+        self.watch = StreamWatch(self._limits, self._streams, self._callers)
         self._all_ended = asyncio.Event()
         self._all_ended.set()
         if other_servers is not None:
@@ -195,7 +195,7 @@ class MotionService:
         peer.num_streams += 1
         self._streams[stream.number] = stream
         self._all_ended.clear()
-        self._watch.begin()
+        self.watch.begin()
         return stream
 
     def _end(self, stream: Stream) -> None:

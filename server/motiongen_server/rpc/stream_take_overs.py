@@ -87,7 +87,17 @@ class StreamTakeOvers(StreamSessions):
         now: float,
     ) -> None:
         rate = self._limits.events_per_second
-        entry, event = adopted(record, token, opening, key, self._models, self.peer, self, rate, now)
+        entry, event = adopted(
+            record,
+            token,
+            opening,
+            key,
+            models=self._models,
+            peer=self.peer,
+            carrier=self,
+            events_per_second=rate,
+            now=now,
+        )
         self._entries[key.handle] = self._by_key[key] = entry
         self._kept.add(entry)
         durability.adopt(entry)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 from motiongen_server.errors import StreamRefused
 from motiongen_server.identity.caller import ANYBODY, CREDENTIALS_EXPIRED
@@ -33,15 +33,14 @@ class StreamWatch:
 
     def _look(self) -> None:
         self._timer = None
-        streams = tuple(self._streams.values())
-        self.look(streams, time.monotonic())
-        if streams:
+        self.look(time.monotonic())
+        if self._streams:
             self.begin()
 
-    def look(self, streams: Iterable[Stream], now: float) -> None:
-        """End those that are due at `now`, in monotonic seconds."""
+    def look(self, now: float) -> None:
+        """End the streams that are due at `now`, in monotonic seconds."""
         self._callers.look()
-        live = [stream for stream in streams if stream.refusal is None]
+        live = [stream for stream in self._streams.values() if stream.refusal is None]
         for stream in live:
             if (refusal := self.refusal(stream, now)) is not None:
                 stream.refuse(refusal)

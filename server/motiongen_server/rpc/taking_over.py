@@ -42,6 +42,7 @@ def adopted(
     token: str,
     opening: session_pb2.OpenSession,
     key: SessionKey,
+    *,
     models: ModelRegistry,
     peer: Peer,
     carrier: Carrier,

@@ -14,7 +14,7 @@ MAX_BYTES = 1 << 20
 _MAGIC = b"MGSS"
 _VERSION = 1
 _DIGEST_BYTES = 16
-_ALSO_READ = frozenset({"436d7c871f7a501f"})
+ALSO_READ = frozenset({"436d7c871f7a501f"})
 """Schemas of servers before this one whose records it reads: since then classes have gained fields with defaults at the
 end, and nothing else. `tests/data/records` has a record of each.
 """
@@ -72,7 +72,7 @@ def read_record(data: bytes) -> SessionRecord:
     if len(data) > MAX_BYTES or not data.startswith(_MAGIC):
         raise RecordRefused(f"{len(data)} bytes are no record of a session")
     schema = data[len(_BEGIN) : len(_HEAD)].decode("ascii", "replace")
-    if not data.startswith(_BEGIN) or schema not in {_CODEC.schema, *_ALSO_READ}:
+    if not data.startswith(_BEGIN) or schema not in {_CODEC.schema, *ALSO_READ}:
         version = int.from_bytes(data[len(_MAGIC) : len(_BEGIN)], "big")
         raise RecordRefused(
             f"the session was saved by another version of the server, in the form {version}/{schema}; "

@@ -98,7 +98,7 @@ class SqliteStore:
     def _do(self, work: Callable[[sqlite3.Connection], Result]) -> Result:
         """Do the work as one transaction that writes. Raises StoreFailed."""
         try:
-            connection = self._connection()
+            connection = self.connection()
             with closing(connection.cursor()) as cursor:
                 cursor.execute("BEGIN IMMEDIATE")
             with connection:
@@ -106,7 +106,8 @@ class SqliteStore:
         except sqlite3.Error as error:
             raise StoreFailed(f"{self._path}: {error}") from error
 
-    def _connection(self) -> sqlite3.Connection:
+    def connection(self) -> sqlite3.Connection:
+        """This thread's, opened when it is first asked for."""
         connection: sqlite3.Connection | None = getattr(self._local, "connection", None)
         if connection is None:
             connection = sqlite3.connect(self._path, timeout=BUSY_S, isolation_level=None, check_same_thread=False)

@@ -89,7 +89,7 @@ def test_a_clip_that_glides_is_dropped() -> None:
 def test_only_the_turn_of_a_walk_is_called_one() -> None:
     walk = walking(120)
     turn = math.pi / 2 * np.clip((np.arange(120) - 50) / 20, 0, 1)
-    made = warp(CORE, walk, FPS, turn, turn, np.ones(120)).poses
+    made = warp(CORE, walk, FPS, turn, travel=turn, stride=np.ones(120)).poses
     positions = torch.from_numpy(global_pose(CORE, made.quaternions, made.root)[1])
     spans = turning_spans(CORE, "walk-turn-left", positions, FPS)
     assert [span.content for span in spans] == ["walk", "walk-turn-left", "walk"]

@@ -56,7 +56,7 @@ def test_a_way_is_turned_while_the_body_faces_as_before() -> None:
     walk = walking()
     frames = walk.num_frames
     quarter = np.full(frames, math.pi / 2)
-    made = warp(CORE, walk, FPS, np.zeros(frames), quarter, np.full(frames, 0.4))
+    made = warp(CORE, walk, FPS, np.zeros(frames), travel=quarter, stride=np.full(frames, 0.4))
     moved = made.poses.root[-1] - made.poses.root[0]
     assert moved[0] == pytest.approx(0.4 * (walk.root[-1, 2] - walk.root[0, 2]), rel=0.02)
     assert abs(moved[2]) < 0.02
@@ -67,7 +67,7 @@ def test_a_way_is_turned_while_the_body_faces_as_before() -> None:
 def test_a_bent_way_turns_the_body_and_keeps_the_feet() -> None:
     walk = walking()
     turn = np.linspace(0, math.pi, walk.num_frames)
-    made = warp(CORE, walk, FPS, turn, turn, np.ones(walk.num_frames))
+    made = warp(CORE, walk, FPS, turn, travel=turn, stride=np.ones(walk.num_frames))
     figures = quality(CORE, made.poses.quaternions, made.poses.root, FPS)
     assert figures.slowest_ratio < 0.02
     rotations, _ = global_pose(CORE, *_pair(made.poses))

@@ -18,4 +18,4 @@ def random_motion(skeleton: Skeleton, num_frames: int, seed: int, fps: int = 20,
     vectors = size * torch.sin(phase + rate * time_s)
     vectors[:, 0, 1] += 2 * time_s[:, 0, 0]
     root = torch.randn(1, 3, generator=random, dtype=torch.float64) + time_s[:, 0] * torch.tensor([0.5, 0.01, 1.2])
-    return from_pose(skeleton, axis_angle_to_matrix(vectors), root, fps, "random motion", "a test")
+    return from_pose(skeleton, axis_angle_to_matrix(vectors), root, fps, source="random motion", text="a test")

@@ -117,7 +117,7 @@ class Stage:
         self.outputs: list[Output] = []
         self.silent: set[SessionKey] = set()
         self._report_every_s = report_every_s
-        self._next_report_at: dict[SessionKey, float] = {}
+        self.next_report_at: dict[SessionKey, float] = {}
         self._seqs = itertools.count(1)
         self._askers: dict[int, Viewer] = {}
 
@@ -128,7 +128,7 @@ class Stage:
         session = spec(key, **fields)  # type: ignore[arg-type]
         viewer = Viewer(key, session.lookahead, FACTS.fps)
         self.viewers[key] = viewer
-        self._next_report_at[key] = 0.0
+        self.next_report_at[key] = 0.0
         seq = next(self._seqs)
         self._carry(lambda now: self._submit(viewer, Open(session, seq, now)))
         return viewer
@@ -237,9 +237,9 @@ class Stage:
     def _report_playheads(self) -> None:
         now = self.clock.now()
         for key, viewer in self.viewers.items():
-            due = viewer.buffered_to > 0 and viewer.closed is None and now >= self._next_report_at[key]
+            due = viewer.buffered_to > 0 and viewer.closed is None and now >= self.next_report_at[key]
             if due and key not in self.silent:
-                self._next_report_at[key] = now + self._report_every_s
+                self.next_report_at[key] = now + self._report_every_s
                 self.report(viewer)
 
     def deliver(self, outputs: Sequence[Output]) -> None:

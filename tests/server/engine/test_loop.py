@@ -26,6 +26,7 @@ from motiongen_server.engine.types.report import StepReport
 from tests.server.engine.engine_thread import EngineThread
 from tests.server.engine.fakes import FakeClock, FakeRunner
 from tests.server.engine.stage import crowd, prompt, spec
+from tests.waiting import LIMIT_S
 
 
 def test_a_draining_engine_serves_who_is_there_and_takes_nobody_new() -> None:
@@ -85,14 +86,14 @@ def test_the_thread_serves_and_ends() -> None:
     thread = EngineThread(engine)
     key = SessionKey(1, 1)
     engine.submit(Open(spec(key), 1, time.monotonic()))
-    assert isinstance(outputs.get(timeout=10.0), Opened)
+    assert isinstance(outputs.get(timeout=LIMIT_S), Opened)
     engine.submit(SetPrompts(key, 2, time.monotonic(), (prompt(2),)))
-    while not isinstance(output := outputs.get(timeout=10.0), Outcome):
+    while not isinstance(output := outputs.get(timeout=LIMIT_S), Outcome):
         pass
     assert output.event_seq == 2
     engine.stop()
-    assert thread.join(10.0)
-    while not isinstance(outputs.get(timeout=10.0), Closed):
+    assert thread.join(LIMIT_S)
+    while not isinstance(outputs.get(timeout=LIMIT_S), Closed):
         pass
     assert thread.failure is None
     assert runner.breaches == []

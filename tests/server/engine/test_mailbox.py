@@ -3,6 +3,7 @@ import threading
 from motiongen_server.engine.mailbox import Mailbox
 from motiongen_server.engine.types import Close, Event, Open, Playhead, SessionKey, SetPrompts
 from tests.server.engine.stage import spec
+from tests.waiting import LIMIT_S
 
 ONE, TWO = SessionKey(1, 1), SessionKey(1, 2)
 
@@ -56,7 +57,7 @@ def test_waiting_ends_when_something_comes() -> None:
     woken = threading.Event()
 
     def sleeper() -> None:
-        mailbox.wait(60.0)
+        mailbox.wait(LIMIT_S)
         woken.set()
 
     for wake in (lambda: mailbox.put(_edit(1)), mailbox.ring):
@@ -64,7 +65,7 @@ def test_waiting_ends_when_something_comes() -> None:
         thread = threading.Thread(target=sleeper)
         thread.start()
         wake()
-        thread.join(10.0)
+        thread.join(LIMIT_S)
         assert woken.is_set()
         mailbox.take_all()
 

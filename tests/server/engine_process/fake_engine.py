@@ -21,11 +21,12 @@ import numpy as np
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.ports import Deliver, DeviceLost, Inbox, Observe
-from motiongen_server.engine.types import Float32Array, Output, RowStatus
+from motiongen_server.engine.types import Float32Array, RowStatus
 from motiongen_server.engine_process import main as main_of_process
 from motiongen_server.engine_process.host import LoadText
 from motiongen_server.engine_process.main import run
-from motiongen_server.engine_process.messages import Begin
+from motiongen_server.engine_process.messages import Begin, Outputs, ToGateway
+from motiongen_server.engine_process.outlet import Wire
 from motiongen_server.engine_process.slot import BuildEngine, Built
 from motiongen_server.settings import SettingError
 from tests.server.engine.fakes import FakeRunner
@@ -88,17 +89,27 @@ class Stutterer:
         return np.array([[len(text), 0] for text in texts], np.float32)
 
 
+def babble_after_outputs() -> None:
+    """From now on outputs are followed by bytes that are no message."""
+    say = Wire.say
+
+    def babbling(wire: Wire, message: ToGateway) -> None:
+        say(wire, message)
+        if isinstance(message, Outputs):
+            wire.send(b"\xc1 no message")
+
+    Wire.say = babbling  # type: ignore[method-assign]
+
+
 def main(how: str, folder: Path) -> int:
     if how == "schema":
         main_of_process.SCHEMA = "another"  # type: ignore[attr-defined]
+    if how == "garbage":
+        babble_after_outputs()
 
     def prepare(begin: Begin) -> tuple[BuildEngine, LoadText]:
         def building(source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
-            def babble(outputs: Sequence[Output]) -> None:
-                deliver(outputs)
-                deliver.__self__._wire.send(b"\xc1 no message")  # type: ignore[attr-defined]
-
-            return build(begin, how, source, babble if how == "garbage" else deliver, observe, inbox)
+            return build(begin, how, source, deliver, observe, inbox)
 
         def load_text(width: int) -> Stutterer:
             if how == "settings":

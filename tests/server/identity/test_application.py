@@ -12,8 +12,8 @@ import pytest
 
 from motiongen.v1 import admin_pb2, admin_pb2_grpc, service_pb2, service_pb2_grpc
 from motiongen_server.settings import SettingError
+from tests.server.application import application_of, config, running
 from tests.server.identity.files import AUTHORITY, TenantsFile, bearer, client_credentials, copy_pair
-from tests.server.test_app import application_of, config, running
 
 
 async def test_with_tls_and_tenants_each_port_has_its_rule(tenants: TenantsFile, tmp_path: Path) -> None:

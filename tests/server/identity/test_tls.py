@@ -33,7 +33,7 @@ async def code_of(address: str, credentials: grpc.ChannelCredentials | None) -> 
     else:
         channel = grpc.aio.secure_channel(address, credentials, options=ALONE)
     async with channel:
-        call = service_pb2_grpc.MotionServiceStub(channel).GetCatalog(service_pb2.GetCatalogRequest(), timeout=10)
+        call = service_pb2_grpc.MotionServiceStub(channel).GetCatalog(service_pb2.GetCatalogRequest(), timeout=LIMIT_S)
         return await call.code()
 
 

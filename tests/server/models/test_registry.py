@@ -26,7 +26,7 @@ class NoEngine:
 
 def served(model_id: str, rig_id: str = "fake") -> LoadedModel:
     facts: ModelFacts = replace(FACTS, model_id=model_id, rig=replace(FACTS.rig, rig_id=rig_id))
-    catalog = Catalog(facts, Limits(), Guidance(2.0, 2.0), "CC0-1.0", "length-1", history_frames=16)
+    catalog = Catalog(facts, Limits(), Guidance(2.0, 2.0), "CC0-1.0", text_encoder="length-1", history_frames=16)
     return LoadedModel(model_id, NoEngine(), PromptEncoder(LengthEncoder(), 1), catalog)
 
 

@@ -12,6 +12,7 @@ from prometheus_client.metrics_core import Metric
 
 from motiongen_server.ops import http
 from motiongen_server.ops.http import ops_app
+from tests.waiting import LIMIT_S
 
 
 @pytest.mark.parametrize(("path", "alive", "ready"), [("/livez", 1, 0), ("/healthz", 1, 0), ("/readyz", 0, 1)])
@@ -43,7 +44,7 @@ async def test_a_connection_lives_for_a_while_and_the_oldest_goes_where_there_ar
     with socket.create_server(("127.0.0.1", 0)) as listener:
         serving = asyncio.create_task(server.serve([listener]))
         try:
-            async with asyncio.timeout(20):
+            async with asyncio.timeout(LIMIT_S):
                 port = listener.getsockname()[1]
                 first, *others = [await asyncio.open_connection("127.0.0.1", port) for _ in range(3)]
                 assert await end_of(first[0]), "the oldest"
@@ -89,7 +90,7 @@ async def test_a_connection_is_answered_once(monkeypatch: pytest.MonkeyPatch) ->
     with socket.create_server(("127.0.0.1", 0)) as listener:
         serving = asyncio.create_task(server.serve([listener]))
         try:
-            async with asyncio.timeout(20):
+            async with asyncio.timeout(LIMIT_S):
                 reader, writer = await asyncio.open_connection("127.0.0.1", listener.getsockname()[1])
                 writer.write(b"GET /livez HTTP/1.1\r\nHost: x\r\n\r\n" * 10)
                 assert (await reader.read()).count(b"HTTP/1.1 200") == 1

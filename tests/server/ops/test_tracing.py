@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
+from collections.abc import Sequence
 
 import pytest
+from opentelemetry.sdk.trace import ReadableSpan
+from opentelemetry.sdk.trace.export import SpanExporter, SpanExportResult
 from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter
 
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.types import PlanCause
 from motiongen_server.engine.types.tracing import WindowTiming, WindowTrace
+from motiongen_server.ops import tracing
 from motiongen_server.ops.tracing import WindowSpans, open_window_spans
 from motiongen_server.settings import SettingError
 from tests.scale.proxies import free_port
 from tests.server.ops.collector import Collector, attributes
+from tests.waiting import LIMIT_S
 
 BEGAN = 1000.0
 WINDOW = WindowTrace(
@@ -101,13 +107,39 @@ def test_a_collector_is_sent_them() -> None:
         assert [event.name for event in collector.spans[0].events] == ["scheduled", "first step", "planned"]
 
 
-def test_where_no_collector_is_nobody_waits() -> None:
+def test_where_no_collector_is_nobody_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """More than may be kept are recorded; the oldest are dropped, and no call comes to wait for the network."""
+    monkeypatch.setattr(tracing, "END_S", 0.1)
     spans = open_window_spans(f"grpc:127.0.0.1:{free_port()}", 1.0)
     assert spans is not None
     for _ in range(5000):
         spans.record(WINDOW)
     spans.close()
+
+
+class StuckExporter(SpanExporter):
+    """Sends nothing until it is told to end."""
+
+    def __init__(self) -> None:
+        self.ended = threading.Event()
+        self.num_ends = 0
+
+    def export(self, spans: Sequence[ReadableSpan]) -> SpanExportResult:
+        assert self.ended.wait(LIMIT_S)
+        return SpanExportResult.FAILURE
+
+    def shutdown(self) -> None:
+        self.num_ends += 1
+        self.ended.set()
+
+
+def test_at_the_end_what_cannot_be_sent_is_given_up_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tracing, "END_S", 0.1)
+    exporter = StuckExporter()
+    spans = WindowSpans(exporter)
+    spans.record(WINDOW)
+    spans.close()
+    assert exporter.num_ends == 2, "by us, before the library did"
 
 
 def test_nothing_is_opened_where_nothing_is_asked_for() -> None:

@@ -14,7 +14,7 @@ from tests.server.engine.fakes import FACTS
 
 
 def catalog(limits: Limits | None = None, licence: str = "CC0-1.0") -> Catalog:
-    return Catalog(FACTS, limits or Limits(), Guidance(1.5, 2.5), licence, "hashed-1", history_frames=16)
+    return Catalog(FACTS, limits or Limits(), Guidance(1.5, 2.5), licence, text_encoder="hashed-1", history_frames=16)
 
 
 def test_model_rig_and_limits_are_told() -> None:

@@ -32,7 +32,7 @@ from motiongen_server.rpc.limits import Limits
 from tests.server.engine.fakes import FACTS
 
 KEY = SessionKey(3, 9)
-CATALOG = Catalog(FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", "hashed-1", history_frames=16)
+CATALOG = Catalog(FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", text_encoder="hashed-1", history_frames=16)
 THERE = motion_pb2.Waypoint(x=1.0, z=2.0)
 WAY = motion_pb2.RootPath(positions=[0.0, 1.0, 2.0, 3.0])
 LEAD = motion_pb2.RootTrajectory(positions=[0.0, 0.0])

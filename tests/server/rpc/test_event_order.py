@@ -55,7 +55,7 @@ def make_catalog(**limits: float) -> Catalog:
         default_steps=4,
         embedding_dim=3,
     )
-    return Catalog(facts, Limits(**limits), Guidance(2.0, 2.0), "CC0-1.0", "counted", history_frames=16)  # type: ignore[arg-type]
+    return Catalog(facts, Limits(**limits), Guidance(2.0, 2.0), "CC0-1.0", text_encoder="counted", history_frames=16)  # type: ignore[arg-type]
 
 
 @dataclass

@@ -13,8 +13,8 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from motiongen_server.rpc import health
 from motiongen_server.rpc.health import Health
+from tests.waiting import LIMIT_S, try_again
 
-LIMIT_S = 20.0
 SERVING, NOT_SERVING = health_pb2.HealthCheckResponse.SERVING, health_pb2.HealthCheckResponse.NOT_SERVING
 WHOLE = health_pb2.HealthCheckRequest()
 
@@ -66,7 +66,7 @@ async def test_of_one_address_only_so_many_watch_and_a_place_can_be_taken_again(
                 await again.read()
                 break
             except grpc.aio.AioRpcError:
-                await asyncio.sleep(0)  # the server has not heard of the end yet
+                await try_again()  # the server has not heard of the end yet
 
 
 class Stuck:

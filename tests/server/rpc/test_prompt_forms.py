@@ -17,7 +17,9 @@ from motiongen_server.text.presets import Preset
 from tests.server.engine.fakes import FACTS
 
 WAVE = Preset("wave", "a person waves", np.array([3, 4], np.float32))
-CATALOG = Catalog(FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", "hashed-2", history_frames=16, presets=(WAVE,))
+CATALOG = Catalog(
+    FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", text_encoder="hashed-2", history_frames=16, presets=(WAVE,)
+)
 KEY = SessionKey(3, 9)
 
 

@@ -12,6 +12,7 @@ from grpc_reflection.v1alpha.reflection_pb2 import ExtensionRequest, ServerRefle
 
 from motiongen_server.rpc.handlers import SERVICE_NAME
 from motiongen_server.rpc.reflection import V1, V1ALPHA, add_reflection
+from tests.waiting import LIMIT_S
 
 NOT_FOUND = grpc.StatusCode.NOT_FOUND.value[0]
 
@@ -27,7 +28,7 @@ class Asker:
         )
 
     async def ask(self, request: ServerReflectionRequest) -> ServerReflectionResponse:
-        (response,) = [response async for response in self._call(iter([request]), timeout=20)]
+        (response,) = [response async for response in self._call(iter([request]), timeout=LIMIT_S)]
         return response
 
     async def files(self, symbol: str) -> dict[str, FileDescriptorProto]:

@@ -32,7 +32,9 @@ async def test_outputs_for_a_client_that_has_gone_are_dropped() -> None:
 def test_outputs_after_the_event_loop_s_end_are_dropped() -> None:
     async def make() -> MotionService:
         prompts = PromptEncoder(LengthEncoder(), 1)
-        catalog = Catalog(FACTS, Limits(), Guidance(2.0, 2.0), "CC0-1.0", prompts.identity, history_frames=16)
+        catalog = Catalog(
+            FACTS, Limits(), Guidance(2.0, 2.0), "CC0-1.0", text_encoder=prompts.identity, history_frames=16
+        )
         return MotionService(ModelRegistry(LoadedModel("fake", NoEngine(), prompts, catalog)))
 
     asyncio.run(make()).deliver([STRAY])

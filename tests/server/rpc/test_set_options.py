@@ -23,7 +23,7 @@ from motiongen_server.rpc.peers import PeerLimits, Peers
 from tests.server.engine.fakes import FACTS
 
 KEY = SessionKey(3, 9)
-CATALOG = Catalog(FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", "hashed-1", history_frames=16)
+CATALOG = Catalog(FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", text_encoder="hashed-1", history_frames=16)
 
 
 def asked(options: session_pb2.SetOptions) -> SetOptions:

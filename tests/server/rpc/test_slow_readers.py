@@ -14,7 +14,7 @@ from motiongen_compliance.talk import Talk
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.rpc.limits import Limits
 from tests.contract.local import NO_BUDGET, UNMETERED, LocalServer
-from tests.waiting import LIMIT_S
+from tests.waiting import LIMIT_S, until_true
 
 KIB = 1 << 10
 NOTHING = service_pb2.StreamMotionRequest(events=[session_pb2.SessionEvent(session=5)] * 20_000)
@@ -42,8 +42,7 @@ async def flooded(talk: Talk, server: LocalServer, waiting_bytes: int) -> AsyncI
             await talk.call.write(NOTHING)
 
     sending = asyncio.create_task(send())
-    while server.service.num_waiting_bytes <= waiting_bytes:  # noqa: ASYNC110  the server has no event for this
-        await asyncio.sleep(0)
+    await until_true(lambda: server.service.num_waiting_bytes > waiting_bytes)
     enough = True
     yield
     sending.cancel()

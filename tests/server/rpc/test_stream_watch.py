@@ -56,7 +56,7 @@ async def end_of(talk: Talk) -> tuple[grpc.StatusCode, str]:
     ("limits", "says_hello", "reason"),
     [
         (ServiceLimits(hello_timeout_s=0.1), False, "HELLO_LATE"),
-        (ServiceLimits(empty_timeout_s=0.1), True, "STREAM_EMPTY"),
+        (ServiceLimits(hello_timeout_s=LIMIT_S, empty_timeout_s=0.1), True, "STREAM_EMPTY"),
     ],
     ids=["no hello", "no session"],
 )
@@ -70,28 +70,25 @@ async def test_a_stream_that_does_nothing_is_ended(limits: ServiceLimits, says_h
         if says_hello:
             await talk.hello()
         assert await end_of(talk) == (grpc.StatusCode.DEADLINE_EXCEEDED, reason)
-        while server.service.num_streams:  # noqa: ASYNC110  the server has no event for this
-            await asyncio.sleep(0)
+        await until_true(lambda: not server.service.num_streams)
 
 
-async def test_a_stream_with_a_session_is_not_empty(server_limits: ServiceLimits) -> None:
+async def test_a_stream_with_a_session_is_not_empty() -> None:
+    limits = ServiceLimits(empty_timeout_s=300.0, silent_timeout_s=1e6)
     async with (
         asyncio.timeout(LIMIT_S),
-        LocalServer(service_limits=server_limits) as server,
+        LocalServer(service_limits=limits) as server,
         connected(server) as (channel, catalog),
     ):
         played, empty = talk_on(channel, catalog), talk_on(channel, catalog)
         await (await played.hello()).open(1)
         await empty.hello()
+        server.service.watch.look(time.monotonic() + 301.0)
         assert (await end_of(empty))[1] == "STREAM_EMPTY"
         await played.plays_on(1)
         await played.close(1)
+        server.service.watch.look(time.monotonic() + 301.0)
         assert (await end_of(played))[1] == "STREAM_EMPTY"
-
-
-@pytest.fixture
-def server_limits() -> ServiceLimits:
-    return ServiceLimits(empty_timeout_s=0.2)
 
 
 @pytest.mark.parametrize("limits", [ServiceLimits(max_streams=1), ServiceLimits(peer=PeerLimits(streams=1))])
@@ -104,8 +101,7 @@ async def test_one_stream_too_many_is_refused_and_the_place_can_be_taken_again(l
         first = await talk_on(channel, catalog).hello()
         assert await end_of(talk_on(channel, catalog)) == (grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_STREAMS")
         first.call.cancel()
-        while server.service.num_streams:  # noqa: ASYNC110  the server has no event for this
-            await asyncio.sleep(0)
+        await until_true(lambda: not server.service.num_streams)
         await talk_on(channel, catalog).hello()
 
 
@@ -172,7 +168,7 @@ FRAMES = np.zeros((1000, ROW_WIDTH), np.float32)
 async def test_memory_is_taken_back_from_those_that_hold_most() -> None:
     streams = {stream.number: stream for stream in map(holding, (100, 200, 400, 500))}
     most = sum(stream.num_waiting_bytes for stream in streams.values()) // 2
-    StreamWatch(ServiceLimits(max_waiting_bytes=most), streams).look(streams.values(), time.monotonic())
+    StreamWatch(ServiceLimits(max_waiting_bytes=most), streams).look(time.monotonic())
     assert [number for number, stream in streams.items() if stream.refusal is not None] == [400, 500]
     assert sum(stream.num_waiting_bytes for stream in streams.values()) <= most
 
@@ -181,11 +177,11 @@ async def test_a_client_that_takes_nothing_for_long_loses_its_stream() -> None:
     stream, now = holding(10), time.monotonic()
     watch = StreamWatch(ServiceLimits(stuck_timeout_s=30.0), {stream.number: stream})
     stream.writing_since = now
-    watch.look([stream], now + 29)
+    watch.look(now + 29)
     assert stream.refusal is None
     cut = []
     stream.cut = lambda: cut.append(True)
-    watch.look([stream], now + 31)
+    watch.look(now + 31)
     assert stream.refusal is not None
     assert stream.refusal.reason == "SLOW_READER"
     assert cut == [True]
@@ -201,19 +197,26 @@ async def test_a_client_from_which_nothing_comes_is_lost_and_may_come_back() -> 
         talk = await talk_on(channel, catalog).hello()
         heard = await talk.open(1)
         await talk.plays_on(1)
-        (stream,) = server.service._streams.values()
-        await until_true(lambda: stream.listening_since is not None)
-        server.service._watch.look([stream], (stream.listening_since or 0.0) + 89.0)
-        assert stream.refusal is None
-        server.service._watch.look([stream], (stream.listening_since or 0.0) + 91.0)
+
+        def is_lost() -> bool:
+            server.service.watch.look(time.monotonic() + 91.0)
+            return not server.service.num_streams
+
+        await until_true(is_lost)  # it is not silent while the server reads what it has said
         assert await end_of(talk) == (grpc.StatusCode.UNAVAILABLE, "CLIENT_SILENT")
         again = await talk_on(channel, catalog).hello()
         await again.resume(1, heard)
         await again.plays_on(1)
 
 
-async def test_a_client_that_owes_is_not_silent() -> None:
-    stream = holding(1)
-    watch = StreamWatch(ServiceLimits(silent_timeout_s=1.0, empty_timeout_s=1e6), {stream.number: stream})
-    watch.look([stream], time.monotonic() + 1000.0)
-    assert stream.refusal is None, "it is not read at present"
+async def test_a_client_is_silent_when_the_server_has_listened_to_it_in_vain_for_so_long() -> None:
+    stream, now = holding(1), time.monotonic()
+    watch = StreamWatch(ServiceLimits(silent_timeout_s=90.0, empty_timeout_s=1e6), {stream.number: stream})
+    watch.look(now + 1000.0)
+    assert stream.refusal is None, "it owes, and is not read at present"
+    stream.listening_since = now
+    watch.look(now + 89.0)
+    assert stream.refusal is None
+    watch.look(now + 91.0)
+    assert stream.refusal is not None
+    assert stream.refusal.reason == "CLIENT_SILENT"

@@ -28,7 +28,16 @@ def test_frames_are_read_as_the_message_that_was_meant(
     rows = np.arange(sum(counts) * 115, dtype=np.float32).reshape(-1, 115)
     parts = np.split(rows, np.cumsum(counts)[:-1])
     response: Parts = []
-    append_frames(response, session, applied_seq, plan, first_frame, parts, committed_to, PLAIN)
+    append_frames(
+        response,
+        session,
+        applied_seq=applied_seq,
+        plan=plan,
+        first_frame=first_frame,
+        parts=parts,
+        committed_to=committed_to,
+        coding=PLAIN,
+    )
     chunk = motion_pb2.FrameChunk(
         plan=plan,
         first_frame=first_frame,
@@ -57,7 +66,16 @@ def test_updates_of_both_kinds_follow_each_other() -> None:
     notice = session_pb2.SessionUpdate(session=1, plan=session_pb2.PlanNotice(plan=3, valid_from=8, event_seqs=[2]))
     response: Parts = []
     append_update(response, notice)
-    append_frames(response, 1, 2, 3, 8, [np.ones((2, 3), np.float32)], 4, PLAIN)
+    append_frames(
+        response,
+        1,
+        applied_seq=2,
+        plan=3,
+        first_frame=8,
+        parts=[np.ones((2, 3), np.float32)],
+        committed_to=4,
+        coding=PLAIN,
+    )
     append_update(response, session_pb2.SessionUpdate())
     told = read(response).updates
     assert [update.WhichOneof("update") for update in told] == ["plan", "chunk", None]
@@ -67,7 +85,7 @@ def test_updates_of_both_kinds_follow_each_other() -> None:
 def test_rows_that_do_not_lie_together_are_sent_in_their_order() -> None:
     rows = np.arange(12, dtype=np.float32).reshape(2, 6)[:, ::-1]
     response: Parts = []
-    append_frames(response, 1, 0, 1, 0, [rows], 0, PLAIN)
+    append_frames(response, 1, applied_seq=0, plan=1, first_frame=0, parts=[rows], committed_to=0, coding=PLAIN)
     (update,) = read(response).updates
     np.testing.assert_array_equal(np.frombuffer(update.chunk.data, "<f4").reshape(2, 6), rows)
 

@@ -55,7 +55,7 @@ def test_a_version_that_is_not_known_is_refused_with_its_name(place: int) -> Non
 def test_records_of_the_version_before_are_read() -> None:
     """`python -m tests.server.snapshots.records` keeps one of this version, which is done at a release."""
     kept = sorted(RECORDS.glob("*.bin"))
-    assert {path.stem for path in kept} == record_module._ALSO_READ
+    assert {path.stem for path in kept} == record_module.ALSO_READ
     for path in kept:
         read, now = read_record(path.read_bytes()), a_record()
         assert np.array_equal(read.snapshot.rows, now.snapshot.rows)

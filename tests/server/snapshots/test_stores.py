@@ -55,7 +55,7 @@ def test_a_file_that_cannot_be_written_fails_with_its_name(tmp_path: Path) -> No
 def test_a_full_disk_fails_and_is_written_again_once_there_is_room(tmp_path: Path) -> None:
     store = SqliteStore(tmp_path / "a.sqlite", KEEP_S)
     store.save([(Lease("a", 1), b"old")])
-    connection = store._connection()
+    connection = store.connection()
     (pages,) = connection.execute("PRAGMA page_count").fetchone()
     connection.execute(f"PRAGMA max_page_count = {pages + 1}")
     with pytest.raises(StoreFailed, match="full"):

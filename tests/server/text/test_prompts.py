@@ -14,6 +14,7 @@ from motiongen_ardy.text.encoder import PromptNotEncoded, TextEncoderUnavailable
 from motiongen_server.engine.types import Code
 from motiongen_server.errors import EventRefused
 from motiongen_server.text.prompts import ENCODING_THREADS, PromptEncoder
+from tests.waiting import LIMIT_S
 
 
 class GatedEncoder:
@@ -31,7 +32,7 @@ class GatedEncoder:
     def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
         self.asked += texts
         self.begun.set()
-        assert self.go.wait(10)
+        assert self.go.wait(LIMIT_S)
         if self.error is not None:
             raise self.error
         if self.fails:

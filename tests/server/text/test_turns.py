@@ -7,6 +7,7 @@ import asyncio
 import pytest
 
 from motiongen_server.text.turns import PlaceLost, Turns
+from tests.waiting import LIMIT_S
 
 GREEDY, MODEST = 1, 2
 
@@ -57,5 +58,5 @@ async def test_who_gives_up_waiting_leaves_no_turn_behind() -> None:
     turns.give_back()
     called.cancel()  # in the moment in which it is called
     await rest()
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(LIMIT_S):
         await turns.take(3)

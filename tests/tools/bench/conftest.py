@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.waiting import LIMIT_S
+
 ROOT = Path(__file__).resolve().parents[3]
 SHORT = """
 format: 1
@@ -61,5 +63,5 @@ def null_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
                 raise RuntimeError(f"the server did not start, exit code {process.wait()}:\n{log.read_text()}")
             yield f"localhost:{json.loads(line)['grpc_port']}"
             process.send_signal(signal.SIGTERM)
-            exit_code = process.wait(timeout=60)
+            exit_code = process.wait(LIMIT_S)
     assert exit_code == 0, log.read_text()

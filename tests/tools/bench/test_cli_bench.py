@@ -79,7 +79,7 @@ def pretend(monkeypatch: pytest.MonkeyPatch) -> None:
         return make_result(characters=load.characters, missed=missed, lag_ms=lag_ms)
 
     monkeypatch.setattr(cli_bench, "run_load", run_load)
-    monkeypatch.setattr(cli_bench, "_REST_S", 0)
+    monkeypatch.setattr(cli_bench, "REST_S", 0)
 
 
 @pytest.mark.usefixtures("pretend")

@@ -127,11 +127,11 @@ async def test_who_is_removed_is_gone_for_all(page: Page, room: Room) -> None:
 
 async def test_frames_come_only_after_the_page_knows_whose_they_are(bridge: Bridge, room: Room) -> None:
     browser = Browser(Page(), bridge, room, Role.CONTROL)
-    assert [message["type"] for message in browser._news()][:2] == ["server", "catalog"]
+    assert [message["type"] for message in browser.news()][:2] == ["server", "catalog"]
     await room.add({})  # while the news before it is on its way
-    assert browser._heads() == []
-    assert "character" in [message["type"] for message in browser._news()]
-    assert [head.character for head in browser._heads()] == [1]
+    assert browser.heads() == []
+    assert "character" in [message["type"] for message in browser.news()]
+    assert [head.character for head in browser.heads()] == [1]
 
 
 async def test_a_scheduled_prompt_claims_no_latency(page: Page) -> None:

@@ -10,12 +10,13 @@ from motiongen_client import EventRefused, MotionClient, StartPose
 from motiongen_client.errors import InvalidInput
 from motiongen_tools.view.bridge import MOST_ROOMS, Bridge
 from motiongen_tools.view.line import Line
-from motiongen_tools.view.room import IDLE_S, SPACING_M, Room, session_options
+from motiongen_tools.view.room import IDLE_S, SPACING_M, Room, place_of, session_options
 from tests.client.fake_server import FakeServer
+from tests.waiting import LIMIT_S
 
 
-async def test_nobody_stands_in_another(room: Room) -> None:
-    places = [room._place(number) for number in range(1, 201)]
+def test_nobody_stands_in_another() -> None:
+    places = [place_of(number) for number in range(1, 201)]
     assert places[0].x_m == places[0].z_m == 0
     assert len({(place.x_m, place.z_m) for place in places}) == 200
     assert max(max(abs(place.x_m), abs(place.z_m)) for place in places) <= 8 * SPACING_M
@@ -80,7 +81,7 @@ async def test_a_bridge_waits_for_its_server() -> None:
     line = Line(lambda: MotionClient("localhost:1", connect_timeout_s=0.05))
     bridge = Bridge(line)
     running = asyncio.create_task(bridge.run())
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(LIMIT_S):
         while "localhost:1" not in line.shown(0)["detail"]:
             await bridge.beat()
     assert line.shown(0)["state"] == "connecting"

@@ -58,7 +58,7 @@ def _steady(context: Context, walks: list[Result]) -> None:
             unit,
             walks,
             lambda result, measure=measure: measure(result.positions[first:], result),
-            bound,
+            bound=bound,
             first=first,
             data=None if not known else lambda _, data=data: data,
         )
@@ -142,7 +142,7 @@ def _add(
         unit,
         results,
         lambda result: measure(result.positions, lead),
-        bound,
+        bound=bound,
         from_standing=row.startswith("stand"),
         first=lead,
         data=(lambda _: sum(known) / len(known)) if known else None,

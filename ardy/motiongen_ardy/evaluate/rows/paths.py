@@ -84,7 +84,7 @@ def _paths(context: Context) -> None:
     results = iter(context.run([take for group in takes.values() for take in group]))
     for bound, group in takes.items():
         done = [next(results) for _ in group]
-        context.add_goal("path", titles[bound], "m", done, off_path, bound)
+        context.add_goal("path", titles[bound], "m", done, off_path, bound=bound)
         for result in done[: 2 * len(context.seeds) : len(context.seeds)]:
             path = _asked(result).numpy()
             context.show("path", [Exhibit(f"{titles[bound]}: {off_path(result):.2f} m off", result, path=path)])
@@ -124,7 +124,7 @@ def _headings(context: Context) -> None:
     for off, group in takes.items():
         done = [next(results) for _ in group]
         every += done
-        context.add_goal("heading", f"{off} degrees off the way", "degrees", done, measure, "heading")
+        context.add_goal("heading", f"{off} degrees off the way", "degrees", done, measure, bound="heading")
         title = f"heading {off} off the way: {measure(done[0]):.0f} degrees off"
         context.show("heading", [Exhibit(title, done[0], path=_asked(done[0]).numpy())])
     context.add_goal("heading", "while moving, all: root", "m", every, off_path)
@@ -157,7 +157,7 @@ def _turns(context: Context) -> None:
     for off, group in takes.items():
         done = [next(results) for _ in group]
         row = f"turn on the spot by {off} in {1.0 + off / 90:g} s"
-        context.add_goal("heading", row, "degrees", done, measure, "heading", from_standing=True)
+        context.add_goal("heading", row, "degrees", done, measure, bound="heading", from_standing=True)
         slid = f"turn on the spot by {off}: toes slide"
         context.add_goal(
             "heading",
@@ -165,7 +165,7 @@ def _turns(context: Context) -> None:
             "m",
             done,
             lambda one: swivelled(context.skeleton, one.positions[HISTORY - 1 :]),
-            "glided",
+            bound="glided",
             from_standing=True,
         )
         if done:

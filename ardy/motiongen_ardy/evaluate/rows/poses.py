@@ -51,13 +51,15 @@ def add(context: Context) -> None:
         done = [next(results) for _ in group]
         if name in forms:
             bound, joints = forms[name]
-            context.add_goal("pose", f"{name}: joints", "m", done, _joints(frame, joints), bound)
+            context.add_goal("pose", f"{name}: joints", "m", done, _joints(frame, joints), bound=bound)
             context.add_goal("pose", f"{name}: root", "m", done, _root(frame))
         elif name == "head rotation":
             head = context.skeleton.index("Head")
-            context.add_goal("pose", f"{name}, turned {HEAD_TURN_DEG}", "degrees", done, _turn(frame, head), "head")
+            context.add_goal(
+                "pose", f"{name}, turned {HEAD_TURN_DEG}", "degrees", done, _turn(frame, head), bound="head"
+            )
         else:
-            context.add_goal("pose", f"{name}, {LOWER_M * 100:g} cm lower", "m", done, _height(frame), "keyframe")
+            context.add_goal("pose", f"{name}, {LOWER_M * 100:g} cm lower", "m", done, _height(frame), bound="keyframe")
         title = f"{name} at frame {frame}"
         context.show("pose", [Exhibit(title, result) for result in (done[0], done[-1])])
 

@@ -44,7 +44,7 @@ def add(context: Context) -> None:
         first = lead + context.frames(grace_s(speed))
         reached = _reached(speed, first, context.fps)
         title = f"{row}: share of it reached after {grace_s(speed):g} s"
-        context.add_goal(FAMILY, title, "", done, reached, "speed", standing, first=lead)
+        context.add_goal(FAMILY, title, "", done, reached, bound="speed", from_standing=standing, first=lead)
         context.add_goal(FAMILY, f"{row}: to 90 %", "s", done, _time_to(speed, lead, context.fps), first=lead)
         context.show(FAMILY, [Exhibit(f"{row}: reached {reached(done[0]):.2f} of it", done[0])])
     _u_turn(context)

@@ -77,7 +77,7 @@ def _in_horizon(context: Context) -> None:
     results = _run(context, takes)
     for row, group in results.items():
         if "the way" in row:
-            context.add_goal(FAMILY, row, "m", group, miss, "waypoint on")
+            context.add_goal(FAMILY, row, "m", group, miss, bound="waypoint on")
     off = {row: group for row, group in results.items() if "the way" not in row}
     context.add_goal(
         FAMILY,
@@ -85,10 +85,10 @@ def _in_horizon(context: Context) -> None:
         "m",
         [one for group in off.values() for one in group],
         miss,
-        "waypoint off",
+        bound="waypoint off",
     )
     for row, group in off.items():
-        context.add_goal(FAMILY, row, "m", group, miss, "waypoint off")
+        context.add_goal(FAMILY, row, "m", group, miss, bound="waypoint off")
     _show(context, results)
 
 
@@ -132,9 +132,9 @@ def _beyond(context: Context) -> None:
                     takes.setdefault(row, []).append(waypoint_take(context, case, row, seed, goal, frame, prompt))
     results = _run(context, takes)
     fitting = [one for row, group in results.items() if row.endswith("way") for one in group]
-    context.add_goal(FAMILY, "2.5 to 6 s, all", "m", fitting, miss, "waypoint beyond")
+    context.add_goal(FAMILY, "2.5 to 6 s, all", "m", fitting, miss, bound="waypoint beyond")
     for row, group in results.items():
-        context.add_goal(FAMILY, row, "m", group, miss, "waypoint beyond")
+        context.add_goal(FAMILY, row, "m", group, miss, bound="waypoint beyond")
     _show(context, results)
 
 

@@ -83,17 +83,18 @@ class Browser:
 
     async def _tell(self) -> None:
         while True:
-            for message in self._news():
+            for message in self.news():
                 await self._socket.send_text(json.dumps(message, separators=(",", ":")))
             histories, self._histories = self._histories, []
             for history in histories:
                 await self._socket.send_bytes(history)
-            heads = self._heads()
+            heads = self.heads()
             if heads:
                 await self._socket.send_bytes(pack_frames(heads))
             await self._bridge.beat()
 
-    def _news(self) -> list[dict[str, Any]]:
+    def news(self) -> list[dict[str, Any]]:
+        """The messages that the page has not been told yet."""
         room, line = self._room, self._bridge.line
         news, self._answers = self._answers, []
         shown = line.shown(len(room.characters))
@@ -112,7 +113,8 @@ class Browser:
                 news.append({"type": "character", **character.shown()})
         return news
 
-    def _heads(self) -> list[Head]:
+    def heads(self) -> list[Head]:
+        """Frames that the page has not been sent yet, of characters that it knows."""
         heads, now_s = [], self._room.clock()
         for number, character in self._room.characters.items():
             if number not in self._told:

@@ -79,7 +79,7 @@ class Room:
         number, self._next = self._next, self._next + 1
         has_prompt = message.get("text") or message.get("preset")
         prompt = read_prompt(message) if has_prompt else None
-        options = session_options(message, self._place(number))
+        options = session_options(message, place_of(number))
         session = await self._line.client.open(prompt, options=options, keep_s=KEEP_S)
         name = fields.text(message, "name", "") or f"character {number}"
         model = self._line.client.catalog.model(session.opened.model_id)
@@ -104,16 +104,6 @@ class Room:
             return await self._open_as(opening, Rehearsal(recorded.edits, recorded.num_frames))
         finally:
             self._num_opening -= 1
-
-    def _place(self, number: int) -> StartPose:
-        """On a grid that grows from the middle, so that the first stands where the camera looks."""
-        ring = math.ceil((math.sqrt(number) - 1) / 2)
-        if ring == 0:
-            return StartPose()
-        side, at = divmod(number - (2 * ring - 1) ** 2 - 1, 2 * ring)
-        along, out = at - ring + 1, ring
-        x, z = [(along, out), (out, -along), (-along, -out), (-out, along)][side]
-        return StartPose(x * SPACING_M, z * SPACING_M)
 
     async def remove(self, number: int) -> None:
         """End a character. Raises InvalidInput."""
@@ -189,3 +179,14 @@ def session_options(message: Message, start: StartPose) -> SessionOptions:
         start=start,
         keep_prompts=fields.flag(message, "keep_prompts"),
     )
+
+
+def place_of(number: int) -> StartPose:
+    """By number, on a grid that grows from the middle, so that the first stands where the camera looks."""
+    ring = math.ceil((math.sqrt(number) - 1) / 2)
+    if ring == 0:
+        return StartPose()
+    side, at = divmod(number - (2 * ring - 1) ** 2 - 1, 2 * ring)
+    along, out = at - ring + 1, ring
+    x, z = [(along, out), (out, -along), (-along, -out), (-out, along)][side]
+    return StartPose(x * SPACING_M, z * SPACING_M)

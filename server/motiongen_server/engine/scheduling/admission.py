@@ -124,6 +124,11 @@ class Admission:
         return [each for each in Priority if load + self._share(each, steps, 1) > most[each - 1]]
 
     @property
+    def num_beginning(self) -> int:
+        """Sessions that were let in and have had no window yet."""
+        return len(self._beginning)
+
+    @property
     def free_share(self) -> float:
         """Of all that sessions of class NEAR may take, the share that is left to new ones, 0 to 1."""
         if self._closed_for_good:

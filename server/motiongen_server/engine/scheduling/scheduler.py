@@ -58,6 +58,7 @@ class Scheduler:
         self,
         costs: CostTable,
         max_rows: int,
+        *,
         max_evaluations: int | None = None,
         max_step_s: float = inf,
         background_step_s: float = DEFAULT_BACKGROUND_STEP_S,

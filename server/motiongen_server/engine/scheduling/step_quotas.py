@@ -41,6 +41,11 @@ class StepQuotas:
         self._taken: Counter[Owner] = Counter()  # since it was last told
         self._elsewhere: deque[StepsOf] = deque()
 
+    @property
+    def num_accounts(self) -> int:
+        """Owners whose steps are kept count of."""
+        return len(self._accounts)
+
     def note_elsewhere(self, taken: StepsOf) -> None:
         """Other engines' windows have taken so many steps. May be called from any thread."""
         self._elsewhere.append(taken)

@@ -1,4 +1,4 @@
-"""The desk: takes calls for clips, has the engine make their samples, and hands the frames over as they come."""
+"""ClipService: takes calls for clips, has the engine make their samples, and hands the frames over as they come."""
 
 from __future__ import annotations
 

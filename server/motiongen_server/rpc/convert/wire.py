@@ -83,6 +83,7 @@ def append_update(response: Parts, update: session_pb2.SessionUpdate) -> None:
 def append_frames(
     response: Parts,
     session: int,
+    *,
     applied_seq: int,
     plan: int,
     first_frame: int,

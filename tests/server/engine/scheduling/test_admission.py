@@ -127,7 +127,7 @@ def test_who_leaves_before_it_has_begun_holds_nobody_up() -> None:
     for number in range(10_000):
         assert admission.reserve(spec(SessionKey(1, number)), 1) is None
         admission.release(SessionKey(1, number))
-    assert not admission._beginning
+    assert admission.num_beginning == 0
 
 
 def test_a_place_that_is_given_up_can_be_taken() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from motiongen_server.engine.scheduling.costs import CostTable
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.types import Owner, Priority
-from tests.server.engine.scheduling.test_scheduler import LATER, _job
+from tests.server.engine.scheduling.scheduled import LATER, window_job
 
 HERO, NEAR, CROWD, BATCH = Priority
 
@@ -20,7 +20,7 @@ def _scheduler(max_rows: int, **jobs_of: tuple[int, Priority, float]) -> Schedul
     scheduler = Scheduler(CostTable.assumed(1.0), max_rows)
     for index, (name, (count, priority, weight)) in enumerate(jobs_of.items()):
         for number in range(count):
-            job = replace(_job(1000 * index + number, priority), owner=Owner(name, weight))
+            job = replace(window_job(1000 * index + number, priority), owner=Owner(name, weight))
             scheduler.add(job, 1)
     return scheduler
 
@@ -60,7 +60,7 @@ def test_with_time_enough_for_all_nobody_has_to_share() -> None:
 
 def test_jobs_of_one_owner_go_by_class_and_deadline_as_ever() -> None:
     scheduler = _scheduler(4, large=(100, HERO, 1.0))
-    for job in (_job(5001, CROWD, 1.0), _job(5002, NEAR, 9.0), _job(5003, NEAR, 8.0)):
+    for job in (window_job(5001, CROWD, 1.0), window_job(5002, NEAR, 9.0), window_job(5003, NEAR, 8.0)):
         scheduler.add(replace(job, owner=Owner("small")), 1)
     scheduler.schedule(LATER)
     assert [held.job.job_id for held in scheduler.schedule(LATER) if held.job.owner.name == "small"] == [5003, 5002]
@@ -69,7 +69,7 @@ def test_jobs_of_one_owner_go_by_class_and_deadline_as_ever() -> None:
 def test_what_is_made_in_the_background_has_no_share() -> None:
     scheduler = _scheduler(8, large=(100, HERO, 1.0))
     for number in range(20):
-        scheduler.add(replace(_job(5000 + number, CROWD), owner=Owner("clips"), background=True), 1)
+        scheduler.add(replace(window_job(5000 + number, CROWD), owner=Owner("clips"), background=True), 1)
     rows = _rows_by_owner(scheduler, 100)
     assert rows["clips"] < 0.15 * rows.total()  # the share of the class alone
 
@@ -78,7 +78,7 @@ def test_what_an_owner_did_not_ask_for_is_not_kept_for_later() -> None:
     scheduler = _scheduler(4, large=(50, HERO, 1.0), small=(1, NEAR, 1.0))
     _rows_by_owner(scheduler, 1000)
     for number in range(20):
-        scheduler.add(replace(_job(5000 + number, NEAR), owner=Owner("small")), 1)
+        scheduler.add(replace(window_job(5000 + number, NEAR), owner=Owner("small")), 1)
     assert _rows_by_owner(scheduler, 10)["small"] <= 22
 
 
@@ -89,7 +89,7 @@ def test_what_an_owner_did_not_ask_for_is_not_kept_for_later() -> None:
 def test_no_owner_waits_longer_than_its_share_says(max_rows: int, crowds: list[tuple[int, Priority]]) -> None:
     """A job of an owner that has only this one waits for one step of each other owner at most, and the classes'."""
     scheduler = _scheduler(max_rows, **{f"o{n}": (*crowd, 1.0) for n, crowd in enumerate(crowds)})
-    scheduler.add(replace(_job(999_999, CROWD), owner=Owner("small")), 1)
+    scheduler.add(replace(window_job(999_999, CROWD), owner=Owner("small")), 1)
     waited = longest = 0
     for _ in range(100):
         batch = scheduler.schedule(LATER)

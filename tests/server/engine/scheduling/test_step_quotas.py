@@ -28,7 +28,7 @@ def test_without_a_quota_nothing_is_kept_and_nobody_waits() -> None:
     quotas = StepQuotas()
     quotas.charge(NOBODY, 1_000_000, 0.0)
     assert quotas.ready_at(NOBODY, 0.0) == 0.0
-    assert not quotas._accounts
+    assert quotas.num_accounts == 0
 
 
 def test_a_quota_that_changes_holds_at_once() -> None:
@@ -41,4 +41,4 @@ def test_owners_that_have_gone_are_forgotten() -> None:
     quotas = StepQuotas()
     for number in range(10_000):
         quotas.charge(Owner(f"{number}", steps_per_s=10.0), 4, float(number))
-    assert len(quotas._accounts) <= 257
+    assert quotas.num_accounts <= 257

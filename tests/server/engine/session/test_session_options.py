@@ -48,7 +48,7 @@ def test_a_session_counts_in_its_new_class() -> None:
     stage.run(0.2)
     sessions = next(report.sessions for report in reversed(stage.reports) if report.sessions is not None)
     assert not sessions
-    assert stage.engine._admission.asked == 0.0
+    assert stage.engine.admission.asked == 0.0
 
 
 def test_more_than_there_is_room_for_is_refused_and_changes_nothing() -> None:

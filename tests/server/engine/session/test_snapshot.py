@@ -51,7 +51,7 @@ def go_on(snapshot: SessionSnapshot, viewer: Viewer, **where: int) -> tuple[Stag
     stage.viewers[ELSEWHERE] = other
     other.take = lambda output, now: None  # type: ignore[method-assign]  # what it checks holds from a beginning on
     stage.silent.add(ELSEWHERE)
-    stage._next_report_at[ELSEWHERE] = 0.0
+    stage.next_report_at[ELSEWHERE] = 0.0
     spec = replace(snapshot.spec, session=ELSEWHERE)
     stage.engine.submit(Open(spec, 1, stage.clock.now(), replace(asked, **where)))
     stage.run(1.0)

@@ -133,7 +133,7 @@ def test_what_is_no_address_is_refused(address: str) -> None:
 )
 def test_a_wrong_setting_ends_it_with_a_line(options: list[str], said: str) -> None:
     command = [sys.executable, "-m", "motiongen_server.text.encoder", "--port", "0", "--ops-port", "0", *options]
-    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=LIMIT_S)
     assert ended.returncode == 2
     assert said in ended.stderr
     assert "Traceback" not in ended.stderr

@@ -21,6 +21,7 @@ from motiongen_ardy.text import TextEncoderUnavailable
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.text.encoder.service import TextEncoderService
 from motiongen_server.text.prompts import PromptEncoder
+from tests.waiting import LIMIT_S
 
 
 class LengthEncoder:
@@ -36,7 +37,7 @@ class LengthEncoder:
 
     def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
         self.asked += texts
-        assert self.go.wait(10)
+        assert self.go.wait(LIMIT_S)
         if self.error is not None:
             raise self.error
         return np.array([[len(text), 0.5] for text in texts], np.float32)
@@ -51,7 +52,7 @@ async def serving(encoder: LengthEncoder, limits: PeerLimits | None = None, **se
     encoder_pb2_grpc.add_TextEncoderServiceServicer_to_server(service, server)
     port = server.add_insecure_port("127.0.0.1:0")
     await server.start()
-    async with grpc.aio.insecure_channel(f"127.0.0.1:{port}") as channel, asyncio.timeout(20):
+    async with grpc.aio.insecure_channel(f"127.0.0.1:{port}") as channel, asyncio.timeout(LIMIT_S):
         yield encoder_pb2_grpc.TextEncoderServiceStub(channel)
     encoder.go.set()
     await server.stop(None)

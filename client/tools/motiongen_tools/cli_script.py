@@ -1,0 +1,79 @@
+"""A script on the command line: prompts by the second they take over at, and what must fit together in it."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass, field
+from typing import Any
+
+from motiongen_tools.cli_stream import parse_seconds
+
+
+@dataclass
+class Script:
+    """Prompts by the second they take over at, in the order given, and an `--at` that waits for its prompt."""
+
+    prompts: list[tuple[float, str]] = field(default_factory=list)
+    waiting_at_s: float | None = None
+
+
+class PromptAction(argparse.Action):
+    """`--prompt TEXT`, at the time of the `--at` before it."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any) -> None:
+        script: Script = namespace.script
+        if script.waiting_at_s is None and script.prompts:
+            parser.error(f"--prompt {values!r}: a second prompt needs --at SECONDS before it")
+        at_s = script.waiting_at_s or 0.0
+        if script.prompts and at_s <= script.prompts[-1][0]:
+            parser.error(f"--at {at_s:g}: times must rise; the prompt before it is at {script.prompts[-1][0]:g} s")
+        namespace.script = Script([*script.prompts, (at_s, values)])
+
+
+class AtAction(argparse.Action):
+    """`--at SECONDS`, for the `--prompt` after it."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any) -> None:
+        script: Script = namespace.script
+        if script.waiting_at_s is not None:
+            parser.error(f"--at {script.waiting_at_s:g} has no --prompt after it")
+        try:
+            namespace.script = Script(script.prompts, parse_seconds(values))
+        except argparse.ArgumentTypeError as error:
+            parser.error(f"argument --at: {error}")
+
+
+def check_generate(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Take PROMPT into the script, and end with an error where options of `generate` do not fit together."""
+    script: Script = options.script
+    if options.prompt is not None:
+        if script.prompts and script.prompts[0][0] == 0:
+            parser.error("PROMPT and a --prompt without --at before it are both for the start; give one")
+        options.script = script = Script([(0.0, options.prompt), *script.prompts], script.waiting_at_s)
+    if script.waiting_at_s is not None:
+        parser.error(f"--at {script.waiting_at_s:g} has no --prompt after it")
+    if not script.prompts and not options.waypoint and options.constraints is None and options.history is None:
+        parser.error("nothing to do: give a PROMPT, --waypoint, --constraints or --history")
+    if options.server_arguments and not options.start_server:
+        parser.error(f"{options.server_arguments[0]!r} is for a server that this starts: give --start-server too")
+    _check_times(parser, options)
+
+
+def check_stream(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End with an error where options of `stream` do not fit together."""
+    script: Script = options.script
+    if script.waiting_at_s is not None:
+        parser.error(f"--at {script.waiting_at_s:g} has no --prompt after it")
+    if not script.prompts and not options.waypoint:
+        parser.error("nothing to do: give a --prompt, a --waypoint or both")
+    _check_times(parser, options)
+
+
+def _check_times(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    script: Script = options.script
+    for name, at_s in [
+        *(("--at", at_s) for at_s, _ in script.prompts),
+        *(("--waypoint", waypoint.at_s) for waypoint in options.waypoint),
+    ]:
+        if at_s >= options.seconds:
+            parser.error(f"{name}: {at_s:g} s is not before the end, which is at --seconds {options.seconds:g}")

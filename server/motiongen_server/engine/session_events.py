@@ -1,0 +1,80 @@
+"""SessionEvents: what an event does to a session that is open, and what the engine keeps of its sessions with it."""
+
+from __future__ import annotations
+
+from motiongen_server.engine.open_sessions import OpenSessions
+from motiongen_server.engine.running_windows import RunningWindows
+from motiongen_server.engine.scheduling.admission import Admission
+from motiongen_server.engine.scheduling.load_monitor import LoadMonitor
+from motiongen_server.engine.session import events
+from motiongen_server.engine.session.opening import change_options
+from motiongen_server.engine.session.state import SessionState
+from motiongen_server.engine.types import (
+    Code,
+    Outcome,
+    Output,
+    Playhead,
+    Resume,
+    Seek,
+    SetConstraints,
+    SetOptions,
+    SetPlayState,
+    SetPrompts,
+    SetVelocity,
+)
+from motiongen_server.engine.types.refusals import prior_frames_failed
+from motiongen_server.engine.types.report import StepReport
+
+EventWithin = SetPrompts | SetConstraints | SetVelocity | Playhead | SetPlayState | SetOptions | Seek | Resume
+"""Every event but Open and Close."""
+
+
+class SessionEvents:
+    """Gives events to sessions; admission, counts and running windows follow what they change."""
+
+    def __init__(
+        self, admission: Admission, sessions: OpenSessions, windows: RunningWindows, load_monitor: LoadMonitor
+    ) -> None:
+        self._admission = admission
+        self._sessions = sessions
+        self._windows = windows
+        self._load_monitor = load_monitor
+
+    def take(self, state: SessionState, event: EventWithin, now: float, report: StepReport) -> list[Output]:
+        """Returns what is said of it at once; the session is touched."""
+        state.last_seq = max(state.last_seq, event.event_seq)
+        job = state.running.job if state.running else None
+        if isinstance(event, SetOptions):
+            said = self._change(state, event)
+        elif isinstance(event, Seek):
+            said = self._cut(state, event, now, report)
+        elif isinstance(event, SetPlayState):
+            self._sessions.count(state, -1)
+            said = events.apply(state, event, now, report)
+            self._sessions.count(state, 1)
+        else:
+            said = events.apply(state, event, now, report)
+        if job is not None and state.running is None:
+            self._windows.discard(job.job_id)
+        self._sessions.touch(state)
+        return said
+
+    def _cut(self, state: SessionState, event: Seek, now: float, report: StepReport) -> list[Output]:
+        features = None if event.prior_rows is None else self._windows.features(event.prior_rows)
+        if event.prior_rows is not None and features is None:
+            return [prior_frames_failed("seek.prior_frames").outcome(event.session, event.event_seq)]
+        return events.cut(state, event, features, now, report)
+
+    def _change(self, state: SessionState, event: SetOptions) -> list[Output]:
+        """Give a session other options, where there is room for what they ask."""
+        changed = event.changed(state.spec)
+        refusal = self._admission.change(state.spec, changed)
+        if refusal is not None:
+            return [refusal.outcome(event.session, event.event_seq)]
+        self._sessions.leave_class(state)
+        change_options(state, changed)
+        self._sessions.join_class(state)
+        return [
+            Outcome(event.session, event.event_seq, Code.OK),
+            *state.set_tier(self._load_monitor.level(changed.priority)),
+        ]

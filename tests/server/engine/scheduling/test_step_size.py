@@ -1,0 +1,112 @@
+"""How many windows a denoising step takes, and how long others will wait by it."""
+
+from __future__ import annotations
+
+import pytest
+
+from motiongen_server.engine.scheduling.costs import CostTable
+from motiongen_server.engine.scheduling.scheduler import Scheduler
+from motiongen_server.engine.types import RowStatus
+from tests.server.engine.scheduling.scheduled import (
+    CROWD,
+    HERO,
+    LATER,
+    NEAR,
+    next_ids,
+    scheduler_of,
+    step_costs,
+    window_job,
+)
+
+# ---- the tightest deadline decides the size --------------------------------------------------------------------------
+
+
+def test_a_step_is_as_large_as_the_tightest_deadline_allows() -> None:
+    # 4 steps within 0.12 s: 0.03 s each, which is 20 rows
+    tight = window_job(1, HERO, deadline=0.12)
+    scheduler = scheduler_of(64, tight, *[window_job(n, CROWD) for n in range(2, 65)], costs=step_costs())
+    chosen = next_ids(scheduler)
+    assert chosen[0] == 1
+    assert 16 <= len(chosen) <= 20
+    assert len(next_ids(scheduler_of(64, *[window_job(n, CROWD) for n in range(64)], costs=step_costs()))) == 64
+
+
+def test_the_steps_that_are_left_share_the_time_that_is_left() -> None:
+    scheduler = scheduler_of(
+        64, window_job(1, HERO, 0.12), *[window_job(n, CROWD) for n in range(2, 65)], costs=step_costs()
+    )
+    sizes = []
+    now = 0.0
+    for done in range(1, 5):
+        batch = scheduler.schedule(now)
+        sizes.append(len(batch))
+        now += scheduler.costs.step.seconds(len(batch))
+        scheduler.commit([RowStatus(1, done, True)])
+    assert now <= 0.12
+    assert sum(sizes) >= 60
+
+
+def test_what_prepare_and_decode_take_counts() -> None:
+    scheduler = scheduler_of(
+        64, window_job(1, HERO, 0.12), *[window_job(n, CROWD) for n in range(2, 65)], costs=step_costs()
+    )
+    before = len(next_ids(scheduler))
+    scheduler.costs.decode.observe(1, 0.04)
+    assert len(next_ids(scheduler)) < before
+
+
+def test_nobody_makes_room_for_a_job_that_is_late_whatever_is_done() -> None:
+    late = window_job(1, HERO, deadline=0.01)
+    scheduler = scheduler_of(64, late, *[window_job(n, CROWD) for n in range(2, 65)], costs=step_costs())
+    chosen = next_ids(scheduler)
+    assert chosen[0] == 1
+    assert len(chosen) == 64
+
+
+def test_steps_are_not_made_so_small_that_they_waste_the_machine() -> None:
+    # The tight job alone would make it with 0.011 s a step; ten rows cost hardly more, one row wastes nine tenths.
+    scheduler = scheduler_of(
+        64, window_job(1, HERO, 0.046), *[window_job(n, CROWD) for n in range(2, 65)], costs=step_costs()
+    )
+    assert len(next_ids(scheduler)) >= 7
+
+
+def test_with_a_backlog_there_is_nothing_to_waste() -> None:
+    # 63 windows of 4 steps take 0.3 s at the least: with a second the hero gets small steps, with half of it not.
+    for due, smaller in ((1.0, True), (0.5, False)):
+        crowd = [window_job(n, CROWD, due) for n in range(2, 65)]
+        chosen = next_ids(scheduler_of(64, window_job(1, HERO, 0.12), *crowd, costs=step_costs()))
+        assert chosen[0] == 1
+        assert (len(chosen) <= 20) is smaller
+
+
+def test_steps_are_held_to_a_length_that_a_backlog_stretches() -> None:
+    # 0.03 s are 20 rows, twice that 50; the greatest buckets within are 16 and 48
+    for due, rows in ((LATER, 16), (0.3, 48)):
+        scheduler = Scheduler(step_costs(), 64, max_step_s=0.03)
+        for number in range(64):
+            scheduler.add(window_job(number, CROWD, due), 1)
+        assert len(next_ids(scheduler)) == rows
+
+
+# ---- predictions -----------------------------------------------------------------------------------------------------
+
+
+def test_the_prediction_counts_who_goes_before() -> None:
+    scheduler = Scheduler(CostTable.assumed(0.01), 4, max_evaluations=4)
+    assert scheduler.predict_s(NEAR, 1.0, 4, 1) == pytest.approx(0.04)
+    for n in range(7):
+        scheduler.add(window_job(n, NEAR, 1.0), 1)
+    assert scheduler.predict_s(NEAR, 2.0, 4, 1) == pytest.approx(0.08)
+    assert scheduler.predict_s(NEAR, 0.5, 4, 1) == pytest.approx(0.04)
+    assert scheduler.predict_s(HERO, 2.0, 4, 1) == pytest.approx(0.04)
+    assert scheduler.predict_s(CROWD, 0.5, 4, 1) == pytest.approx(0.08)
+    for n in range(7):
+        scheduler.remove(n)
+    assert scheduler.predict_s(NEAR, 2.0, 4, 1) == pytest.approx(0.04)
+
+
+def test_the_prediction_counts_evaluations_not_rows() -> None:
+    scheduler = Scheduler(step_costs(), 64)
+    scheduler.add(window_job(1, NEAR, 1.0), 3)
+    assert scheduler.predict_s(NEAR, 2.0, 4, 3) == pytest.approx(4 * 0.016)

@@ -1,0 +1,116 @@
+"""How the application ends: asked to, drained, with a client that does not read, or because its engine failed."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+
+import grpc
+import grpc.aio
+import pytest
+from grpc_health.v1 import health_pb2, health_pb2_grpc
+
+from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
+from motiongen_compliance.talk import Talk
+from motiongen_server.app import SERVICE_NAME, StoppedEarly
+from motiongen_server.settings import SettingError
+from tests.server.application import NOT_SERVING, SERVING, SlowLoad, application_of, config, get
+from tests.server.engine.fakes import FACTS
+from tests.server.in_process import ENGINE
+from tests.waiting import LIMIT_S, until_true
+
+
+async def test_a_start_that_fails_leaves_no_port_open() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        application = application_of(config(port=taken.getsockname()[1]))
+        with pytest.raises(SettingError, match="cannot listen"):
+            await application.start()
+    with pytest.raises(ConnectionRefusedError):
+        await asyncio.open_connection("127.0.0.1", application.ops_port)
+
+
+async def test_asked_to_stop_it_ends_with_0_and_tells_health() -> None:
+    async with asyncio.timeout(LIMIT_S):
+        application = application_of(config())
+        await application.start()
+        async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
+            watch = health_pb2_grpc.HealthStub(channel).Watch(health_pb2.HealthCheckRequest(service=SERVICE_NAME))
+            assert (await watch.read()).status == SERVING
+            application.ask_to_stop()
+            await application.serve()
+            draining = asyncio.create_task(application.drain())
+            assert (await watch.read()).status == NOT_SERVING
+            watch.cancel()
+            assert await draining == 0
+
+
+async def test_asked_to_stop_while_it_loads_it_ends_without_waiting_for_the_model() -> None:
+    slow = SlowLoad()
+    async with asyncio.timeout(LIMIT_S):
+        application = application_of(config(), slow)
+        starting = asyncio.create_task(application.start())
+        await slow.begun.wait()
+        application.ask_to_stop()
+        with pytest.raises(StoppedEarly):
+            await starting
+        async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
+            with pytest.raises(grpc.aio.AioRpcError) as refused:
+                await service_pb2_grpc.MotionServiceStub(channel).GetCatalog(service_pb2.GetCatalogRequest())
+        assert refused.value.code() is grpc.StatusCode.UNAVAILABLE
+        await application.stop_ops()
+    slow.may_end.set()
+
+
+async def test_a_client_that_does_not_read_does_not_hold_up_the_end() -> None:
+    async with asyncio.timeout(LIMIT_S):
+        application = application_of(config(stream_events_per_second=1e7, peer_events_per_second=1e9))
+        await application.start()
+        async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
+            stub = service_pb2_grpc.MotionServiceStub(channel)
+            call = stub.StreamMotion()
+            await call.write(service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello()))
+            unknown = service_pb2.StreamMotionRequest(events=[session_pb2.SessionEvent(session=5)] * 50_000)
+            value = application.metrics.registry.get_sample_value
+            flooding = asyncio.create_task(call.write(unknown))
+            await until_true(lambda: (value("motiongen_outbound_queue_bytes") or 0) >= 1 << 20)
+            application.ask_to_stop()
+            await application.serve()
+            assert await application.drain() == 0
+            call.cancel()
+            await asyncio.gather(flooding, return_exceptions=True)
+
+
+async def test_until_the_goodbye_sessions_still_open() -> None:
+    """Balancers see the changed health some time after it changed."""
+    async with asyncio.timeout(LIMIT_S):
+        application = application_of(config(drain_wait_s=600))
+        await application.start()
+        async with grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel:
+            watch = health_pb2_grpc.HealthStub(channel).Watch(health_pb2.HealthCheckRequest(service=SERVICE_NAME))
+            assert (await watch.read()).status == SERVING
+            waiting = asyncio.create_task(application.drain())
+            assert (await watch.read()).status == NOT_SERVING
+            watch.cancel()
+            stub = service_pb2_grpc.MotionServiceStub(channel)
+            catalog = await stub.GetCatalog(service_pb2.GetCatalogRequest())  # type: ignore[misc]
+            talk = await Talk(stub, catalog).hello()  # type: ignore[arg-type]
+            await talk.open(1)
+            for _ in range(2):
+                application.ask_to_stop()  # the second time: wait for nobody any longer
+            assert await waiting == 0
+
+
+async def test_when_the_engine_fails_it_ends_with_1(caplog: pytest.LogCaptureFixture) -> None:
+    application = application_of(config())
+
+    def observe(report: object) -> None:
+        raise RuntimeError("the books do not fit together")
+
+    application.metrics.of_engine(FACTS.model_id, ENGINE).observe = observe  # type: ignore[method-assign]
+    async with asyncio.timeout(LIMIT_S):
+        await application.start()
+        await application.serve()
+        assert (await get(application, "/readyz")).status_code == 503
+        assert (await get(application, "/livez")).status_code == 503
+        assert await application.drain() == 1
+    assert "the engine's loop failed" in caplog.text

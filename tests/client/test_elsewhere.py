@@ -11,7 +11,6 @@ import pytest
 from motiongen.v1 import session_pb2
 from motiongen_client import EventRefused, MotionClient, OtherServer
 from motiongen_client.channel import ChannelSettings, Route
-from motiongen_server.errors import StreamRefused
 from tests.client.fake_server import FakeServer
 from tests.client.waiting import received, until
 
@@ -140,20 +139,6 @@ async def test_one_that_nobody_takes_waits_for_its_own_server(server: FakeServer
 async def received_at(server: FakeServer, kind: str) -> list[session_pb2.SessionEvent]:
     await until(lambda: server.streams)
     return await received(server, kind)
-
-
-async def test_a_server_that_cannot_serve_yet_is_asked_by_another_key(server: FakeServer) -> None:
-    async with MotionClient(server.address) as client:
-        session = await client.open("walk")
-        starting = StreamRefused(grpc.StatusCode.UNAVAILABLE, "STARTING", "it loads").status()
-        server.turned_away = [starting, starting]
-        server.stream.fail(grpc.StatusCode.UNAVAILABLE)
-        await until(lambda: session.stats.reopenings == 1)
-        await session.close()
-    keys = [each["x-motiongen-key"] for each in server.metadata]
-    first, streams = keys[0], keys[1:6]
-    assert streams[:2] == [first, first], "who was only lost may still have the session"
-    assert len(set(streams[1:4])) == 3
 
 
 def test_a_route_changes_the_key_that_was_drawn_and_no_other() -> None:

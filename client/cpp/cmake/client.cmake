@@ -34,6 +34,7 @@ add_library(motiongen_client
   src/client/client.cpp
   src/client/clip.cpp
   src/client/connection.cpp
+  src/client/moving.cpp
   src/client/convert.cpp
   src/client/convert_catalog.cpp
   src/client/convert_targets.cpp

@@ -44,7 +44,7 @@ void Stream::start() {
   v1::StreamMotionRequest hello;
   hello.mutable_hello()->set_client_agent("motiongen-load");
   outbox_.put_alone(hello);
-  call_ = Call::start(*stub_, run_.load.access().token(), outbox_, shared_from_this());
+  call_ = Call::start(*stub_, run_.load.access().token(), "", outbox_, shared_from_this());
 }
 
 bool Stream::wait_hello(double timeout_s) {

@@ -1,6 +1,8 @@
 // Connecting, what is done about a loss, and the end.
 #include <algorithm>
+#include <cctype>
 #include <cmath>
+#include <cstring>
 
 #include "client/convert.hpp"
 #include "client/core.hpp"
@@ -13,6 +15,9 @@ namespace {
 constexpr double kFirstBackoffS = 0.05;
 constexpr double kBackoffGrowth = 1.6;
 constexpr double kMostBackoffS = 2;
+// While what a character holds may last, it shall not lose another second to a server that is back.
+constexpr double kSoonS = 3;
+constexpr double kMostBackoffSoonS = 0.25;
 constexpr double kAskTimeoutS = 5;   // for the catalogue, when connecting again
 constexpr double kCloseGraceS = 2;   // for the server to end the call
 constexpr double kCancelGraceS = 5;  // for gRPC to end it
@@ -41,6 +46,12 @@ Status ClientCore::check_options() const {
   }
   if (!(options_.ping_period_s >= 0.1 && options_.ping_period_s <= 60)) {
     return invalid("ping_period_s", std::to_string(options_.ping_period_s), "a number from 0.1 to 60");
+  }
+  const auto is_sendable = [](unsigned char each) {
+    return std::isalnum(each) != 0 || std::strchr("-._", each) != nullptr;
+  };
+  if (!std::all_of(options_.routing_key.begin(), options_.routing_key.end(), is_sendable)) {
+    return invalid("routing_key", "\"" + options_.routing_key + "\"", "letters, digits, -, . and _");
   }
   if (!std::isfinite(options_.connect_timeout_s) || options_.connect_timeout_s <= 0) {
     return invalid("connect_timeout_s", std::to_string(options_.connect_timeout_s), "a number above 0");
@@ -144,7 +155,7 @@ void ClientCore::begin_call() {
   ended.swap(ended_calls_);
   is_lost_ = draining_ = false;
   next_ping_s_ = now_s();
-  call_ = Call::start(*server().stub, options_.token, outbox_, shared_from_this());
+  call_ = Call::start(*server().stub, options_.token, routing_key(), outbox_, shared_from_this());
 }
 
 void ClientCore::on_call_ended(const grpc::Status& status, std::shared_ptr<Call> call) {
@@ -162,6 +173,7 @@ void ClientCore::on_call_ended(const grpc::Status& status, std::shared_ptr<Call>
 
 void ClientCore::lose(const Status& status, bool will_reconnect) {
   const bool was_connected = connected_.exchange(false);
+  if (status.reason() == "STARTING") ask_any_other();  // what it had is gone from it, and a proxy may have others
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     call_ = nullptr;
@@ -171,8 +183,12 @@ void ClientCore::lose(const Status& status, bool will_reconnect) {
     if (!was_connected || (draining_ && servers_.size() > 1)) next_server();
     num_failures_ = was_connected ? 0 : num_failures_ + 1;
     const bool all_failed = num_failures_ % servers_.size() == 0;
-    if (was_connected) backoff_s_ = kFirstBackoffS;
-    if (!was_connected && all_failed) backoff_s_ = std::min(backoff_s_ * kBackoffGrowth, kMostBackoffS);
+    if (was_connected) {
+      backoff_s_ = kFirstBackoffS;
+      lost_at_s_ = now_s();
+    }
+    const double most_s = now_s() - lost_at_s_ < kSoonS ? kMostBackoffSoonS : kMostBackoffS;
+    if (!was_connected && all_failed) backoff_s_ = std::min(backoff_s_ * kBackoffGrowth, most_s);
     const double jitter = std::uniform_real_distribution<double>(0.8, 1.2)(jitter_);
     const double wait_s = was_connected || all_failed ? backoff_s_ * jitter : 0;
     reconnect_at_s_ = std::max(now_s() + wait_s, servers_.size() > 1 ? 0 : server_wishes_s_);

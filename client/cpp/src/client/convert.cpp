@@ -136,6 +136,9 @@ Outcome outcome(const v1::EditOutcome& message) {
   if (message.has_retry_after()) made.retry_after_s = seconds(message.retry_after());
   made.warnings = warnings(message.warnings());
   made.placements = placements(message.placements());
+  for (const v1::OtherServer& each : message.other_servers()) {
+    made.other_servers.push_back({each.address(), each.routing_key()});
+  }
   return made;
 }
 

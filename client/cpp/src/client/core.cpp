@@ -9,7 +9,10 @@ namespace motiongen {
 
 double now_s() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 
-ClientCore::ClientCore(ClientOptions options) : options_(std::move(options)), events_(options_.on_event) {}
+ClientCore::ClientCore(ClientOptions options)
+    : options_(std::move(options)),
+      events_(options_.on_event),
+      routing_key_(options_.routing_key.empty() ? drawn_key() : options_.routing_key) {}
 
 std::shared_ptr<const Catalog> ClientCore::catalog() const {
   const std::lock_guard<std::mutex> lock(mutex_);
@@ -150,7 +153,9 @@ bool ClientCore::take_stream_event(const wire::Cursor& all) {
     readable = message.read_message(inner) && wire::gather(inner, scratch_);
     if (!readable) break;
     if (field == v1::StreamMotionResponse::kHelloFieldNumber) {
-      take_hello();
+      v1::ServerHello hello;
+      readable = hello.ParseFromString(scratch_);
+      if (readable) take_hello(hello);
     } else if (field == v1::StreamMotionResponse::kPongFieldNumber) {
       v1::Pong pong;
       readable = pong.ParseFromString(scratch_);
@@ -165,11 +170,12 @@ bool ClientCore::take_stream_event(const wire::Cursor& all) {
   return readable;
 }
 
-void ClientCore::take_hello() {
+void ClientCore::take_hello(const v1::ServerHello& hello) {
   const bool again = ever_connected_.exchange(true);
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     connected_ = true;
+    replica_id_ = hello.replica_id();
     backoff_s_ = 0;
     changed_.notify_all();
   }
@@ -212,6 +218,7 @@ void ClientCore::take_update(const wire::Update& update, double now) {
   }
   bool over = false;
   bool readable = true;
+  bool is_answer = false;
   {
     const std::lock_guard<std::mutex> lock(state->mutex);
     if (update.kind == wire::Update::Kind::chunk) {
@@ -227,10 +234,16 @@ void ClientCore::take_update(const wire::Update& update, double now) {
       v1::SessionUpdate message;
       readable = wire::gather(update.all, scratch_) && message.ParseFromString(scratch_);
       if (readable) state->take(message, *catalog(), now, events_, outbox_);
+      is_answer = message.has_outcome() || message.has_opened();
     }
     over = state->phase == Phase::closed;
   }
   if (!readable) return drop_call(violation("an update of the server cannot be read"));
+  if (is_answer) {
+    follow(state);
+    const std::lock_guard<std::mutex> lock(state->mutex);
+    over = state->phase == Phase::closed;
+  }
   if (!over) return;
   const std::lock_guard<std::mutex> lock(mutex_);
   sessions_.erase(update.session);

@@ -95,12 +95,21 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void send_ping(double now);
 
   bool take_stream_event(const wire::Cursor& message);
-  void take_hello();
+  void take_hello(const v1::ServerHello& hello);
   void take_goodbye(const v1::Goodbye& goodbye);
   void drop_call(const Status& status);
   void take_update(const wire::Update& update, double now);
   std::vector<std::shared_ptr<SessionState>> sessions() const;
   void open_waiting(double now);
+
+  // moving.cpp: other servers
+  static std::string drawn_key();
+  std::string routing_key() const;
+  void set_routing_key(std::string key);
+  void ask_any_other();
+  bool choose(const std::vector<OtherServer>& servers);
+  bool move(const SessionState& refused, const std::vector<OtherServer>& servers);
+  void follow(const std::shared_ptr<SessionState>& state);
 
   const ClientOptions options_;
   EventQueue events_;
@@ -125,7 +134,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   std::atomic<double> heard_at_s_{0};
   std::string scratch_;  // of the call's reads, which come one at a time
 
-  // never held while another lock is taken, but for `outbox_` and `events_`
+  // never held while another lock is taken, but for `outbox_`, `events_` and `key_mutex_`
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   std::shared_ptr<const Catalog> catalog_;
@@ -134,12 +143,17 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   std::set<grpc::ClientContext*> short_calls_;      // at work, so that closing need not wait
   std::unordered_map<std::uint32_t, std::shared_ptr<SessionState>> sessions_;
   std::uint32_t next_session_ = 1;
-  Status failure_;        // of the last call
-  Status drop_reason_;    // why the present call is given up here
-  bool is_lost_ = false;  // there is no call, and a time to make another
+  mutable std::mutex key_mutex_;  // no other is taken while it is held
+  std::string routing_key_;
+  std::string replica_id_;       // of the server of the present call
+  std::set<std::string> asked_;  // servers that had no room, since a session was opened
+  Status failure_;               // of the last call
+  Status drop_reason_;           // why the present call is given up here
+  bool is_lost_ = false;         // there is no call, and a time to make another
   double reconnect_at_s_ = 0;
   double server_wishes_s_ = 0;  // by its Goodbye, before which there is no use in connecting
   double backoff_s_ = 0;
+  double lost_at_s_ = 0;
   std::size_t num_failures_ = 0;  // to connect, since the last loss
   bool draining_ = false;
   double next_ping_s_ = 0;

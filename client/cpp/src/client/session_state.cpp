@@ -114,12 +114,12 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
       retry_at_s = 0;     // with the next tick
       return;
     }
-    if (was_open_ && (code == Code::unavailable || code == Code::resource_exhausted)) {
-      phase = Phase::waiting;
-      retry_at_s = now_s + outcome.retry_after_s.value_or(kRetryS);
-      return;
-    }
-    return end(std::move(outcome), events);
+    const bool has_no_room = code == Code::unavailable || code == Code::resource_exhausted;
+    if (!has_no_room || (!was_open_ && outcome.other_servers.empty())) return end(std::move(outcome), events);
+    phase = Phase::waiting;
+    retry_at_s = now_s + outcome.retry_after_s.value_or(kRetryS);
+    refusal = std::move(outcome);
+    return;
   }
   std::optional<Taken> taken;
   if (outcome.status) {
@@ -129,6 +129,10 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
   if (!edit || *edit == 0) return;
   if (timeline) book.forget_before(timeline->first_kept());
   note_answer(*edit, std::move(outcome), events);
+}
+
+void SessionState::give_up_opening(EventQueue& events) {
+  if (!was_open_) end(std::move(*refusal), events);
 }
 
 void SessionState::note_answer(EditId edit, Outcome outcome, EventQueue& events) {

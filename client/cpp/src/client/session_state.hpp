@@ -47,10 +47,11 @@ class SessionState {
   Status ended;  // why it is closed
   SessionStats stats;
   double next_report_s = 0;
-  double retry_at_s = 0;       // a refused reopening is tried again then
-  bool can_report = false;     // it has reported on the present stream
-  std::uint64_t last_seq = 0;  // the highest applied_seq
-  bool is_durable = false;     // its server saves it, so that another can go on with it
+  double retry_at_s = 0;           // a refused reopening is tried again then
+  std::optional<Outcome> refusal;  // of its opening for want of room, until it is known whether another server is asked
+  bool can_report = false;         // it has reported on the present stream
+  std::uint64_t last_seq = 0;      // the highest applied_seq
+  bool is_durable = false;         // its server saves it, so that another can go on with it
 
   // ---- to the server
 
@@ -73,6 +74,9 @@ class SessionState {
   void lose(const Status& status, bool will_reconnect, EventQueue& events);
   void end(Status status, EventQueue& events);
   void end(Outcome outcome, EventQueue& events);
+
+  // No other server is asked: it waits for this one where it was open before, else that is its end.
+  void give_up_opening(EventQueue& events);
 
   // The answer to an edit, if it has come.
   std::optional<Outcome> find_answer(EditId edit) const;

@@ -14,8 +14,12 @@ namespace motiongen {
 
 struct ClientOptions {
   std::string address;  // host:port
-  // Of servers that share a store of sessions: tried in turn where the one before does not answer or goes away.
+  // Of servers that share a store of sessions: tried in turn where the one before does not answer or goes away, and
+  // where one that has no room names them. The token is sent to no others.
   std::vector<std::string> other_addresses;
+  // By which a proxy chooses a server, sent as x-motiongen-key with every call; empty: one is drawn. Letters, digits, -
+  // . _
+  std::string routing_key;
   bool tls = false;
   std::string root_certificates_pem;  // with tls; empty: the system's
   std::string certificate_chain_pem;  // of this client, where the server asks for one

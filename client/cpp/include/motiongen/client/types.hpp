@@ -117,6 +117,13 @@ struct Opened {
   std::vector<Placement> placements;
 };
 
+// A server that has room where another has none: by its address, or by a routing key through the proxy that is used
+// already.
+struct OtherServer {
+  std::string address;
+  std::string routing_key;
+};
+
 // The answer to an edit. `status` is OK or the server's refusal, whose reasons docs/protocol.md lists.
 struct Outcome {
   Status status;
@@ -124,6 +131,7 @@ struct Outcome {
   std::string field;                             // at fault, where one is
   std::string allowed;                           // there
   std::optional<double> retry_after_s;           // after which the same would be taken
+  std::vector<OtherServer> other_servers;        // with room for a session that was refused, the best first
   std::vector<Warning> warnings;
   std::vector<Placement> placements;
 };

@@ -1,0 +1,82 @@
+"""The C++ client and a server that has no room: it goes to one that is named, where no session would lose its own."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from motiongen_client import MotionClient
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.replicas.directory import Replica
+from motiongen_server.replicas.other_servers import OtherServers
+from tests.contract.local import LocalServer
+from tests.cpp.test_client import character
+from tests.e2e.lost_line import FACTS_AS_SERVED
+
+LIMIT_S = 120.0
+KEY = "0123456789abcdef"
+Program = Callable[[str], Path]
+
+
+class Told:
+    """What a full server has been told of others."""
+
+    def __init__(self) -> None:
+        self.others: list[Replica] = []
+
+    def exchange(self, own: Replica) -> list[Replica]:
+        return self.others
+
+    def leave(self, name: str) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+@asynccontextmanager
+async def pair(named: Callable[[str], Iterable[Replica]]) -> AsyncIterator[tuple[LocalServer, LocalServer]]:
+    """A server with room for one session, which is taken, and one with room. named: what the first knows of it."""
+    told = Told()
+    first = LocalServer(
+        facts=FACTS_AS_SERVED, engine_config=EngineConfig(max_sessions=1), other_servers=(others := OtherServers(told))
+    )
+    async with asyncio.timeout(LIMIT_S), first, LocalServer(facts=FACTS_AS_SERVED) as second:
+        told.others = list(named(second.address))
+        await asyncio.to_thread(others.exchange)
+        async with MotionClient(first.address) as taking:
+            await taking.open("a person stands")
+            yield first, second
+
+
+def by_address(address: str) -> list[Replica]:
+    return [Replica("nobody", "127.0.0.1:1", "", {"fake": 0.9}), Replica("second", address, "", {"fake": 0.9})]
+
+
+async def test_it_goes_to_an_address_that_it_was_given(program: Program) -> None:
+    def play(address: str, other: str) -> None:
+        with character(program, address, MOTIONGEN_OTHER=other) as walker:
+            assert walker.hear("lost")[1] == "UNAVAILABLE"
+            walker.hear("opened")
+            walker.tell("prompt a person runs")
+            assert walker.hear("edit")[2] == "OK"
+
+    async with pair(by_address) as (first, second):
+        await asyncio.to_thread(play, first.address, second.address)
+
+
+@pytest.mark.parametrize("named", [by_address, lambda _: [Replica("second", "", KEY, {"fake": 0.9})], lambda _: []])
+async def test_it_is_told_where_it_may_go_nowhere(program: Program, named: Callable[[str], Iterable[Replica]]) -> None:
+    """To no address that it was not given; and where no proxy chooses by keys, the same server is asked once more."""
+
+    def play(address: str) -> None:
+        with character(program, address) as walker:
+            assert walker.hear("closed")[1] == "SESSION_LIMIT"
+
+    async with pair(named) as (first, second):
+        await asyncio.to_thread(play, first.address)
+        assert second.service.num_streams == 0

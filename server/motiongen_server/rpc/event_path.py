@@ -5,14 +5,14 @@ from __future__ import annotations
 import asyncio
 import logging
 import secrets
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Close, Open, SetOptions
+from motiongen_server.engine.types import Close, Closed, Open, Outcome, Output, SessionKey, SetOptions
 from motiongen_server.engine.types.refusals import session_closed, too_many_pending
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import LoadedModel
@@ -26,6 +26,7 @@ _log = logging.getLogger(__name__)
 
 Embeddings = dict[str, NDArray[np.float32]]
 
+SESSION_CLOSED = session_closed().reason
 MAX_WAITING_EVENTS = 64
 """Events of one session that may wait for a prompt to be encoded."""
 
@@ -59,10 +60,33 @@ def pass_on(entry: SessionEntry, event: session_pb2.SessionEvent, now: float) ->
 
 def refuse_waiting(entry: SessionEntry) -> None:
     """Answer what waits for the encoder: its session is over."""
+    for event in drop_waiting(entry):
+        entry.carrier.take(session_closed().outcome(entry.key, event.event_seq))
+
+
+def drop_waiting(entry: SessionEntry) -> list[session_pb2.SessionEvent]:
+    """Let go of what waits for the encoder, and return it, oldest first."""
     if entry.encoding is not None and entry.encoding is not asyncio.current_task():
         entry.encoding.cancel()
-    for event in entry.take_all_waiting():
-        entry.carrier.take(session_closed().outcome(entry.key, event.event_seq))
+    return entry.take_all_waiting()
+
+
+def without_needless_refusals(
+    outputs: Sequence[Output], entry_of: Callable[[SessionKey], SessionEntry | None]
+) -> Sequence[Output]:
+    """Outputs, less refusals before the end of a session that goes on elsewhere: its client says those events again."""
+    leaving = {
+        said.session
+        for said in outputs
+        if isinstance(said, Closed) and (entry := entry_of(said.session)) is not None and entry.goes_on_after(said)
+    }
+    if not leaving:
+        return outputs
+    return [
+        said
+        for said in outputs
+        if not (isinstance(said, Outcome) and said.reason == SESSION_CLOSED and said.session in leaving)
+    ]
 
 
 def tell_internal_error(entry: SessionEntry, event_seq: int, error: Exception) -> None:

@@ -20,7 +20,7 @@ from motiongen_server.engine.types import (
 )
 from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.durability import Durability
-from motiongen_server.rpc.event_path import refuse_waiting
+from motiongen_server.rpc.event_path import drop_waiting, refuse_waiting, without_needless_refusals
 from motiongen_server.rpc.session_entry import Carrier, SessionEntry
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 
@@ -146,14 +146,14 @@ class _Nobody:
         self._kept = kept
 
     def take(self, *outputs: Output) -> None:
-        for said in outputs:
+        for said in without_needless_refusals(outputs, lambda _: self._entry):
             if isinstance(said, Chunk | PlanNotice | Resumed):
                 continue
             if isinstance(said, SnapshotTaken):
                 self._kept.save(self._entry, said)
                 continue
             if isinstance(said, Closed):
-                refuse_waiting(self._entry)
+                (drop_waiting if self._entry.goes_on_after(said) else refuse_waiting)(self._entry)
             self._entry.note(said)
             is_refused = isinstance(said, Outcome) and said.event_seq == 1 and said.code is not Code.OK
             if (isinstance(said, Closed) or is_refused) and self._kept.find(self._entry.token) is None:

@@ -33,6 +33,7 @@ from motiongen_server.rpc.token_bucket import TokenBucket
 from motiongen_server.snapshots.store import Lease
 
 MAX_KEPT_ANSWERS = 128
+_LEAVING = (CloseReason.DRAINED, CloseReason.TAKEN_OVER)
 """Of those that a client has not said it heard; more than a second's at the rate that events may come."""
 
 
@@ -60,13 +61,14 @@ class SessionEntry:
     handle. place: among the sessions of its peer. last_seq: the highest event number taken. answered: numbers above
     applied_seq that have been answered already. waiting: events held back behind one whose prompt is being encoded,
     each with its arrival and its texts. known_to_engine: whether its open was passed on. closing: whether its close
-    was. muted: frames for it are dropped, since its client does not read. model: what it was opened with. warnings: by
-    event number, of events that have not been answered. token: by which it can be resumed, "" while it cannot. attempt:
-    the last one to resume it; is_resuming: until the engine has taken that up, and nothing is told. opened, level,
-    closed: the last of each kind that the engine has said. answers: outcomes that the client may not have heard, by
-    number. asked_options: by event number, those that the engine has not answered, and what gives their place back.
-    coding: of its frames. reached: what became of constraints that the client may not have heard of, oldest first.
-    lease: to write its record in the store, None where nothing is kept of it; durable: the last said of what is kept.
+    was; is_leaving: it goes on elsewhere after that. muted: frames for it are dropped, since its client does not read.
+    model: what it was opened with. warnings: by event number, of events that have not been answered. token: by which it
+    can be resumed, "" while it cannot. attempt: the last one to resume it; is_resuming: until the engine has taken that
+    up, and nothing is told. opened, level, closed: the last of each kind that the engine has said. answers: outcomes
+    that the client may not have heard, by number. asked_options: by event number, those that the engine has not
+    answered, and what gives their place back. coding: of its frames. reached: what became of constraints that the
+    client may not have heard of, oldest first. lease: to write its record in the store, None where nothing is kept of
+    it; durable: the last said of what is kept.
     """
 
     key: SessionKey
@@ -84,6 +86,7 @@ class SessionEntry:
     encoding: asyncio.Task[None] | None = None
     known_to_engine: bool = False
     closing: bool = False
+    is_leaving: bool = False
     muted: bool = False
     warnings: dict[int, tuple[Warned, ...]] = field(default_factory=dict)
     token: str = ""
@@ -158,7 +161,8 @@ class SessionEntry:
         elif isinstance(said, ServiceLevel):
             self.level = said
         elif isinstance(said, Closed):
-            self.applied_seq = self.last_seq
+            if not self.goes_on_after(said):
+                self.applied_seq = self.last_seq
             if said.reason is CloseReason.TAKEN_OVER:  # by another server; this client shall ask there
                 message = "another server goes on with the session; resume it there"
                 said = replace(said, code=Code.UNAVAILABLE, message=message)
@@ -185,6 +189,15 @@ class SessionEntry:
         while self.applied_seq + 1 in self.answered:
             self.applied_seq += 1
             self.answered.discard(self.applied_seq)
+
+    def goes_on_after(self, closed: Closed) -> bool:
+        """Whether its client takes the session up again from the store, here or elsewhere.
+
+        What has not been answered is then left so: the client says it again there. A refusal would make an event of it
+        that was answered, and that no record has.
+        """
+        leaves = closed.reason in _LEAVING or closed.code is Code.UNAVAILABLE
+        return leaves and self.durable is not None and self.durable.is_kept
 
     # ---- a client that comes back -----------------------------------------------------------------------------------
 

@@ -31,7 +31,7 @@ from motiongen_server.rpc.event_errors import (
     too_fast,
     too_many_sessions,
 )
-from motiongen_server.rpc.event_path import pass_on, refuse_waiting, tell_internal_error
+from motiongen_server.rpc.event_path import drop_waiting, pass_on, refuse_waiting, tell_internal_error
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.peers import Peer
@@ -97,7 +97,7 @@ class Stream(StreamTakeOvers):
             self.budget.charge(REFUSAL_COST, now)
             self._say(refusal.outcome(key, event.event_seq), entry)
             return
-        if entry is None:
+        if entry is None or entry.is_leaving:  # who leaves says it again where the session goes on
             return
         try:
             if unread is not None:
@@ -232,7 +232,11 @@ class Stream(StreamTakeOvers):
         for entry in list(self._entries.values()):
             if model is not None and entry.model is not model:
                 continue
-            refuse_waiting(entry)  # the first may be the OpenSession itself, which is then refused
+            if entry.goes_on_after(Closed(entry.key, reason, Code.OK, "", 0, 0)):
+                entry.is_leaving = True
+                drop_waiting(entry)
+            else:
+                refuse_waiting(entry)  # the first may be the OpenSession itself, which is then refused
             if entry.known_to_engine and not entry.closing:
                 entry.closing = True
                 entry.model.engine.submit(Close(entry.key, entry.last_seq + 1, now, reason))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from motiongen_server.engine.types import (
@@ -20,7 +20,7 @@ from motiongen_server.engine.types import (
 )
 from motiongen_server.replicas.hint import FOR_WANT_OF_ROOM, OtherServer, RefusedOpen
 from motiongen_server.rpc.event_errors import resume_out_of_range
-from motiongen_server.rpc.event_path import refuse_waiting
+from motiongen_server.rpc.event_path import drop_waiting, refuse_waiting, without_needless_refusals
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import Limits
 from motiongen_server.rpc.session_entry import SessionEntry
@@ -63,10 +63,10 @@ class StreamSessions(StreamOutput):
         self.take_all(outputs)
         self.urgent.set()
 
-    def take_all(self, outputs: Iterable[Output]) -> None:
+    def take_all(self, outputs: Sequence[Output]) -> None:
         """Take outputs for this stream's client, in order, and keep the books of their sessions."""
         entries = self._by_key
-        for said in outputs:
+        for said in without_needless_refusals(outputs, entries.get):
             entry = entries.get(said.session)
             if isinstance(said, _FRAMES_AND_PLANS):
                 if entry is None or entry.muted or entry.is_resuming:
@@ -97,8 +97,8 @@ class StreamSessions(StreamOutput):
 
     def _book(self, said: Output, entry: SessionEntry) -> None:
         """Note what is said of a session, and tell it, unless that has to wait until the session is resumed."""
-        if isinstance(said, Closed):
-            refuse_waiting(entry)  # before the end is told and the handle can be used again
+        if isinstance(said, Closed):  # before the end is told and the handle can be used again
+            (drop_waiting if entry.goes_on_after(said) else refuse_waiting)(entry)
         noted = entry.note(said)
         if entry.is_resuming:
             if isinstance(said, Closed):  # it crossed the resume, which nobody will answer

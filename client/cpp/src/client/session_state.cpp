@@ -121,6 +121,8 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
     refusal = std::move(outcome);
     return;
   }
+  // It crossed the session's end: what has no answer by then is said again where the session goes on.
+  if (phase == Phase::opening && was_open_) return;
   std::optional<Taken> taken;
   if (outcome.status) {
     taken = Taken{outcome.effective_frame.value_or(timeline ? timeline->playhead() : 0), outcome.placements};

@@ -1,0 +1,99 @@
+"""A session whose server lets go of it: what had no answer is said again where it goes on."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+import grpc
+import pytest
+
+from motiongen.v1 import session_pb2
+from motiongen_client import convert
+from motiongen_client.errors import EventRefused
+from motiongen_client.session import Session
+from motiongen_client.types import SessionOptions
+from tests.client.fake_server import catalog
+from tests.client.waiting import until
+
+TOKEN = "a-token.1"
+
+
+class Line:
+    """What a session says, in place of a stream."""
+
+    call_number = 1
+    draining = False
+    recovers = True
+
+    def __init__(self) -> None:
+        self.said: list[session_pb2.SessionEvent] = []
+
+    def check(self, event: session_pb2.SessionEvent) -> None:
+        """All fit."""
+
+    def send(self, event: session_pb2.SessionEvent) -> None:
+        copied = session_pb2.SessionEvent()
+        copied.CopyFrom(event)
+        self.said.append(copied)
+
+    def report_soon(self) -> None:
+        """Playheads are of no use here."""
+
+    def move_elsewhere(self, handle: int, refusal: EventRefused) -> bool:
+        return False
+
+
+def opened() -> session_pb2.SessionUpdate:
+    return session_pb2.SessionUpdate(
+        session=1,
+        opened=session_pb2.SessionOpened(
+            session_id="s1", seed=7, rig_id="stick9", model_id="synthetic", lookahead_frames=40, denoise_steps=4,
+            session_token=TOKEN,
+        ),
+    )  # fmt: skip
+
+
+@pytest.fixture
+async def line() -> Line:
+    return Line()
+
+
+@pytest.fixture
+async def session(line: Line) -> Session:
+    """Open, and saved by its server."""
+    session = Session(1, line, convert.catalog(catalog(100)), time.monotonic)
+    opening = asyncio.create_task(session.begin(SessionOptions(), None, {}, [], None))
+    await until(lambda: line.said)
+    session.hear(opened())
+    await opening
+    saved = session_pb2.SessionDurability(is_kept=True)
+    session.hear(session_pb2.SessionUpdate(session=1, durability=saved, durable_seq=1))
+    return session
+
+
+@pytest.mark.parametrize("crosses", [False, True])
+async def test_an_edit_without_an_answer_is_said_again_to_whoever_goes_on(
+    session: Session, line: Line, crosses: bool
+) -> None:
+    edit = session.set_prompt("run")
+    session.hear(
+        session_pb2.SessionUpdate(
+            session=1,
+            closed=session_pb2.SessionClosed(
+                reason=session_pb2.CLOSE_REASON_ENGINE_FAULT, code=grpc.StatusCode.UNAVAILABLE.value[0]
+            ),
+        )
+    )
+    refusal = session_pb2.EditOutcome(event_seq=2, code=9, reason="SESSION_NOT_OPEN", message="no session is open")
+    if crosses:
+        session.hear(session_pb2.SessionUpdate(session=1, outcome=refusal))
+    await until(lambda: line.said[-1].open.resume_token == TOKEN)
+    if crosses:
+        session.hear(session_pb2.SessionUpdate(session=1, outcome=refusal))
+    assert line.said[-1].open.resume_point.answered_seq == 1
+    session.hear(opened())
+    assert line.said[-1].event_seq == 2
+    assert line.said[-1].edit_prompts.upsert[0].text == "run"
+    session.hear(session_pb2.SessionUpdate(session=1, outcome=session_pb2.EditOutcome(event_seq=2, effective_frame=4)))
+    assert (await edit).effective_frame == 4

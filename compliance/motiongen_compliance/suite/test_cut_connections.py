@@ -12,6 +12,9 @@ from motiongen_compliance.messages import PAUSE, addressed, edit_prompts, span
 from motiongen_compliance.talk import LIMIT_S, Talk
 from motiongen_compliance.target import Target
 
+CUT = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.INTERNAL)
+"""What a call ends with that began on a connection which was cut; INTERNAL is gRPC's own, of a write that failed."""
+
 
 async def cut(line: Line, talk: Talk) -> None:
     """Cut the line, and wait until the client's side has noticed."""
@@ -26,7 +29,7 @@ async def come_back(distant: Target, heard: Heard) -> Talk:
             try:
                 talk = await distant.talk()
             except grpc.aio.AioRpcError as lost:
-                if lost.code() is not grpc.StatusCode.UNAVAILABLE:
+                if lost.code() not in CUT:
                     raise  # else it began on the connection that was cut
             else:
                 await talk.resume(1, heard)

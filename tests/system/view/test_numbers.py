@@ -56,9 +56,12 @@ def test_everything_that_a_target_can_say(page: Page) -> None:
     fill(page, target_kind="height", target_y=0.8, target_when="after", target_from=2, target_alone=False)
     page.run("arguments[0].click()", add)
     assert last_edit(page, 3)["state"] == "accepted"
-    fill(page, target_kind="path", target_corners="0,2 2,2", target_relative=False)
+    fill(page, target_kind="foot", target_limb="LeftFoot", target_x=0.1, target_z=0.2, target_relative=False)
     page.run("arguments[0].click()", add)
     assert last_edit(page, 4)["state"] == "accepted"
+    fill(page, target_kind="path", target_corners="0,2 2,2")
+    page.run("arguments[0].click()", add)
+    assert last_edit(page, 5)["state"] == "accepted"
     fill(page, target_corners="0;2")
     page.run("arguments[0].click()", add)
     page.until(

@@ -10,6 +10,7 @@ import pytest
 
 from motiongen_client import (
     Flexible,
+    FootContact,
     HeadingTarget,
     JointRotations,
     JointTargets,
@@ -33,6 +34,7 @@ ALL = [
     RootPath(np.array([[1, 2], [3, 4]], np.float32), speed_mps=1.5),
     Flexible(Waypoint(0, 1.0, 2.0), at_any_frame=True, weight=0.5),
     Flexible(HeadingTarget(30, 1.0), last_frame=40),
+    FootContact(30, "LeftFoot", 0.1, 0.2, heading_rad=0.3),
 ]
 
 
@@ -68,4 +70,4 @@ def test_a_mistake_names_its_field(given: dict[str, Any], field: str) -> None:
 
 def test_a_trajectory_ends_at_its_last_position() -> None:
     spans = [frames_of(constraint) for constraint in ALL]
-    assert spans == [(30, 30), (30, 30), (10, 11), (5, 5), (8, 8), (9, 9), (7, 7), None, None, (30, 40)]
+    assert spans == [(30, 30), (30, 30), (10, 11), (5, 5), (8, 8), (9, 9), (7, 7), None, None, (30, 40), (30, 30)]

@@ -11,6 +11,7 @@ An object with `kind` and the fields of the client's class of that kind, lists i
 | heading | frame, heading_rad |
 | joint_rotations | frame, joints, rotations_quat_wxyz |
 | path | corners_m, speed_mps, smoothing_m |
+| foot_contact | frame, limb, x_m, z_m, heading_rad |
 
 All may have tolerance_m and tolerance_rad, and the fields of `Flexible`: last_frame, at_any_frame, frames_from_effect,
 is_relative, weight.
@@ -27,6 +28,7 @@ from motiongen_client.errors import InvalidInput
 from motiongen_client.types import (
     Constraint,
     Flexible,
+    FootContact,
     HeadingTarget,
     JointRotations,
     JointTargets,
@@ -46,6 +48,7 @@ KINDS: dict[str, type[Target]] = {
     "heading": HeadingTarget,
     "joint_rotations": JointRotations,
     "path": RootPath,
+    "foot_contact": FootContact,
 }
 _NAMES = {kind: name for name, kind in KINDS.items()}
 _FLEXIBLE = tuple(field.name for field in fields(Flexible) if field.name != "target")

@@ -4,7 +4,7 @@ import { labelled, make, trying } from "./dom.js";
 
 const RADIANS = Math.PI / 180;
 const KINDS = {
-  place: ["x", "z", "heading"], heading: ["heading"], joint: ["joint", "x", "y", "z"], height: ["y"], path: ["corners", "speed", "smoothing"],
+  place: ["x", "z", "heading"], heading: ["heading"], joint: ["joint", "x", "y", "z"], height: ["y"], foot: ["limb", "x", "z", "heading"], path: ["corners", "speed", "smoothing"],
 };
 const WHENS = { soon: "as soon as can be", at: "at", within: "from … to", after: "so long after it takes effect" };
 
@@ -16,11 +16,11 @@ export class TargetForm {
     this._kind = select("kind", Object.keys(KINDS).map((name) => [name, name]));
     this._when = select("when", Object.entries(WHENS));
     this._fields = {
-      joint: make("select", { id: "target-joint" }), x: number("x", 0), y: number("y", 1), z: number("z", 2),
+      joint: make("select", { id: "target-joint" }), limb: make("select", { id: "target-limb" }, ...["LeftFoot", "RightFoot"].map((name) => make("option", { value: name }, name))), x: number("x", 0), y: number("y", 1), z: number("z", 2),
       heading: number("heading", "", { placeholder: "free" }), corners: make("input", { id: "target-corners", placeholder: "0,2 2,2 2,4" }),
       speed: number("speed", "", { placeholder: "1.2" }), smoothing: number("smoothing", "", { placeholder: "0.3" }),
     };
-    const names = { joint: "joint", x: "x m", y: "height m", z: "z m", heading: "heading °", corners: "corners x,z m", speed: "m/s", smoothing: "cut m" };
+    const names = { joint: "joint", limb: "foot", x: "x m", y: "height m", z: "z m", heading: "heading °", corners: "corners x,z m", speed: "m/s", smoothing: "cut m" };
     this._labels = Object.fromEntries(Object.entries(this._fields).map(([name, field]) => [name, labelled(names[name], field)]));
     this._from = labelled("s", number("from", 2));
     this._to = labelled("to s", number("to", 4));
@@ -69,6 +69,7 @@ export class TargetForm {
       heading: () => ({ kind: "heading", heading_rad: 0, ...heading }),
       joint: () => ({ kind: "joint_targets", joints: [value("joint")], positions_m: [[value("x"), value("y"), value("z")]] }),
       height: () => ({ kind: "joint_targets", joints: [0], positions_m: [[...this._here(member, timed.frame)]].map(([x, z]) => [x, value("y"), z]) }),
+      foot: () => ({ kind: "foot_contact", limb: this._fields.limb.value, x_m: value("x"), z_m: value("z"), ...heading }),
       path: () => ({ kind: "path", corners_m: corners(this._fields.corners.value), ...given("speed_mps", value("speed")), ...given("smoothing_m", value("smoothing")) }),
     }[this._kind.value]();
     const said = { ...wanted, ...timed };

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
 from typing import Self
 
@@ -10,7 +11,7 @@ Carry = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 """Takes bytes one way until their source ends, or this way is to end."""
 
 
-class TcpLine:
+class TcpLine(ABC):
     """Use as `async with`. address: where it listens; port: of the server behind it; is_shut: it aborts who comes."""
 
     name = "127.0.0.1"
@@ -22,9 +23,9 @@ class TcpLine:
         self._open: set[asyncio.StreamWriter] = set()
         self._tasks: set[asyncio.Task[None]] = set()
 
+    @abstractmethod
     def carry(self) -> Carry:
         """How a new connection carries both of its ways."""
-        raise NotImplementedError
 
     async def __aenter__(self) -> Self:
         self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)

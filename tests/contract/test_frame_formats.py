@@ -39,7 +39,9 @@ def walk(frames: int) -> np.ndarray:
     return np.concatenate([root, turns.reshape(frames, -1), contacts], axis=1).astype(np.float32)
 
 
-def sent(rows: np.ndarray, scalar_type: int, parts: int = 1) -> motion_pb2.FrameChunk:
+def sent(
+    rows: np.ndarray, scalar_type: int, parts: int = 1, blocks: tuple[ChannelBlock, ...] = ()
+) -> motion_pb2.FrameChunk:
     response: list[bytes | memoryview] = []
     append_frames(
         response,
@@ -49,7 +51,7 @@ def sent(rows: np.ndarray, scalar_type: int, parts: int = 1) -> motion_pb2.Frame
         first_frame=8,
         parts=np.array_split(rows, parts),
         committed_to=4,
-        coding=FrameCoding(scalar_type, J),
+        coding=FrameCoding(scalar_type, J, blocks),
     )
     message = service_pb2.StreamMotionResponse.FromString(b"".join(response))
     return message.updates[0].chunk
@@ -136,19 +138,8 @@ def test_outputs_are_stored_with_the_errors_and_bytes_that_are_promised(
     scalar_type: int, frame_bytes: int, metres: float, metres_a_second: float, radians: float
 ) -> None:
     rows, rig = walk_with_outputs(30), RIG.with_outputs(OUTPUTS)
-    response: list[bytes | memoryview] = []
     blocks = tuple(ChannelBlock(*output) for output in OUTPUTS.items())
-    append_frames(
-        response,
-        1,
-        applied_seq=2,
-        plan=3,
-        first_frame=8,
-        parts=[rows],
-        committed_to=4,
-        coding=FrameCoding(scalar_type, J, blocks),
-    )
-    chunk = service_pb2.StreamMotionResponse.FromString(b"".join(response)).updates[0].chunk
+    chunk = sent(rows, scalar_type, blocks=blocks)
     assert len(chunk.data) == 30 * frame_bytes
     found = Motion(rig, 8, FrameReader(rig, FORMATS[scalar_type]).rows(chunk))
     sent_as = Motion(rig, 8, rows)
@@ -167,19 +158,8 @@ def test_the_root_of_a_robot_far_away_is_as_near_as_ours() -> None:
     blocks = (ChannelBlock("g1_qpos", 36),)
     rows = walk(10)
     qpos = np.concatenate([rows[:, [2, 0, 1]], np.zeros((10, 33))], axis=1)  # forward, left, up are our z, x, y
-    response: list[bytes | memoryview] = []
     both = np.concatenate([rows, qpos], axis=1).astype(np.float32)
-    append_frames(
-        response,
-        1,
-        applied_seq=2,
-        plan=3,
-        first_frame=8,
-        parts=[both],
-        committed_to=4,
-        coding=FrameCoding(F16, J, blocks),
-    )
-    chunk = service_pb2.StreamMotionResponse.FromString(b"".join(response)).updates[0].chunk
+    chunk = sent(both, F16, blocks=blocks)
     rig = RIG.with_outputs({"g1_qpos": 36})
     found = Motion(rig, 8, FrameReader(rig, FrameFormat.F16).rows(chunk)).output("g1_qpos")
     assert np.abs(found[:, :3] - qpos[:, :3]).max() <= 0.001

@@ -192,7 +192,7 @@ class Conversation(Recovery):
             if isinstance(refusal, EventRefused):
                 self._hear_refused_opening(refusal)
             return
-        if self._line in (Line.LOST, Line.RESUMING, Line.REOPENING):
+        if self.is_away:
             return  # it crossed the session's end: what has no answer by then is said again where it goes on
         event = self._unanswered.pop(message.event_seq, None)
         edit = self._edits.find(message.event_seq)

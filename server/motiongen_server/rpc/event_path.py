@@ -58,13 +58,21 @@ def pass_on(entry: SessionEntry, event: session_pb2.SessionEvent, now: float) ->
         entry.encoding = asyncio.get_running_loop().create_task(_encode_waiting(entry))
 
 
+def end_waiting(entry: SessionEntry, closed: Closed) -> None:
+    """Answer what waits for the encoder before the end of its session is told; let go of it where that goes on."""
+    if entry.goes_on_after(closed):
+        _drop_waiting(entry)
+    else:
+        refuse_waiting(entry)
+
+
 def refuse_waiting(entry: SessionEntry) -> None:
     """Answer what waits for the encoder: its session is over."""
-    for event in drop_waiting(entry):
+    for event in _drop_waiting(entry):
         entry.carrier.take(session_closed().outcome(entry.key, event.event_seq))
 
 
-def drop_waiting(entry: SessionEntry) -> list[session_pb2.SessionEvent]:
+def _drop_waiting(entry: SessionEntry) -> list[session_pb2.SessionEvent]:
     """Let go of what waits for the encoder, and return it, oldest first."""
     if entry.encoding is not None and entry.encoding is not asyncio.current_task():
         entry.encoding.cancel()

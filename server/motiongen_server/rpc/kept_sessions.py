@@ -20,7 +20,7 @@ from motiongen_server.engine.types import (
 )
 from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.durability import Durability
-from motiongen_server.rpc.event_path import drop_waiting, refuse_waiting, without_needless_refusals
+from motiongen_server.rpc.event_path import end_waiting, refuse_waiting, without_needless_refusals
 from motiongen_server.rpc.session_entry import Carrier, SessionEntry
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 
@@ -153,7 +153,7 @@ class _Nobody:
                 self._kept.save(self._entry, said)
                 continue
             if isinstance(said, Closed):
-                (drop_waiting if self._entry.goes_on_after(said) else refuse_waiting)(self._entry)
+                end_waiting(self._entry, said)
             self._entry.note(said)
             is_refused = isinstance(said, Outcome) and said.event_seq == 1 and said.code is not Code.OK
             if (isinstance(said, Closed) or is_refused) and self._kept.find(self._entry.token) is None:

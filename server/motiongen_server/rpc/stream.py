@@ -31,7 +31,7 @@ from motiongen_server.rpc.event_errors import (
     too_fast,
     too_many_sessions,
 )
-from motiongen_server.rpc.event_path import drop_waiting, pass_on, refuse_waiting, tell_internal_error
+from motiongen_server.rpc.event_path import end_waiting, pass_on, tell_internal_error
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.peers import Peer
@@ -232,11 +232,9 @@ class Stream(StreamTakeOvers):
         for entry in list(self._entries.values()):
             if model is not None and entry.model is not model:
                 continue
-            if entry.goes_on_after(Closed(entry.key, reason, Code.OK, "", 0, 0)):
-                entry.is_leaving = True
-                drop_waiting(entry)
-            else:
-                refuse_waiting(entry)  # the first may be the OpenSession itself, which is then refused
+            end = Closed(entry.key, reason, Code.OK, "", 0, 0)
+            entry.is_leaving |= entry.goes_on_after(end)
+            end_waiting(entry, end)  # the first may be the OpenSession itself, which is then refused
             if entry.known_to_engine and not entry.closing:
                 entry.closing = True
                 entry.model.engine.submit(Close(entry.key, entry.last_seq + 1, now, reason))

@@ -20,7 +20,7 @@ from motiongen_server.engine.types import (
 )
 from motiongen_server.replicas.hint import FOR_WANT_OF_ROOM, OtherServer, RefusedOpen
 from motiongen_server.rpc.event_errors import resume_out_of_range
-from motiongen_server.rpc.event_path import drop_waiting, refuse_waiting, without_needless_refusals
+from motiongen_server.rpc.event_path import end_waiting, refuse_waiting, without_needless_refusals
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import Limits
 from motiongen_server.rpc.session_entry import SessionEntry
@@ -98,7 +98,7 @@ class StreamSessions(StreamOutput):
     def _book(self, said: Output, entry: SessionEntry) -> None:
         """Note what is said of a session, and tell it, unless that has to wait until the session is resumed."""
         if isinstance(said, Closed):  # before the end is told and the handle can be used again
-            (drop_waiting if entry.goes_on_after(said) else refuse_waiting)(entry)
+            end_waiting(entry, said)
         noted = entry.note(said)
         if entry.is_resuming:
             if isinstance(said, Closed):  # it crossed the resume, which nobody will answer

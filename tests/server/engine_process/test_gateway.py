@@ -154,6 +154,7 @@ def test_two_models_are_held_and_one_is_unloaded_while_the_other_plays() -> None
         second = there.pool.load("second")
         there.engine.submit(opening())
         second.submit(opening(other))
+        there.audience.wait_for_frames(40)  # Else the playhead below would lie beyond what was sent, which is cut.
         there.audience.wait_for_frames(40, other)
         assert (there.engine.num_sessions, second.num_sessions) == (1, 1)
         assert second.facts.model_id == "second"

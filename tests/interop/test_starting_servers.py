@@ -23,11 +23,14 @@ async def test_a_server_that_cannot_serve_yet_is_asked_by_another_key(server: Fa
     async with MotionClient(server.address) as client:
         session = await client.open("walk")
         starting = StreamRefused(grpc.StatusCode.UNAVAILABLE, "STARTING", "it loads").status()
-        server.turned_away = [starting, starting]
+        # Refused until a third key is seen, not twice: gRPC now and then replaces a status that comes while the hello is
+        # still being written by one of its own, and who was not told "it starts" asks by the same key again.
+        server.turned_away = [starting] * 100
         server.stream.fail(grpc.StatusCode.UNAVAILABLE)
+        await until(lambda: len({each["x-motiongen-key"] for each in server.metadata}) >= 3)
+        server.turned_away = []
         await until(lambda: session.stats.reopenings == 1)
         await session.close()
     keys = [each["x-motiongen-key"] for each in server.metadata]
-    first, streams = keys[0], keys[1:6]
-    assert streams[:2] == [first, first], "who was only lost may still have the session"
-    assert len(set(streams[1:4])) == 3
+    assert keys[:3] == [keys[0]] * 3, "who was only lost may still have the session"
+    assert len(set(keys[3:])) >= 2, "who starts is not asked for ever"

@@ -23,8 +23,8 @@ async def test_a_server_that_cannot_serve_yet_is_asked_by_another_key(server: Fa
     async with MotionClient(server.address) as client:
         session = await client.open("walk")
         starting = StreamRefused(grpc.StatusCode.UNAVAILABLE, "STARTING", "it loads").status()
-        # Refused until a third key is seen, not twice: gRPC now and then replaces a status that comes while the hello is
-        # still being written by one of its own, and who was not told "it starts" asks by the same key again.
+        # Refused until a third key is seen, not twice: gRPC now and then replaces a status that comes while the hello
+        # is still being written by one of its own, and who was not told "it starts" asks by the same key again.
         server.turned_away = [starting] * 100
         server.stream.fail(grpc.StatusCode.UNAVAILABLE)
         await until(lambda: len({each["x-motiongen-key"] for each in server.metadata}) >= 3)

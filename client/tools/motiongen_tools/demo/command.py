@@ -33,8 +33,8 @@ async def demo(options: argparse.Namespace) -> int:
         address, problems, connection = options.server, [], connection_of(options)
         if address is None:
             with console.status("starting the server with the built-in model"):
-                # Played this fast, the cast would look like a crowd that has to make do with fewer steps; and as nothing
-                # is shown in real time, a slow machine only takes longer.
+                # Played this fast, the cast would look like a crowd that has to make do with fewer steps; and as
+                # nothing is shown in real time, a slow machine only takes longer.
                 settings = ["--degrade", "false", "--admit-load", "1000", "--playback-rate", "1000"]
                 server = stack.enter_context(ServerProcess(settings))
             console.print(f"server ready on {server.address} after {server.ready_s:.1f} s (process {server.pid})")

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import grpc
 import pytest
 
-from motiongen_client import MotionClient
+from motiongen_client import LinePolicy, MotionClient, StreamLost
 from motiongen_server.errors import StreamRefused
 from tests.client.fake_server import FakeServer
 from tests.client.waiting import until
@@ -23,8 +23,6 @@ async def test_a_server_that_cannot_serve_yet_is_asked_by_another_key(server: Fa
     async with MotionClient(server.address) as client:
         session = await client.open("walk")
         starting = StreamRefused(grpc.StatusCode.UNAVAILABLE, "STARTING", "it loads").status()
-        # Refused until a third key is seen, not twice: gRPC now and then replaces a status that comes while the hello
-        # is still being written by one of its own, and who was not told "it starts" asks by the same key again.
         server.turned_away = [starting] * 100
         server.stream.fail(grpc.StatusCode.UNAVAILABLE)
         await until(lambda: len({each["x-motiongen-key"] for each in server.metadata}) >= 3)
@@ -34,3 +32,13 @@ async def test_a_server_that_cannot_serve_yet_is_asked_by_another_key(server: Fa
     keys = [each["x-motiongen-key"] for each in server.metadata]
     assert keys[:3] == [keys[0]] * 3, "who was only lost may still have the session"
     assert len(set(keys[3:])) >= 2, "who starts is not asked for ever"
+
+
+async def test_a_refusal_is_told_with_its_reason_however_soon_it_comes(server: FakeServer) -> None:
+    full = StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "STREAM_LIMIT", "no more streams").status()
+    async with MotionClient(server.address, policy=LinePolicy(recover_s=0)) as client:
+        for _ in range(60):  # one in fifteen comes while the hello is still being written
+            server.turned_away = [full] * 100
+            with pytest.raises(StreamLost) as refused:
+                await client.open("walk")
+            assert (refused.value.code, refused.value.reason) == ("RESOURCE_EXHAUSTED", "STREAM_LIMIT")

@@ -15,11 +15,14 @@ from motiongen_client.backoff import FINAL_CODES, Backoff
 from motiongen_client.call import Call
 from motiongen_client.errors import MotiongenError, ServerUnavailable, StreamLost
 from motiongen_client.line_policy import LinePolicy
-from motiongen_client.status import CREDENTIALS_EXPIRED, STARTING
+from motiongen_client.status import CREDENTIALS_EXPIRED, STARTING, STATUS_LOST
 
 _log = logging.getLogger(__name__)
 
 LAG_S = 1.0
+MOST_ASKED = 10
+"""Calls in a row for one status: a server that refuses a call does so while its hello is still being written, and of
+some 6 in 100 such calls the status is lost."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +134,15 @@ class Calls:
     # ---- one call after another
 
     async def _make_call(self) -> None:
+        """Raises ServerUnavailable or StreamLost, with what the server says of it."""
+        for asked in range(1, MOST_ASKED + 1):
+            try:
+                return await self._try_call()
+            except StreamLost as lost:
+                if lost.detail != STATUS_LOST or asked == MOST_ASKED:
+                    raise
+
+    async def _try_call(self) -> None:
         await self._drop_channel()
         channel = self._channel = self._connect()
         call = Call(channel, self._take, self._lose, self._max_request_bytes)

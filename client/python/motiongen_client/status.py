@@ -12,6 +12,9 @@ NOT_ALLOWED = (grpc.StatusCode.UNAUTHENTICATED, grpc.StatusCode.PERMISSION_DENIE
 CREDENTIALS_EXPIRED = "CREDENTIALS_EXPIRED"
 STARTING = "STARTING"
 """A server that is there but cannot serve yet: what sessions it had are gone from it."""
+STATUS_LOST = "Internal error from Core"
+"""Details that grpc.aio makes up for a call that ended while something was being written to it: what the server said of
+that end is nowhere to be had then."""
 _DETAILS = "grpc-status-details-bin"
 
 

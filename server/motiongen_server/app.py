@@ -133,12 +133,12 @@ class Application:
         self._service = MotionService(
             self._manager.models,
             config.flush_ms / 1000,
-            self.metrics,
-            make_limits(config),
-            self._callers,
-            snapshots,
-            None if self._spans is None else self._spans.record,
-            None if snapshots is None else open_other_servers(asked, config.advertise_address),
+            stream_metrics=self.metrics,
+            limits=make_limits(config),
+            callers=self._callers,
+            snapshots=snapshots,
+            record_window=None if self._spans is None else self._spans.record,
+            other_servers=None if snapshots is None else open_other_servers(asked, config.advertise_address),
         )
         if (durability := self._service.durability) is not None:
             self.metrics.watch_snapshots(durability.writer)

@@ -21,7 +21,7 @@ from motiongen_client import MotionClient, SessionOptions
 from motiongen_client.playback import Playback, Rows
 from motiongen_client.session import Session
 from tests.bench.machine import ROOT, busy_share, machine_facts
-from tests.bench.service_cost import NULL_SERVER, SETTINGS, server_process
+from tests.bench.null_process import NULL_SERVER, SETTINGS, server_process
 from tests.cpp.building import build
 
 EDIT_PERIOD_S = 5.0

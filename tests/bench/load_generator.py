@@ -17,7 +17,7 @@ from typing import Any
 from motiongen_tools.cli import run
 from tests.bench.client_cost import UNBOUNDED
 from tests.bench.machine import busy_share, machine_facts
-from tests.bench.service_cost import NULL_SERVER, SETTINGS, server_process
+from tests.bench.null_process import NULL_SERVER, SETTINGS, server_process
 from tests.cpp.building import build
 
 VOID = 3

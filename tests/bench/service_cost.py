@@ -12,21 +12,17 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
-import signal
 import statistics
-import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-import psutil
 
-from tests.bench.machine import ROOT, busy_share, machine_facts
+from tests.bench.machine import busy_share, machine_facts
 from tests.bench.null_load import Channels, Counts, Line, Paced, PacedResult, exchange, total
+from tests.bench.null_process import NULL_SERVER, SETTINGS, NullServer, server_process
 
 SIZES = (1, 10, 50, 200)
 SESSIONS_IN_LOCKSTEP = 800
@@ -36,53 +32,7 @@ CHUNK_FRAMES = 20
 FLUSH_MS = 20.0
 PLAYED = ((1000, 1), (1000, 4), (1000, 1000))
 """Sessions, and the streams they are on."""
-NULL_SERVER = "tests.bench.null_server"
 STAND_INS = "tests.bench.stand_ins"
-SETTINGS = (
-    "--port", "0", "--ops-port", "0", "--log-level", "WARNING", "--drain-wait-s", "0", "--drain-grace-s", "0.5",
-    "--max-sessions", "4000", "--max-sessions-per-stream", "4000", "--max-rows", "4000", "--denoise-steps", "2",
-    "--peer-events-per-second", "1000000000", "--peer-calls-per-second", "1000000", "--peer-session-weight", "1000000",
-    "--devices", "cpu:1", "--events-per-second", "1000000", "--stream-events-per-second", "10000000",
-)  # fmt: skip
-
-
-@dataclass(frozen=True)
-class NullServer:
-    """A server's process. threads: name -> the operating system's number."""
-
-    pid: int
-    address: str
-    threads: dict[str, int]
-
-    def cpu_s(self) -> dict[str, float]:
-        """Processor seconds so far of the engine (process or thread), of the event loop, and of all others."""
-        names = {number: name for name, number in self.threads.items()}
-        seconds = {"engine": 0.0, "event loop": 0.0, "others": 0.0}
-        for task in Path(f"/proc/{self.pid}/task").iterdir():
-            used_ns = int((task / "schedstat").read_text(encoding="ascii").split()[0])
-            name = {"engine": "engine", "MainThread": "event loop"}.get(names.get(int(task.name), ""), "others")
-            seconds[name] += used_ns / 1e9
-        for process in psutil.Process(self.pid).children():
-            times = process.cpu_times()
-            seconds["engine"] += times.user + times.system
-        return seconds
-
-
-@contextmanager
-def server_process(module: str, *arguments: str) -> Iterator[NullServer]:
-    command = [sys.executable, "-m", module, *arguments]
-    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    try:
-        line = process.stdout.readline()
-        if not line:
-            raise RuntimeError(f"the server did not start, exit code {process.wait()}")
-        told = json.loads(line)
-        yield NullServer(process.pid, f"127.0.0.1:{told['grpc_port']}", told["threads"])
-    finally:
-        process.send_signal(signal.SIGTERM)
-        process.wait(30)
-        process.stdout.close()
 
 
 @dataclass(frozen=True)

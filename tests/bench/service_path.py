@@ -24,7 +24,8 @@ from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.stream import Stream
 from motiongen_server.rpc.stream_reader import StreamReader
 from tests.bench.null_load import LOOKAHEAD
-from tests.bench.service_cost import CHUNK_FRAMES, SETTINGS
+from tests.bench.null_process import SETTINGS
+from tests.bench.service_cost import CHUNK_FRAMES
 from tests.bench.stand_ins import NullEngine, null_models
 
 PARTS = ("reading reports", "null engine", "queueing", "making messages")

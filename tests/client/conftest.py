@@ -8,7 +8,8 @@ from collections.abc import AsyncIterator, Iterator
 import pytest
 
 from motiongen_client import Motion, MotionClient, Rig, convert
-from tests.client.fake_server import FakeServer, rig, synthetic_rows
+from tests.client.fake_server import FakeServer
+from tests.client.synthetic import rig, synthetic_rows
 
 
 @pytest.fixture

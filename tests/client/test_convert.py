@@ -19,7 +19,7 @@ from motiongen_client import (
     Waypoint,
     convert,
 )
-from tests.client.fake_server import ROW_WIDTH, catalog, rig, synthetic_rows
+from tests.client.synthetic import ROW_WIDTH, catalog, rig, synthetic_rows
 
 
 def test_a_catalogue_keeps_everything() -> None:

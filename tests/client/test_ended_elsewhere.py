@@ -13,7 +13,7 @@ from motiongen_client import convert
 from motiongen_client.errors import EventRefused
 from motiongen_client.session import Session
 from motiongen_client.types import SessionOptions
-from tests.client.fake_server import catalog
+from tests.client.synthetic import catalog
 from tests.client.waiting import until
 
 TOKEN = "a-token.1"

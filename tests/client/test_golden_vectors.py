@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.client.golden_vectors import FILES, FOLDER, Player
+from tests.client.golden.playback import Player
+from tests.client.golden_vectors import FILES, FOLDER
 
 
 def values(text: str) -> list[float]:

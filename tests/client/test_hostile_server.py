@@ -8,7 +8,8 @@ import pytest
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_client import Frame, LinePolicy, MotionClient, ProtocolViolation, Session
-from tests.client.fake_server import Character, FakeServer, FakeStream, synthetic_rows
+from tests.client.fake_server import Character, FakeServer, FakeStream
+from tests.client.synthetic import synthetic_rows
 from tests.client.waiting import until
 
 EDIT = session_pb2.PLAN_CAUSE_EDIT

@@ -9,7 +9,7 @@ from motiongen_client import Frame, MotionClient, Playback, Rig
 from motiongen_client import posing as posing_module
 from motiongen_client.motion import Motion
 from motiongen_client.posing import RUN_FRAMES, Poser
-from tests.client.fake_server import synthetic_rows
+from tests.client.synthetic import synthetic_rows
 
 
 def alone(rig: Rig, frame: Frame) -> np.ndarray:

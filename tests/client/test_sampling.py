@@ -13,7 +13,7 @@ from motiongen_client import InvalidInput, MotionClient, Playback, Rig
 from motiongen_client.kinematics import quaternion_to_matrix
 from motiongen_client.sampling import Sampler, between_rows, inverse, product, slerp
 from tests.client.conftest import ManualClock
-from tests.client.fake_server import synthetic_rows
+from tests.client.synthetic import synthetic_rows
 from tests.client.waiting import until
 
 UNIT = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: sum(x * x for x in q) > 0.1)

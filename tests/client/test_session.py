@@ -18,7 +18,8 @@ from motiongen_client import (
     Waypoint,
 )
 from tests.client.conftest import ManualClock
-from tests.client.fake_server import HORIZON, FakeServer
+from tests.client.fake_server import FakeServer
+from tests.client.synthetic import HORIZON
 from tests.client.waiting import collect, play, received, until
 
 

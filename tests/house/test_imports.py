@@ -87,7 +87,7 @@ ROOMS = (
         "numpy redis ~.snapshots ~.engine.types ~.engine_process.codec ~.settings",
         never="asyncio",
     ),
-    room(f"{SERVER}/replicas", "redis ~.replicas ~.snapshots ~.engine.types", never="asyncio"),
+    room(f"{SERVER}/replicas", "~.replicas ~.snapshots ~.engine.types", never="asyncio"),
     room(f"{SERVER}/text/presets.py", "~.engine.types"),
     room(f"{SERVER}/text/event_errors.py", "~.engine.types ~.errors"),
     room(f"{SERVER}/text/prompts.py", "numpy ~.errors ~.text.event_errors ~.text.turns"),

@@ -61,7 +61,7 @@ def replant(
         goal, foot = _plant(ankle, rotations[:, chain[0]], skeleton.offsets[chain[1]], raw.contacts[:, side], flatten)
         goals.append(goal)
         feet.append(foot)
-    return _solve(skeleton, raw, rotations, positions, goals, feet, flatten)
+    return _solve(skeleton, raw, rotations, positions, goals=goals, feet=feet, flatten=flatten)
 
 
 def _plant(
@@ -145,10 +145,15 @@ def _solve(
     raw: Poses,
     rotations: np.ndarray,
     positions: np.ndarray,
+    *,
     goals: list[np.ndarray],
     feet: list[np.ndarray],
     flatten: np.ndarray,
 ) -> Replanted:
+    """Bend the legs so that each ankle is at its goal (T, 3) and its foot lies as in feet (T, 3, 3), left then right.
+
+    rotations, positions: of the raw motion's joints, in the world.
+    """
     chains = []
     for chain, hip in zip((skeleton.left_foot, skeleton.right_foot), skeleton.hip_joints[::-1], strict=True):
         knee = skeleton.parents[chain[0]]

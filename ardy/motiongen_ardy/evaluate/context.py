@@ -165,10 +165,10 @@ class Context:
                     (family, row, group),
                     unit,
                     samples,
-                    limit,
-                    float(np.mean(known)) if known else None,
-                    company,
-                    more_is_better,
+                    bound=limit,
+                    data=float(np.mean(known)) if known else None,
+                    company=company,
+                    more_is_better=more_is_better,
                 )
             )
 

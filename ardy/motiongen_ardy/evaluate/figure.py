@@ -87,6 +87,7 @@ def summarize(
     name: tuple[str, str, str],
     unit: str,
     samples: Sequence[Sample],
+    *,
     bound: Bound | None = None,
     data: float | None = None,
     company: Company | None = None,

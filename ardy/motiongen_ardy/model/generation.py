@@ -174,7 +174,14 @@ def lay_out(model: Model, request: WindowRequest, history: Tensor, translation: 
         observed, mask = local_goals(model.representation, observed, mask, translation, history_len)
         if model.sampling.project_root:
             projection = make_projection(
-                model.representation, observed, mask, request.planned, first, count, model.sampling, before
+                model.representation,
+                observed,
+                mask,
+                request.planned,
+                first=first,
+                num_frames=count,
+                options=model.sampling,
+                before=before,
             )
     else:
         projection = free_projection(before, first, count, model.sampling)

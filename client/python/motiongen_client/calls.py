@@ -53,6 +53,7 @@ class Calls:
         address: str,
         agent: str,
         policy: LinePolicy,
+        *,
         max_request_bytes: int,
         events: CallEvents,
         reroute: Callable[[], None] | None = None,

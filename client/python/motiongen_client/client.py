@@ -164,12 +164,12 @@ class MotionClient:
             self.address,
             self.catalog,
             prompt,
-            num_frames,
-            num_samples,
-            later_prompts,
-            options or SessionOptions(),
-            constraints,
-            timeout_s,
+            num_frames=num_frames,
+            num_samples=num_samples,
+            later_prompts=later_prompts,
+            options=options or SessionOptions(),
+            constraints=constraints,
+            timeout_s=timeout_s,
         )
 
     async def close(self) -> None:

@@ -61,6 +61,7 @@ async def generate_clip(
     address: str,
     catalog: Catalog,
     prompt: Prompt | None,
+    *,
     num_frames: int,
     num_samples: int,
     later_prompts: Mapping[int, Prompt],

@@ -116,6 +116,7 @@ class EventRefused(MotiongenError):
         code: str,
         reason: str,
         message: str,
+        *,
         field: str = "",
         allowed: str = "",
         retry_after_s: float | None = None,

@@ -43,7 +43,7 @@ def error_of(failure: grpc.aio.AioRpcError, event: str, address: str) -> Motiong
     field = bad.field_violations[0].field if bad.field_violations else ""
     allowed = info.metadata.get("allowed", "")
     said = message.removesuffix(f"; allowed is {allowed}") if allowed else message
-    return EventRefused(event, code.name, info.reason, said, field, allowed, retry_after_s)
+    return EventRefused(event, code.name, info.reason, said, field=field, allowed=allowed, retry_after_s=retry_after_s)
 
 
 def reason_of(failure: grpc.aio.AioRpcError) -> str:

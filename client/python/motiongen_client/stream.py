@@ -52,7 +52,10 @@ class Stream:
         self._report_period_s = 1 / report_hz
         self._policy = policy or LinePolicy()
         events = CallEvents(self._take, self._hear_hello, self._begin, self._interrupt, self._fail)
-        self._calls = Calls(connect, address, agent, self._policy, catalog.limits.max_request_bytes, events, reroute)
+        most = catalog.limits.max_request_bytes
+        self._calls = Calls(
+            connect, address, agent, self._policy, max_request_bytes=most, events=events, reroute=reroute
+        )
         self._move = move
         self._sessions: dict[int, Session] = {}
         self._next_handle = 1

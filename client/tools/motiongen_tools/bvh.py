@@ -31,7 +31,7 @@ def write_bvh(path: Path | str, motion: Motion, *, units_per_metre: float = 100.
     order: list[int] = []
     with Path(path).open("w", encoding="ascii", newline="\n") as file:
         file.write("HIERARCHY\n")
-        _write_joint(file, rig, 0, 0, rig.offsets_m.astype(np.float64) * units_per_metre, units_per_metre, order)
+        _write_joint(file, rig, 0, 0, units_per_metre, order)
         file.write(f"MOTION\nFrames: {len(motion)}\nFrame Time: {1 / rig.frame_rate_hz:.8f}\n")
         channels = np.concatenate([root, angles[:, order].reshape(len(motion), -1)], axis=1)
         np.savetxt(file, channels, fmt="%.6f")
@@ -53,22 +53,21 @@ def euler_zxy(rotations: Array) -> NDArray[np.float64]:
     return np.unwrap(np.stack([z, x, y], axis=-1), axis=0)
 
 
-def _write_joint(
-    file: TextIO, rig: Rig, joint: int, depth: int, offsets: NDArray[np.float64], scale: float, order: list[int]
-) -> None:
+def _write_joint(file: TextIO, rig: Rig, joint: int, depth: int, scale: float, order: list[int]) -> None:
     """Write a joint and all below it; `order` collects the joints as their channels lie in a frame."""
     indent = "\t" * depth
+    offset = rig.offsets_m[joint].astype(np.float64) * scale
     order.append(joint)
     file.write(f"{indent}{'JOINT' if depth else 'ROOT'} {rig.joint_names[joint]}\n{indent}{{\n")
-    file.write(f"{indent}\tOFFSET {_triple(offsets[joint])}\n")
+    file.write(f"{indent}\tOFFSET {_triple(offset)}\n")
     position = "" if depth else "Xposition Yposition Zposition "
     file.write(f"{indent}\tCHANNELS {3 if depth else 6} {position}Zrotation Xrotation Yrotation\n")
     children = [child for child, parent in enumerate(rig.parents) if parent == joint]
     for child in children:
-        _write_joint(file, rig, child, depth + 1, offsets, scale, order)
+        _write_joint(file, rig, child, depth + 1, scale, order)
     if not children:
-        length = float(np.linalg.norm(offsets[joint]))
-        direction = offsets[joint] / length if length > 0 else np.array([0.0, 1.0, 0.0])
+        length = float(np.linalg.norm(offset))
+        direction = offset / length if length > 0 else np.array([0.0, 1.0, 0.0])
         end = direction * _END_SITE_M * scale
         file.write(f"{indent}\tEnd Site\n{indent}\t{{\n{indent}\t\tOFFSET {_triple(end)}\n{indent}\t}}\n")
     file.write(f"{indent}}}\n")

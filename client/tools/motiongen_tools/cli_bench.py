@@ -126,7 +126,7 @@ async def bench(options: argparse.Namespace) -> int:
                 options.trial_seconds,
                 lambda trial: console.print(terminal.describe_trial(trial), soft_wrap=True),
                 lambda: asyncio.sleep(REST_S),
-                options.find_within or math.inf,
+                within_s=options.find_within or math.inf,
             )
             result = found.result
         else:

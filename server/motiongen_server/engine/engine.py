@@ -20,6 +20,7 @@ from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.session import emission
 from motiongen_server.engine.session.beginning import begun, first_words
 from motiongen_server.engine.session.further_blocks import OutputsFailed
+from motiongen_server.engine.session.opening import Opening
 from motiongen_server.engine.session.snapshot import news_of
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.session_events import SessionEvents
@@ -56,6 +57,7 @@ class Engine:
         clock: Clock,
         deliver: Deliver,
         config: EngineConfig,
+        *,
         observe: Observe | None = None,
         inbox: Inbox | None = None,
         scheduler: SchedulingPolicy | None = None,
@@ -83,7 +85,7 @@ class Engine:
         self._load_monitor = LoadMonitor(runner.facts, self.admission, now, config.degrade, self.lease)
         self.sessions = OpenSessions()
         self.windows = RunningWindows(
-            runner, clock, scheduler, self.lease, config.max_rows, self._fail, config.trace_as
+            runner, clock, scheduler, self.lease, max_rows=config.max_rows, failed=self._fail, trace_as=config.trace_as
         )
         self._session_events = SessionEvents(self.admission, self.sessions, self.windows, self._load_monitor)
         self._load_response = LoadResponse(self._load_monitor, self.windows, self.sessions)
@@ -206,7 +208,8 @@ class Engine:
             return
         spec, now = event.spec, self._clock.now()
         try:
-            state = begun(event, next(self._ordinals), self._facts, self._config, now, self.windows.features)
+            opening = Opening(next(self._ordinals), self._facts, self._config, now)
+            state = begun(event, opening, self.windows.features)
         except EventRefused as failed:
             self.admission.release(spec.session, spec)
             self._report.opens.append(self._refuse(event, failed))

@@ -33,6 +33,7 @@ class RunningWindows:
         clock: Clock,
         scheduler: SchedulingPolicy,
         lease: DeviceLease,
+        *,
         max_rows: int,
         failed: Callable[[SessionState, str], None],
         trace_as: str = "",

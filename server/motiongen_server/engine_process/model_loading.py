@@ -141,7 +141,16 @@ def build_engine(
             snapshots=config.snapshot_store not in ("", "none") and config.resume_grace_s > 0,
         )
         scheduler = Scheduler(measured.costs, measured.max_rows, max_step_s=engine_config.max_step_s)
-        return Engine(runner, clock, deliver, engine_config, observe, inbox, scheduler, lease)
+        return Engine(
+            runner,
+            clock,
+            deliver,
+            engine_config,
+            observe=observe,
+            inbox=inbox,
+            scheduler=scheduler,
+            lease=lease,
+        )
     except ValueError as error:
         lease.leave()
         raise SettingError(str(error)) from error

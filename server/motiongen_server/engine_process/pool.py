@@ -43,6 +43,7 @@ class EnginePool:
         deliver: Deliver,
         observer_of: ObserverOf,
         command: Sequence[str] | None = None,
+        *,
         hung_s: float = HUNG_S,
         rest_s: float = REST_S,
     ) -> None:
@@ -60,7 +61,7 @@ class EnginePool:
             return fresh if self._fork_server is None or device.kind != "cpu" else self._fork_server.start
 
         self.processes = tuple(
-            EngineProcess(str(number), config, device, deliver, start_for(device), hung_s, rest_s)
+            EngineProcess(str(number), config, device, deliver, start_for(device), hung_s=hung_s, rest_s=rest_s)
             for number, device in enumerate(devices)
         )
         for process in self.processes:

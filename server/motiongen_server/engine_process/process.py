@@ -54,6 +54,7 @@ class EngineProcess:
         device: EngineDevice,
         deliver: Deliver,
         start_child: StartChild,
+        *,
         hung_s: float = HUNG_S,
         rest_s: float = REST_S,
     ) -> None:

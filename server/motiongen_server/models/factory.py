@@ -114,7 +114,7 @@ class ModelFactory:
             self._prompts[key] = PromptEncoder(
                 encoder,
                 config.prompt_cache,
-                metrics.prompt_seconds.observe,
+                observe=metrics.prompt_seconds.observe,
                 store=open_store(config, encoder.identity, facts),
                 timeout_s=config.prompt_timeout_s,
                 max_waiting=config.max_waiting_prompts,

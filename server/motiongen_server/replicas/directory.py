@@ -6,10 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol, cast
 
-import redis
-
-from motiongen_server.snapshots.redis_store import CALL_S
-from motiongen_server.snapshots.store import StoreFailed
+from motiongen_server.snapshots.redis_calls import calling, name_of, open_client
 
 SERVERS, SEEN = "motiongen:servers", "motiongen:servers:seen"
 KEEP_MS = 3000
@@ -71,29 +68,24 @@ class RedisDirectory:
 
     def __init__(self, url: str) -> None:
         """Raises ValueError for what is no address of a Redis."""
-        self._client = redis.Redis.from_url(
-            url, socket_timeout=CALL_S, socket_connect_timeout=CALL_S, health_check_interval=0
-        )
+        self._name = name_of(url)
+        self._client = open_client(url)
 
     def exchange(self, own: Replica) -> list[Replica]:
         """As in Directory."""
         said = json.dumps({"address": own.address, "key": own.routing_key, "free": dict(own.free_shares)})
         arguments = (SERVERS, SEEN, own.name, said, KEEP_MS, KNOWN + 1)
-        try:
+        with calling(self._name):
             found: list[bytes] = self._client.eval(_EXCHANGE, 2, *cast("tuple[str, ...]", arguments))
-        except (redis.RedisError, OSError) as error:
-            raise StoreFailed(f"{type(error).__name__}: {error}") from error
         pairs = zip(found[::2], found[1::2], strict=False)
         read = (read_replica(name.decode(errors="replace"), text) for name, text in pairs)
         return [each for each in read if each is not None and each.name != own.name][:KNOWN]
 
     def leave(self, name: str) -> None:
         """As in Directory."""
-        try:
+        with calling(self._name):
             self._client.hdel(SERVERS, name)
             self._client.zrem(SEEN, name)
-        except (redis.RedisError, OSError) as error:
-            raise StoreFailed(f"{type(error).__name__}: {error}") from error
 
     def close(self) -> None:
         """As in Directory."""

@@ -49,6 +49,7 @@ class MotionService:
         self,
         models: ModelRegistry,
         flush_s: float = 0.02,
+        *,
         stream_metrics: StreamMetrics | None = None,
         limits: ServiceLimits | None = None,
         callers: Callers | None = None,

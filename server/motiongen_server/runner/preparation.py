@@ -160,9 +160,15 @@ class Preparation:
                 if member.targets is not None
             ]
         )
-        planned, horizon = planned.to(self._device), model.config.horizon
         return make_projection(
-            model.representation, observed, mask, planned, shape.history_len, horizon, model.sampling, before
+            model.representation,
+            observed,
+            mask,
+            planned.to(self._device),
+            first=shape.history_len,
+            num_frames=model.config.horizon,
+            options=model.sampling,
+            before=before,
         )
 
     def _text(self, job: WindowJob) -> Tensor:

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any, cast
-from urllib.parse import urlsplit
 
-import redis
+from motiongen_server.snapshots.redis_calls import calling, name_of, open_client
+from motiongen_server.snapshots.store import Held, Lease, Renewal
 
-from motiongen_server.snapshots.store import Held, Lease, Renewal, StoreFailed
-
-CALL_S = 0.5
-"""How long a call may take."""
 PREFIX = "motiongen:session:"
 # Each is one step for the server: epoch and record never come apart. KEYS[1]: a hash of e (epoch), h (holder) and
 # d (the record).
@@ -46,11 +42,8 @@ class RedisStore:
     def __init__(self, url: str, keep_s: float) -> None:
         """keep_s: how long a record stays that nobody renews. Raises ValueError for what is no address of a Redis."""
         self._keep_ms = round(1000 * keep_s)
-        parts = urlsplit(url)
-        self._name = f"{parts.scheme}://{parts.hostname or ''}:{parts.port or 6379}{parts.path}"  # without a password
-        self._client = redis.Redis.from_url(
-            url, socket_timeout=CALL_S, socket_connect_timeout=CALL_S, health_check_interval=0
-        )
+        self._name = name_of(url)
+        self._client = open_client(url)
 
     def __str__(self) -> str:
         return self._name
@@ -82,10 +75,8 @@ class RedisStore:
         """Run a script for each of many records, in one round trip. Raises StoreFailed."""
         if not calls:
             return []
-        try:
+        with calling(self._name):
             pipeline = self._client.pipeline(transaction=False)
             for name, arguments in calls:
                 pipeline.eval(script, 1, PREFIX + name, *cast("tuple[str, ...]", arguments))
             return pipeline.execute()
-        except (redis.RedisError, OSError) as error:
-            raise StoreFailed(f"{self}: {type(error).__name__}: {error}") from error

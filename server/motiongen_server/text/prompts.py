@@ -68,6 +68,7 @@ class PromptEncoder:
         self,
         encoder: TextEncoder,
         cache_size: int,
+        *,
         observe: Callable[[float], None] | None = None,
         store: Store | None = None,
         timeout_s: float = 10.0,

@@ -16,7 +16,7 @@ NAME = ("path", "circle", "moving")
 
 
 def made(value: float, bound: Bound | None = None, company: Company | None = None) -> Figure:
-    figure = summarize(NAME, "m", [Sample("a", value), Sample("a", value)], bound, company=company)
+    figure = summarize(NAME, "m", [Sample("a", value), Sample("a", value)], bound=bound, company=company)
     assert figure is not None
     return figure
 

@@ -131,7 +131,9 @@ def test_prompts_set_meanwhile_show_when_the_velocity_ends() -> None:
 def test_an_edit_changes_frames_from_where_the_path_or_the_prompt_does(
     event: SetVelocity, changed_from: int, marker: int
 ) -> None:
-    after, kind, found, *_ = edited(HELD, event, 120, 200, EngineConfig(), _unasked, GAITS)
+    after, kind, found, *_ = edited(
+        HELD, event, floor=120, reach=200, config=EngineConfig(), anchor=_unasked, gaits=GAITS
+    )
     assert (kind, found) == ("velocity", changed_from)
     assert _marker(after, 130) == marker
 

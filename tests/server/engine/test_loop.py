@@ -82,7 +82,7 @@ def test_the_thread_serves_and_ends() -> None:
         for output in batch:
             outputs.put(output)
 
-    engine = Engine(runner, _RealClock(), deliver, EngineConfig(), reports.append)
+    engine = Engine(runner, _RealClock(), deliver, EngineConfig(), observe=reports.append)
     thread = EngineThread(engine)
     key = SessionKey(1, 1)
     engine.submit(Open(spec(key), 1, time.monotonic()))

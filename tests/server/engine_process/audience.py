@@ -121,7 +121,8 @@ def pool_of(
     audience = Audience()
     config = ServerConfig(**settings)  # type: ignore[arg-type]
     devices = [EngineDevice("cpu", 0, 1)] * engines
-    pool = EnginePool(config, devices, audience.deliver, audience.observer_of, command(how), hung_s, rest_s)
+    told = audience.deliver, audience.observer_of
+    pool = EnginePool(config, devices, *told, command(how), hung_s=hung_s, rest_s=rest_s)
     try:
         yield pool, audience
     finally:

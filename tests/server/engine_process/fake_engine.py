@@ -73,7 +73,8 @@ def build(begin: Begin, how: str, source: str, deliver: Deliver, observe: Observ
     max_sessions = 1 if how == "small" else begin.config.max_sessions
     # It plays in real time: without the rest, a busy machine would have sessions refused or served with less.
     engine_config = EngineConfig(max_sessions=max_sessions, admit_load=ANY_LOAD, degrade=False)
-    return Built(Engine(runner, RealTime(), deliver, engine_config, observe, inbox), runner.facts, "CC0-1.0")
+    engine = Engine(runner, RealTime(), deliver, engine_config, observe=observe, inbox=inbox)
+    return Built(engine, runner.facts, "CC0-1.0")
 
 
 class Stutterer:

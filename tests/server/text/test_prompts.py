@@ -105,7 +105,7 @@ async def test_a_failure_reaches_the_waiters_and_is_not_remembered(
 
 async def test_each_encoding_is_observed_and_cache_hits_are_not(encoder: GatedEncoder) -> None:
     seen: list[float] = []
-    prompts = PromptEncoder(encoder, 10, seen.append)
+    prompts = PromptEncoder(encoder, 10, observe=seen.append)
     encoder.go.set()
     for text in ("a", "b", "a"):
         await prompts.encode(text)

@@ -25,7 +25,13 @@ class Table:
     def __init__(self, close_s: float = math.inf) -> None:
         self.recorder = Recorder(("crowd",), 15)
         self.character = Character(
-            1, CharacterPlan(0, 0, 0.0, close_s, 5, 0), "crowd", FPS, NO_JITTER, PHASES, self.recorder
+            1,
+            CharacterPlan(0, 0, 0.0, close_s, 5, 0),
+            "crowd",
+            fps=FPS,
+            jitter=NO_JITTER,
+            phases=PHASES,
+            recorder=self.recorder,
         )
         self.character.open_sent = True
         self.plan = 0

@@ -18,7 +18,8 @@ from motiongen_tools.bench.load import Load, Progress, Report
 from motiongen_tools.bench.recorder import ANSWER, EVENT, LATENCIES, Recorder
 from motiongen_tools.bench.scenario import load_scenario
 from motiongen_tools.bench.terminal import LATENCY_NAMES
-from tests.client.fake_server import FakeServer, FakeStream, catalog
+from tests.client.fake_server import FakeServer, FakeStream
+from tests.client.synthetic import catalog
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from motiongen_tools.bench.programs import Programs, read_book
 from motiongen_tools.bench.recorder import Recorder
 from motiongen_tools.bench.scenario import load_scenario
 from motiongen_tools.cli import run
-from tests.client.fake_server import catalog
+from tests.client.synthetic import catalog
 
 
 def write_program(folder: Path, body: str) -> Path:

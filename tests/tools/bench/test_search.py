@@ -135,7 +135,7 @@ class Hurried(Machine):
 
     async def search_within(self, within_s: float) -> Found:
         load = Load("localhost:1", load_scenario("crowd"), 100, LONG, seed=1)
-        return await find_most(load, self.run, 5, lambda _: None, self.rest, within_s, lambda: self.now)
+        return await find_most(load, self.run, 5, lambda _: None, self.rest, within_s=within_s, clock=lambda: self.now)
 
 
 @pytest.mark.parametrize("within_s", [100.0, 130.0, 150.0])

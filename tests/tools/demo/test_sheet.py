@@ -40,7 +40,7 @@ def test_the_strip_has_times_prompts_goals_and_contacts(stick_motion: Motion) ->
     rows[10:20, -4] = rows[30:, -4] = 1  # the left heel touches twice
     axes = Figure().add_subplot()
     prompts = [(0, "a person stands"), (30, "a person walks"), (99, "never seen")]
-    draw_strip(axes, Motion(stick_motion.rig, 0, rows), prompts, GOALS, 0.0, 2.0, 0.5)
+    draw_strip(axes, Motion(stick_motion.rig, 0, rows), prompts, GOALS, from_s=0.0, to_s=2.0, every_s=0.5)
     words = [text.get_text() for text in axes.texts]
     assert {"0 s", "0.5 s", "1 s", "1.5 s"} <= set(words)
     assert {"a person stands", "a person walks", "left heel", "right toe"} <= set(words)

@@ -10,7 +10,8 @@ from motiongen_tools.view.access import Role
 from motiongen_tools.view.bridge import Bridge
 from motiongen_tools.view.browser import Browser
 from motiongen_tools.view.room import Room
-from tests.client.fake_server import ROW_WIDTH, FakeServer
+from tests.client.fake_server import FakeServer
+from tests.client.synthetic import ROW_WIDTH
 from tests.tools.view.conftest import Page
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from motiongen_client import Playback
 from motiongen_tools.view.feed import Feed
-from tests.client.fake_server import ROW_WIDTH, synthetic_rows
+from tests.client.synthetic import ROW_WIDTH, synthetic_rows
 
 
 def playback_with(num_frames: int) -> Playback:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from torch import Tensor
 
@@ -16,6 +17,35 @@ from motiongen_ardy.evaluate.take import Result, Take
 FAMILY = "feet"
 STILL = ("stand", "idle")
 GOING = ("walk", "run", "start")
+
+
+@dataclass(frozen=True)
+class _Change:
+    """Sessions whose prompt changes, and the same change in the data.
+
+    results: of the sessions; lead: the frame at which their prompt changes. derived: positions, and the frame of each
+    change in them.
+    """
+
+    context: Context
+    results: list[Result]
+    lead: int
+    derived: list[tuple[Tensor, int]]
+
+    def add(self, row: str, unit: str, measure: Callable[[Tensor, int], float], bound: str | None = None) -> None:
+        """A row of what is measured of positions (T, J, 3) from the frame of a change."""
+        known = [value for positions, frame in self.derived if not math.isnan(value := measure(positions, frame))]
+        self.context.add_goal(
+            FAMILY,
+            row,
+            unit,
+            self.results,
+            lambda result: measure(result.positions, self.lead),
+            bound=bound,
+            from_standing=row.startswith("stand"),
+            first=self.lead,
+            data=(lambda _: sum(known) / len(known)) if known else None,
+        )
 
 
 def add(context: Context) -> None:
@@ -80,13 +110,13 @@ def _start(context: Context, begun: list[Result], lead: int) -> None:
     def leaned(positions: Tensor, frame: int) -> float:
         return feet.first_lift(skeleton, positions, frame, fps).root_m
 
-    derived = _changes(context, starts=True)
+    change = _Change(context, begun, lead, _changes(context, starts=True))
     row = "stand to walk: slowest foot / root speed, first 2 s"
-    _add(context, row, "", begun, lead, slowest, derived, "feet start")
-    _add(context, "stand to walk: to the first lifted foot", "s", begun, lead, time, derived)
+    change.add(row, "", slowest, "feet start")
+    change.add("stand to walk: to the first lifted foot", "s", time)
     row = "stand to walk: glided before the first lifted foot"
-    _add(context, row, "m", begun, lead, glided, derived, "glided")
-    _add(context, "stand to walk: root's way before it", "m", begun, lead, leaned, derived)
+    change.add(row, "m", glided, "glided")
+    change.add("stand to walk: root's way before it", "m", leaned)
     title = "stand to walk at 3 s: glides {:.2f} m"
     context.show(FAMILY, [Exhibit(title.format(glided(one.positions, lead)), one) for one in begun[:2]])
 
@@ -103,10 +133,10 @@ def _stop(context: Context, ended: list[Result], lead: int) -> None:
     def slowest(positions: Tensor, frame: int) -> float:
         return feet.slowest_foot(skeleton, positions[frame : frame + 2 * fps], fps)
 
-    derived = _changes(context, starts=False)
-    _add(context, "walk to stand: to a stop", "s", ended, lead, time, derived)
-    _add(context, "walk to stand: steps", "steps", ended, lead, steps, derived)
-    _add(context, "walk to stand: slowest foot / root speed, first 2 s", "", ended, lead, slowest, derived)
+    change = _Change(context, ended, lead, _changes(context, starts=False))
+    change.add("walk to stand: to a stop", "s", time)
+    change.add("walk to stand: steps", "steps", steps)
+    change.add("walk to stand: slowest foot / root speed, first 2 s", "", slowest)
     context.show(
         FAMILY, [Exhibit(f"walk to stand at 3 s: {time(one.positions, lead):.1f} s", one) for one in ended[:2]]
     )
@@ -122,28 +152,3 @@ def _changes(context: Context, starts: bool) -> list[tuple[Tensor, int]]:
         and (after if starts else before).startswith(GOING)
         and context.fps // 2 <= frame < case.num_frames - context.fps
     ]
-
-
-def _add(
-    context: Context,
-    row: str,
-    unit: str,
-    results: list[Result],
-    lead: int,
-    measure: Callable[[Tensor, int], float],
-    derived: list[tuple[Tensor, int]],
-    bound: str | None = None,
-) -> None:
-    """A row of sessions whose prompt changes at `lead`, beside the same change in the data."""
-    known = [value for positions, frame in derived if not math.isnan(value := measure(positions, frame))]
-    context.add_goal(
-        FAMILY,
-        row,
-        unit,
-        results,
-        lambda result: measure(result.positions, lead),
-        bound=bound,
-        from_standing=row.startswith("stand"),
-        first=lead,
-        data=(lambda _: sum(known) / len(known)) if known else None,
-    )

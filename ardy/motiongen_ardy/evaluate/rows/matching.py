@@ -53,4 +53,4 @@ def _precision(context: Context, group: str, own: np.ndarray, places: list[np.nd
         share = context.bound("R-precision", group)
         bound = Bound(least=round(share.least * data, 3)) if top == 3 and share is not None and share.least else None
         key = (FAMILY, f"R-precision top-{top} of 32", group)
-        context.add(summarize(key, "share", samples, bound, data, more_is_better=True))
+        context.add(summarize(key, "share", samples, bound=bound, data=data, more_is_better=True))

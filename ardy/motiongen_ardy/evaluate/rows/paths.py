@@ -22,7 +22,7 @@ WALK = "a person walks forward"
 
 
 def path_take(
-    context: Context, case: Case, name: str, seed: int, ground: Tensor, prompt: str, heading: Tensor | None = None
+    context: Context, case: Case, name: str, seed: int, ground: Tensor, *, prompt: str, heading: Tensor | None = None
 ) -> Take:
     """A case told its ground position (K, 2), and perhaps its heading (K), at each frame that follows."""
     targets = Targets(context.skeleton)
@@ -71,15 +71,17 @@ def _paths(context: Context) -> None:
     for case in context.both(HISTORY + 40):
         own = case.motion.root[HISTORY : HISTORY + 80]
         own = own[: len(own) // 4 * 4]
-        takes["path clip"] += [path_take(context, case, "own", seed, own, case.caption) for seed in context.seeds]
+        takes["path clip"] += [
+            path_take(context, case, "own", seed, own, prompt=case.caption) for seed in context.seeds
+        ]
     for number, case in enumerate(walkers(context, context.size.sessions)):
         angle, _ = way(case, context)
         side = 1 if number % 2 else -1
         for seed in context.seeds:
             round_ = circle(angle, context.frames(6), context.fps, side)
-            takes["path circle"].append(path_take(context, case, "circle", seed, round_, WALK))
+            takes["path circle"].append(path_take(context, case, "circle", seed, round_, prompt=WALK))
             corner = right_angle(angle, context.frames(4), context.fps, side)
-            takes["path angle"].append(path_take(context, case, "angle", seed, corner, WALK))
+            takes["path angle"].append(path_take(context, case, "angle", seed, corner, prompt=WALK))
     titles = {"path clip": "clip's own", "path circle": "circle, radius 2 m", "path angle": "right angle as clicked"}
     results = iter(context.run([take for group in takes.values() for take in group]))
     for bound, group in takes.items():
@@ -117,7 +119,9 @@ def _headings(context: Context) -> None:
         ground = torch.arange(1, count + 1)[:, None] * 0.8 / context.fps * direction(angle)
         for off, group in takes.items():
             heading = torch.full((count,), angle + math.radians(off) * (1 if number % 2 else -1))
-            group += [path_take(context, case, f"{off}", seed, ground, WALK, heading) for seed in context.seeds]
+            group += [
+                path_take(context, case, f"{off}", seed, ground, prompt=WALK, heading=heading) for seed in context.seeds
+            ]
     results = iter(context.run([take for group in takes.values() for take in group]))
     measure = off_heading(context, HISTORY + context.fps)
     every: list[Result] = []

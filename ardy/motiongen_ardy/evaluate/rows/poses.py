@@ -43,7 +43,7 @@ def add(context: Context) -> None:
                 targets.add_joints(frame, asked, pose[0, asked])
                 targets.add_joints(frame, first, pose[0, first], turns[0, first])
             else:
-                _ask(context, targets, name, frame, pose[0], turns[0], 1 if number % 2 else -1)
+                _ask(targets, name, frame, pose[0], turns[0], 1 if number % 2 else -1)
             for seed in context.seeds:
                 group.append(_take(case, name, seed, frame, targets))
     results = iter(context.run([take for group in takes.values() for take in group]))
@@ -73,9 +73,9 @@ def _take(case: Case, name: str, seed: int, frame: int, targets: Targets) -> Tak
     return Take(f"{case.id} {name}", seed, end, ((0, case.caption),), case.group, case.history, targets)
 
 
-def _ask(context: Context, targets: Targets, name: str, frame: int, pose: Tensor, turns: Tensor, side: int) -> None:
+def _ask(targets: Targets, name: str, frame: int, pose: Tensor, turns: Tensor, side: int) -> None:
     """The clip's root with its head turned aside, or lowered."""
-    head = context.skeleton.index("Head")
+    head = targets.skeleton.index("Head")
     if name == "head rotation":
         aside = rotation_y(torch.tensor(math.radians(side * HEAD_TURN_DEG))) @ turns[head]
         targets.add_joints(frame, [0, head], pose[[0, head]])

@@ -43,5 +43,6 @@ def _jumps(context: Context, name: str, seams: list[tuple[Result, tuple[int, ...
     for number, (kind, unit) in enumerate(zip(KINDS, UNITS, strict=True)):
         samples = [Sample(case, float(jump[number])) for case, jump in rows]
         limit = float(context.captured.jumps[number])
+        bound = Bound(most=float(f"{limit:.3g}"))
         key = (FAMILY, f"{name}: jump of {kind}, p95", MOVING)
-        context.add(summarize(key, unit, samples, Bound(most=float(f"{limit:.3g}")), limit))
+        context.add(summarize(key, unit, samples, bound=bound, data=limit))

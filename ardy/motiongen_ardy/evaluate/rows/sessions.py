@@ -40,7 +40,7 @@ def add(context: Context) -> None:
             bound = context.bound("glide share") if glide else None
             sample = [Sample(name, value)]
             data = float(glide_of_data) if glide else None
-            context.add(summarize((FAMILY, f"{name}: {row}", MOVING), unit, sample, bound, data))
+            context.add(summarize((FAMILY, f"{name}: {row}", MOVING), unit, sample, bound=bound, data=data))
         context.show(FAMILY, [Exhibit(f"{name}: last 15 s", result_frames(result, -15 * context.fps))])
 
 

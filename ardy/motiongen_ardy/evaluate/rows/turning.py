@@ -102,4 +102,4 @@ def _reconstruction(context: Context) -> None:
             error = (done.positions - case.motion.positions[:length]).norm(dim=-1).mean()
             samples.append(Sample(case.id, float(error)))
         bound = context.bound("reconstruction", group)
-        context.add(summarize(("tokenizer", "reconstruction", group), "m", samples, bound))
+        context.add(summarize(("tokenizer", "reconstruction", group), "m", samples, bound=bound))

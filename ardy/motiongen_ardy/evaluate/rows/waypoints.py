@@ -40,7 +40,7 @@ def way(case: Case, context: Context) -> tuple[float, float]:
     return float(case.motion.facing(context.skeleton)[HISTORY - 1]), 0.7 * MAX_SPEED_M_S
 
 
-def waypoint_take(context: Context, case: Case, name: str, seed: int, goal: Tensor, frame: int, prompt: str) -> Take:
+def waypoint_take(context: Context, case: Case, name: str, seed: int, *, goal: Tensor, frame: int, prompt: str) -> Take:
     """A case that goes on to a ground position (2) at a frame."""
     targets = Targets(context.skeleton)
     targets.add_waypoints([frame], goal[None].float())
@@ -71,9 +71,11 @@ def _in_horizon(context: Context) -> None:
             prompts = {"": case.caption, ", no prompt": "", ", contradicting prompt": contradiction(case)}
             for name, prompt in prompts.items():
                 row = f"{AHEAD_S:g} s, on the way{name}"
-                takes.setdefault(row, []).append(waypoint_take(context, case, row, seed, goal, frame, prompt))
+                take = waypoint_take(context, case, row, seed, goal=goal, frame=frame, prompt=prompt)
+                takes.setdefault(row, []).append(take)
             for row, place in aside:
-                takes.setdefault(row, []).append(waypoint_take(context, case, row, seed, place, frame, case.caption))
+                take = waypoint_take(context, case, row, seed, goal=place, frame=frame, prompt=case.caption)
+                takes.setdefault(row, []).append(take)
     results = _run(context, takes)
     for row, group in results.items():
         if "the way" in row:
@@ -129,7 +131,8 @@ def _beyond(context: Context) -> None:
                     rows[f"{seconds:g} s, no prompt"] = (aside if number % 2 else own, "")
                     rows[f"{seconds:g} s, contradicting prompt"] = (aside if number % 2 else own, contradiction(case))
                 for row, (goal, prompt) in rows.items():
-                    takes.setdefault(row, []).append(waypoint_take(context, case, row, seed, goal, frame, prompt))
+                    take = waypoint_take(context, case, row, seed, goal=goal, frame=frame, prompt=prompt)
+                    takes.setdefault(row, []).append(take)
     results = _run(context, takes)
     fitting = [one for row, group in results.items() if row.endswith("way") for one in group]
     context.add_goal(FAMILY, "2.5 to 6 s, all", "m", fitting, miss, bound="waypoint beyond")

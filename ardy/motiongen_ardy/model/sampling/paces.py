@@ -81,6 +81,7 @@ def told_text(
     targets: Targets | None,
     position: tuple[float, float],
     window: range,
+    *,
     fps: int,
     options: PaceOptions,
 ) -> Told:

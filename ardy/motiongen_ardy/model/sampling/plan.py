@@ -60,7 +60,8 @@ def plan_text(
         return Told(text)
     x, z = root_state(model.representation, history, start).position
     window = range(first_frame, first_frame + model.config.horizon)
-    return told_text(model.paces, text, targets, (x, z), window, model.config.fps, model.sampling.paces)
+    fps, options = model.config.fps, model.sampling.paces
+    return told_text(model.paces, text, targets, (x, z), window, fps=fps, options=options)
 
 
 def root_goals(targets: Targets) -> RootGoals:

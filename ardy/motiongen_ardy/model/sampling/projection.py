@@ -106,6 +106,7 @@ def make_projection(
     observed: Tensor,
     mask: Tensor,
     planned: Tensor | None,
+    *,
     first: int,
     num_frames: int,
     options: SamplingOptions,

@@ -68,8 +68,16 @@ def outcome(message: session_pb2.EditOutcome, event: str, offset: int = 0) -> Ou
     retry_after_s = seconds(message.retry_after) if message.HasField("retry_after") else None
     code = code_name(message.code)
     others = tuple(OtherServer(each.address, each.routing_key) for each in message.other_servers)
-    said = message.reason, message.message, message.field, message.allowed
-    return EventRefused(event, code, *said, retry_after_s, others)
+    return EventRefused(
+        event,
+        code,
+        message.reason,
+        message.message,
+        field=message.field,
+        allowed=message.allowed,
+        retry_after_s=retry_after_s,
+        other_servers=others,
+    )
 
 
 def service_level(message: session_pb2.ServiceLevel) -> ServiceLevel:

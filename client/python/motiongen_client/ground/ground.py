@@ -68,7 +68,8 @@ class Ground:
         columns = self.rig.block_columns
         rows[:, columns[ROOT_BLOCK].start + 1] += hips.astype(np.float32)
         for leg, (ankle, foot) in zip(self._legs, goals, strict=True):
-            self._bend(leg, ankle, foot, hips, positions, rotations, rows[:, columns[ROTATION_BLOCK]])
+            quaternions = rows[:, columns[ROTATION_BLOCK]]
+            self._bend(leg, ankle, foot, hips=hips, positions=positions, rotations=rotations, quaternions=quaternions)
         return Motion(motion.rig, motion.first_frame, rows)
 
     @cached_property
@@ -130,6 +131,7 @@ class Ground:
         leg: _Leg,
         ankle: Float64,
         foot: Float64,
+        *,
         hips: Float64,
         positions: Float64,
         rotations: Float64,

@@ -75,6 +75,7 @@ class Character:
         handle: int,
         plan: CharacterPlan,
         group: str,
+        *,
         fps: int,
         jitter: tuple[float, ...],
         phases: Phases,

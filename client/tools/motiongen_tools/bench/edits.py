@@ -26,7 +26,14 @@ def open_event(character: Character, group: Group, denoise_steps: int | None) ->
 
 
 def edit_event(
-    character: Character, group: Group, rule: EditRule, value: int, intended_s: float, now_s: float, catalog: Catalog
+    character: Character,
+    group: Group,
+    rule: EditRule,
+    value: int,
+    *,
+    intended_s: float,
+    now_s: float,
+    catalog: Catalog,
 ) -> session_pb2.SessionEvent:
     """One edit. value: which prompt, or the number of the edit by its rule."""
     event = session_pb2.SessionEvent(session=character.handle, event_seq=character.take_seq(intended_s))

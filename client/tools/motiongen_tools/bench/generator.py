@@ -58,7 +58,9 @@ class Generator:
             for plan in schedule.characters[index::num_lanes]:
                 group = self._groups[plan.group].name
                 handle = _HANDLES_FROM + plan.number // num_lanes
-                character = Character(handle, plan, group, fps, jitter, self._phases, self._recorder)
+                character = Character(
+                    handle, plan, group, fps=fps, jitter=jitter, phases=self._phases, recorder=self._recorder
+                )
                 self._lane_of[plan.number], self._character_of[plan.number] = stream_client, character
                 members.append((character, group))
             stream_client.adopt(members)
@@ -164,7 +166,10 @@ class Generator:
             character.end(now_s, as_planned=True)
         else:
             told = group.edits[rule]
-            stream_client.put(edits.edit_event(character, group, told, value, intended_s, now_s, self._catalog))
+            event = edits.edit_event(
+                character, group, told, value, intended_s=intended_s, now_s=now_s, catalog=self._catalog
+            )
+            stream_client.put(event)
             self._recorder.add("edits", group.name, intended_s)
         self._record_lag(SEND_LAG, now_s, now_s - intended_s)
 

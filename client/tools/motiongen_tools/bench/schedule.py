@@ -124,7 +124,7 @@ def _first_character(
         # In the steady state of arrivals and lives, who is there is there for a length-biased life, part of it over.
         mu = math.log(group.life.median_s) + group.life.sigma**2
         close_s = phases.ramp_s + float(random.random() * random.lognormal(mu, group.life.sigma))
-    return _character(group, group_index, number, open_s, close_s, phases, random)
+    return _character(group, group_index, number, phases, random, open_s=open_s, close_s=close_s)
 
 
 def _arrivals(
@@ -143,17 +143,18 @@ def _arrivals(
             return arrivals
         close_s = open_s + float(random.lognormal(math.log(group.life.median_s), group.life.sigma))
         number = first_number + len(arrivals)
-        arrivals.append(_character(group, group_index, number, open_s, close_s, phases, random))
+        arrivals.append(_character(group, group_index, number, phases, random, open_s=open_s, close_s=close_s))
 
 
 def _character(
     group: Group,
     group_index: int,
     number: int,
-    open_s: float,
-    close_s: float,
     phases: Phases,
     random: np.random.Generator,
+    *,
+    open_s: float,
+    close_s: float,
 ) -> CharacterPlan:
     return CharacterPlan(
         number,

@@ -52,6 +52,7 @@ async def find_most(
     trial_seconds: int,
     note: Callable[[Trial], None],
     rest: Callable[[], Awaitable[None]],
+    *,
     within_s: float = math.inf,
     clock: Callable[[], float] = time.monotonic,
 ) -> Found:

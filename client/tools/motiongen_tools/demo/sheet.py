@@ -61,6 +61,7 @@ def _write(path: Path | str, scenes: Sequence[Scene], every_s: float, row_s: flo
         ground.set_title(scene.title, loc="left", fontsize=11, color="#111111")
         for row in range(count):
             strip = figure.add_subplot(grid[above + row, 1])
-            draw_strip(strip, scene.motion, scene.prompts, scene.goals, row * row_s, (row + 1) * row_s, every_s)
+            from_s, to_s = row * row_s, (row + 1) * row_s
+            draw_strip(strip, scene.motion, scene.prompts, scene.goals, from_s=from_s, to_s=to_s, every_s=every_s)
         above += count
     figure.savefig(path, format="png")

@@ -25,6 +25,7 @@ def draw_strip(
     motion: Motion,
     prompts: Sequence[tuple[int, str]],
     goals: Sequence[Goal],
+    *,
     from_s: float,
     to_s: float,
     every_s: float,

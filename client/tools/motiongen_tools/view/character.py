@@ -34,6 +34,7 @@ class Character:
         number: int,
         name: str,
         session: Session,
+        *,
         options: SessionOptions,
         model: Model,
         opening: Message,

@@ -83,7 +83,9 @@ class Room:
         session = await self._line.client.open(prompt, options=options, keep_s=KEEP_S)
         name = fields.text(message, "name", "") or f"character {number}"
         model = self._line.client.catalog.model(session.opened.model_id)
-        self.characters[number] = Character(number, name[:60], session, options, model, message, rehearsal)
+        self.characters[number] = Character(
+            number, name[:60], session, options=options, model=model, opening=message, rehearsal=rehearsal
+        )
         self.changes += 1
         return number
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.session.events import apply
-from motiongen_server.engine.session.opening import open_session
+from motiongen_server.engine.session.opening import Opening, open_session
 from motiongen_server.engine.session.snapshot import check_going_on, going_on
 from motiongen_server.engine.session.state import SessionState
-from motiongen_server.engine.types import Float32Array, ModelFacts, Open, Output, Resume
+from motiongen_server.engine.types import Float32Array, Open, Output, Resume
 from motiongen_server.engine.types.refusals import prior_frames_failed
 from motiongen_server.engine.types.report import StepReport
 
@@ -17,22 +16,20 @@ MakeFeatures = Callable[[Float32Array], Float32Array | None]
 """Rows (T, row_width) as features (T, D); None where the model can make nothing of them."""
 
 
-def begun(
-    event: Open, ordinal: int, facts: ModelFacts, config: EngineConfig, now: float, features_of: MakeFeatures
-) -> SessionState:
-    """The session. ordinal: as for `open_session`. Raises EventRefused where it cannot be gone on with."""
+def begun(event: Open, opening: Opening, features_of: MakeFeatures) -> SessionState:
+    """The session. Raises EventRefused where it cannot be gone on with."""
     asked = event.going_on
     if asked is not None:
-        check_going_on(asked, facts)
+        check_going_on(asked, opening.facts)
     rows = event.spec.prior_rows if asked is None else asked.snapshot.rows
     if rows is None:
-        return open_session(event.spec, event.received_at, ordinal, facts, config, now)
+        return open_session(event.spec, event.received_at, opening)
     features = features_of(rows)
     if features is None:
         raise prior_frames_failed("open.prior_frames")
     if asked is None:
-        return open_session(event.spec, event.received_at, ordinal, facts, config, now, features)
-    return going_on(event, asked, ordinal, facts, config, now, features)
+        return open_session(event.spec, event.received_at, opening, features)
+    return going_on(event, asked, opening, features)
 
 
 def first_words(state: SessionState, event: Open, now: float, report: StepReport) -> list[Output]:

@@ -69,6 +69,7 @@ class Edited(NamedTuple):
 def edited(
     held: Conditions,
     event: EditEvent,
+    *,
     floor: int,
     reach: int,
     config: EngineConfig,

@@ -68,7 +68,13 @@ def _edit(state: SessionState, event: EditEvent, now: float, report: StepReport)
     crop = history_crop(state.spec, state.config)
     reach = state.facts.max_window_frames - history_frames(floor, state.timeline, crop, state.facts.patch)
     state.conditions, kind, dirty_from, placements, left_open = edited(
-        state.conditions, event, floor, reach, state.config, lambda: _anchor(state, now), state.spec.gaits
+        state.conditions,
+        event,
+        floor=floor,
+        reach=reach,
+        config=state.config,
+        anchor=lambda: _anchor(state, now),
+        gaits=state.spec.gaits,
     )
     state.edits.forget_replaced(state.conditions.constraints)
     if dirty_from is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.session.conditions import Conditions, place_all
@@ -20,20 +21,28 @@ from motiongen_server.engine.spread import spread
 from motiongen_server.engine.types import Float32Array, ModelFacts, SessionSpec
 
 
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """What an engine brings to a session that begins.
+
+    ordinal: how many were opened before it; it spreads the start times of later windows. now: on the engine's clock.
+    """
+
+    ordinal: int
+    facts: ModelFacts
+    config: EngineConfig
+    now: float
+
+
 def open_session(
-    spec: SessionSpec,
-    received_at: float,
-    ordinal: int,
-    facts: ModelFacts,
-    config: EngineConfig,
-    now: float,
-    prior_features: Float32Array | None = None,
+    spec: SessionSpec, received_at: float, opening: Opening, prior_features: Float32Array | None = None
 ) -> SessionState:
-    """A new session. ordinal: how many were opened before it; it spreads the start times of later windows.
+    """A new session.
 
     prior_features: (H, D), those of spec.prior_rows, None where there are none. Raises EventRefused for a constraint
     that cannot be placed.
     """
+    facts, config = opening.facts, opening.config
     timeline = first_timeline(facts, spec.prior_rows, prior_features)
     reader = PoseReader.of(facts.rig)
     last_frame = None if spec.clip_frames is None else spec.clip_frames - 1
@@ -45,7 +54,7 @@ def open_session(
         config.max_held_trajectory_frames,
     )
     clock = PlaybackClock(facts.fps, rate=config.playback_rate, slack=spec.lookahead)
-    stride = spread(ordinal) * (config.stride_jitter // facts.patch + 1)
+    stride = spread(opening.ordinal) * (config.stride_jitter // facts.patch + 1)
     jitter = math.floor(stride % 1.0 * (config.continue_jitter + 1))
     return SessionState(
         spec=spec,
@@ -60,8 +69,8 @@ def open_session(
         drift_state=DriftState(DriftGuard(reader, config)),
         reach=ReachWatch(spec.session),
         opened_at=received_at,
-        last_playhead_at=now,
-        moved_at=now,
+        last_playhead_at=opening.now,
+        moved_at=opening.now,
         placements=placements,
     )
 

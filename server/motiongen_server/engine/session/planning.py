@@ -64,7 +64,14 @@ def next_window(state: SessionState, now: float, predicted_s: float, job_id: int
     state.predicted_s = predicted_s
     correction = state.drift_state.correction_from(first_frame)
     job = site.job(
-        first_frame, correction, job_id, state.plan + 1, cause, now, deadline(state, now), runs_out_at(state, now)
+        first_frame,
+        correction,
+        job_id=job_id,
+        plan=state.plan + 1,
+        cause=cause,
+        now=now,
+        deadline=deadline(state, now),
+        runs_out_at=runs_out_at(state, now),
     )
     if state.replan_wanted:
         replans_hz = state.config.replans_hz[state.spec.priority - 1] * state.level.replan_cap_scale

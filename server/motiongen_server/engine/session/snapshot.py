@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.edits import PendingEdit
-from motiongen_server.engine.session.opening import open_session
+from motiongen_server.engine.session.opening import Opening, open_session
 from motiongen_server.engine.session.plan_log import PlanLog
 from motiongen_server.engine.session.residuals import Residual, nearest_frame
 from motiongen_server.engine.session.state import SessionState
@@ -109,22 +108,14 @@ def _unusable(why: str) -> EventRefused:
     return EventRefused(Code.FAILED_PRECONDITION, "SNAPSHOT_UNUSABLE", given, "open.resume_token", allowed)
 
 
-def going_on(
-    event: Open,
-    asked: GoingOn,
-    ordinal: int,
-    facts: ModelFacts,
-    config: EngineConfig,
-    now: float,
-    features: Float32Array,
-) -> SessionState:
+def going_on(event: Open, asked: GoingOn, opening: Opening, features: Float32Array) -> SessionState:
     """The session of an Open that goes on from a snapshot; the client's Resume is to be applied next.
 
     features: (T, D), those of the snapshot's rows. What unanswered edits asked for holds, and a plan will answer them.
     """
-    held = asked.snapshot
+    held, facts, now = asked.snapshot, opening.facts, opening.now
     end = held.end_frame
-    state = open_session(event.spec, event.received_at, ordinal, facts, config, now)
+    state = open_session(event.spec, event.received_at, opening)
     no_tokens = TokenRun(end, np.empty((0, facts.token_width), np.float32), facts.patch)
     state.timeline = Timeline(held.first_frame, held.rows, features, no_tokens, held.motion_from, held.motion_from)
     velocity = held.velocity

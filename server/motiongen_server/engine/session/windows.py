@@ -75,6 +75,7 @@ class WindowSite:
         self,
         first_frame: int,
         correction: Correction | None,
+        *,
         job_id: int,
         plan: int,
         cause: PlanCause,

@@ -6,85 +6,29 @@ import asyncio
 import logging
 import secrets
 import time
-from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import grpc
 import grpc.aio
 
-from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from motiongen_server.engine.types import (
-    Chunk,
-    Close,
-    Closed,
-    CloseReason,
-    Code,
-    ConstraintReached,
-    Open,
-    Opened,
-    Outcome,
-    Output,
-    Playhead,
-    SessionKey,
-    SessionSpec,
-    Warned,
-)
+from motiongen.v1 import service_pb2
+from motiongen_server.engine.types import Chunk, Close, CloseReason, Code, Open, Output, Playhead
 from motiongen_server.engine.types.refusals import draining
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.budget import PATH_CALLS
-from motiongen_server.rpc.clip.request import check_extent, clip_specs, last_frame_of, opening_event
-from motiongen_server.rpc.convert import (
-    UNENCODED,
-    coding_of,
-    num_paths,
-    prompt_texts,
-    residual_of,
-    warnings_of,
-    write_update,
-)
-from motiongen_server.rpc.convert.frames import FrameCoding
+from motiongen_server.rpc.clip.call import Call, refused
+from motiongen_server.rpc.clip.request import check_extent, clip_specs, opening_event
+from motiongen_server.rpc.convert import UNENCODED, coding_of, num_paths, prompt_texts, warnings_of
 from motiongen_server.rpc.encoding import encoded
 from motiongen_server.rpc.event_errors import too_many_clips
 from motiongen_server.rpc.handlers import ClipContext
 from motiongen_server.rpc.limits import ServiceLimits
 from motiongen_server.rpc.peers import Peer
-from motiongen_server.rpc.session_entry import session_name
 from motiongen_server.rpc.stream_errors import CLIENT_GONE, reader_stuck
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 
 _log = logging.getLogger(__name__)
-
-
-class Call:
-    """One call: its samples, and what the engine has said of them."""
-
-    def __init__(
-        self, specs: Sequence[SessionSpec], model: LoadedModel, coding: FrameCoding, warnings: tuple[Warned, ...] = ()
-    ) -> None:
-        self.specs = specs
-        self.model = model
-        self.coding = coding
-        self.warnings = warnings
-        self.said: asyncio.Queue[Output] = asyncio.Queue()
-        self.under_way: set[SessionKey] = set()
-        self._reached: list[list[ConstraintReached]] = [[] for _ in specs]
-
-    def note(self, reached: ConstraintReached) -> None:
-        """Keep what became of a constraint."""
-        self._reached[reached.session.handle].append(reached)
-
-    def measured(self, sample: int) -> list[service_pb2.ConstraintResidual]:
-        """The residuals of a sample that is complete, in the order of its constraints."""
-        told: dict[int, deque[ConstraintReached]] = {}
-        for reached in self._reached[sample]:  # those of one id in the order of their ends
-            told.setdefault(reached.constraint_id, deque()).append(reached)
-        constraints = self.specs[sample].constraints
-        residuals = [service_pb2.ConstraintResidual()] * len(constraints)
-        for index in sorted(range(len(constraints)), key=lambda index: last_frame_of(constraints[index])):
-            residuals[index] = residual_of(told[constraints[index].constraint_id].popleft())
-        return residuals
 
 
 class ClipService:
@@ -185,7 +129,7 @@ class ClipService:
         if texts:
             refusal = model.engine.refusal_of(Open(specs[0], 1, received_at))
             if refusal is not None:
-                raise _refused(refusal)
+                raise refused(refusal)
             embeddings = {text: await encoded(model.prompts, text, number, peer.prompts) for text in texts}
             specs = clip_specs(request, number, embeddings, received_at, model.catalog, peer.owner)
         opening = Open(specs[0], 1, received_at)
@@ -199,7 +143,7 @@ class ClipService:
             self._start(call, time.monotonic())
             while call.under_way:
                 output = await call.said.get()
-                for response in self._responses(call, output):
+                for response in call.responses(output):
                     await self._write(response, context)
                 if isinstance(output, Chunk) and output.session in call.under_way:
                     self._grant(call, output)
@@ -230,73 +174,13 @@ class ClipService:
         for spec in call.specs:
             refusal = call.model.engine.submit(Open(spec, 1, received_at))
             if refusal is not None:
-                raise _refused(refusal)
+                raise refused(refusal)
             call.under_way.add(spec.session)
 
     def _stop(self, call: Call, reason: CloseReason) -> None:
         """Have the engine forget the samples that are not complete."""
         for key in call.under_way:
             call.model.engine.submit(Close(key, 2, time.monotonic(), reason))
-
-    def _responses(self, call: Call, output: Output) -> list[service_pb2.GenerateClipResponse]:
-        """What the client is told of an output. Raises EventRefused where it ends the call."""
-        sample = output.session.handle
-        if isinstance(output, Chunk):
-            return [service_pb2.GenerateClipResponse(sample=sample, chunk=_frames(output, call.coding))]
-        if isinstance(output, Opened):
-            update = session_pb2.SessionUpdate()
-            write_update(
-                update,
-                replace(
-                    output,
-                    warnings=call.warnings,
-                    session_id=session_name(output.session),
-                    scalar_type=call.coding.scalar_type,
-                    outputs=call.coding.outputs,
-                ),
-            )
-            update.opened.lookahead_frames = update.opened.committed_horizon_frames = 0
-            return [service_pb2.GenerateClipResponse(sample=sample, opened=update.opened)]
-        if isinstance(output, ConstraintReached):
-            call.note(output)
-            return []
-        if isinstance(output, Outcome):  # only an Open that is refused has one
-            call.under_way.discard(output.session)
-            raise _refused(output)
-        if isinstance(output, Closed):
-            call.under_way.discard(output.session)
-            if output.reason is not CloseReason.CLIENT:
-                raise _lost(output)
-            summary = service_pb2.ClipSummary(residuals=call.measured(sample))
-            return [service_pb2.GenerateClipResponse(sample=sample, summary=summary)]
-        return []
-
-
-def _frames(chunk: Chunk, coding: FrameCoding) -> motion_pb2.FrameChunk:
-    data, origin = coding.encode(chunk.rows)
-    return motion_pb2.FrameChunk(
-        plan=chunk.plan,
-        first_frame=chunk.first_frame,
-        frame_count=len(chunk.rows),
-        committed_to=chunk.first_frame + len(chunk.rows),
-        data=data.tobytes(),
-        scalar_type=coding.scalar_type,  # type: ignore[arg-type]  # a number of the contract
-        root_origin_m=() if origin is None else origin.tolist(),
-    )
-
-
-def _refused(outcome: Outcome) -> EventRefused:
-    """The engine's refusal of a sample."""
-    return EventRefused(
-        outcome.code, outcome.reason, outcome.message, outcome.field, outcome.allowed, outcome.retry_after_s
-    )
-
-
-def _lost(closed: Closed) -> EventRefused:
-    """The engine gave a sample up."""
-    code = closed.code if closed.code is not Code.OK else Code.UNAVAILABLE
-    message = closed.message or f"the server ended the clip ({closed.reason.name.lower()}); ask for it again"
-    return EventRefused(code, "CLIP_LOST", message)
 
 
 def _too_slow(waited_s: float) -> StreamRefused:

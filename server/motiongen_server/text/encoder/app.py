@@ -99,11 +99,11 @@ class EncoderApplication:
         prompts = PromptEncoder(
             encoder,
             config.cache,
-            seconds.observe,
-            store,
-            config.timeout_s,
-            config.max_waiting,
-            lambda source: texts.labels(source).inc(),
+            observe=seconds.observe,
+            store=store,
+            timeout_s=config.timeout_s,
+            max_waiting=config.max_waiting,
+            count=lambda source: texts.labels(source).inc(),
         )
         waiting.set_function(lambda: prompts.num_waiting)
         return prompts

@@ -47,7 +47,7 @@ def path(speeds: list[float], heading: float | None = None, every: int = 1) -> T
 def tell(paces: PromptPaces | None, text: Tensor, targets: Targets | None) -> tuple[str, int | None]:
     """What is told, by name ("own" for the prompt itself), and up to where."""
     window = range(FIRST, FIRST + HORIZON)
-    told = told_text(paces, text[None], targets, (0.0, 0.0), window, FPS, PaceOptions())
+    told = told_text(paces, text[None], targets, (0.0, 0.0), window, fps=FPS, options=PaceOptions())
     if torch.equal(told.text, text[None]):
         return "own", told.led_to
     return list(GAITS)[int(told.text[0, 0]) - 10], told.led_to
@@ -111,7 +111,7 @@ def test_what_is_not_known_is_left_alone(paces: PromptPaces) -> None:
     assert tell(paces, STAND, Targets(load_skeleton("core27"))) == ("own", None)
     several = torch.stack([STAND, WALK])
     window = range(FIRST, FIRST + HORIZON)
-    told = told_text(paces, several, fast, (0.0, 0.0), window, FPS, PaceOptions())
+    told = told_text(paces, several, fast, (0.0, 0.0), window, fps=FPS, options=PaceOptions())
     assert told == Told(several)
     passed = Targets(load_skeleton("core27"))
     passed.add_waypoints([FIRST - 1], torch.tensor([[9.0, 9.0]]))

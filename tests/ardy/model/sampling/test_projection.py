@@ -31,7 +31,10 @@ def layout() -> Representation:
 def made(layout: Representation, targets: Targets, options: SamplingOptions = OPTIONS) -> RootProjection | None:
     observed, mask = (part[None] for part in targets.observe(layout, 0, HISTORY + HORIZON + 20))
     planned = targets.planned_frames(0, HISTORY + HORIZON + 20)[None]
-    return make_projection(layout, observed, mask, planned, HISTORY, HORIZON, options, torch.zeros(1, 4))
+    before = torch.zeros(1, 4)
+    return make_projection(
+        layout, observed, mask, planned, first=HISTORY, num_frames=HORIZON, options=options, before=before
+    )
 
 
 def walk(layout: Representation) -> Tensor:

@@ -82,7 +82,9 @@ def test_a_way_that_is_laid_out_is_not_slowed(layout: Representation) -> None:
     targets = Targets(layout.skeleton)
     targets.add_waypoints([HISTORY + 30], torch.zeros(1, 2))
     observed, mask = (part[None] for part in targets.observe(layout, 0, HISTORY + HORIZON))
-    projection = make_projection(layout, observed, mask, None, HISTORY, HORIZON, OPTIONS, before(layout))
+    projection = make_projection(
+        layout, observed, mask, None, first=HISTORY, num_frames=HORIZON, options=OPTIONS, before=before(layout)
+    )
     assert projection is not None
     given = root(layout, torch.zeros(HORIZON))
     assert torch.allclose(projection.apply(layout, given), given, atol=1e-6)

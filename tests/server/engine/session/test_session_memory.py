@@ -8,7 +8,7 @@ import numpy as np
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import FULL, Level
 from motiongen_server.engine.session import emission, events, planning
-from motiongen_server.engine.session.opening import open_session
+from motiongen_server.engine.session.opening import Opening, open_session
 from motiongen_server.engine.types import (
     Keyframe,
     Playhead,
@@ -38,7 +38,7 @@ class Day:
         self.random = random.Random(seed)
         self.runner = FakeRunner(holds=True)
         self.now = 0.0
-        self.state = open_session(spec(KEY, priority=Priority.HERO), 0.0, 0, FACTS, EngineConfig(), 0.0)
+        self.state = open_session(spec(KEY, priority=Priority.HERO), 0.0, Opening(0, FACTS, EngineConfig(), 0.0))
         self.seq = 1
         self.jobs = 0
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from motiongen_client.motion import CONTACT_BLOCK, ROOT_BLOCK, ROTATION_BLOCK, F
 from motiongen_client.playback import Playback
 from motiongen_client.sampling import Sampler
 from tests.client.bodies import FPS, walking
+from tests.client.golden.draws import numbers
 
 _LEG = ("UpLeg", "Leg", "Foot", "ToeBase")
 _OFFSETS = [[0.1, -0.05, 0.0], [0.0, -0.42, 0.01], [0.0, -0.42, -0.02], [0.0, -0.0585, 0.14]]
@@ -31,10 +32,6 @@ GROUNDS: dict[str, Heights] = {
     "stairs": lambda x, z: -0.12 * np.floor((z + 0.26) / 0.6),
     "hills": lambda x, z: 0.08 * np.sin(1.7 * z) + 0.05 * np.cos(2.1 * x),
 }
-
-
-def numbers(values: Iterable[float]) -> str:
-    return " ".join(f"{float(value):.7g}" for value in np.asarray(values, np.float64).ravel())
 
 
 def walk() -> Motion:

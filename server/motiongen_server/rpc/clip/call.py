@@ -1,0 +1,115 @@
+"""One call for clips: its samples, and what its client is told of what the engine makes of them."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+
+from motiongen.v1 import motion_pb2, service_pb2, session_pb2
+from motiongen_server.engine.types import (
+    Chunk,
+    Closed,
+    CloseReason,
+    Code,
+    ConstraintReached,
+    Opened,
+    Outcome,
+    Output,
+    SessionKey,
+    SessionSpec,
+    Warned,
+)
+from motiongen_server.errors import EventRefused
+from motiongen_server.models.registry import LoadedModel
+from motiongen_server.rpc.clip.request import last_frame_of
+from motiongen_server.rpc.convert import residual_of, write_update
+from motiongen_server.rpc.convert.frames import FrameCoding
+from motiongen_server.rpc.session_entry import session_name
+
+
+class Call:
+    """said: what the engine told of its samples, not looked at yet. under_way: the samples that are not complete."""
+
+    def __init__(
+        self, specs: Sequence[SessionSpec], model: LoadedModel, coding: FrameCoding, warnings: tuple[Warned, ...] = ()
+    ) -> None:
+        self.specs = specs
+        self.model = model
+        self._coding = coding
+        self._warnings = warnings
+        self.said: asyncio.Queue[Output] = asyncio.Queue()
+        self.under_way: set[SessionKey] = set()
+        self._reached: list[list[ConstraintReached]] = [[] for _ in specs]
+
+    def responses(self, output: Output) -> list[service_pb2.GenerateClipResponse]:
+        """What the client is told of an output. Raises EventRefused where it ends the call."""
+        sample = output.session.handle
+        if isinstance(output, Chunk):
+            return [service_pb2.GenerateClipResponse(sample=sample, chunk=_frames(output, self._coding))]
+        if isinstance(output, Opened):
+            update = session_pb2.SessionUpdate()
+            write_update(
+                update,
+                replace(
+                    output,
+                    warnings=self._warnings,
+                    session_id=session_name(output.session),
+                    scalar_type=self._coding.scalar_type,
+                    outputs=self._coding.outputs,
+                ),
+            )
+            update.opened.lookahead_frames = update.opened.committed_horizon_frames = 0
+            return [service_pb2.GenerateClipResponse(sample=sample, opened=update.opened)]
+        if isinstance(output, ConstraintReached):
+            self._reached[sample].append(output)
+            return []
+        if isinstance(output, Outcome):  # only an Open that is refused has one
+            self.under_way.discard(output.session)
+            raise refused(output)
+        if isinstance(output, Closed):
+            self.under_way.discard(output.session)
+            if output.reason is not CloseReason.CLIENT:
+                raise _lost(output)
+            summary = service_pb2.ClipSummary(residuals=self._measured(sample))
+            return [service_pb2.GenerateClipResponse(sample=sample, summary=summary)]
+        return []
+
+    def _measured(self, sample: int) -> list[service_pb2.ConstraintResidual]:
+        """The residuals of a sample that is complete, in the order of its constraints."""
+        told: dict[int, deque[ConstraintReached]] = {}
+        for reached in self._reached[sample]:  # those of one id in the order of their ends
+            told.setdefault(reached.constraint_id, deque()).append(reached)
+        constraints = self.specs[sample].constraints
+        residuals = [service_pb2.ConstraintResidual()] * len(constraints)
+        for index in sorted(range(len(constraints)), key=lambda index: last_frame_of(constraints[index])):
+            residuals[index] = residual_of(told[constraints[index].constraint_id].popleft())
+        return residuals
+
+
+def _frames(chunk: Chunk, coding: FrameCoding) -> motion_pb2.FrameChunk:
+    data, origin = coding.encode(chunk.rows)
+    return motion_pb2.FrameChunk(
+        plan=chunk.plan,
+        first_frame=chunk.first_frame,
+        frame_count=len(chunk.rows),
+        committed_to=chunk.first_frame + len(chunk.rows),
+        data=data.tobytes(),
+        scalar_type=coding.scalar_type,  # type: ignore[arg-type]  # a number of the contract
+        root_origin_m=() if origin is None else origin.tolist(),
+    )
+
+
+def refused(outcome: Outcome) -> EventRefused:
+    """The engine's refusal of a sample."""
+    return EventRefused(
+        outcome.code, outcome.reason, outcome.message, outcome.field, outcome.allowed, outcome.retry_after_s
+    )
+
+
+def _lost(closed: Closed) -> EventRefused:
+    """The engine gave a sample up."""
+    code = closed.code if closed.code is not Code.OK else Code.UNAVAILABLE
+    message = closed.message or f"the server ended the clip ({closed.reason.name.lower()}); ask for it again"
+    return EventRefused(code, "CLIP_LOST", message)

@@ -1,0 +1,34 @@
+"""A Redis that several servers share: its client, its name, and what a call of it fails with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from urllib.parse import urlsplit
+
+import redis
+
+from motiongen_server.snapshots.store import StoreFailed
+
+CALL_S = 0.5
+"""How long a call may take."""
+
+
+def open_client(url: str) -> redis.Redis:
+    """Connections are made when they are needed, and anew when they break. Raises ValueError for no address of one."""
+    return redis.Redis.from_url(url, socket_timeout=CALL_S, socket_connect_timeout=CALL_S, health_check_interval=0)
+
+
+def name_of(url: str) -> str:
+    """Its address without a password, for messages."""
+    parts = urlsplit(url)
+    return f"{parts.scheme}://{parts.hostname or ''}:{parts.port or 6379}{parts.path}"
+
+
+@contextmanager
+def calling(name: str) -> Iterator[None]:
+    """Raise StoreFailed for what calls within it fail with. name: of the Redis."""
+    try:
+        yield
+    except (redis.RedisError, OSError) as error:
+        raise StoreFailed(f"{name}: {type(error).__name__}: {error}") from error

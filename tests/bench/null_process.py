@@ -1,0 +1,63 @@
+"""A server without a model, in a process of its own, and what of the processor its threads have used."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import psutil
+
+from tests.bench.machine import ROOT
+
+NULL_SERVER = "tests.bench.null_server"
+SETTINGS = (
+    "--port", "0", "--ops-port", "0", "--log-level", "WARNING", "--drain-wait-s", "0", "--drain-grace-s", "0.5",
+    "--max-sessions", "4000", "--max-sessions-per-stream", "4000", "--max-rows", "4000", "--denoise-steps", "2",
+    "--peer-events-per-second", "1000000000", "--peer-calls-per-second", "1000000", "--peer-session-weight", "1000000",
+    "--devices", "cpu:1", "--events-per-second", "1000000", "--stream-events-per-second", "10000000",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class NullServer:
+    """A server's process. threads: name -> the operating system's number."""
+
+    pid: int
+    address: str
+    threads: dict[str, int]
+
+    def cpu_s(self) -> dict[str, float]:
+        """Processor seconds so far of the engine (process or thread), of the event loop, and of all others."""
+        names = {number: name for name, number in self.threads.items()}
+        seconds = {"engine": 0.0, "event loop": 0.0, "others": 0.0}
+        for task in Path(f"/proc/{self.pid}/task").iterdir():
+            used_ns = int((task / "schedstat").read_text(encoding="ascii").split()[0])
+            name = {"engine": "engine", "MainThread": "event loop"}.get(names.get(int(task.name), ""), "others")
+            seconds[name] += used_ns / 1e9
+        for process in psutil.Process(self.pid).children():
+            times = process.cpu_times()
+            seconds["engine"] += times.user + times.system
+        return seconds
+
+
+@contextmanager
+def server_process(module: str, *arguments: str) -> Iterator[NullServer]:
+    command = [sys.executable, "-m", module, *arguments]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    try:
+        line = process.stdout.readline()
+        if not line:
+            raise RuntimeError(f"the server did not start, exit code {process.wait()}")
+        told = json.loads(line)
+        yield NullServer(process.pid, f"127.0.0.1:{told['grpc_port']}", told["threads"])
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.wait(30)
+        process.stdout.close()

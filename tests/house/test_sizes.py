@@ -1,0 +1,59 @@
+"""A file has at most 300 lines, and no function of ours takes more than six arguments by position."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+MOST_LINES = 300
+MOST_POSITIONAL = 6
+CODE = {".cs", ".css", ".html", ".js", ".py", ".sh"}
+"""Of protos most is comments, and generated code reads one file of them as one module."""
+GENERATED = Path("proto/python")
+
+
+def code_files(repository: Any) -> list[Path]:
+    return [path for path in repository.files if path.suffix in CODE and GENERATED not in path.parents]
+
+
+def many_positional(source: str) -> list[str]:
+    """Names of the functions that take too many arguments by position; self and cls are none of them."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            names = [argument.arg for argument in (*node.args.posonlyargs, *node.args.args)]
+            if len([name for name in names if name not in ("self", "cls")]) > MOST_POSITIONAL:
+                found.append(node.name)
+    return found
+
+
+def test_files_are_short(repository: Any) -> None:
+    files = code_files(repository)
+    lengths = {path: len((repository.root / path).read_text(encoding="utf-8").splitlines()) for path in files}
+    long = [f"{path}: {length} lines" for path, length in lengths.items() if length > MOST_LINES]
+    assert long == [], "two subjects are two files"
+    assert len(files) > 1000
+
+
+def test_functions_take_few_arguments_by_position(repository: Any) -> None:
+    files = [path for path in code_files(repository) if path.suffix == ".py"]
+    sources = {path: (repository.root / path).read_text(encoding="utf-8") for path in files}
+    found = [f"{path}: {name}" for path, source in sources.items() for name in many_positional(source)]
+    assert found == [], "a dataclass is missing, or a * after which arguments are named"
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ("def f(a, b, c, d, e, f): ...", []),
+        ("def f(a, b, c, /, d, e, f, g): ...", ["f"]),
+        ("def f(a, *, b, c, d, e, f, g): ...", []),
+        ("class A:\n    async def m(self, a, b, c, d, e, f): ...", []),
+        ("class A:\n    def m(self, a, b, c, d, e, f, g): ...", ["m"]),
+    ],
+)
+def test_arguments_by_position_are_counted(source: str, found: list[str]) -> None:
+    assert many_positional(source) == found

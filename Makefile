@@ -167,6 +167,10 @@ cpp: cpp-packages ## build the C++ client in out/cpp/release
 cpp-test: $(READY) cpp-packages ## build and test the C++ client
 	$(PYTHON) -m pytest -m 'not gpu and not system' tests/cpp $(ARGS)
 
+.PHONY: cpp-system
+cpp-system: $(READY) cpp-packages system-packages ## the part of test-system that is the C++ client's: packages, C#, Windows, sanitizers, 10,000 connects
+	$(PYTHON) -m pytest -m system tests/system/test_cpp_packages.py $(ARGS)
+
 .PHONY: tidy
 tidy: $(READY) cpp-packages ## look for mistakes in the C++ client with clang-tidy, in files that have changed since they were looked at
 	$(if $(filter no,$(CPP)),@echo "without the C++ client",@cmake -S client/cpp -B $(OUT)/cpp/tidy -G Ninja --log-level=WARNING \

@@ -107,6 +107,7 @@ class ServerConfig:
     flush_ms: float = setting(20.0, "how long updates are gathered into one message", 1, 1000)
     playback_rate: float = setting(1.05, "times its frame rate that a session may be played at", 1, 1e6)
     idle_timeout_s: float = setting(300.0, "silence after which a session is closed", 1, 1e6)
+    rewind_s: float = setting(2.0, "of each session's motion that is kept behind its playhead, to go back to", 0, 600)
     resume_grace_s: float = setting(30.0, "for which sessions wait for a client that lost its line", 0, 3600)
     snapshot_store: str = setting("auto", SNAPSHOT_STORES)
     advertise_address: str = setting(

@@ -6,6 +6,7 @@ import gc
 import threading
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 
 from motiongen_client import EventRefused, ServerUnavailable, SessionEnded, Waypoint
@@ -82,6 +83,34 @@ def test_looking_again_while_the_same_frame_is_shown_asks_no_other_thread(
     monkeypatch.undo()
     assert session.close().reason == "client"
     assert session.poll() is not None
+
+
+def test_the_pose_between_two_frames(client: MotionClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    session = client.open("a person walks")
+    while session.poll() is None:
+        pass
+    session.pause().wait()
+    playback = session._inner.playback
+    while playback.buffered_to < playback.playhead + 20:
+        pass
+    now_s = [100.0]
+    monkeypatch.setattr(session._inner, "_clock", lambda: now_s[0])
+    session.resume().wait()
+    places, shares = [], []
+    for tick in range(40):  # 4 for each frame of the server's 100 a second
+        now_s[0] = 100.0 + tick / 400
+        frame = session.sample()
+        assert frame is not None
+        places.append(frame.root_translation_m[2])
+        shares.append(round(frame.share, 3))
+    assert np.diff(places) == pytest.approx(0.05 / 4, abs=1e-5)  # the root goes 0.05 m a frame
+    assert len(set(shares)) >= 4, "most of it is between frames"
+    session.set_time_scale(0.5)
+    session.sample()
+    now_s[0] += 1 / 100
+    slower = session.sample()
+    assert slower is not None
+    assert slower.root_translation_m[2] - places[-1] == pytest.approx(0.05 / 2, abs=1e-5)
 
 
 def test_leaving_frames_early_leaves_the_session_usable(client: MotionClient) -> None:

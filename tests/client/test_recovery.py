@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator
 import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
-from motiongen_client import InvalidInput, LinePolicy, MotionClient
+from motiongen_client import InvalidInput, LinePolicy, MotionClient, convert
 from motiongen_client.backoff import FIRST_DELAY_S, LONGEST_DELAY_S, LONGEST_SOON_DELAY_S, SOON_S, Backoff
 from motiongen_client.frame_shift import shifted
 from motiongen_client.wishes import Wishes
@@ -132,6 +132,26 @@ async def test_a_server_that_starts_later_is_waited_for() -> None:
         await client.close()
 
 
+def test_a_cut_that_has_not_come_is_told_again_first() -> None:
+    wishes = Wishes()
+    cut = session_pb2.Seek(start_pose=session_pb2.StartPose(x=5))
+    wishes.take(session_pb2.SessionEvent(seek=cut), 70, 50)
+    wishes.take(session_pb2.SessionEvent(set_velocity=session_pb2.SetVelocity(x=1, hold_frames=90)), 75, 50)
+    told = wishes.events_from(65)
+    assert [event.WhichOneof("event") for event in told] == ["seek", "set_velocity"]
+    assert told[0].seek == cut
+    assert [event.WhichOneof("event") for event in wishes.events_from(71)] == ["set_velocity"]
+
+
+def test_a_frame_to_go_back_to_is_counted_from_the_new_beginning() -> None:
+    moved = shifted(session_pb2.SessionEvent(seek=session_pb2.Seek(frame=50)), 40)
+    assert moved is not None
+    assert moved.seek.frame == 10
+    assert shifted(session_pb2.SessionEvent(seek=session_pb2.Seek(frame=40)), 40) is None
+    pose = session_pb2.SessionEvent(seek=session_pb2.Seek(start_pose=session_pb2.StartPose(x=1)))
+    assert shifted(pose, 40) == pose
+
+
 @pytest.fixture
 async def client(server: FakeServer) -> AsyncIterator[MotionClient]:
     async with MotionClient(server.address) as connected:
@@ -180,3 +200,24 @@ async def test_a_session_that_is_closed_ends_though_the_line_is_lost_before_the_
     end = await closing
     assert "the line was lost" in end.message
     assert await session.close() == end
+
+
+async def test_a_session_opened_anew_goes_back_to_frames_of_before_by_the_frames_themselves(
+    client: MotionClient, server: FakeServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = await client.open("a person walks")
+    async for _ in session.frames(seconds=0.4, realtime=False):
+        pass
+    monkeypatch.setattr(server.stream, "replan", lambda event: None)  # it has no answer when the line is lost
+    waiting = session.seek(20)
+    await received(server, "seek")
+    server.stream.end()
+    await until(lambda: session.reopenings or None)
+    (again,) = await received(server, "seek")
+    assert again.seek == convert.seek(None, session.motion(16, 20))
+    assert (await waiting).effective_frame is not None
+    await session.seek(12)
+    assert (await received(server, "seek", 2))[-1].seek == convert.seek(None, session.motion(8, 12))
+    frame = session.reopenings[0].frame
+    await session.seek(frame + 5)
+    assert (await received(server, "seek", 3))[-1].seek == session_pb2.Seek(frame=5)

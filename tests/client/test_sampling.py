@@ -101,9 +101,9 @@ def test_a_cut_is_neither_faded_nor_slid_over(stick_rig: Rig, playback: Playback
         seen.append(sampler.row(tick / 100)[1][0])
     assert set(np.round(seen, 3)) == {np.round(before[0], 3), np.float32(9.0)}
     assert playback.is_cut(2)
-    assert playback.last_cut == 2
+    assert (playback.cut_before(3), playback.cut_before(2)) == (2, None)
     playback.announce_plan(3, 2)
-    assert playback.last_cut is None, "another plan has taken its place"
+    assert playback.cut_before(3) is None, "another plan has taken its place"
 
 
 def test_after_a_wait_the_pose_does_not_jump(stick_rig: Rig, playback: Playback) -> None:

@@ -192,3 +192,12 @@ async def test_a_session_says_whether_it_is_paused(client: MotionClient) -> None
     assert session.is_paused
     await session.resume()
     assert not session.is_paused
+
+
+async def test_going_back_is_said_by_the_number_of_the_frame(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    assert (await session.seek(6)).effective_frame is not None
+    (sent,) = await received(server, "seek")
+    assert sent.seek == session_pb2.Seek(frame=6)
+    with pytest.raises(InvalidInput, match="none is before the first"):
+        session.seek(0)

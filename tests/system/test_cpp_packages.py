@@ -83,4 +83,5 @@ def test_nothing_for_the_sanitizers(sanitizer: str, live_server: LiveServer, tmp
 def test_ten_thousand_connects_leave_no_memory_behind(live_server: LiveServer) -> None:
     folder = built()
     settled_kb, last_kb = map(int, run(folder / "tests" / "connects", live_server.address, "10000").split())
+    print(f"resident memory: {settled_kb} kB after 2,000 connects, {last_kb} kB after 10,000")
     assert last_kb - settled_kb < 8192

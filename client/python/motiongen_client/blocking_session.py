@@ -150,6 +150,10 @@ class Session:
         """Go on from other frames, as if they had come just before."""
         return self._edit(lambda: self._inner.cut_to(prior))
 
+    def seek(self, frame: int) -> Edit:
+        """Go on from a frame of its own, as if the frames before that one had just been."""
+        return self._edit(lambda: self._inner.seek(frame))
+
     def set_options(
         self,
         *,

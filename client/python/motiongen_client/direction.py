@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterable
 
 from numpy.typing import ArrayLike
@@ -11,10 +11,11 @@ from motiongen.v1 import session_pb2
 from motiongen_client import convert
 from motiongen_client.carrier import Carrier
 from motiongen_client.changes import Changes
+from motiongen_client.cuts import Cuts
 from motiongen_client.edit import Edit, EditBook
 from motiongen_client.errors import InvalidInput, MotiongenError
 from motiongen_client.frame_shift import shifted
-from motiongen_client.motion import Motion, Rig
+from motiongen_client.motion import Rig
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Prompt, prompt_name
 from motiongen_client.reached import ReachedBook
@@ -24,7 +25,6 @@ from motiongen_client.types import (
     HeadingTarget,
     RootPath,
     RootTrajectory,
-    StartPose,
     Waypoint,
     as_array,
     check_finite,
@@ -34,7 +34,7 @@ from motiongen_client.types import (
 PRESENT_PROMPT_ID = 1  # the prompt set without a frame; scheduled prompts take the ids above it
 
 
-class Direction(ABC):
+class Direction(Cuts):
     """The half of a `Session` that speaks to the server. Every change returns an `Edit`."""
 
     rig: Rig
@@ -113,15 +113,6 @@ class Direction(ABC):
         With last_frame: at any frame from the one to the other.
         """
         return self.add_constraints([Flexible(Waypoint(frame, x_m, z_m, heading_rad), last_frame)])
-
-    def teleport(self, x_m: float, z_m: float, *, heading_rad: float = 0.0) -> Edit:
-        """Stand at a ground position (world metres), facing somewhere, from the first frame that can still change."""
-        seek = convert.seek(StartPose(x_m, z_m, heading_rad), None)
-        return self._send_edit("the cut", session_pb2.SessionEvent(seek=seek))
-
-    def cut_to(self, prior: Motion) -> Edit:
-        """Go on from other frames, whole patches of them, as if they had come just before."""
-        return self._send_edit("the cut", session_pb2.SessionEvent(seek=convert.seek(None, prior)))
 
     def go_to(self, x_m: float, z_m: float, *, heading_rad: float | None = None, is_relative: bool = False) -> Edit:
         """Walk to a ground position, however far, and be there as soon as a person can: `Outcome.placements` says when.

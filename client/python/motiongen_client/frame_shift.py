@@ -32,6 +32,10 @@ def shifted(event: session_pb2.SessionEvent, offset: int) -> session_pb2.Session
             edit = moved.edit_constraints
             is_empty = not edit.upsert and not edit.remove and not edit.clear
             return None if event.edit_constraints.upsert and is_empty else moved
+        case "seek":
+            if 0 < event.seek.frame <= offset:
+                return None
+            moved.seek.frame = max(event.seek.frame - offset, 0)
         case "playhead":
             moved.playhead.frame = max(event.playhead.frame - offset, 0)
             moved.playhead.buffered_to = max(event.playhead.buffered_to - offset, 0)

@@ -110,10 +110,9 @@ class Playback:
         """Whether a frame does not continue the one before it: nothing is to be blended there."""
         return frame in self._cuts
 
-    @property
-    def last_cut(self) -> int | None:
-        """The newest frame that does not continue the one before it; None while there is none, or it is not kept."""
-        return self._cuts[-1] if self._cuts else None
+    def cut_before(self, frame: int) -> int | None:
+        """The newest such frame below one; None where there is none, or it is not kept."""
+        return next((cut for cut in reversed(self._cuts) if cut < frame), None)
 
     @property
     def received_to(self) -> int:

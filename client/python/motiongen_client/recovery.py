@@ -192,8 +192,7 @@ class Recovery(Direction):
             patch = max(model.patch_frames, 1)
             asked = self._options.history_frames or model.default_history_frames
             wanted = max(asked // patch, 1) * patch
-        cut = self.playback.last_cut
-        first = max(end_frame - wanted, self.playback.first_kept, 0 if cut is None or cut >= end_frame else cut)
+        first = max(end_frame - wanted, self.playback.first_kept, self.playback.cut_before(end_frame) or 0)
         rows = self.playback.rows(first, end_frame)
         missing = wanted - len(rows)
         if missing > 0:
@@ -236,11 +235,15 @@ class Recovery(Direction):
             self.fail(SessionEnded("model_unloaded", f"its rig, {self.opened.rig_id}, is not served any more"))
             return
         self._line, self.opened = Line.OPEN, opened
-        waiting = [event for event in self._unanswered.values() if shifted(event, self._offset) is not None]
+        waiting = [*self._wishes.events_from(self._offset), *self._unanswered.values()]
+        for event in waiting:
+            self._say_as_frames(event)
         self._unanswered.clear()
         self._next_seq = 2
         numbers = {}
-        for event in (*self._wishes.events_from(self._offset), *waiting):
+        for event in waiting:
+            if shifted(event, self._offset) is None:
+                continue
             numbers[event.event_seq] = self._next_seq
             event.session, event.event_seq = self.handle, self._next_seq
             self._unanswered[self._next_seq] = event

@@ -13,13 +13,14 @@ PLAYING = session_pb2.PLAY_STATE_PLAYING
 
 
 class Wishes:
-    """Prompts, constraints, the velocity and the play state that hold, by the frames that the application counts."""
+    """Prompts, constraints, velocity, cut and play state that hold, by the frames that the application counts."""
 
     def __init__(self) -> None:
         self._prompts: dict[int, motion_pb2.PromptSpan] = {}  # in the order they were set
         self._constraints: dict[int, motion_pb2.Constraint] = {}
         self._placements: dict[int, Placement] = {}
         self._velocity: tuple[session_pb2.SetVelocity, int] | None = None  # with the frame at which it ends
+        self._cut: tuple[session_pb2.Seek, int] | None = None  # with its first frame
         self._play_state: session_pb2.PlayState = PLAYING
 
     def take_opening(self, opening: session_pb2.OpenSession) -> None:
@@ -72,6 +73,8 @@ class Wishes:
             case "set_velocity":
                 velocity = event.set_velocity
                 self._velocity = (velocity, effective_frame + velocity.hold_frames)
+            case "seek":
+                self._cut = (event.seek, effective_frame)
             case "set_play_state":
                 self._play_state = event.set_play_state.state
 
@@ -99,6 +102,10 @@ class Wishes:
     def events_from(self, frame: int) -> list[session_pb2.SessionEvent]:
         """What a session that begins at a frame is to be told besides, without numbers."""
         events = []
+        if self._cut is not None and self._cut[1] >= frame:  # it has not come yet
+            cut = session_pb2.SessionEvent()
+            cut.seek.CopyFrom(self._cut[0])
+            events.append(cut)
         if self._velocity is not None and self._velocity[1] > frame:
             velocity = session_pb2.SetVelocity()
             velocity.CopyFrom(self._velocity[0])

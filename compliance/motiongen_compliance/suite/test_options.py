@@ -55,3 +55,29 @@ async def test_a_cut_is_a_plan_of_its_own_cause_and_the_session_goes_on(target: 
     await talk.plays_on(1)
     refused = await talk.edit(1, session_pb2.SessionEvent(seek=session_pb2.Seek()))
     assert (refused.reason, refused.field) == ("AMBIGUOUS_START", "seek")
+
+
+async def test_a_session_goes_on_from_a_frame_of_its_own_that_is_held(target: Target) -> None:
+    talk = await target.talk()
+    heard = await talk.open(1)
+    while heard.end < target.catalog.models[0].patch_frames + 1:
+        await talk.plays_on(1)
+    frame = heard.end
+    outcome = await talk.edit(1, session_pb2.SessionEvent(seek=session_pb2.Seek(frame=frame)))
+    assert outcome.code == 0, outcome
+    notice = next(plan for plan in heard.plans if heard.sent_seq in plan.event_seqs)
+    assert notice.cause == session_pb2.PLAN_CAUSE_CUT
+    assert notice.valid_from == outcome.effective_frame
+    await talk.plays_on(1)
+
+
+async def test_a_frame_that_is_not_held_is_refused_with_those_that_are(target: Target) -> None:
+    talk = await target.talk()
+    await talk.open(1)
+    ahead = await talk.edit(1, session_pb2.SessionEvent(seek=session_pb2.Seek(frame=2**40)))
+    assert (ahead.code, ahead.reason, ahead.field) == (9, "FRAME_NOT_HELD", "seek.frame")
+    assert ahead.allowed
+    both = session_pb2.Seek(frame=8, start_pose=session_pb2.StartPose(x=1.0))
+    refused = await talk.edit(1, session_pb2.SessionEvent(seek=both))
+    assert (refused.reason, refused.field) == ("AMBIGUOUS_START", "seek.frame")
+    await talk.plays_on(1)

@@ -25,6 +25,7 @@ class EngineConfig:
     open_target_s: the same from opening. clip_target_s: within which a clip's windows come before those of sessions of
     the class BATCH that are due later; clips go in the order they came.
     idle_timeout_s: silence after which a session is closed.
+    rewind_s: for which frames are kept behind a session's playhead, so that it may go on from them again.
     max_restarts: how often in a row edits may restart a window that has begun before one is allowed to finish.
     replans_hz: most replans a second that edits may cause in a session of each class; edits between them share one.
     max_waiting_edits: edits of one session that may wait for a plan. reuse_tokens: give windows the tokens of earlier
@@ -62,6 +63,7 @@ class EngineConfig:
     open_target_s: float = 0.5
     clip_target_s: float = 10.0
     idle_timeout_s: float = 300.0
+    rewind_s: float = 0.0
     max_restarts: int = 1
     replans_hz: tuple[float, float, float, float] = (10.0, 5.0, 2.0, 1.0)
     max_waiting_edits: int = 256
@@ -93,6 +95,7 @@ class EngineConfig:
             "continue_jitter",
             "stride_jitter",
             "max_restarts",
+            "rewind_s",
             "rtt_s",
             "flush_s",
             "margin_s",

@@ -134,6 +134,7 @@ def build_engine(
             history_crop=history_frames,
             flush_s=config.flush_ms / 1000,
             idle_timeout_s=config.idle_timeout_s,
+            rewind_s=config.rewind_s,
             playback_rate=config.playback_rate,
             admit_load=admit_loads(config.admit_load),
             degrade=config.degrade,

@@ -165,9 +165,11 @@ class Stage:
         state = PlayState.PAUSED if paused else PlayState.PLAYING
         return self._ask(viewer, lambda seq, now: SetPlayState(viewer.key, seq, now, state))
 
-    def seek(self, viewer: Viewer, start: StartPose | None = None, prior_rows: np.ndarray | None = None) -> int:
+    def seek(
+        self, viewer: Viewer, start: StartPose | None = None, prior_rows: np.ndarray | None = None, frame: int = 0
+    ) -> int:
         pose = start or StartPose()
-        return self._ask(viewer, lambda seq, now: Seek(viewer.key, seq, now, pose, prior_rows))
+        return self._ask(viewer, lambda seq, now: Seek(viewer.key, seq, now, pose, prior_rows, frame))
 
     def set_options(self, viewer: Viewer, **options: object) -> int:
         return self._ask(viewer, lambda seq, now: SetOptions(viewer.key, seq, now, **options))  # type: ignore[arg-type]

@@ -73,12 +73,16 @@ def test_a_cut_says_where_the_character_stands_or_what_it_goes_on_from() -> None
     rows = sought(session_pb2.Seek(prior_frames=frames)).prior_rows
     assert rows is not None
     assert rows.shape == (4, 12)
+    back = sought(session_pb2.Seek(frame=40))
+    assert (back.frame, back.prior_rows) == (40, None)
 
 
 @pytest.mark.parametrize(
     ("message", "reason", "field"),
     [
         (session_pb2.Seek(), "AMBIGUOUS_START", "seek"),
+        (session_pb2.Seek(frame=9, start_pose=session_pb2.StartPose()), "AMBIGUOUS_START", "seek.frame"),
+        (session_pb2.Seek(frame=2**53 + 1), "FRAME_OUT_OF_RANGE", "seek.frame"),
         (session_pb2.Seek(start_pose=session_pb2.StartPose(x=1e9)), "COORDINATE_OUT_OF_RANGE", "seek.start_pose.x"),
         (
             session_pb2.Seek(start_pose=session_pb2.StartPose(), prior_frames=motion_pb2.FrameChunk(frame_count=4)),

@@ -19,7 +19,6 @@ TOLD_IN = {("SessionUpdate", "snapshot")}
 
 EXAMPLES = [
     (session_pb2.OpenSession(snapshot=b"x"), "open", "open.snapshot"),
-    (session_pb2.Seek(frame=4), "seek", "seek.frame"),
     (session_pb2.SessionEvent(take_snapshot=session_pb2.TakeSnapshot()), "", "take_snapshot"),
 ]  # fmt: skip
 

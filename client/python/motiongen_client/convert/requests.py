@@ -64,7 +64,7 @@ def open_session(
 
 
 def seek(start: StartPose | None, prior: Motion | None) -> session_pb2.Seek:
-    """The message that puts a character elsewhere: at a pose, or after other frames."""
+    """The message that puts a character elsewhere: at a pose, or after other frames. One of its own has its number."""
     message = session_pb2.Seek()
     if prior is not None:
         message.prior_frames.CopyFrom(_prior_frames(prior))

@@ -1,4 +1,4 @@
-"""Cut: what a character that is put elsewhere goes on from, in place of the frames before."""
+"""Cut: what a character that is put elsewhere goes on from, in place of the frames before: others, or older ones."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motiongen_server.engine.session.timeline import Timeline, TokenRun
-from motiongen_server.engine.types import Float32Array, ModelFacts, StartPose
+from motiongen_server.engine.types import Code, EventRefused, Float32Array, ModelFacts, StartPose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,3 +27,24 @@ class Cut:
         run = TokenRun(frame, np.empty((0, facts.token_width), np.float32), facts.patch)
         first = frame - len(rows)
         return Timeline(first, rows, features, run, motion_from=first)
+
+
+def own_frames(
+    timeline: Timeline, frame: int, sent_to: int, most: int, patch: int
+) -> tuple[Float32Array, Float32Array]:
+    """What a session goes on from that is to go on from a frame of its own: rows (H, row_width) and features (H, D).
+
+    They are the frames just before that one, whole patches of them, `most` unless that is less than one. sent_to: the
+    first frame that its client was not sent. Raises EventRefused where not even a patch of them is held.
+    """
+    could = []
+    for begin, end in timeline.stretches:
+        low, high = max(begin + patch, timeline.held_to, 1), min(end, sent_to)
+        if low <= frame <= high:
+            length = min(max(most, patch), frame - begin) // patch * patch
+            return timeline.rows_between(frame - length, frame), timeline.features_before(frame, length)
+        if low <= high:
+            could.append(f"{low} to {high}")
+    given = f"the session cannot go on from its frame {frame}: what was before that one is not held"
+    allowed = f"frames {', '.join(could)}" if could else f"a frame once {patch} frames before it were sent"
+    raise EventRefused(Code.FAILED_PRECONDITION, "FRAME_NOT_HELD", given, "seek.frame", allowed)

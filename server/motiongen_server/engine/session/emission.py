@@ -63,11 +63,13 @@ def _hold(state: SessionState, now: float, report: StepReport) -> list[Output]:
 
 
 def _trim(state: SessionState) -> None:
-    """Let go of what can neither be sent, nor replaced, nor be history; and of conditions that have passed."""
+    """Let go of what can neither be sent, nor replaced, nor be history, nor gone back to; and of what has passed."""
     committed_to = state.delivery.committed_to
     # A client that loses its transport may have to be sent again all that lies beyond its last report.
     missed_from = math.inf if state.spec.is_clip else state.clock.reported
-    keep_from = int(min(committed_to, state.delivery.sent_to, missed_from)) - history_crop(state.spec, state.config)
+    rewind_frames = 0 if state.spec.is_clip else math.ceil(state.config.rewind_s * state.facts.fps)
+    needed_from = int(min(committed_to, state.delivery.sent_to, missed_from)) - history_crop(state.spec, state.config)
+    keep_from = needed_from - rewind_frames
     if keep_from - state.timeline.first >= state.facts.horizon:
         state.timeline = state.timeline.trimmed(keep_from)
     state.conditions = state.conditions.without_past(committed_to)

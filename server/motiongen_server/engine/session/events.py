@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from motiongen_server.engine.session.cutting import Cut
+from motiongen_server.engine.session.cutting import Cut, own_frames
 from motiongen_server.engine.session.edits import EditEvent, PendingEdit, edited
 from motiongen_server.engine.session.placing import Anchor
 from motiongen_server.engine.session.state import SessionState, anchor_at
@@ -98,11 +98,15 @@ def cut(
     state: SessionState, event: Seek, features: Float32Array | None, now: float, report: StepReport
 ) -> list[Output]:
     """Put the character elsewhere. features: (H, D), those of event.prior_rows. As for `apply`."""
+    rows = event.prior_rows
     try:
         state.edits.require_room()
+        if event.frame:
+            crop, patch = history_crop(state.spec, state.config), state.facts.patch
+            rows, features = own_frames(state.timeline, event.frame, state.delivery.sent_to, crop, patch)
     except EventRefused as refused:
         return [refused.outcome(state.key, event.event_seq)]
-    state.cut = Cut(event.start_pose, event.prior_rows, features)
+    state.cut = Cut(event.start_pose, rows, features)
     edit = PendingEdit(event.event_seq, "seek", event.received_at, state.replaceable_from(now, state.delivery.commit_s))
     return _queue(state, edit, report)
 

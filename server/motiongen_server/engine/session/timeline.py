@@ -52,7 +52,9 @@ class Timeline:
     """Consecutive frames from `first` on; a new value for every change, so that views of an old one stay true.
 
     rows: (T, row_width) float32, for the wire. features: (T, D) float32, normalized, for histories. motion_from: the
-    first frame that a history may reach back to. cut_at: the first that goes on from none before it.
+    first frame that a history may reach back to. cut_at: the first that goes on from none before it. older: the motion
+    before earlier cuts, each (begin, end). held_to: the end of the last held pose, up to which features are not those
+    of the rows.
     """
 
     first: int
@@ -61,6 +63,8 @@ class Timeline:
     run: TokenRun
     motion_from: int = 0
     cut_at: int = 0
+    older: tuple[tuple[int, int], ...] = ()
+    held_to: int = 0
 
     @classmethod
     def empty(cls, row_width: int, feature_dim: int, token_width: int = 0, patch: int = 1) -> Timeline:
@@ -75,6 +79,11 @@ class Timeline:
     def end(self) -> int:
         """The first frame that is not held."""
         return self.first + len(self.rows)
+
+    @property
+    def stretches(self) -> tuple[tuple[int, int], ...]:
+        """The motion that is held, cut by cut, each (begin, end): a history may be of any frames within one."""
+        return tuple((max(begin, self.first), end) for begin, end in (*self.older, (self.motion_from, self.end)))
 
     def spliced(
         self,
@@ -96,6 +105,8 @@ class Timeline:
             self.run.spliced(frame, tokens, len(rows)),
             frame if anew else self.motion_from,
             frame if anew else self.cut_at,
+            (*self.older, (self.motion_from, frame)) if anew and frame > self.motion_from else self.older,
+            self.held_to,
         )
 
     def held(self, num_frames: int) -> Timeline:
@@ -111,6 +122,7 @@ class Timeline:
             TokenRun(self.run.first + num_frames, self.run.tokens, self.run.patch),
             self.motion_from + num_frames,
             self.cut_at,
+            held_to=self.end + num_frames,
         )
 
     def trimmed(self, frame: int) -> Timeline:
@@ -123,6 +135,8 @@ class Timeline:
             self.run.trimmed(frame),
             self.motion_from,
             self.cut_at,
+            tuple(each for each in self.older if each[1] > frame),
+            self.held_to,
         )
 
     def rows_between(self, begin: int, end: int) -> Float32Array:

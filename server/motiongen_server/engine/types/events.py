@@ -103,11 +103,13 @@ class SetPlayState(_OfSession):
 class Seek(_OfSession):
     """Cut: the character stands at start_pose from the first frame that can still change, or goes on from prior_rows.
 
-    prior_rows: (H, row_width) float32, whole patches of them; start_pose counts only where there are none.
+    prior_rows: (H, row_width) float32, whole patches of them; start_pose counts only where there are none. frame: one
+    of the session's own, and those before it are what it goes on from; 0 for none.
     """
 
     start_pose: StartPose
     prior_rows: Float32Array | None = None
+    frame: int = 0
 
 
 @dataclass(frozen=True, slots=True)

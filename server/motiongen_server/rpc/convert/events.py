@@ -177,12 +177,15 @@ def _session_spec(
 
 
 def _seek(message: session_pb2.Seek, key: SessionKey, sequence: int, received_at: float, catalog: Catalog) -> Seek:
-    check_served(message, "seek")
-    if not message.HasField("start_pose") and not message.HasField("prior_frames"):
-        given, allowed = "it is not said where the character is", "start_pose or prior_frames"
+    is_elsewhere = message.HasField("start_pose") or message.HasField("prior_frames")
+    if not message.frame and not is_elsewhere:
+        given, allowed = "it is not said where the character is", "frame, start_pose or prior_frames"
         raise refuse("AMBIGUOUS_START", "seek", given, allowed)
+    if message.frame and is_elsewhere:
+        given, allowed = "there is a start pose, or prior frames, too", "one of frame, start_pose and prior_frames"
+        raise refuse("AMBIGUOUS_START", "seek.frame", given, allowed)
     pose, rows = _start_pose(message.start_pose, "seek"), prior_rows_of(message, catalog, "seek")
-    return Seek(key, sequence, received_at, pose, rows)
+    return Seek(key, sequence, received_at, pose, rows, frame_number(message.frame, "seek.frame"))
 
 
 def _start_pose(message: session_pb2.StartPose, name: str) -> StartPose:

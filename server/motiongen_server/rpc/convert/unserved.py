@@ -10,7 +10,6 @@ from motiongen_server.errors import EventRefused
 UNSERVED_FIELDS: dict[str, tuple[str, ...]] = {
     "OpenSession": ("snapshot",),
     "SessionEvent": ("take_snapshot",),
-    "Seek": ("frame",),
 }  # fmt: skip
 """By message. Their comments in the protos begin with "Not served": a test compares."""
 

@@ -40,8 +40,7 @@ def test_it_goes_on_from_frames_that_are_given() -> None:
     assert np.all(cut.history == np.full((8, FEATURE_DIM), 500.0))
     assert not np.any(following.history == 500.0), "later windows go on from what was made"
     assert len(following.history) <= following.first_frame - cut.first_frame
-    told = [f"the history before {cut.first_frame} ends at 500", f"history before {cut.first_frame} is not contiguous"]
-    assert stage.runner.breaches == told
+    assert stage.runner.breaches == [f"history before {cut.first_frame} is not contiguous"]
 
 
 @pytest.mark.parametrize("steps", [0, 1, 3])

@@ -49,13 +49,12 @@ def corners(session: Session, *points: tuple[float, float]) -> list[list[float]]
 
 
 def straight(session: Session) -> Constraint:
-    """A trajectory of two seconds at a walk, from where the character will be in two seconds if it walks on."""
+    """A trajectory of two seconds that begins in a second: on as the last half second went."""
     ground = session.motion().root_translation_m[:, [0, 2]]
     pace = (ground[-1] - ground[-11]) / 10
-    first = session.frame_in(2.0)
-    begin = ground[-1] + pace * (first - session.playback.playhead)
-    steps = np.arange(40)[:, None] * np.array([0.0, 1.2 / session.rig.frame_rate_hz])
-    return RootTrajectory(first, begin + steps)
+    first = session.frame_in(1.0)
+    frames = np.arange(first, first + session.rig.frames_in(2.0)) - session.playback.playhead
+    return RootTrajectory(first, ground[-1] + frames[:, None] * pace)
 
 
 ROWS = (
@@ -69,7 +68,7 @@ ROWS = (
         (RUN,),
     ),
     Row("path of 2.3 m from a stand", lambda session: RootPath(corners(session, (0.0, 2.3))), (STAND,)),
-    Row("trajectory of 2 s straight on, at 1.2 m/s", straight, (WALK,)),
+    Row("trajectory of 2 s straight on from in 1 s, as it walks", straight, (WALK,)),
     Row(
         "go there, 3 m to the left and 3 m ahead",
         lambda _: Flexible(Waypoint(0, 3.0, 3.0), at_any_frame=True, is_relative=True),

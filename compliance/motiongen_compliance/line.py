@@ -1,74 +1,81 @@
-"""Line: the TCP connections between a client and the server under test, which a test cuts."""
+"""TcpLine: TCP connections to a server by way of this process, which a test cuts."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import Awaitable, Callable
+from typing import Self
 
 _PIECE_BYTES = 65536
 
+Carry = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+"""Takes bytes one way until their source ends, or this way is to end; the connection ends with it."""
 
-class Line:
-    """Listens on a port of its own, `address`, and passes everything on to the server."""
 
-    def __init__(self, server_address: str) -> None:
-        host, _, port = server_address.rpartition(":")
-        self._server = (host.strip("[]"), int(port))
-        self._ends: set[asyncio.StreamWriter] = set()
-        self._passing: set[asyncio.Task[None]] = set()
+class TcpLine:
+    """Use as `async with`. address: where it listens; behind: where it leads; is_shut: it aborts who comes."""
+
+    name = "127.0.0.1"
+    """Of this machine, as the address has it: certificates name hosts."""
+
+    def __init__(self, behind: str) -> None:
+        self.behind = behind
         self.address = ""
+        self.is_shut = False
+        self._open: set[asyncio.StreamWriter] = set()
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def carry(self) -> Carry:
+        """How a new connection carries both of its ways: here as they come."""
+        return _pass_on
 
     def cut(self) -> None:
         """Abort every connection, as a network does that is gone; new ones are taken."""
-        for end in self._ends:
-            end.transport.abort()
+        for writer in self._open:
+            writer.transport.abort()
 
-    async def take(self, client: asyncio.StreamReader, to_client: asyncio.StreamWriter) -> None:
-        """A new connection."""
+    async def __aenter__(self) -> Self:
+        self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
+        self.address = f"{self.name}:{self._server.sockets[0].getsockname()[1]}"
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._server.close()
+        self.cut()
+        if self._tasks:
+            await asyncio.wait(self._tasks)
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
         assert task is not None
-        self._passing.add(task)
-        try:
-            server, to_server = await asyncio.open_connection(*self._server)
-        except OSError:
-            to_client.transport.abort()
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        if self.is_shut:
+            writer.transport.abort()
             return
-        ends = {to_client, to_server}
-        self._ends |= ends
+        host, _, port = self.behind.rpartition(":")
         try:
-            async with asyncio.TaskGroup() as ways:
-                ways.create_task(_pass_on(client, to_server))
-                ways.create_task(_pass_on(server, to_client))
-        except* OSError:
-            pass  # it was cut
-        finally:
-            self._ends -= ends
-            for end in ends:
-                end.transport.abort()
-
-    async def end(self) -> None:
-        """Cut what is left, and wait until it is gone."""
-        self.cut()
-        if self._passing:
-            await asyncio.wait(self._passing)
+            behind_reader, behind = await asyncio.open_connection(host.strip("[]"), int(port))
+        except OSError:
+            writer.transport.abort()
+            return
+        pair = {writer, behind}
+        self._open |= pair
+        carry = self.carry()
+        ways = [asyncio.ensure_future(carry(reader, behind)), asyncio.ensure_future(carry(behind_reader, writer))]
+        await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+        for end in pair:
+            end.transport.abort()
+        for way in ways:
+            way.cancel()
+        ended = await asyncio.gather(*ways, return_exceptions=True)
+        self._open -= pair
+        for failure in ended:
+            if isinstance(failure, Exception) and not isinstance(failure, OSError):  # else it was cut
+                raise failure
 
 
 async def _pass_on(source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
     while data := await source.read(_PIECE_BYTES):
         sink.write(data)
         await sink.drain()
-    sink.write_eof()
-
-
-@asynccontextmanager
-async def a_line(server_address: str) -> AsyncIterator[Line]:
-    """A line to a server for as long as the context is open."""
-    line = Line(server_address)
-    listener = await asyncio.start_server(line.take, "127.0.0.1", 0)
-    line.address = f"127.0.0.1:{listener.sockets[0].getsockname()[1]}"
-    try:
-        yield line
-    finally:
-        listener.close()
-        await line.end()

@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from pathlib import Path
+
+from tests import http_serving
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 BRANCHES = ("main", COMMIT, "v1")
@@ -42,16 +43,8 @@ def files_of(folder: Path) -> dict[str, bytes]:
 @contextmanager
 def serving(hub: FakeHub) -> Iterator[FakeHub]:
     """Serve a hub on a free port while the context lasts."""
-    server = ThreadingHTTPServer(("127.0.0.1", 0), lambda *given: _Handler(hub, *given))
-    hub.endpoint = f"http://127.0.0.1:{server.server_address[1]}"
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01}, name="fake hub")
-    thread.start()
-    try:
+    with http_serving.serving(lambda *given: _Handler(hub, *given)) as hub.endpoint:
         yield hub
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
 
 
 class _Handler(BaseHTTPRequestHandler):

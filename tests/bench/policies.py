@@ -46,13 +46,7 @@ class Queue:
             self._jobs[job_id].prepared = True
 
     def commit(self, statuses: Iterable[RowStatus]) -> list[int]:
-        finished = []
-        for status in statuses:
-            held = self._jobs[status.job_id]
-            held.steps_done = status.steps_done
-            if held.steps_done >= held.job.num_steps:
-                finished.append(status.job_id)
-        return finished
+        return [status.job_id for status in statuses if self._jobs[status.job_id].note(status)]
 
     def _window_s(self, rounds: int, rows: int, num_steps: int, passes: int) -> float:
         """So many rounds of `rows` windows like one with these steps and passes."""

@@ -1,83 +1,72 @@
-"""A TCP proxy whose connections a test cuts, or freezes: bytes are taken and go nowhere."""
+"""A TCP line for tests that block, which they cut or freeze: bytes are taken and go nowhere until it thaws."""
 
 from __future__ import annotations
 
-import contextlib
-import socket
+import asyncio
 import threading
 from collections.abc import Callable
 
+from motiongen_compliance.line import Carry, TcpLine
+from tests.waiting import LIMIT_S
 
-class TcpProxy:
-    """Listens on a port of its own and passes everything on to `target` (host:port). Use it as `with`."""
+PIECE_BYTES = 65536
 
-    def __init__(self, target: str) -> None:
-        host, _, port = target.rpartition(":")
-        self._target = (host, int(port))
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self._lock = threading.Lock()
-        self._open: list[socket.socket] = []
-        self._flowing = threading.Event()
-        self._flowing.set()
-        self.address = f"127.0.0.1:{self._listener.getsockname()[1]}"
-        self._threads: list[threading.Thread] = []
-        self._start(self._accept)
+
+class FreezingLine(TcpLine):
+    """is_flowing: cleared while it is frozen."""
+
+    def __init__(self, behind: str) -> None:
+        super().__init__(behind)
+        self.is_flowing = asyncio.Event()
+        self.is_flowing.set()
+
+    def carry(self) -> Carry:
+        return self._carry
+
+    async def _carry(self, source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
+        while data := await source.read(PIECE_BYTES):
+            await self.is_flowing.wait()
+            sink.write(data)
+            await sink.drain()
+
+
+class BlockingLine:
+    """Use it as `with`: its event loop has a thread of its own. address: where it listens."""
+
+    def __init__(self, behind: str) -> None:
+        self._behind = behind
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever)
 
     def cut(self) -> None:
-        """End all connections at once; new ones are accepted."""
-        with self._lock:
-            for each in self._open:
-                with contextlib.suppress(OSError):  # the other side was first
-                    each.shutdown(socket.SHUT_RDWR)
-            self._open.clear()
+        """Abort all connections; new ones are accepted."""
+        self._call(self._line.cut)
 
     def freeze(self) -> None:
         """Pass nothing on from now on, also of new connections."""
-        self._flowing.clear()
+        self._call(self._line.is_flowing.clear)
 
     def thaw(self) -> None:
         """Go on."""
-        self._flowing.set()
+        self._call(self._line.is_flowing.set)
 
-    def _accept(self) -> None:
-        while True:
-            try:
-                ours, _ = self._listener.accept()
-            except OSError:
-                return  # it was closed
-            try:
-                theirs = socket.create_connection(self._target)
-            except OSError:
-                ours.close()
-                continue
-            with self._lock:
-                self._open += [ours, theirs]
-            for source, sink in ((ours, theirs), (theirs, ours)):
-                self._start(self._pass_on, source, sink)
+    def _call(self, function: Callable[[], None]) -> None:
+        async def called() -> None:
+            function()
 
-    def _start(self, target: Callable[..., None], *arguments: object) -> None:
-        thread = threading.Thread(target=target, args=arguments)
-        self._threads.append(thread)
-        thread.start()
+        asyncio.run_coroutine_threadsafe(called(), self._loop).result(LIMIT_S)
 
-    def _pass_on(self, source: socket.socket, sink: socket.socket) -> None:
-        """Each thread closes the socket that it reads, and ends the one that it writes."""
-        with source, contextlib.suppress(OSError):
-            try:
-                while data := source.recv(65536):
-                    self._flowing.wait()
-                    sink.sendall(data)
-            finally:
-                sink.shutdown(socket.SHUT_RDWR)
-
-    def __enter__(self) -> TcpProxy:
+    def __enter__(self) -> BlockingLine:
+        self._thread.start()
+        self._line = asyncio.run_coroutine_threadsafe(self._begun(), self._loop).result(LIMIT_S)
+        self.address = self._line.address
         return self
 
+    async def _begun(self) -> FreezingLine:
+        return await FreezingLine(self._behind).__aenter__()
+
     def __exit__(self, *_: object) -> None:
-        with contextlib.suppress(OSError):
-            self._listener.shutdown(socket.SHUT_RDWR)
-        self._listener.close()
-        self.thaw()
-        self.cut()
-        for thread in self._threads:
-            thread.join()
+        asyncio.run_coroutine_threadsafe(self._line.__aexit__(), self._loop).result(LIMIT_S)
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(LIMIT_S)
+        self._loop.close()

@@ -16,7 +16,7 @@ import pytest
 from motiongen_tools.server_process import ServerProcess
 from tests.conftest import TINY_MODEL, LiveServer
 from tests.cpp.building import SOURCE, run
-from tests.cpp.proxy import TcpProxy
+from tests.cpp.proxy import BlockingLine
 from tests.waiting import LIMIT_S
 
 Program = Callable[[str], Path]
@@ -121,7 +121,7 @@ def character(program: Program, address: str, **variables: str) -> Iterator[Char
 
 
 def test_a_character_goes_on_after_a_cut_as_if_nothing_had_been(program: Program, live_server: LiveServer) -> None:
-    with TcpProxy(live_server.address) as proxy, character(program, proxy.address) as walker:
+    with BlockingLine(live_server.address) as proxy, character(program, proxy.address) as walker:
         walker.hear("opened")
         walker.tell("waypoint 400 1 2")
         assert walker.hear("edit")[2] == "OK"
@@ -141,7 +141,7 @@ def test_a_character_goes_on_after_a_cut_as_if_nothing_had_been(program: Program
 
 
 def test_each_edit_is_answered_once_however_often_the_stream_is_cut(program: Program, live_server: LiveServer) -> None:
-    with TcpProxy(live_server.address) as proxy, character(program, proxy.address) as walker:
+    with BlockingLine(live_server.address) as proxy, character(program, proxy.address) as walker:
         walker.hear("opened")
         for number in range(1, 11):
             walker.tell(f"prompt a person does number {number}")
@@ -155,7 +155,7 @@ def test_a_character_is_opened_anew_where_it_was_not_kept(program: Program) -> N
     settings += ["--profile-s", "0.3", "--admit-load", "1000", "--degrade", "false"]
     with (
         ServerProcess(settings) as server,
-        TcpProxy(server.address) as proxy,
+        BlockingLine(server.address) as proxy,
         character(program, proxy.address) as walker,
     ):
         walker.tell("wait 20")
@@ -174,7 +174,7 @@ def test_a_character_is_opened_anew_where_it_was_not_kept(program: Program) -> N
 
 
 def test_a_paused_character_that_was_never_played_is_recovered_too(program: Program, live_server: LiveServer) -> None:
-    with TcpProxy(live_server.address) as proxy, character(program, proxy.address) as walker:
+    with BlockingLine(live_server.address) as proxy, character(program, proxy.address) as walker:
         walker.tell("pause")
         assert walker.hear("edit")[2] == "OK"
         for _ in range(3):
@@ -186,7 +186,7 @@ def test_a_paused_character_that_was_never_played_is_recovered_too(program: Prog
 
 
 def test_a_server_that_freezes_is_noticed(program: Program, live_server: LiveServer) -> None:
-    with TcpProxy(live_server.address) as proxy, character(program, proxy.address) as walker:
+    with BlockingLine(live_server.address) as proxy, character(program, proxy.address) as walker:
         walker.tell("wait 4")
         walker.hear("frame")
         proxy.freeze()

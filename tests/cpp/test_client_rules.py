@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tests.conftest import LiveServer
 from tests.contract.rules_relay import RulesRelay
-from tests.cpp.proxy import TcpProxy
+from tests.cpp.proxy import BlockingLine
 from tests.cpp.test_client import Character, character
 from tests.waiting import LIMIT_S
 
@@ -62,7 +62,7 @@ async def test_every_edit_is_said_by_the_rules(program: Program, live_server: Li
 
 async def test_a_session_is_resumed_by_the_rules(program: Program, live_server: LiveServer) -> None:
     def play(behind: str) -> None:
-        with TcpProxy(behind) as proxy, character(program, proxy.address) as walker:
+        with BlockingLine(behind) as proxy, character(program, proxy.address) as walker:
             walker.tell("wait 40")
             walker.hear("frame")
             for _ in range(3):

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from motiongen_tools.cli import run
-from tests.bench.service_cost import NULL_SERVER, SETTINGS, server_process
+from tests.bench.null_process import NULL_SERVER, SETTINGS, server_process
 
 SCENARIO = """
 format: 1

@@ -81,7 +81,7 @@ async def test_lines_that_are_cut_at_two_hundred_moments_lose_nothing(
     rng, taken = random.Random(11), Taken()
 
     async def one_client(server: LocalServer, seed: int) -> list[Played]:
-        async with TcpProxy(int(server.address.rpartition(":")[2])) as proxy:
+        async with TcpProxy(server.address) as proxy:
 
             def budget() -> int | None:
                 return rng.randrange(1000, 20000) if proxy.num_cuts < CUTS_EACH else None

@@ -48,8 +48,8 @@ def a_server(**limits: float) -> LocalServer:
 async def proxied(
     server: LocalServer, policy: LinePolicy | None = None, budget: Callable[[], int | None] = lambda: None
 ) -> AsyncIterator[tuple[TcpProxy, MotionClient]]:
-    port = int(server.address.rpartition(":")[2])
-    async with TcpProxy(port, budget) as proxy, MotionClient(proxy.address, policy=policy or LinePolicy()) as client:
+    policy = policy or LinePolicy()
+    async with TcpProxy(server.address, budget) as proxy, MotionClient(proxy.address, policy=policy) as client:
         yield proxy, client
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from tests.tcp_line import Carry, TcpLine
+from motiongen_compliance.line import Carry, TcpLine
 
 CHUNK_BYTES = 4096
 
@@ -16,8 +16,8 @@ class TcpProxy(TcpLine):
     num_cuts: how many were. is_silent: nothing is passed on any more.
     """
 
-    def __init__(self, port: int, budget: Callable[[], int | None] = lambda: None) -> None:
-        super().__init__(port)
+    def __init__(self, behind: str, budget: Callable[[], int | None] = lambda: None) -> None:
+        super().__init__(behind)
         self.num_cuts = 0
         self.is_silent = False
         self.budget = budget

@@ -74,7 +74,7 @@ async def test_a_session_is_resumed_by_the_rules(live_server: LiveServer) -> Non
     async with (
         asyncio.timeout(LIMIT_S),
         RulesRelay(live_server.address) as relay,
-        TcpProxy(int(relay.address.rpartition(":")[2])) as proxy,
+        TcpProxy(relay.address) as proxy,
     ):
         async with MotionClient(proxy.address) as client:
             walker = await client.open("a person walks forward")

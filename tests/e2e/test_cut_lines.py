@@ -102,8 +102,7 @@ async def test_lines_that_are_cut_at_two_hundred_moments_lose_nothing(
             left -= 1
             return rng.randrange(1000, 20000) if left >= 0 else None
 
-        proxy_port = int(server.address.rpartition(":")[2])
-        async with TcpProxy(proxy_port) as proxy, MotionClient(proxy.address) as client:
+        async with TcpProxy(server.address) as proxy, MotionClient(proxy.address) as client:
             sessions = [await client.open("first", options=LOOKAHEAD) for _ in range(2)]
             proxy.budget = budget
             proxy.cut()

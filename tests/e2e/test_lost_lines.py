@@ -62,7 +62,7 @@ async def test_another_server_goes_on_with_the_sessions_of_one_that_was_killed()
             await played(session, 50)
         proxy.is_shut = True
         proxy.cut()
-        proxy.port = int(other.address.rpartition(":")[2])
+        proxy.behind = other.address
         proxy.is_shut = False
         for session in sessions:
             assert await played(session, 150) == list(range(50, 200))
@@ -78,7 +78,7 @@ async def test_a_server_that_drains_is_left_for_another() -> None:
     ):  # fmt: skip
         session = await client.open("a person walks", options=LOOKAHEAD)
         await played(session, 50)
-        proxy.port = int(other.address.rpartition(":")[2])
+        proxy.behind = other.address
         server.service.goodbye(1.0)
         opening = asyncio.create_task(client.open("while it drains"))
         await asyncio.to_thread(lambda: None)

@@ -74,7 +74,7 @@ class Pair:
         """Cut the line; the next one leads to that server. The other lives on, and hears nothing of it."""
         self.proxy.is_shut = True
         self.proxy.cut()
-        self.proxy.port = int(self.servers[index].address.rpartition(":")[2])
+        self.proxy.behind = self.servers[index].address
         self.proxy.is_shut = False
 
 
@@ -85,7 +85,7 @@ async def pair(path: Path) -> AsyncIterator[Pair]:
         LocalServer(facts=FACTS_AS_SERVED, snapshots=stores[0]),
         LocalServer(facts=FACTS_AS_SERVED, snapshots=stores[1]),
     )
-    async with asyncio.timeout(LIMIT_S), servers[0], servers[1], TcpProxy(0) as proxy:
+    async with asyncio.timeout(LIMIT_S), servers[0], servers[1], TcpProxy("") as proxy:
         two = Pair(stores, servers, proxy)
         two.lead_to(0)
         async with MotionClient(proxy.address, policy=LinePolicy()) as two.client:
@@ -224,7 +224,7 @@ async def test_a_server_that_goes_away_leaves_its_sessions_to_the_other(tmp_path
             await played(session, 50)
             await saved(session)
         await quiet(two)
-        two.proxy.port = int(two.servers[1].address.rpartition(":")[2])
+        two.proxy.behind = two.servers[1].address
         two.servers[0].service.goodbye(1.0)
         two.servers[0].service.close_all()
         for session in sessions:
@@ -240,7 +240,7 @@ async def test_clients_that_are_sent_away_go_on_with_their_sessions_on_the_other
         await played(session, 50)
         await saved(session)
         await quiet(two)
-        two.proxy.port = int(two.servers[1].address.rpartition(":")[2])
+        two.proxy.behind = two.servers[1].address
         two.servers[0].service.send_away()
         assert [row[FRAME] for row in await played(session, 100)] == list(range(50, 150))
         assert (session.stats.resumes, session.reopenings) == (1, ())

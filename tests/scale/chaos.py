@@ -114,7 +114,7 @@ def report(found: dict[str, Noticed], exit_codes: dict[str, int | None]) -> int:
 
 
 async def run(options: argparse.Namespace, replicas: Replicas, proxy: Proxy, clock: Path) -> dict[str, Noticed]:
-    async with ImpairedLine(proxy.port, random.Random(options.seed)) as line:
+    async with ImpairedLine(f"127.0.0.1:{proxy.port}", random.Random(options.seed)) as line:
         return await play(World(replicas, proxy, line, clock), options)
 
 

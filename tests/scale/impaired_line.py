@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import random
 
-from tests.tcp_line import Carry, TcpLine
+from motiongen_compliance.line import Carry, TcpLine
 
 PIECE_BYTES = 16_384
 STALL_SHARE = 0.02
@@ -21,8 +21,8 @@ class ImpairedLine(TcpLine):
 
     name = "localhost"
 
-    def __init__(self, port: int, draw: random.Random) -> None:
-        super().__init__(port)
+    def __init__(self, behind: str, draw: random.Random) -> None:
+        super().__init__(behind)
         self.delay_s = self.stall_s = 0.0
         self.is_silent = False
         self._draw = draw

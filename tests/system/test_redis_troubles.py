@@ -81,7 +81,7 @@ async def playing(url: str) -> AsyncIterator[Played]:
     async with (
         asyncio.timeout(LIMIT_S),
         server,
-        TcpProxy(port_of(server)) as line,
+        TcpProxy(server.address) as line,
         MotionClient(line.address, policy=LinePolicy()) as client,
     ):
         session = await client.open("first", options=OPTIONS)
@@ -160,7 +160,7 @@ async def test_after_a_failover_another_server_goes_on_with_what_the_replica_hol
     try:
         replica.client.replicaof("127.0.0.1", str(one.port))  # type: ignore[no-untyped-call]
         until(lambda: replica.client.info("replication").get("master_link_status") == "up")
-        async with TcpProxy(one.port) as address:
+        async with TcpProxy(f"127.0.0.1:{one.port}") as address:
             url = f"redis://{address.address}/0"
             async with playing(url) as (session, told, first, line):
                 one.end()
@@ -168,14 +168,14 @@ async def test_after_a_failover_another_server_goes_on_with_what_the_replica_hol
                 await is_served_on(session)
                 await until_true(lambda: told == [False])
                 replica.client.replicaof("NO", "ONE")  # type: ignore[no-untyped-call]
-                address.port = replica.port
+                address.behind = f"127.0.0.1:{replica.port}"
                 await is_served_on(session)
                 await until_true(lambda: session.is_durable and session.durable_seq == session.last_seq)
                 durability = first.service.durability
                 assert durability is not None
                 await until_true(lambda: durability.writer.lag_s == 0.0)
                 async with LocalServer(facts=FACTS_AS_SERVED, snapshots=RedisStore(url, 60)) as second:
-                    line.port = port_of(second)
+                    line.behind = second.address
                     line.cut()
                     await is_served_on(session)
                     assert (session.stats.resumes, second.engine.num_sessions) == (1, 1)

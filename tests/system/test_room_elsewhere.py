@@ -94,7 +94,7 @@ async def test_a_session_that_the_next_server_has_no_room_for_goes_on_at_a_third
         first, second, third = replicas.all
         await asyncio.to_thread(know_each_other, replicas)
         async with (
-            TcpProxy(first.behind.port) as line,
+            TcpProxy(first.address) as line,
             MotionClient(second.address) as filling,
             MotionClient(line.address, other_addresses=[third.address]) as client,
         ):
@@ -104,7 +104,7 @@ async def test_a_session_that_the_next_server_has_no_room_for_goes_on_at_a_third
             for session in sessions:
                 await plays(session)
             await until_true(lambda: all(session.is_durable for session in sessions))
-            line.port = second.behind.port
+            line.behind = second.address
             line.cut()
             await until_true(lambda: all(session.stats.resumes == 1 for session in sessions))
             for session in sessions:

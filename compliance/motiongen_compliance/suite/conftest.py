@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator
 import grpc
 import pytest
 
-from motiongen_compliance.line import Line, a_line
+from motiongen_compliance.line import TcpLine
 from motiongen_compliance.target import Scene, Target, connect
 
 
@@ -20,15 +20,15 @@ async def target(
 
 
 @pytest.fixture
-async def line(server_address: str) -> AsyncIterator[Line]:
+async def line(server_address: str) -> AsyncIterator[TcpLine]:
     """What `distant` reaches the server through."""
-    async with a_line(server_address) as line:
+    async with TcpLine(server_address) as line:
         yield line
 
 
 @pytest.fixture
 async def distant(
-    server_address: str, server_credentials: grpc.ChannelCredentials | None, server_token: str, line: Line
+    server_address: str, server_credentials: grpc.ChannelCredentials | None, server_token: str, line: TcpLine
 ) -> AsyncIterator[Target]:
     """The server, by connections that a test cuts."""
     async for connected in connect(server_address, server_credentials, server_token, through=line.address):

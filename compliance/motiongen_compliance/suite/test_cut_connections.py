@@ -7,7 +7,7 @@ import asyncio
 import grpc.aio
 
 from motiongen_compliance.heard import Heard
-from motiongen_compliance.line import Line
+from motiongen_compliance.line import TcpLine
 from motiongen_compliance.messages import PAUSE, addressed, edit_prompts, span
 from motiongen_compliance.talk import LIMIT_S, Talk
 from motiongen_compliance.target import Target
@@ -16,7 +16,7 @@ CUT = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.INTERNAL)
 """What a call ends with that began on a connection which was cut; INTERNAL is gRPC's own, of a write that failed."""
 
 
-async def cut(line: Line, talk: Talk) -> None:
+async def cut(line: TcpLine, talk: Talk) -> None:
     """Cut the line, and wait until the client's side has noticed."""
     line.cut()
     await talk.call.code()
@@ -36,7 +36,9 @@ async def come_back(distant: Target, heard: Heard) -> Talk:
                 return talk
 
 
-async def test_a_session_goes_on_by_its_token_however_often_its_connection_is_cut(distant: Target, line: Line) -> None:
+async def test_a_session_goes_on_by_its_token_however_often_its_connection_is_cut(
+    distant: Target, line: TcpLine
+) -> None:
     talk = await distant.talk()
     heard = await talk.open(1)
     for _ in range(3):
@@ -49,7 +51,7 @@ async def test_a_session_goes_on_by_its_token_however_often_its_connection_is_cu
     assert (await talk.edit(1, PAUSE)).code == 0
 
 
-async def test_an_event_that_was_on_its_way_is_said_again_and_answered_once(distant: Target, line: Line) -> None:
+async def test_an_event_that_was_on_its_way_is_said_again_and_answered_once(distant: Target, line: TcpLine) -> None:
     talk = await distant.talk()
     heard = await talk.open(1)
     for seq in range(2, 8):

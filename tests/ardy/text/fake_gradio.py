@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import io
 import json
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from typing import Any
 
 import numpy as np
+
+from tests import http_serving
 
 WIDTH = 8
 
@@ -43,16 +44,9 @@ class FakeGradio:
 @contextmanager
 def serving(app: FakeGradio) -> Iterator[FakeGradio]:
     """Serve it on a free port while the context lasts."""
-    server = ThreadingHTTPServer(("127.0.0.1", 0), lambda *given: _Handler(app, *given))
-    app.url = f"http://127.0.0.1:{server.server_address[1]}/"
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01}, name="fake gradio")
-    thread.start()
-    try:
+    with http_serving.serving(lambda *given: _Handler(app, *given)) as url:
+        app.url = f"{url}/"
         yield app
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -107,6 +107,7 @@ int main(int argc, char** argv) {
   motiongen::SessionOptions character;
   character.prompt = "a person walks forward";
   character.seed = 1;
+  character.keep_frames = 4000;  // who asks what a frame was may ask late, on a busy machine
   character.lookahead_frames = static_cast<std::uint32_t>(std::atoi(variable("MOTIONGEN_LOOKAHEAD").c_str()));
   const std::string format = variable("MOTIONGEN_FORMAT");
   if (!format.empty()) character.frame_format = static_cast<motiongen::FrameFormat>(std::atoi(format.c_str()));

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 
-from motiongen_server.engine.types import WindowJob
+from motiongen_server.engine.types import RowStatus, WindowJob
 
 
 @dataclass(slots=True)
@@ -16,6 +16,11 @@ class ScheduledJob:
     passes: int = 1
     prepared: bool = False
     steps_done: int = 0
+
+    def note(self, status: RowStatus) -> bool:
+        """Note the steps that were done; returns whether those were all."""
+        self.steps_done = status.steps_done
+        return self.steps_done >= self.job.num_steps
 
     @property
     def dueness(self) -> tuple[float, int]:

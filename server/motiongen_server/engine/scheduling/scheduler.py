@@ -253,13 +253,7 @@ class Scheduler:
 
     def commit(self, statuses: Iterable[RowStatus]) -> list[int]:
         """Note the steps that were done; returns the jobs that have done all of theirs."""
-        finished = []
-        for status in statuses:
-            held = self._jobs[status.job_id]
-            held.steps_done = status.steps_done
-            if held.steps_done >= held.job.num_steps:
-                finished.append(status.job_id)
-        return finished
+        return [status.job_id for status in statuses if self._jobs[status.job_id].note(status)]
 
     def predict_s(self, priority: Priority, deadline: float, num_steps: int, passes: int) -> float:
         """Seconds until a job that is added now would be finished, as things stand."""

@@ -1,11 +1,12 @@
-"""A runner that computes nothing, and lets as much time pass on its clock as a model's calls would take."""
+"""Runners that let as much time pass on a virtual clock as a model's calls would take; one of them computes nothing."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from motiongen_server.engine.types import RowStatus, WindowJob, WindowResult
+from motiongen_server.engine.ports import Runner
+from motiongen_server.engine.types import Float32Array, ModelFacts, RowStatus, WindowJob, WindowResult
 from tests.bench.null_runner import NullRunner
 
 
@@ -13,7 +14,7 @@ from tests.bench.null_runner import NullRunner
 class Costs:
     """Seconds of calls by rows: (of any call, of each row). goals_s: besides, of each row that has constraints.
 
-    These are of the built-in model in float32 on one thread of an AMD Zen 5 (`python -m tests.bench.levers`).
+    These are of the built-in model in float32 on one thread of an AMD Zen 5, measured once (`docs/log.md`).
     """
 
     prepare: tuple[float, float] = (0.0033, 0.0005)
@@ -89,3 +90,38 @@ class CostedRunner(NullRunner):
     def discard(self, job_ids: Sequence[int]) -> None:
         self.steps_thrown_away += sum(self._steps_done.get(job_id, 0) for job_id in job_ids)
         super().discard(job_ids)
+
+
+class TimedRunner:
+    """A runner that computes, and for which so much time passes on a virtual clock as its calls cost elsewhere."""
+
+    def __init__(self, runner: Runner, clock: VirtualClock, costs: Costs) -> None:
+        self._runner, self._clock, self._costs = runner, clock, costs
+
+    @property
+    def facts(self) -> ModelFacts:
+        return self._runner.facts
+
+    def num_passes(self, job: WindowJob) -> int:
+        return self._runner.num_passes(job)
+
+    def features(self, rows: Float32Array) -> Float32Array:
+        return self._runner.features(rows)
+
+    def outputs(self, names: Sequence[str], rows: Float32Array) -> Float32Array:
+        return self._runner.outputs(names, rows)
+
+    def prepare(self, jobs: Sequence[WindowJob]) -> None:
+        self._clock.time_s += self._costs.seconds(self._costs.prepare, len(jobs))
+        self._runner.prepare(jobs)
+
+    def denoise(self, job_ids: Sequence[int]) -> list[RowStatus]:
+        self._clock.time_s += self._costs.seconds(self._costs.step, len(job_ids))
+        return self._runner.denoise(job_ids)
+
+    def decode(self, job_ids: Sequence[int]) -> list[WindowResult]:
+        self._clock.time_s += self._costs.seconds(self._costs.decode, len(job_ids))
+        return self._runner.decode(job_ids)
+
+    def discard(self, job_ids: Sequence[int]) -> None:
+        self._runner.discard(job_ids)

@@ -40,7 +40,13 @@ def test_a_stick_is_followed_as_often_as_it_speaks() -> None:
 
 
 @pytest.mark.parametrize(
-    ("machine", "could"), [(Machine(0.7, quota=True), 104), (Machine(1.5, quota=True), 220), (Machine(1.0), 152)]
+    ("machine", "could"),
+    [
+        (Machine(0.7, quota=True), 104),
+        (Machine(1.0, quota=True, engines=2), 132),
+        (Machine(1.5, quota=True), 220),
+        (Machine(1.0), 152),
+    ],
 )
 def test_under_a_quota_too_nine_tenths_of_what_could_be_served_is_let_in_and_served_in_full(
     machine: Machine, could: int

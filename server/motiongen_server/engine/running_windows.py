@@ -15,7 +15,7 @@ from motiongen_server.engine.scheduling.step_executor import StepExecutor
 from motiongen_server.engine.scheduling.step_quotas import StepQuotas
 from motiongen_server.engine.session import planning
 from motiongen_server.engine.session.state import SessionState
-from motiongen_server.engine.types import Float32Array, Output, PlanCause, WindowJob, WindowResult
+from motiongen_server.engine.types import Float32Array, Output, PlanCause, Priority, WindowJob, WindowResult
 from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine.window_timings import WindowTimings
 
@@ -45,6 +45,8 @@ class RunningWindows:
         self.quotas = StepQuotas()
         self._now = clock.now
         self._owners: dict[int, SessionState] = {}
+        self._replans: dict[int, tuple[Priority, float]] = {}  # of those under way
+        self._begun_replans: list[tuple[Priority, float]] = []
         self._job_ids = itertools.count(1)
         self._executor = StepExecutor(
             runner, scheduler, clock, max_rows, lambda job_id, why: failed(self._owners[job_id], why)
@@ -97,12 +99,21 @@ class RunningWindows:
 
     def _start(self, state: SessionState, now: float) -> None:
         predicted_s = self._scheduler.predict_s(
-            state.spec.priority, planning.deadline(state, now), state.num_steps, self._passes
+            state.spec.priority, planning.deadline(state, now), state.next_steps, self._passes
         )
         job = planning.next_window(state, now, predicted_s * self._lease.stretch, next(self._job_ids))
         self.quotas.charge(job.owner, job.num_steps, now)
         self._owners[job.job_id] = state
         self._executor.add(job)
+        if job.cause is not PlanCause.CONTINUE and not job.background:
+            self._replans[job.job_id] = replan = job.priority, job.num_steps / state.spec.denoise_steps
+            self._begun_replans.append(replan)
+
+    def take_replans(self) -> list[tuple[Priority, float]]:
+        """The windows begun since this was last asked that change what would be shown, each with its share of a whole
+        one's steps; those that were let go of count against others."""
+        taken, self._begun_replans = self._begun_replans, []
+        return taken
 
     def step(self, report: StepReport) -> list[int]:
         """One denoising step for the most urgent windows; the jobs that are ready to be decoded."""
@@ -128,15 +139,13 @@ class RunningWindows:
             if state is None:
                 continue  # closed or restarted meanwhile, and discarded
             self._executor.finish(result.job_id)
+            self._replans.pop(result.job_id, None)
             running = state.running
-            job = running.job if running else None
             misses = len(report.deadline_misses)
             outputs = planning.accept(state, result, now, report)
             if self.timings is not None and running is not None:
                 outputs = self.timings.with_timing(outputs, running, now)
             said.append((state, outputs))
-            if job is not None and job.cause is not PlanCause.CONTINUE and not job.background:
-                load.note_replan(job.priority)
             # Only who goes on shows whether the machine keeps up: edits may ask for more than it could ever do.
             if running is not None and _shows_load(running.job):
                 due += 1
@@ -150,6 +159,9 @@ class RunningWindows:
         if self.timings is not None:
             self.timings.forget(job_id)
         del self._owners[job_id]
+        if job_id in self._replans:
+            priority, share = self._replans.pop(job_id)
+            self._begun_replans.append((priority, -share))
         self._executor.discard(job_id)
 
 

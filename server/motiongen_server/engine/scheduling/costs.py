@@ -17,8 +17,10 @@ _SHAPE_RATE = 1 / 128
 # The pace is of about so many calls, or of so long, where that is fewer; never of fewer than the least.
 _PACE_CALLS, _LEAST_PACE_CALLS = 32, 8
 _PACE_S = 2.0
-# One hiccup must not pass for the new normal: a measurement counts as at most so many times what was expected.
+# One hiccup must not pass for the new normal: a measurement counts as at most so many times what was expected. What it
+# took beyond that counts with the calls that follow, up to as long as a quota of processor time lets a process stand.
 _MOST_SURPRISE = 4.0
+_MOST_CARRIED_S = 0.1
 _REFRESH_EVERY = 8
 _LEAST_S = 1e-7
 _MOST_WEIGHT = 32.0
@@ -43,26 +45,50 @@ def bucket(size: int) -> int:
 
 
 @dataclass(slots=True)
+class Pace:
+    """How slow the device is of late: what calls took, of what these sizes take else.
+
+    A neighbour that takes the cores, or a quota that is used up, slows calls of every kind and size. The pace is a
+    ratio of sums. A mean of ratios would be too great where calls are uneven, as those are on the way of which the
+    processor is taken away; and of one kind of call alone it would be known late, where there are few of them.
+    """
+
+    value: float = 1.0
+    _spent_s: float = 0.0
+    _usual_s: float = 0.0
+    _carried_s: float = 0.0
+
+    def observe(self, usual_s: float, seconds: float) -> float:
+        """Take in what a call took that usually takes usual_s. Returns what it counts as, of what was expected."""
+        expected_s = usual_s * self.value
+        whole_s = seconds + self._carried_s
+        ratio = min(whole_s / expected_s, _MOST_SURPRISE)
+        self._carried_s = min(whole_s - ratio * expected_s, _MOST_CARRIED_S)
+        if not self._usual_s:
+            self._spent_s = self._usual_s = _PACE_CALLS * usual_s
+        kept = 1.0 - min(1.0 / _LEAST_PACE_CALLS, max(1.0 / _PACE_CALLS, seconds / _PACE_S))
+        self._spent_s = kept * self._spent_s + ratio * expected_s
+        self._usual_s = kept * self._usual_s + usual_s
+        self.value = self._spent_s / self._usual_s
+        return ratio
+
+
+@dataclass(slots=True)
 class CallCosts:
     """What one kind of call costs by its size. assumed_s: of any size, before anything was measured.
 
-    deviation: the mean distance of a measurement from what was expected, as a share of it.
-
-    A neighbour that takes the cores, or a quota that is used up, slows every size: what calls took of late, of what
-    these sizes take else, is the pace of all of them. It is a ratio of sums. A mean of ratios would be too great where
-    calls are uneven, as those are on the way of which the processor is taken away.
+    deviation: the mean distance of a measurement from what was expected, as a share of it. pace: of the device, for all
+    its kinds of calls.
     """
 
     assumed_s: float
+    pace: Pace = field(default_factory=Pace)
     deviation: float = 0.0
     _means: dict[int, float] = field(default_factory=dict)
     _weights: dict[int, float] = field(default_factory=dict)
     _curve: list[float] = field(default_factory=list)
     _efficient: dict[tuple[int, float], int] = field(default_factory=dict)
     _unread: int = 0
-    _pace: float = 1.0
-    _spent_s: float = 0.0
-    _usual_s: float = 0.0
 
     def observe(self, size: int, seconds: float) -> None:
         """Take in what a call of this size took."""
@@ -70,21 +96,14 @@ class CallCosts:
         mean = self._means.get(index)
         if mean is None and self._means and min(self._means) < index < max(self._means):
             # One measurement says little: it begins with what its neighbours cost.
-            mean, self._weights[index] = self.seconds(size) / self._pace, 0.0
+            mean, self._weights[index] = self.seconds(size) / self.pace.value, 0.0
         if mean is None:
-            self._means[index], self._weights[index] = max(seconds / self._pace, _LEAST_S), 1.0
+            self._means[index], self._weights[index] = max(seconds / self.pace.value, _LEAST_S), 1.0
             self._forget_curve()
             return
-        expected_s = mean * self._pace
-        ratio = min(seconds / expected_s, _MOST_SURPRISE)
+        ratio = self.pace.observe(mean, seconds)
         self.deviation += _LEARNING_RATE * (abs(ratio - 1.0) - self.deviation)
-        if not self._usual_s:
-            self._spent_s = self._usual_s = _PACE_CALLS * mean
-        kept = 1.0 - min(1.0 / _LEAST_PACE_CALLS, max(1.0 / _PACE_CALLS, seconds / _PACE_S))
-        self._spent_s = kept * self._spent_s + ratio * expected_s
-        self._usual_s = kept * self._usual_s + mean
-        self._means[index] = max(mean + _SHAPE_RATE * (ratio * expected_s / self._pace - mean), _LEAST_S)
-        self._pace = self._spent_s / self._usual_s
+        self._means[index] = max(mean + _SHAPE_RATE * (ratio - 1.0) * mean, _LEAST_S)
         self._weights[index] = min(self._weights[index] + 1.0, _MOST_WEIGHT)
         self._unread += 1
         if self._unread >= _REFRESH_EVERY:
@@ -101,11 +120,10 @@ class CallCosts:
         if not self._means:
             return self.assumed_s
         if not self._curve:
-            self._curve = [self._pace * each for each in _monotone_curve(self._means, self._weights)]
+            self._curve = _monotone_curve(self._means, self._weights)
         index = bisect_left(SIZES, size)
-        if index < len(self._curve):
-            return self._curve[index]
-        return self._curve[-1] * size / SIZES[-1]
+        usual_s = self._curve[index] if index < len(self._curve) else self._curve[-1] * size / SIZES[-1]
+        return self.pace.value * usual_s
 
     def each_s(self, size: int) -> float:
         """The share of one in a call of this size."""
@@ -116,7 +134,7 @@ class CallCosts:
         if not self._means:
             return SIZES[-1] if self.assumed_s <= seconds else 0
         self.seconds(1)  # makes the curve
-        index = bisect_right(self._curve, seconds)
+        index = bisect_right(self._curve, seconds, key=lambda usual_s: self.pace.value * usual_s)
         return SIZES[index - 1] if index else 0
 
     def efficient_from(self, most: int, waste: float) -> int:
@@ -166,7 +184,8 @@ class CostTable:
     @classmethod
     def assumed(cls, step_s: float) -> CostTable:
         """A table without measurements: a step costs step_s, the rest nothing."""
-        return cls(CallCosts(0.0), CallCosts(step_s), CallCosts(0.0))
+        pace = Pace()
+        return cls(CallCosts(0.0, pace), CallCosts(step_s, pace), CallCosts(0.0, pace))
 
     def round_s(self, evaluations: int, rows: int, num_steps: int) -> float:
         """One round of the engine with so many rows of num_steps each: its step, and its share of coming and going."""

@@ -62,7 +62,9 @@ class StepExecutor:
         self._passes = float(runner.facts.guidance_passes)
         self.work_s = 0.0
         self.busy_s = 0.0
-        """Seconds in calls of the runner, the background's share left out."""
+        """Seconds in calls of the runner, the background's share left out. work_s: had all been as large as they are
+        under a backlog, at the pace of late; what single calls took is no measure where the processor is taken away now
+        and then: the few that it is taken from took more, and all others less."""
 
     def __len__(self) -> int:
         """Jobs under way."""
@@ -173,7 +175,7 @@ class StepExecutor:
         costs.prepare.observe(len(jobs), seconds)
         counted = sum(not held.job.background for held in jobs)
         self.busy_s += seconds * counted / len(jobs)
-        self.work_s += counted * min(costs.prepare.each_s(self._turnover), seconds / len(jobs))
+        self.work_s += counted * costs.prepare.each_s(self._turnover)
 
     def _stepped(self, jobs: Sequence[ScheduledJob], seconds: float) -> None:
         costs = self._policy.costs
@@ -182,14 +184,14 @@ class StepExecutor:
         self._passes += min(1.0, _PASSES_RATE * len(jobs)) * (evaluations / len(jobs) - self._passes)
         counted = sum(held.passes for held in jobs if not held.job.background)
         self.busy_s += seconds * counted / evaluations
-        self.work_s += counted * min(costs.step.each_s(self._policy.largest_step), seconds / evaluations)
+        self.work_s += counted * costs.step.each_s(self._policy.largest_step)
 
     def _decoded(self, job_ids: Sequence[int], seconds: float) -> None:
         costs = self._policy.costs
         costs.decode.observe(len(job_ids), seconds)
         counted = sum(job_id not in self._background for job_id in job_ids)
         self.busy_s += seconds * counted / len(job_ids)
-        self.work_s += counted * min(costs.decode.each_s(self._turnover), seconds / len(job_ids))
+        self.work_s += counted * costs.decode.each_s(self._turnover)
 
     # ---- failures ---------------------------------------------------------------------------------------------------
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 
 from motiongen_server.engine.types import Priority
@@ -28,22 +27,23 @@ class WindowRates:
         self._playing_hz = playing_hz
         self._replans = dict.fromkeys(Priority, 0.0)
         self._watched_s = dict.fromkeys(Priority, 0.0)
-        self._finished: Counter[Priority] = Counter()
+        self._begun = dict.fromkeys(Priority, 0.0)
 
     def __getitem__(self, priority: Priority) -> float:
         """Windows a second of one session."""
         replans = self._replans[priority] + EXPECTED_HZ[priority] * _EXPECTED_S
         return self._playing_hz + replans / (self._watched_s[priority] + _EXPECTED_S)
 
-    def note_replan(self, priority: Priority) -> None:
-        """A session's window was finished that changed what it would have shown."""
-        self._finished[priority] += 1
+    def note_replan(self, priority: Priority, share: float = 1.0) -> None:
+        """A session's window was begun that changes what it would show. share: of a whole window's steps, below 0 for
+        one that was let go of."""
+        self._begun[priority] += share
 
     def update(self, elapsed_s: float, present: Mapping[Priority, int]) -> None:
-        """Take in what was finished in the last elapsed_s; present: sessions of each class."""
+        """Take in what was begun in the last elapsed_s; present: sessions of each class."""
         for priority, sessions in present.items():
             if sessions > 0 and elapsed_s > 0:
                 kept = 0.5 ** (elapsed_s / _HALF_LIFE_S)
-                self._replans[priority] = kept * self._replans[priority] + self._finished[priority]
+                self._replans[priority] = max(0.0, kept * self._replans[priority] + self._begun[priority])
                 self._watched_s[priority] = kept * self._watched_s[priority] + sessions * elapsed_s
-        self._finished.clear()
+        self._begun = dict.fromkeys(Priority, 0.0)

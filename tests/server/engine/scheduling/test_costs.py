@@ -151,6 +151,19 @@ def test_calls_on_the_way_of_which_the_processor_is_taken_away_are_no_dearer_tha
     assert sum(found[500:]) / len(found[500:]) == pytest.approx(2.0, rel=0.15)
 
 
+def test_short_calls_are_as_dear_as_on_average_where_few_of_them_stand_still_for_long() -> None:
+    costs = CallCosts(0.5)
+    costs.observe(1, 0.004)
+    computed_s = 0.0
+    found = []
+    for _ in range(4000):  # as above: one in twelve takes fourteen times as long as the others
+        before, computed_s = computed_s, computed_s + 0.004
+        stalls = int(computed_s / 0.05) - int(before / 0.05)
+        costs.observe(1, 0.004 + 0.05 * stalls)
+        found.append(costs.seconds(1) / 0.004)
+    assert sum(found[500:]) / len(found[500:]) == pytest.approx(2.0, rel=0.1)
+
+
 def test_a_size_between_others_is_not_judged_by_its_first_call() -> None:
     costs = CallCosts(0.5)
     for size in (8, 32):

@@ -12,7 +12,7 @@ from tests.server.engine.watched import PromiseBroken, WatchedScheduler
 NUM_STEPS = 4_000
 
 
-@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("seed", [2, 4])
 def test_a_long_day_breaks_no_rule(seed: int) -> None:
     day = Day(seed)
     day.live(NUM_STEPS)

@@ -13,14 +13,15 @@ from functools import partial
 from typing import Any, TypeVar
 
 import grpc.aio
-from grpc_health.v1 import health, health_pb2, health_pb2_grpc
+from grpc_health.v1 import health_pb2
 
-from motiongen_server.addresses import is_local, join_address
+from motiongen_server.addresses import is_local
 from motiongen_server.background import start_in_background
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import Closed, CloseReason, Output
 from motiongen_server.engine_process.pool import start_engine_processes
+from motiongen_server.grpc_port import GrpcPort
 from motiongen_server.identity.setup import listen, make_callers, make_credentials, make_ops_context, warn_of_exposure
 from motiongen_server.models.admin import AdminService, add_admin
 from motiongen_server.models.factory import Engines, ModelFactory, make_limits
@@ -31,15 +32,13 @@ from motiongen_server.ops.metrics import Metrics
 from motiongen_server.ops.port import OpsPort
 from motiongen_server.ops.tracing import WindowSpans, open_window_spans
 from motiongen_server.replicas.opening import open_other_servers
-from motiongen_server.rpc.handlers import SERVICE_NAME, add_methods
+from motiongen_server.rpc.handlers import SERVICE_NAME
 from motiongen_server.rpc.health import Health
-from motiongen_server.rpc.reflection import add_reflection
 from motiongen_server.rpc.service import MotionService
 from motiongen_server.rpc.starting import StartingService
 from motiongen_server.settings import SettingError
 from motiongen_server.snapshots.store import SnapshotStore
 from motiongen_server.snapshots.stores import NONE, is_for_several_servers, open_snapshot_store, state_folder
-from motiongen_server.transport import make_grpc_server
 
 _log = logging.getLogger("motiongen_server")
 
@@ -76,7 +75,6 @@ class Application:
         self._manager = ModelManager(self._factory.load, self._factory.forget)
         self._snapshots: SnapshotStore | None = None
         self._spans: WindowSpans | None = None
-        self._server: grpc.aio.Server | None = None
         self._admin: grpc.aio.Server | None = None
         self._health = Health()
         self._stop = asyncio.Event()
@@ -97,16 +95,18 @@ class Application:
         Raises SettingError for settings that cannot be served, StoppedEarly when asked to stop before it was ready.
         """
         credentials, self._callers = make_credentials(self._config), make_callers(self._config)
+        self._port = GrpcPort(self._config, credentials, self._door, self._health)
+        self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
         warn_of_exposure(self._config)
         self._spans = open_window_spans(self._config.trace_to, self._config.trace_share)
         await self._start_ops()
         try:
-            await self._start_grpc(credentials)
+            await self._port.open()
+            self.grpc_port = self._port.number
             await self._start_admin()
             await self._open()
         except Exception:
-            if self._server is not None:
-                await self._server.stop(None)
+            await self._port.close(None)
             await self._stop_admin()
             await self._stop_engines()
             await self.stop_ops()
@@ -184,12 +184,23 @@ class Application:
 
     def _without_engines(self) -> None:
         """Engines were lost. Where none is left, and other servers hold the same sessions, clients shall go on there
-        instead of waiting for the next engine here: none is let in until there is one.
+        instead of waiting for the next engine here: nobody can connect until there is one, since a refused connection
+        is what has every proxy ask another server at once.
         """
         if self._ready and self._door.is_open and not self._engine_is_well(HEARTBEAT_LIMIT_S):
             _log.warning("no engine is left: clients are sent to other servers until there is one again")
             self._door.shut()
             self._service.send_away()
+            self._port.shut(STOP_GRACE_S)
+
+    async def _let_in_again(self) -> None:
+        """There is an engine again."""
+        try:
+            await self._port.open()
+        except SettingError as error:
+            _log.error("%s; it is tried again", error)
+        else:
+            self._door.open(self._service)
 
     async def _start_ops(self) -> None:
         app = ops_app(self.metrics.registry, self._is_alive, self._is_ready, self._metrics_refusal)
@@ -200,18 +211,6 @@ class Application:
 
     def _metrics_refusal(self, authorization: str) -> str | None:
         return None if is_local(self._config.ops_host) else self._callers.metrics_refusal(authorization)
-
-    async def _start_grpc(self, credentials: grpc.ServerCredentials | None) -> None:
-        config = self._config
-        self._server = make_grpc_server(config)
-        add_methods(self._door, self._server)
-        health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
-        if config.reflection:
-            add_reflection((SERVICE_NAME, health.SERVICE_NAME), self._server)
-        self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
-        address = join_address(config.host, config.port)
-        self.grpc_port = listen(self._server, address, "", credentials)
-        await self._server.start()
 
     async def _start_admin(self) -> None:
         address = self._config.admin_listen
@@ -255,7 +254,7 @@ class Application:
         while not self._stop.is_set() and self._manager.failure is None:
             self._manager.look_after()
             if not self._door.is_open and self._engine_is_well(HEARTBEAT_LIMIT_S):
-                self._door.open(self._service)
+                await self._let_in_again()
             if self._freed.is_due(is_busy=self._service.num_streams > 0):
                 await asyncio.to_thread(give_back_freed_memory)
             with contextlib.suppress(TimeoutError):
@@ -278,9 +277,8 @@ class Application:
         self._service.close_all()
         await asyncio.wait({finished}, timeout=STOP_GRACE_S)
         hurry.cancel()
-        assert self._server is not None
         # A client that does not read keeps its stream from ending; nothing more can be told to it.
-        await self._server.stop(LAST_CALLS_S if finished.done() else None)
+        await self._port.close(LAST_CALLS_S if finished.done() else None)
         finished.cancel()
         failed = self._manager.failure is not None
         await self._manager.stop()

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import grpc
 import pytest
 
-from motiongen.v1 import session_pb2
+from motiongen.v1 import service_pb2, session_pb2
 from motiongen_client import EventRefused, MotionClient, OtherServer
 from motiongen_client.channel import ChannelSettings, Route
 from tests.client.fake_server import FakeServer
@@ -134,6 +134,62 @@ async def test_one_that_nobody_takes_waits_for_its_own_server(server: FakeServer
         server.stream.fail(grpc.StatusCode.UNAVAILABLE)  # which has it asked before the time that the server named
         await until(lambda: session.stats.reopenings == 1)
         await session.close()
+
+
+async def goes_away(client: MotionClient, server: FakeServer, *others: tuple[str, str]) -> None:
+    """The server names others, by addresses and keys, and ends the stream; it wishes nobody back for an hour."""
+    goodbye = service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASON_DRAINING)
+    goodbye.reconnect_after.FromSeconds(3600)
+    for address, key in others:
+        goodbye.other_servers.add(address=address, routing_key=key)
+    server.stream.outgoing.put(service_pb2.StreamMotionResponse(goodbye=goodbye))
+    await until(lambda: client._own_stream is not None and client._own_stream.draining)
+    server.stream.end()
+
+
+async def test_a_server_that_goes_away_names_one_that_goes_on_with_its_sessions(
+    server: FakeServer, other: FakeServer
+) -> None:
+    async with MotionClient(server.address, other_addresses=[other.address]) as client:
+        session, another = await client.open("walk"), await client.open("stand")
+        await goes_away(client, server, ("elsewhere:1", ""), (other.address, ""))
+        await until(lambda: session.stats.reopenings == another.stats.reopenings == 1)
+        assert (len(other.streams), len(other.stream.characters), len(server.streams)) == (1, 2, 1)
+        other.stream.fail(grpc.StatusCode.UNAVAILABLE)
+        await until(lambda: session.stats.reopenings == 2)
+        assert len(other.streams) == 2, "it stays where it was led to"
+
+
+async def test_where_nobody_answers_that_was_named_it_goes_to_the_next_and_then_back(
+    server: FakeServer, other: FakeServer
+) -> None:
+    async with MotionClient(server.address, other_addresses=lambda _: True) as client:
+        session = await client.open("walk")
+        await goes_away(client, server, ("127.0.0.1:1", ""), ("no address", ""), (other.address, ""))
+        await until(lambda: session.stats.reopenings == 1)
+        assert (len(other.streams), len(server.streams)) == (1, 1)
+        await goes_away(client, other, ("127.0.0.1:1", ""))
+        await until(lambda: session.stats.reopenings == 2)
+        assert (len(other.streams), len(server.streams)) == (1, 2)
+
+
+async def test_a_server_that_goes_away_names_the_key_of_another(server: FakeServer) -> None:
+    async with MotionClient(server.address) as client:
+        session = await client.open("walk")
+        await goes_away(client, server, ("elsewhere:1", "0123456789abcdef"))
+        await until(lambda: session.stats.reopenings == 1)
+        assert server.metadata[-1]["x-motiongen-key"] == "0123456789abcdef" != server.metadata[0]["x-motiongen-key"]
+
+
+def test_a_route_keeps_the_key_of_an_application_and_addresses_that_nobody_has_allowed_out() -> None:
+    own = ChannelSettings("localhost:1", metadata=(("x-motiongen-key", "player-7"),))
+    route = Route(own, lambda address: address == "localhost:2")
+    assert not route.follow([OtherServer("localhost:3", "0123456789abcdef")])
+    assert route._settings == own
+    assert route.follow([OtherServer("localhost:2", "0123456789abcdef")])
+    assert (route._settings.address, route._settings.routing_key) == ("localhost:2", "player-7")
+    route.pass_over(is_starting=True)
+    assert route._settings == own
 
 
 async def received_at(server: FakeServer, kind: str) -> list[session_pb2.SessionEvent]:

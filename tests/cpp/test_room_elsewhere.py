@@ -16,26 +16,11 @@ from motiongen_server.replicas.other_servers import OtherServers
 from tests.contract.local import LocalServer
 from tests.cpp.test_client import character
 from tests.e2e.lost_line import FACTS_AS_SERVED
+from tests.server.replicas.told import Told
 
 LIMIT_S = 120.0
 KEY = "0123456789abcdef"
 Program = Callable[[str], Path]
-
-
-class Told:
-    """What a full server has been told of others."""
-
-    def __init__(self) -> None:
-        self.others: list[Replica] = []
-
-    def exchange(self, own: Replica) -> list[Replica]:
-        return self.others
-
-    def leave(self, name: str) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
 
 
 @asynccontextmanager

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from motiongen_client import LinePolicy, MotionClient, Session, SessionOptions, backoff, calls
+from motiongen_server.replicas.directory import Replica
+from motiongen_server.replicas.other_servers import OtherServers
 from motiongen_server.snapshots import writer
 from motiongen_server.snapshots.sqlite_store import SqliteStore
 from motiongen_server.snapshots.store import Held, Lease, Renewal, StoreFailed
@@ -18,6 +20,7 @@ from tests.contract.local import LocalServer
 from tests.e2e.lost_line import FACTS_AS_SERVED
 from tests.e2e.tcp_proxy import TcpProxy
 from tests.server.engine.fakes import FRAME, PLAN, PROMPT
+from tests.server.replicas.told import Told
 from tests.waiting import LIMIT_S, until_true
 
 OPTIONS = SessionOptions(lookahead_frames=80)
@@ -245,6 +248,27 @@ async def test_clients_that_are_sent_away_go_on_with_their_sessions_on_the_other
         assert [row[FRAME] for row in await played(session, 100)] == list(range(50, 150))
         assert (session.stats.resumes, session.reopenings) == (1, ())
         await until_true(lambda: not two.servers[0].engine.num_sessions)
+
+
+async def test_a_server_that_sends_its_clients_away_names_one_that_goes_on(tmp_path: Path) -> None:
+    """There is no proxy: the client is led from one address to another."""
+    told = Told()
+    others = OtherServers(told)
+    store = tmp_path / "one.sqlite"
+    first = LocalServer(facts=FACTS_AS_SERVED, snapshots=SharedStore(store, 60), other_servers=others)
+    second = LocalServer(facts=FACTS_AS_SERVED, snapshots=SharedStore(store, 60))
+    async with asyncio.timeout(LIMIT_S), first, second:
+        told.others = [Replica("second", second.address, "", {first.model.model_id: 0.5})]
+        await asyncio.to_thread(others.exchange)
+        async with MotionClient(first.address, other_addresses=[second.address]) as client:
+            session = await client.open("first", options=OPTIONS)
+            await played(session, 50)
+            await saved(session)
+            first.service.send_away()
+            assert [row[FRAME] for row in await played(session, 100)] == list(range(50, 150))
+            assert (session.stats.resumes, session.reopenings) == (1, ())
+            assert (first.service.num_streams, second.service.num_streams) == (0, 1)
+            await session.close()
 
 
 async def test_a_session_that_its_client_closes_is_forgotten(tmp_path: Path) -> None:

@@ -115,6 +115,10 @@ ROOMS = (
     room(f"{SERVER}/identity", "grpc jwt ~.identity ~.errors ~.settings ~.addresses", never="asyncio"),
     room(f"{SERVER}/errors.py", "grpc grpc_status google ~.engine.types"),
     room(f"{SERVER}/transport.py", "grpc ~.config ~.settings"),
+    room(
+        f"{SERVER}/grpc_port.py",
+        f"{GRPC} ~.addresses ~.config ~.identity.setup ~.rpc.handlers ~.rpc.health ~.rpc.reflection ~.transport",
+    ),
     room(f"{SERVER}/app.py {SERVER}/run.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
     room(SERVER, ""),
     # the clients

@@ -13,7 +13,8 @@ from motiongen.v1 import service_pb2, session_pb2
 from motiongen_client import convert
 from motiongen_client.backoff import FINAL_CODES, Backoff
 from motiongen_client.call import Call
-from motiongen_client.errors import MotiongenError, ServerUnavailable, StreamLost
+from motiongen_client.channel import Route
+from motiongen_client.errors import MotiongenError, OtherServer, ServerUnavailable, StreamLost
 from motiongen_client.line_policy import LinePolicy
 from motiongen_client.status import CREDENTIALS_EXPIRED, STARTING, STATUS_LOST
 
@@ -44,7 +45,8 @@ class CallEvents:
 class Calls:
     """At most one call at a time, over a channel of its own, since what stopped one may be wrong with its connection.
 
-    number: how many there were. reconnect_after_s: how long the server wants the next one to wait.
+    number: how many there were. reconnect_after_s: how long the server wants the next one to wait. other_servers: to
+    which it sends the next one, the best first.
     """
 
     def __init__(
@@ -56,10 +58,10 @@ class Calls:
         *,
         max_request_bytes: int,
         events: CallEvents,
-        reroute: Callable[[], None] | None = None,
+        route: Route | None = None,
     ) -> None:
-        """reroute: has the next channel lead to another server, where a proxy has several and this one cannot serve."""
-        self._reroute = reroute
+        """route: of the channels that `connect` makes; None: they all lead to one server."""
+        self._route = route
         self._connect = connect
         self._address = address
         self._agent = agent
@@ -78,6 +80,7 @@ class Calls:
         self.failure: MotiongenError | None = None
         self.number = 0
         self.reconnect_after_s = 0.0
+        self.other_servers: tuple[OtherServer, ...] = ()
         self.round_trip_s: float | None = None
 
     @property
@@ -157,7 +160,7 @@ class Calls:
             raise call.failure
         self._call = call
         self.number += 1
-        self.reconnect_after_s = 0.0
+        self.reconnect_after_s, self.other_servers = 0.0, ()
         self._events.begun()
         self._tell()
 
@@ -189,6 +192,8 @@ class Calls:
         time, most_s = asyncio.get_running_loop().time, self._policy.recover_s
         await self._wanted.wait()  # a stream that carries nothing is ended by the server, for nothing
         began_s, asked_s = time(), self.reconnect_after_s
+        if self._route is not None and self._route.follow(self.other_servers):
+            asked_s = 0.0  # that is when the server itself is back
         while most_s is None or time() - began_s < most_s:
             await asyncio.sleep(self._backoff.next_s(asked_s))
             asked_s = 0.0
@@ -199,13 +204,13 @@ class Calls:
                 failure = lost
                 if lost.code in FINAL_CODES:
                     break
-                if lost.reason == STARTING and self._reroute is not None:
-                    self._reroute()
             except ServerUnavailable as unavailable:
                 failure = StreamLost("UNAVAILABLE", unavailable.detail)
             except MotiongenError as violation:
                 failure = violation
                 break
+            if self._route is not None:
+                self._route.pass_over(is_starting=isinstance(failure, StreamLost) and failure.reason == STARTING)
         self._end(failure)
 
     def _end(self, failure: MotiongenError) -> None:

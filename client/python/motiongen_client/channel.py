@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from ipaddress import ip_address
 from typing import Any, TypeAlias, cast
@@ -12,7 +13,7 @@ from typing import Any, TypeAlias, cast
 import grpc
 import grpc.aio
 
-from motiongen_client.errors import InvalidInput
+from motiongen_client.errors import InvalidInput, OtherServer
 
 Token: TypeAlias = str | Callable[[], str]
 Option: TypeAlias = tuple[str, str | int]
@@ -100,20 +101,57 @@ class ChannelSettings:
 
 
 class Route:
-    """The way of one stream to a server: the same key with every call, until another server is wanted."""
+    """The way of one stream to a server: the same address and key with every call, until another server is wanted."""
 
-    def __init__(self, settings: ChannelSettings) -> None:
+    def __init__(self, settings: ChannelSettings, is_allowed: Callable[[str], bool] = lambda _: False) -> None:
+        """is_allowed: whether a server may send this client, with its token, to an address."""
         self._settings = settings
+        self._own_address = settings.address
+        self._is_allowed = is_allowed
+        self._named: list[ChannelSettings] = []
 
     def open(self) -> grpc.aio.Channel:
         """A new channel."""
         return self._settings.open()
 
+    def follow(self, servers: Iterable[OtherServer]) -> bool:
+        """Have the next channel lead to the first of these that this client may go to. False: there is none."""
+        ways = [self._way(each) for each in servers]
+        self._named = [way for way in ways if way is not None]
+        if not self._named:
+            return False
+        self._settings = self._named.pop(0)
+        return True
+
+    def pass_over(self, *, is_starting: bool) -> None:
+        """Have the next channel lead to the next server that was named, since this one serves nobody.
+
+        Where none is left, to the client's own address; by another key where the server there is only starting.
+        """
+        if self._named:
+            self._settings = self._named.pop(0)
+            return
+        self._settings = replace(self._settings, address=self._own_address)
+        if is_starting:
+            self.change()
+
     def change(self) -> None:
         """Have the next channel lead elsewhere, where a proxy places calls by their key and it was drawn here."""
-        key = self._settings.routing_key
-        if DRAWN_KEY.fullmatch(key):
+        if self._has_drawn_key:
             self._settings = self._settings.routed_by(drawn_key())
+
+    @property
+    def _has_drawn_key(self) -> bool:
+        return DRAWN_KEY.fullmatch(self._settings.routing_key) is not None
+
+    def _way(self, server: OtherServer) -> ChannelSettings | None:
+        """By the server's own address where that is allowed, else by its key; None where neither leads there."""
+        if server.address and self._is_allowed(server.address):
+            with suppress(InvalidInput):  # it is none
+                return replace(self._settings, address=server.address)
+        if server.routing_key and self._has_drawn_key:
+            return replace(self._settings, address=self._own_address).routed_by(server.routing_key)
+        return None
 
 
 class _WithMetadata:

@@ -100,7 +100,7 @@ class MotionClient:
     def _stream(self, address: str, routing_key: str, report_hz: float = 4.0, *, moves: bool = True) -> Stream:
         """One to another address, or by another key, where these are given. moves: sessions may leave it for others."""
         settings = replace(self._settings, address=address or self.address)
-        route = Route(settings.routed_by(routing_key) if routing_key else settings)
+        route = Route(settings.routed_by(routing_key) if routing_key else settings, self._elsewhere.is_allowed)
         stream = Stream(
             route.open,
             settings.address,
@@ -109,7 +109,7 @@ class MotionClient:
             report_hz=report_hz,
             policy=self._policy,
             move=self._elsewhere.move if moves else None,
-            reroute=route.change,
+            route=route,
         )
         self._streams.append(stream)
         return stream

@@ -19,14 +19,14 @@ MOST_ASKED = 4
 
 
 class Elsewhere:
-    """Made by `MotionClient`, whose stream is the first to be asked."""
+    """Made by `MotionClient`, whose stream is the first to be asked. is_allowed: whether an address may be gone to."""
 
     def __init__(
         self, make_stream: Callable[[str, str], Stream], other_addresses: Collection[str] | Callable[[str], bool]
     ) -> None:
         """make_stream: to an address and by a routing key, each "" for the client's own."""
         self._make_stream = make_stream
-        self._is_allowed = other_addresses if callable(other_addresses) else frozenset(other_addresses).__contains__
+        self.is_allowed = other_addresses if callable(other_addresses) else frozenset(other_addresses).__contains__
         self._streams: dict[OtherServer, asyncio.Task[Stream]] = {}
         self._moving: set[asyncio.Task[None]] = set()
 
@@ -83,7 +83,7 @@ class Elsewhere:
 
     def _way(self, server: OtherServer) -> OtherServer | None:
         """How a server may be reached: by its own address where that is allowed, else by its key."""
-        if server.address and self._is_allowed(server.address):
+        if server.address and self.is_allowed(server.address):
             return OtherServer(address=server.address)
         return OtherServer(routing_key=server.routing_key) if server.routing_key else None
 

@@ -12,6 +12,7 @@ from motiongen.v1 import service_pb2, session_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_client import convert
 from motiongen_client.calls import CallEvents, Calls
+from motiongen_client.channel import Route
 from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError, ServerUnavailable
 from motiongen_client.line_policy import LinePolicy
 from motiongen_client.prompts import Prompt
@@ -38,12 +39,12 @@ class Stream:
         report_hz: float = 4.0,
         policy: LinePolicy | None = None,
         move: Callable[[Stream, Session, EventRefused], bool] | None = None,
-        reroute: Callable[[], None] | None = None,
+        route: Route | None = None,
     ) -> None:
         """connect: makes a channel to the server, for one call.
 
-        move: has another stream carry a session for which there is no room here; False where none is known. reroute:
-        has the next channel lead to another server, where there are several.
+        move: has another stream carry a session for which there is no room here; False where none is known. route: of
+        the channels that `connect` makes; None: they all lead to one server.
         """
         if not 1 <= report_hz <= 5:
             raise InvalidInput("report_hz", report_hz, "a number from 1 to 5")
@@ -53,9 +54,7 @@ class Stream:
         self._policy = policy or LinePolicy()
         events = CallEvents(self._take, self._hear_hello, self._begin, self._interrupt, self._fail)
         most = catalog.limits.max_request_bytes
-        self._calls = Calls(
-            connect, address, agent, self._policy, max_request_bytes=most, events=events, reroute=reroute
-        )
+        self._calls = Calls(connect, address, agent, self._policy, max_request_bytes=most, events=events, route=route)
         self._move = move
         self._sessions: dict[int, Session] = {}
         self._next_handle = 1
@@ -255,6 +254,7 @@ class Stream:
             case "goodbye":
                 self.draining = True
                 self._calls.reconnect_after_s = convert.seconds(response.goodbye.reconnect_after)
+                self._calls.other_servers = convert.other_servers(response.goodbye.other_servers)
         for update in response.updates:
             session = self._sessions.get(update.session)
             if session is None:

@@ -63,14 +63,19 @@ class ModelRegistry:
         return model_id in self._served
 
     @property
+    def default(self) -> LoadedModel:
+        """What a session gets that names none."""
+        return next(iter(self))
+
+    @property
     def limits(self) -> Limits:
         """What a client must keep to, whichever models it uses."""
-        return next(iter(self)).catalog.limits
+        return self.default.catalog.limits
 
     @property
     def limits_message(self) -> service_pb2.Limits:
         """The same as a message."""
-        return next(iter(self)).catalog.limits_message
+        return self.default.catalog.limits_message
 
     def find(self, model_id: str) -> LoadedModel:
         """The model of that name, the default for an empty one. Raises EventRefused where no session can be opened."""
@@ -95,7 +100,7 @@ class ModelRegistry:
     @property
     def free_share(self) -> float:
         """The share of the default model's capacity that is left to new sessions, 0 to 1."""
-        return next(iter(self)).engine.free_share
+        return self.default.engine.free_share
 
     @property
     def free_shares(self) -> dict[str, float]:

@@ -9,19 +9,26 @@ EXPIRY_NOTICE_S = 10.0
 """How long before its credentials expire a client is told."""
 
 
-def say_draining(stream: Stream, grace_s: float, reconnect_after_s: float = 0.0) -> None:
-    """The server goes away. reconnect_after_s: when another one, or it itself, can be had; 0: at once."""
-    _say(stream, service_pb2.GOODBYE_REASON_DRAINING, grace_s, reconnect_after_s)
+def say_draining(stream: Stream, model_id: str, grace_s: float, reconnect_after_s: float = 0.0) -> None:
+    """The server goes away. reconnect_after_s: when another one, or it itself, can be had; 0: at once.
+
+    Servers with room for sessions of a model are named, drawn anew for each stream: else all would go to the same.
+    """
+    goodbye = _goodbye(service_pb2.GOODBYE_REASON_DRAINING, grace_s)
+    if reconnect_after_s > 0:
+        goodbye.reconnect_after.FromMilliseconds(round(1000 * reconnect_after_s))
+    for address, routing_key in stream.other_servers(model_id):
+        goodbye.other_servers.add(address=address, routing_key=routing_key)
+    stream.reply(service_pb2.StreamMotionResponse(goodbye=goodbye))
 
 
 def say_expiring(stream: Stream, grace_s: float) -> None:
     """The client's credentials are about to expire."""
-    _say(stream, service_pb2.GOODBYE_REASON_CREDENTIALS_EXPIRING, grace_s)
+    goodbye = _goodbye(service_pb2.GOODBYE_REASON_CREDENTIALS_EXPIRING, grace_s)
+    stream.reply(service_pb2.StreamMotionResponse(goodbye=goodbye))
 
 
-def _say(stream: Stream, reason: service_pb2.GoodbyeReason, grace_s: float, reconnect_after_s: float = 0.0) -> None:
+def _goodbye(reason: service_pb2.GoodbyeReason, grace_s: float) -> service_pb2.Goodbye:
     goodbye = service_pb2.Goodbye(reason=reason)
     goodbye.grace.FromMilliseconds(max(0, round(1000 * grace_s)))
-    if reconnect_after_s > 0:
-        goodbye.reconnect_after.FromMilliseconds(round(1000 * reconnect_after_s))
-    stream.reply(service_pb2.StreamMotionResponse(goodbye=goodbye))
+    return goodbye

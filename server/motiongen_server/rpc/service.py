@@ -248,13 +248,13 @@ class MotionService:
         for stream in self._streams.values():
             stream.accepts_opens = False
             if stream.greeted:  # else its hello, which comes first, is followed by the goodbye
-                say_draining(stream, grace_s, self._limits.reconnect_after_s)
+                say_draining(stream, self._models.default.model_id, grace_s, self._limits.reconnect_after_s)
 
     def send_away(self) -> None:
         """End every stream, so that clients go on with their sessions on other servers: nothing can be served here."""
         for stream in list(self._streams.values()):
             if stream.greeted:
-                say_draining(stream, 0.0)
+                say_draining(stream, self._models.default.model_id, 0.0)
             stream.close_all(CloseReason.DRAINED)
             stream.end()
 

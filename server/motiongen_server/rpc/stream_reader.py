@@ -113,4 +113,5 @@ class StreamReader:
         stream.reply(service_pb2.StreamMotionResponse(hello=answer))
         stream.greeted = True
         if self.ends_at is not None:
-            say_draining(stream, self.ends_at - time.monotonic(), self._reconnect_after_s)
+            grace_s = self.ends_at - time.monotonic()
+            say_draining(stream, self._models.default.model_id, grace_s, self._reconnect_after_s)

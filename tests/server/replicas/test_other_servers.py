@@ -13,33 +13,9 @@ from motiongen_server.replicas.directory import MOST_BYTES, Replica, read_replic
 from motiongen_server.replicas.hint import OtherServer, RefusedOpen
 from motiongen_server.replicas.opening import open_other_servers
 from motiongen_server.replicas.other_servers import OLD_S, OtherServers
-from motiongen_server.snapshots.store import StoreFailed
+from tests.server.replicas.told import Told
 
 KEY = "0123456789abcdef"
-
-
-class Told:
-    """A directory that a test fills."""
-
-    def __init__(self, *others: Replica) -> None:
-        self.others = list(others)
-        self.own: list[Replica] = []
-        self.left: list[str] = []
-        self.is_away = self.is_closed = False
-
-    def exchange(self, own: Replica) -> list[Replica]:
-        if self.is_away:
-            raise StoreFailed("it is away")
-        self.own.append(own)
-        return self.others
-
-    def leave(self, name: str) -> None:
-        if self.is_away:
-            raise StoreFailed("it is away")
-        self.left.append(name)
-
-    def close(self) -> None:
-        self.is_closed = True
 
 
 class Clock:

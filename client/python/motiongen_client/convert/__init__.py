@@ -4,6 +4,7 @@ from motiongen_client.convert.answers import (
     code_name,
     constraint_reached,
     opened,
+    other_servers,
     outcome,
     residual,
     seconds,
@@ -26,6 +27,6 @@ from motiongen_client.convert.requests import (
 
 __all__ = [
     "FrameReader", "catalog", "check_outputs", "code_name", "constraint", "constraint_reached", "generate_clip",
-    "open_session", "opened", "outcome", "ping", "prompt_span", "residual", "rig", "seconds", "seek", "service_level",
-    "session_end", "set_options", "warnings",
+    "open_session", "opened", "other_servers", "outcome", "ping", "prompt_span", "residual", "rig", "seconds", "seek",
+    "service_level", "session_end", "set_options", "warnings",
 ]  # fmt: skip

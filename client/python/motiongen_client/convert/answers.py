@@ -59,6 +59,10 @@ def warnings(messages: Iterable[session_pb2.EventWarning]) -> tuple[ModelWarning
     return tuple(ModelWarning(each.reason, each.message, each.field) for each in messages)
 
 
+def other_servers(messages: Iterable[session_pb2.OtherServer]) -> tuple[OtherServer, ...]:
+    return tuple(OtherServer(each.address, each.routing_key) for each in messages)
+
+
 def outcome(message: session_pb2.EditOutcome, event: str, offset: int = 0) -> Outcome | EventRefused:
     """What became of an event; `event` says in words what it was, `offset` which of our frames is the server's 0."""
     if message.code == 0:
@@ -67,7 +71,6 @@ def outcome(message: session_pb2.EditOutcome, event: str, offset: int = 0) -> Ou
         return Outcome(message.event_seq, effective_frame, warnings(message.warnings), placed)
     retry_after_s = seconds(message.retry_after) if message.HasField("retry_after") else None
     code = code_name(message.code)
-    others = tuple(OtherServer(each.address, each.routing_key) for each in message.other_servers)
     return EventRefused(
         event,
         code,
@@ -76,7 +79,7 @@ def outcome(message: session_pb2.EditOutcome, event: str, offset: int = 0) -> Ou
         field=message.field,
         allowed=message.allowed,
         retry_after_s=retry_after_s,
-        other_servers=others,
+        other_servers=other_servers(message.other_servers),
     )
 
 

@@ -276,11 +276,13 @@ class Pong(_message.Message):
     def __init__(self, client_time_ns: _Optional[int] = ..., server_time_ns: _Optional[int] = ...) -> None: ...
 
 class Goodbye(_message.Message):
-    __slots__ = ("reason", "grace", "reconnect_after")
+    __slots__ = ("reason", "grace", "reconnect_after", "other_servers")
     REASON_FIELD_NUMBER: _ClassVar[int]
     GRACE_FIELD_NUMBER: _ClassVar[int]
     RECONNECT_AFTER_FIELD_NUMBER: _ClassVar[int]
+    OTHER_SERVERS_FIELD_NUMBER: _ClassVar[int]
     reason: GoodbyeReason
     grace: _duration_pb2.Duration
     reconnect_after: _duration_pb2.Duration
-    def __init__(self, reason: _Optional[_Union[GoodbyeReason, str]] = ..., grace: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., reconnect_after: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ...) -> None: ...
+    other_servers: _containers.RepeatedCompositeFieldContainer[_session_pb2.OtherServer]
+    def __init__(self, reason: _Optional[_Union[GoodbyeReason, str]] = ..., grace: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., reconnect_after: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., other_servers: _Optional[_Iterable[_Union[_session_pb2.OtherServer, _Mapping]]] = ...) -> None: ...

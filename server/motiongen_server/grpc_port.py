@@ -1,0 +1,68 @@
+"""GrpcPort: the gRPC port of a server and what is served on it; it may be closed for a while and opened again."""
+
+from __future__ import annotations
+
+import asyncio
+
+import grpc
+import grpc.aio
+from grpc_health.v1 import health as health_service
+from grpc_health.v1 import health_pb2_grpc
+
+from motiongen_server.addresses import join_address
+from motiongen_server.config import ServerConfig
+from motiongen_server.identity.setup import listen
+from motiongen_server.rpc.handlers import SERVICE_NAME, Handlers, add_methods
+from motiongen_server.rpc.health import Health
+from motiongen_server.rpc.reflection import add_reflection
+from motiongen_server.transport import make_grpc_server
+
+
+class GrpcPort:
+    """number: the port that is served, once it is; it stays the same when it is opened again."""
+
+    def __init__(
+        self, config: ServerConfig, credentials: grpc.ServerCredentials | None, methods: Handlers, health: Health
+    ) -> None:
+        """credentials: of TLS; None: plain text."""
+        self._config = config
+        self._credentials = credentials
+        self._methods = methods
+        self._health = health
+        self._server: grpc.aio.Server | None = None
+        self._ending: asyncio.Task[None] | None = None
+        self.number = config.port
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it listens."""
+        return self._server is not None
+
+    async def open(self) -> None:
+        """Listen. Raises SettingError where that cannot be."""
+        if self._ending is not None:
+            await self._ending
+        server = make_grpc_server(self._config)
+        add_methods(self._methods, server)
+        health_pb2_grpc.add_HealthServicer_to_server(self._health, server)
+        if self._config.reflection:
+            add_reflection((SERVICE_NAME, health_service.SERVICE_NAME), server)
+        try:
+            self.number = listen(server, join_address(self._config.host, self.number), "", self._credentials)
+        except BaseException:
+            await server.stop(None)
+            raise
+        await server.start()
+        self._server = server
+
+    def shut(self, grace_s: float | None) -> None:
+        """Let nobody connect from now on. Calls under way go on, and are cancelled after the grace; None: at once."""
+        if self._server is not None:
+            self._ending = asyncio.create_task(self._server.stop(grace_s))
+            self._server = None
+
+    async def close(self, grace_s: float | None) -> None:
+        """As `shut`; returns when no call is left."""
+        self.shut(grace_s)
+        if self._ending is not None:
+            await self._ending

@@ -1,0 +1,82 @@
+"""The gRPC port: closed for a while and opened again, as where a server has no engine and others go on."""
+
+from __future__ import annotations
+
+import asyncio
+
+import grpc.aio
+import pytest
+from grpc_health.v1 import health_pb2, health_pb2_grpc
+
+from motiongen_server.grpc_port import GrpcPort
+from motiongen_server.rpc.health import Health
+from motiongen_server.rpc.starting import StartingService
+from motiongen_server.settings import SettingError
+from tests.server.application import NOT_SERVING, SERVING, config
+from tests.waiting import LIMIT_S, try_again
+
+
+def port_of(**settings: object) -> GrpcPort:
+    health = Health()
+    health.set("", SERVING)
+    return GrpcPort(config(host="127.0.0.1", **settings), None, StartingService(), health)
+
+
+async def connects(number: int) -> bool:
+    try:
+        _, writer = await asyncio.open_connection("127.0.0.1", number)
+    except ConnectionError:
+        return False
+    writer.close()
+    return True
+
+
+async def health_at(number: int) -> int:
+    async with grpc.aio.insecure_channel(f"127.0.0.1:{number}") as channel:
+        request = health_pb2.HealthCheckRequest()
+        return int((await health_pb2_grpc.HealthStub(channel).Check(request, wait_for_ready=True)).status)
+
+
+async def test_nobody_can_connect_while_it_is_shut_and_its_number_stays() -> None:
+    async with asyncio.timeout(LIMIT_S):
+        port = port_of()
+        await port.open()
+        number = port.number
+        assert number > 0
+        assert await health_at(number) == SERVING
+        await port.close(None)
+        assert not port.is_open
+        assert not await connects(number)
+        await port.open()
+        assert (port.is_open, port.number) == (True, number)
+        assert await health_at(number) == SERVING
+        await port.close(None)
+        await port.close(None)
+
+
+async def test_calls_under_way_go_on_for_the_grace_and_nobody_else_connects() -> None:
+    async with asyncio.timeout(LIMIT_S):
+        port = port_of()
+        await port.open()
+        async with grpc.aio.insecure_channel(f"127.0.0.1:{port.number}") as channel:
+            watch = health_pb2_grpc.HealthStub(channel).Watch(health_pb2.HealthCheckRequest())
+            assert (await watch.read()).status == SERVING
+            port.shut(LIMIT_S)
+            assert not port.is_open
+            while await connects(port.number):
+                await try_again()
+            port._health.set("", NOT_SERVING)
+            assert (await watch.read()).status == NOT_SERVING, "the call goes on"
+            watch.cancel()
+            await port.open()  # which waits for the calls of before
+            assert await health_at(port.number) == NOT_SERVING
+        await port.close(None)
+
+
+async def test_an_address_that_cannot_be_listened_on_is_told_of() -> None:
+    async with asyncio.timeout(LIMIT_S):
+        first = port_of()
+        await first.open()
+        with pytest.raises(SettingError, match="cannot listen"):
+            await port_of(port=first.number).open()
+        await first.close(None)

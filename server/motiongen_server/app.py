@@ -27,7 +27,7 @@ from motiongen_server.models.admin import AdminService, add_admin
 from motiongen_server.models.factory import Engines, ModelFactory, make_limits
 from motiongen_server.models.manager import ModelManager
 from motiongen_server.ops.http import ops_app
-from motiongen_server.ops.memory import FreedMemory, give_back_freed_memory
+from motiongen_server.ops.memory import FreedMemory, free_garbage, give_back_freed_memory
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.ops.port import OpsPort
 from motiongen_server.ops.tracing import WindowSpans, open_window_spans
@@ -255,7 +255,9 @@ class Application:
             self._manager.look_after()
             if not self._door.is_open and self._engine_is_well(HEARTBEAT_LIMIT_S):
                 await self._let_in_again()
-            if self._freed.is_due(is_busy=self._service.num_streams > 0):
+            if self._freed.is_due(is_busy=(is_busy := self._service.num_streams > 0)):
+                if not is_busy:
+                    free_garbage()  # here: what gRPC's calls leave behind is for the thread of their loop
                 await asyncio.to_thread(give_back_freed_memory)
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._stop.wait(), timeout=1.0)

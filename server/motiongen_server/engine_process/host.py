@@ -33,7 +33,7 @@ from motiongen_server.engine_process.messages import (
 from motiongen_server.engine_process.outlet import Outlet, Wire
 from motiongen_server.engine_process.slot import BuildEngine, Slot
 from motiongen_server.engine_process.sockets import EngineEnd, poller_of
-from motiongen_server.ops.memory import FreedMemory, give_back_freed_memory, settle_again
+from motiongen_server.ops.memory import FreedMemory, free_garbage, give_back_freed_memory, settle_again
 from motiongen_server.settings import SettingError
 
 _log = logging.getLogger(__name__)
@@ -100,7 +100,10 @@ class EngineHost:
             try:
                 job = self._jobs.get(timeout=FREED_EVERY_S)
             except queue.Empty:
-                if self._freed.is_due(is_busy=any(slot.is_busy for slot in tuple(self._slots.values()))):
+                is_busy = any(slot.is_busy for slot in tuple(self._slots.values()))
+                if self._freed.is_due(is_busy=is_busy):
+                    if not is_busy:
+                        free_garbage()
                     give_back_freed_memory()
                 continue
             if isinstance(job, Load):

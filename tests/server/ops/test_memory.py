@@ -7,11 +7,13 @@ import os
 import resource
 import subprocess
 import sys
+import weakref
 
 from motiongen_server.ops.memory import (
     COLLECT_EVERY,
     KEPT_BYTES,
     FreedMemory,
+    free_garbage,
     resident_bytes,
     settled_objects,
 )
@@ -68,6 +70,21 @@ def test_objects_that_are_there_are_settled_for_a_while_and_no_longer() -> None:
         assert gc.get_freeze_count() > 1000
         assert gc.get_threshold() == COLLECT_EVERY
     assert (gc.get_freeze_count(), gc.get_threshold()) == (0, before)
+
+
+class Ring:
+    """Holds itself, so that only a collection frees it."""
+
+    def __init__(self) -> None:
+        self.itself = self
+
+
+def test_garbage_that_is_looked_for_rarely_is_freed_when_nothing_is_done() -> None:
+    with settled_objects():
+        held = weakref.ref(Ring())
+        assert held() is not None
+        free_garbage()
+        assert held() is None
 
 
 def test_the_memory_of_a_process_is_told_and_of_one_that_has_ended_none() -> None:

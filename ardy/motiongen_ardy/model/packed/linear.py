@@ -10,6 +10,8 @@ from torch.nn import functional
 
 # A kernel for few vectors may add in another order than the one for many; from so many on there is but one.
 _MANY = 256
+# Below so many vectors, sizes are rounded up to a power of two; above, there are so many sizes to every doubling.
+_FEW, _SIZES_A_DOUBLING = 16, 4
 
 Activation = Callable[[Tensor], Tensor]
 
@@ -27,10 +29,24 @@ def _onednn_takes(weight: Tensor) -> bool:
     return weight.dtype == torch.float32 or bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
 
 
+def filled_size(vectors: int) -> int:
+    """The number that so many vectors are filled up to, where each number has a kernel of its own.
+
+    oneDNN compiles a kernel for each number of vectors and each matrix, which takes longer than a small product, and what
+    it has once compiled stays in memory for good. Batches come in hundreds of sizes, so a kernel for each would be made
+    at nearly every step. Filled up, at most a quarter is computed for nothing, a tenth on average.
+    """
+    if vectors <= _FEW:
+        return 1 << max(vectors - 1, 0).bit_length()
+    step = max(1 << (vectors - 1).bit_length() - 1, _FEW) // _SIZES_A_DOUBLING
+    return -(-vectors // step) * step
+
+
 class PackedLinear:
     """x W^T + b in the precision of a copied weight, with an optional activation or an optional addend.
 
-    least_vectors: fewer vectors than these are filled up to them, so that what one gets is the same in any company.
+    least_vectors: fewer vectors than these are filled up to them, so that what one gets is the same in any company; others
+    to what `filled_size` says.
     """
 
     def __init__(self, weight: Tensor, bias: Tensor, dtype: torch.dtype, activation: Activation | None = None) -> None:
@@ -61,16 +77,22 @@ class PackedLinear:
 
         A float32 addend to a product in another precision is added in float32.
         """
-        few = values.shape[:-1].numel() < self.least_vectors
-        if addend.dtype != self._weight.dtype or not self.onednn or few:
+        if addend.dtype != self._weight.dtype or not self.onednn or self._missing(values):
             return addend + self._product(values, None)
         operators = torch.ops.mkldnn._linear_pointwise
         result: Tensor = operators.binary(values, addend, self._weight, self._bias, "add")
         return result
 
+    def _missing(self, values: Tensor) -> int:
+        """How many vectors are filled in before the product is taken."""
+        count = values.shape[:-1].numel()
+        return (
+            max(filled_size(count), self.least_vectors) - count if self.onednn else max(self.least_vectors - count, 0)
+        )
+
     def _product(self, values: Tensor, activation: Activation | None) -> Tensor:
-        missing = self.least_vectors - values.shape[:-1].numel()
-        if missing > 0:
+        missing = self._missing(values)
+        if missing:
             filled = functional.pad(values.reshape(-1, values.shape[-1]), (0, 0, 0, missing))
             return self._product(filled, activation)[: len(filled) - missing].view(*values.shape[:-1], len(self._bias))
         if self.onednn:

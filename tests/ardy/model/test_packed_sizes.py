@@ -1,0 +1,41 @@
+"""How many kernels products of all sizes need: each stays in memory for good."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+from motiongen_ardy.model.packed.linear import filled_size
+
+MOST = 300
+PRODUCTS = f"""
+import torch
+from torch import nn
+from motiongen_ardy.model.packed.linear import PackedLinear
+layer = PackedLinear.of(nn.Linear(24, 40), torch.float32)
+print("packed", flush=True)
+for count in range(1, {MOST} + 1):
+    values, addend = torch.ones(count, 24), torch.ones(count, 40)
+    assert layer(values).shape == layer.plus(values, addend).shape == (count, 40)
+"""
+
+
+def test_sizes_are_few_and_little_is_computed_for_nothing() -> None:
+    filled = [filled_size(count) for count in range(1, 4097)]
+    assert filled == sorted(filled)
+    assert all(filled_size(size) == size for size in filled)
+    assert len(set(filled)) < 40
+    assert all(count <= size for count, size in enumerate(filled, 1))
+    assert all(size < 1.25 * count for count, size in enumerate(filled, 1) if count > 16)
+    assert sum(filled) < 1.12 * sum(range(1, 4097))
+
+
+def test_a_kernel_serves_many_sizes() -> None:
+    """As oneDNN itself tells of those that it makes; none where it is not used."""
+    environment = {**os.environ, "ONEDNN_VERBOSE": "profile_create", "ONEDNN_PRIMITIVE_CACHE_CAPACITY": "1024"}
+    done = subprocess.run([sys.executable, "-c", PRODUCTS], env=environment, capture_output=True, text=True, check=True)
+    _, served = done.stdout.split("packed\n")
+    made = [line for line in served.splitlines() if "create:cache_miss" in line and "inner_product" in line]
+    sizes = {filled_size(count) for count in range(1, MOST + 1)}
+    assert len(made) <= 2 * len(sizes), "one for the product alone, one for that with an addend"

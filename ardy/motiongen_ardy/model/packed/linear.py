@@ -32,9 +32,9 @@ def _onednn_takes(weight: Tensor) -> bool:
 def filled_size(vectors: int) -> int:
     """The number that so many vectors are filled up to, where each number has a kernel of its own.
 
-    oneDNN compiles a kernel for each number of vectors and each matrix, which takes longer than a small product, and what
-    it has once compiled stays in memory for good. Batches come in hundreds of sizes, so a kernel for each would be made
-    at nearly every step. Filled up, at most a quarter is computed for nothing, a tenth on average.
+    oneDNN compiles a kernel for each number of vectors and each matrix, which takes longer than a small product, and
+    what it has once compiled stays in memory for good. Batches come in hundreds of sizes, so kernels would be made at
+    nearly every step. Filled up, at most a quarter is computed for nothing, a tenth on average.
     """
     if vectors <= _FEW:
         return 1 << max(vectors - 1, 0).bit_length()
@@ -45,8 +45,8 @@ def filled_size(vectors: int) -> int:
 class PackedLinear:
     """x W^T + b in the precision of a copied weight, with an optional activation or an optional addend.
 
-    least_vectors: fewer vectors than these are filled up to them, so that what one gets is the same in any company; others
-    to what `filled_size` says.
+    least_vectors: fewer vectors than these are filled up to them, so that what one gets is the same in any company;
+    others to what `filled_size` says.
     """
 
     def __init__(self, weight: Tensor, bias: Tensor, dtype: torch.dtype, activation: Activation | None = None) -> None:

@@ -46,8 +46,8 @@ def give_back_freed_memory() -> bool:
 def free_garbage() -> None:
     """Free rings of objects that nobody holds any more, for a moment in which nothing is done.
 
-    Within `settled_objects` they are looked for so rarely that those of thousands of sessions add up; all that is settled
-    is left out, so it takes a few milliseconds.
+    Within `settled_objects` they are looked for so rarely that those of thousands of sessions add up; all that is
+    settled is left out, so it takes a few milliseconds.
     """
     gc.collect()
 

@@ -154,7 +154,6 @@ void ClientCore::begin_call() {
   if (closing_) return;
   ended.swap(ended_calls_);
   is_lost_ = draining_ = false;
-  named_.clear();
   next_ping_s_ = now_s();
   call_ = Call::start(*server().stub, options_.token, routing_key(), outbox_, shared_from_this());
 }
@@ -181,8 +180,7 @@ void ClientCore::lose(const Status& status, bool will_reconnect) {
     failure_ = status;
     is_lost_ = will_reconnect;
     // the server that was lost is asked first: it may have kept the sessions; one that goes away has not
-    const bool is_led = was_connected && draining_ && follow_goodbye();
-    if (!is_led && (!was_connected || (draining_ && servers_.size() > 1))) next_server();
+    if (!was_connected || (draining_ && servers_.size() > 1)) next_server();
     num_failures_ = was_connected ? 0 : num_failures_ + 1;
     const bool all_failed = num_failures_ % servers_.size() == 0;
     if (was_connected) {
@@ -193,7 +191,7 @@ void ClientCore::lose(const Status& status, bool will_reconnect) {
     if (!was_connected && all_failed) backoff_s_ = std::min(backoff_s_ * kBackoffGrowth, most_s);
     const double jitter = std::uniform_real_distribution<double>(0.8, 1.2)(jitter_);
     const double wait_s = was_connected || all_failed ? backoff_s_ * jitter : 0;
-    reconnect_at_s_ = std::max(now_s() + wait_s, is_led || servers_.size() > 1 ? 0 : server_wishes_s_);
+    reconnect_at_s_ = std::max(now_s() + wait_s, servers_.size() > 1 ? 0 : server_wishes_s_);
     server_wishes_s_ = 0;
     woken_ = true;
     changed_.notify_all();

@@ -194,7 +194,6 @@ void ClientCore::take_goodbye(const v1::Goodbye& goodbye) {
     if (goodbye.has_reconnect_after()) {
       server_wishes_s_ = now_s() + convert::seconds(goodbye.reconnect_after());
     }
-    named_ = convert::other_servers(goodbye.other_servers());
   }
   Event event;
   event.kind = EventKind::draining;

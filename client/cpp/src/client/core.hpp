@@ -108,7 +108,6 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void set_routing_key(std::string key);
   void ask_any_other();
   bool choose(const std::vector<OtherServer>& servers);
-  bool follow_goodbye();
   bool move(const SessionState& refused, const std::vector<OtherServer>& servers);
   void follow(const std::shared_ptr<SessionState>& state);
 
@@ -152,8 +151,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   Status drop_reason_;           // why the present call is given up here
   bool is_lost_ = false;         // there is no call, and a time to make another
   double reconnect_at_s_ = 0;
-  double server_wishes_s_ = 0;      // by its Goodbye, before which there is no use in connecting
-  std::vector<OtherServer> named_;  // by its Goodbye, the one to be asked first at the beginning
+  double server_wishes_s_ = 0;  // by its Goodbye, before which there is no use in connecting
   double backoff_s_ = 0;
   double lost_at_s_ = 0;
   std::size_t num_failures_ = 0;  // to connect, since the last loss

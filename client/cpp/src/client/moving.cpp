@@ -53,16 +53,6 @@ bool ClientCore::choose(const std::vector<OtherServer>& servers) {
   return false;
 }
 
-// Set the way to a server that was named as this one went away. With mutex_ held.
-bool ClientCore::follow_goodbye() {
-  if (!options_.routing_key.empty()) {
-    for (OtherServer& each : named_) each.routing_key.clear();  // the key is the application's to choose
-  }
-  const bool follows = choose(named_);
-  named_.clear();
-  return follows;
-}
-
 bool ClientCore::move(const SessionState& refused, const std::vector<OtherServer>& servers) {
   if (!options_.reconnect || servers.empty()) return false;
   for (const auto& state : sessions()) {

@@ -30,13 +30,14 @@ RETRY_AFTER_S = 2.0
 class Entry:
     """One session, from the Open that was submitted to the Closed that came back.
 
-    unanswered: event_seqs without an Outcome, oldest first; held_back: those of them that are not sent, because the
-    session is closing. opened, last: the numbers, on the way to the engine, of its Open and of its last event, 0 while
+    unanswered: event_seqs without an Outcome, oldest first; unsent: those of them that still wait to be sent;
+    held_back: those that are not sent, because the session is closing. opened, last: the numbers, on the way to the engine, of its Open and of its last event, 0 while
     they have not been sent. close: submitted, and to be sent ahead.
     """
 
     open_seq: int
     unanswered: dict[int, None] = field(default_factory=dict)
+    unsent: set[int] = field(default_factory=set)
     held_back: list[int] = field(default_factory=list)
     opened: int = 0
     last: int = 0
@@ -78,6 +79,7 @@ class Ledger:
             self._closing[event.session] = event
         elif not isinstance(event, Playhead) and event.event_seq:
             entry.unanswered[event.event_seq] = None
+            entry.unsent.add(event.event_seq)
 
     def goes_ahead(self, event: Event) -> bool:
         """Whether an event is a Close of a known session, which does not wait behind other events."""
@@ -92,7 +94,10 @@ class Ledger:
         first = self._number + 1
         for event in events:
             entry = self._entries.get(event.session)
-            if entry is not None:
+            if entry is None:
+                self._note_sent_after_refusal(event)
+            else:
+                entry.unsent.discard(event.event_seq)
                 if entry.close is not None and entry.opened:
                     if event.event_seq in entry.unanswered:
                         entry.held_back.append(event.event_seq)
@@ -156,7 +161,14 @@ class Ledger:
         if output.event_seq != entry.close.event_seq:
             return []
         del self._refused[key]
-        return self._cancelled(key, entry.unanswered)
+        return self._cancelled(key, [seq for seq in entry.unanswered if seq not in entry.unsent])
+
+    def _note_sent_after_refusal(self, event: Event) -> None:
+        """An event of a session that has been refused meanwhile is sent, and the engine answers it by itself."""
+        refused = self._refused.get(event.session)
+        if refused is not None and event.event_seq in refused.unsent:
+            refused.unsent.remove(event.event_seq)
+            del refused.unanswered[event.event_seq]
 
     def _forget(self, key: SessionKey) -> None:
         self.num_clips -= self._entries.pop(key).is_clip

@@ -89,6 +89,24 @@ def test_a_refused_open_leaves_nothing_unanswered(close_is_sent: bool) -> None:
     assert ledger.end_all(CloseReason.ENGINE_FAULT, "") == []
 
 
+@pytest.mark.parametrize("sent_before_close_is_answered", [False, True])
+def test_what_is_sent_after_a_refusal_is_answered_by_the_engine_alone(sent_before_close_is_answered: bool) -> None:
+    ledger = Ledger()
+    ledger.note(opening())
+    ledger.number([opening()])
+    ledger.note(play(2))
+    ledger.note(close(3))
+    assert ledger.take_closes()
+    settled = ledger.settle([outcome(1, Code.RESOURCE_EXHAUSTED)])
+    if sent_before_close_is_answered:
+        assert ledger.number([play(2)])[1] == [play(2)]
+    settled += ledger.settle([outcome(3, Code.NOT_FOUND)])
+    if not sent_before_close_is_answered:
+        assert ledger.number([play(2)])[1] == [play(2)]
+    settled += ledger.settle([outcome(2, Code.NOT_FOUND)])
+    assert answers(settled) == [(1, "RESOURCE_EXHAUSTED"), (3, "NOT_FOUND"), (2, "NOT_FOUND")]
+
+
 def test_without_an_engine_every_session_ends_and_every_event_is_answered() -> None:
     ledger = noted(opening(), play(2), opening(OTHER), play(2, OTHER))
     ledger.note(close(3, OTHER))

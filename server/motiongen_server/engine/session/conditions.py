@@ -136,15 +136,16 @@ def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) ->
     """Apply an edit of prompts. floor: the first frame that can still change.
 
     Returns the new conditions and the first frame from floor on whose prompt differs, None if none does. A prompt that
-    holds already goes on until the one that takes its place begins: no frame between is without text.
+    holds already goes on until the one that takes its place begins: no frame between is without text, nor one before
+    floor, where a window may still be made: the client, once it reports, may turn out not to be as far as was thought.
     Raises EventRefused for an unknown id, a span that has passed, or more than `limit` prompts.
     """
     newest = {prompt.prompt_id: prompt for prompt in held.prompts}
-    # Of two with one id the first is what is left of the one before.
-    left = {prompt.prompt_id: prompt for prompt in held.prompts if newest[prompt.prompt_id] is not prompt}
+    # Of several with one id those before the newest are what is left of those in whose place it came.
+    left = [prompt for prompt in held.prompts if newest[prompt.prompt_id] is not prompt]
     prompts = {prompt.prompt_id: prompt for prompt in held.prompts if newest[prompt.prompt_id] is prompt}
     for index, prompt_id in enumerate(event.remove):
-        left.pop(prompt_id, None)
+        left = [each for each in left if each.prompt_id != prompt_id]
         if prompts.pop(prompt_id, None) is None:
             raise _unknown("prompt", prompt_id, index, prompts)
     for index, prompt in enumerate(event.upsert):
@@ -153,21 +154,26 @@ def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) ->
                 "prompt", prompt.prompt_id, prompt.end_frame - 1, floor, f"edit_prompts.upsert[{index}].end_frame"
             )
         begin, replaced = max(floor, _start(prompt)), prompts.pop(prompt.prompt_id, None)
-        before = left.pop(prompt.prompt_id, None)
-        for each in (before, replaced):
-            if (
-                each is not None
-                and _start(each) <= floor < begin
-                and (each.end_frame is None or each.end_frame > floor)
-            ):
-                was_cut = each is before and replaced is not None and each.end_frame == _start(replaced)
-                end = begin if each.end_frame is None or was_cut else min(each.end_frame, begin)
-                left[prompt.prompt_id] = replace(each, end_frame=end)
+        before = [each for each in left if each.prompt_id == prompt.prompt_id]
+        left = [each for each in left if each.prompt_id != prompt.prompt_id]
+        left += _left_until(begin, floor, before, replaced)
         prompts[prompt.prompt_id] = replace(prompt, start_frame=begin)
     if len(prompts) > limit:
         raise _too_many("prompts", len(prompts), limit)
-    edited = replace(held, prompts=(*left.values(), *prompts.values()))
+    edited = replace(held, prompts=(*left, *prompts.values()))
     return edited, edited.first_change(held, floor, None)
+
+
+def _left_until(begin: int, floor: int, before: Sequence[Prompt], replaced: Prompt | None) -> list[Prompt]:
+    """What holds until `begin`, where a prompt takes the place of `replaced` and of what is left of those before it."""
+    held = list(before)
+    if replaced is not None and _start(replaced) <= floor:
+        held.append(replaced)
+    elif replaced is not None and held and held[-1].end_frame == _start(replaced):
+        held[-1] = replace(held[-1], end_frame=begin)  # it was cut for one that will not begin
+    ends_later = (each.end_frame is None or each.end_frame > begin for each in held)
+    cut = (replace(each, end_frame=begin) if later else each for each, later in zip(held, ends_later, strict=True))
+    return [each for each in cut if _start(each) < begin]
 
 
 def edit_constraints(

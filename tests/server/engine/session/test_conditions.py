@@ -105,6 +105,18 @@ def test_an_edit_names_the_first_frame_that_it_changes(before: list[Prompt], edi
     assert dirty_from == (changed[0] if changed else None)
 
 
+@given(st.lists(SPANS, max_size=4), st.lists(st.tuples(SPANS, st.integers(0, 50)), max_size=5))
+def test_an_edit_leaves_what_holds_before_it(before: list[Prompt], edits: list[tuple[Prompt, int]]) -> None:
+    held = Conditions(tuple({span.prompt_id: span for span in before}.values()))
+    for span, floor in edits:
+        if span.end_frame is None or span.end_frame > floor:
+            edited, _ = edit_prompts(held, _prompts(span), floor, limit=16)
+            assert [_marker(edited.prompt_at(at)) for at in range(floor)] == [
+                _marker(held.prompt_at(at)) for at in range(floor)
+            ]
+            held = edited
+
+
 @given(st.lists(SPANS, max_size=4), st.integers(0, 60))
 def test_a_change_of_prompt_is_found_where_it_is(spans: list[Prompt], frame: int) -> None:
     held = Conditions(tuple(spans))

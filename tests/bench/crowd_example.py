@@ -13,7 +13,7 @@ import sys
 
 from tests.bench.client_cost import UNBOUNDED
 from tests.bench.machine import ROOT, busy_share, machine_facts
-from tests.bench.service_cost import NULL_SERVER, SETTINGS, server_process
+from tests.bench.null_process import NULL_SERVER, SETTINGS, server_process
 from tests.cpp.building import build
 
 

@@ -29,6 +29,7 @@ EDITS = (
     "resume",
     "options steps=2",
     "teleport 3 3",
+    "seek 36",
 )
 
 

@@ -328,6 +328,9 @@ MOTIONGEN_C_API motiongen_code motiongen_session_teleport(motiongen_session* ses
 /* Go on from other frames, whole patches of them. */
 MOTIONGEN_C_API motiongen_code motiongen_session_cut_to(motiongen_session* session, const float* rows,
                                                         uint32_t num_rows, uint64_t* edit, motiongen_error* error);
+/* Go on from a frame of its own, as if the frames before that one had just been. */
+MOTIONGEN_C_API motiongen_code motiongen_session_seek(motiongen_session* session, uint64_t frame, uint64_t* edit,
+                                                      motiongen_error* error);
 MOTIONGEN_C_API motiongen_code motiongen_session_set_options(motiongen_session* session,
                                                              const motiongen_options_change* change, uint64_t* edit,
                                                              motiongen_error* error);

@@ -166,6 +166,12 @@ motiongen_code motiongen_session_cut_to(motiongen_session* session, const float*
   return tell(session->session.cut_to({rows, width * num_rows}), edit, error);
 }
 
+motiongen_code motiongen_session_seek(motiongen_session* session, uint64_t frame, uint64_t* edit,
+                                      motiongen_error* error) {
+  if (session == nullptr) return missing("session", error);
+  return tell(session->session.seek(frame), edit, error);
+}
+
 motiongen_code motiongen_session_set_options(motiongen_session* session, const motiongen_options_change* change,
                                              uint64_t* edit, motiongen_error* error) {
   if (session == nullptr) return missing("session", error);

@@ -68,6 +68,15 @@ class SessionBook {
   // first: a cut that has not come yet, the velocity, a pause.
   std::vector<v1::SessionEvent> unanswered(std::uint64_t base);
 
+  // Let `change` see every cut that is said again.
+  template <class Change>
+  void change_seeks(Change change) {
+    for (Pending& each : pending_) {
+      if (each.event.has_seek()) change(*each.event.mutable_seek());
+    }
+    if (cut_) change(*cut_->event.mutable_seek());
+  }
+
   // The answer to the event with a number: which edit it was, 0 for one of ours; nothing where none waits. What was
   // accepted is kept. taken: nothing where it was refused.
   std::optional<EditId> answer(std::uint64_t event_seq, const std::optional<Taken>& taken);

@@ -3,6 +3,11 @@
 #include <cstddef>
 
 namespace motiongen {
+namespace {
+
+constexpr std::uint64_t kNever = std::uint64_t{1} << 53;  // no session comes to it: the server refuses to go back there
+
+}  // namespace
 
 bool shift(v1::PromptSpan& span, std::uint64_t base) {
   if (span.end_frame() != 0 && span.end_frame() <= base) return false;
@@ -51,6 +56,10 @@ v1::SessionEvent shifted(v1::SessionEvent event, std::uint64_t base) {
       constraint.set_frame(0);
       if (constraint.has_last_frame()) constraint.set_last_frame(0);
     }
+  }
+  if (event.has_seek() && event.seek().frame() != 0) {
+    const std::uint64_t frame = event.seek().frame();
+    event.mutable_seek()->set_frame(frame > base ? frame - base : kNever);
   }
   return event;
 }

@@ -190,6 +190,11 @@ Result<EditId> Session::cut_to(Span<const float> rows) {
   return core_->edit(*state_, std::move(event));
 }
 
+Result<EditId> Session::seek(std::uint64_t frame) {
+  if (frame == 0) return invalid("frame", "0", "a frame from 1 on: none is before the first");
+  return core_->edit_with(*state_, [&] { return state_->seek_event(frame, *core_->catalog()); });
+}
+
 Result<EditId> Session::set_options(const OptionsChange& change) {
   v1::SessionEvent event;
   *event.mutable_set_options() = convert::set_options(change);

@@ -16,16 +16,15 @@ bool same_rows(const Rig& a, const Rig& b) {
 
 }  // namespace
 
-std::uint32_t SessionState::prior_rows(const Catalog& catalog, std::string& rows) const {
+std::uint32_t SessionState::prior_rows(const Catalog& catalog, std::uint64_t end, std::string& rows) const {
   const Model* model = convert::find_model(catalog, opened.model_id);
-  if (!timeline || model == nullptr || timeline->buffered_to() == timeline->first_kept()) return 0;
+  if (!timeline || model == nullptr || end <= timeline->first_kept() || end > timeline->buffered_to()) return 0;
   const std::uint64_t patch = std::max<std::uint64_t>(model->patch_frames, 1);
   const std::uint64_t asked = options.history_frames != 0 ? options.history_frames : model->default_history_frames;
   const std::uint64_t wanted = std::max<std::uint64_t>(asked / patch, 1) * patch;  // as many as a window sees
-  const std::uint64_t end = timeline->buffered_to();
   std::uint64_t first = std::max(timeline->first_kept(), end < wanted ? 0 : end - wanted);
-  const auto cut = timeline->last_cut();  // what was before it is elsewhere
-  if (cut && *cut < end) first = std::max(first, *cut);
+  const auto cut = timeline->cut_before(end);  // what was before it is elsewhere
+  if (cut) first = std::max(first, *cut);
   const auto put = [&](std::uint64_t frame) {
     const auto row = timeline->row(frame);
     rows.append(reinterpret_cast<const char*>(row.value().data()), rig.own_width * sizeof(float));
@@ -33,6 +32,25 @@ std::uint32_t SessionState::prior_rows(const Catalog& catalog, std::string& rows
   for (std::uint64_t missing = wanted - (end - first); missing > 0; --missing) put(first);
   for (std::uint64_t frame = first; frame < end; ++frame) put(frame);
   return static_cast<std::uint32_t>(wanted);
+}
+
+v1::SessionEvent SessionState::seek_event(std::uint64_t frame, const Catalog& catalog) const {
+  v1::SessionEvent event;
+  event.mutable_seek()->set_frame(frame);
+  say_as_rows(*event.mutable_seek(), catalog);
+  return event;
+}
+
+void SessionState::say_as_rows(v1::Seek& seek, const Catalog& catalog) const {
+  if (seek.frame() == 0 || seek.frame() > base_) return;
+  std::string rows;
+  const std::uint32_t num_rows = prior_rows(catalog, seek.frame(), rows);
+  if (num_rows == 0) return;
+  auto* frames = seek.mutable_prior_frames();
+  frames->set_frame_count(num_rows);
+  frames->set_scalar_type(v1::SCALAR_TYPE_F32_LE);
+  frames->set_data(std::move(rows));
+  seek.clear_frame();
 }
 
 void SessionState::send_resume(Outbox& outbox) {
@@ -64,8 +82,9 @@ void SessionState::send_open(Outbox& outbox, const Catalog& catalog) {
   event.set_event_seq(book.take_seq());
   if (was_open_) {
     std::string rows;
-    const std::uint32_t num_rows = prior_rows(catalog, rows);
     base_ = timeline->buffered_to();
+    const std::uint32_t num_rows = prior_rows(catalog, base_, rows);
+    book.change_seeks([&](v1::Seek& seek) { say_as_rows(seek, catalog); });
     *event.mutable_open() = book.reopening(base_, num_rows, std::move(rows));
     event.mutable_open()->set_model_id(opened.model_id);
     event.mutable_open()->set_seed(opened.seed);

@@ -58,6 +58,9 @@ class SessionState {
   // Put its OpenSession into the outbox: its first, one that resumes it where the server may have kept it, else one
   // that goes on from the frames held, with what was not answered.
   void send_open(Outbox& outbox, const Catalog& catalog);
+  // What has it go on from a frame of its own: by number, or by the rows where the session at the server has another
+  // count since it was opened anew.
+  v1::SessionEvent seek_event(std::uint64_t frame, const Catalog& catalog) const;
   // Take an edit. Returns its number.
   EditId send_edit(v1::SessionEvent event, Outbox& outbox);
   void send_close(Outbox& outbox);
@@ -100,7 +103,9 @@ class SessionState {
   void open_anew(EventQueue& events);
   // Turns them into the timeline's frames.
   void note_placements(std::vector<Placement>& placements);
-  std::uint32_t prior_rows(const Catalog& catalog, std::string& rows) const;
+  // The rows before `end`, as many as a window sees; none where they are not held. Returns how many.
+  std::uint32_t prior_rows(const Catalog& catalog, std::uint64_t end, std::string& rows) const;
+  void say_as_rows(v1::Seek& seek, const Catalog& catalog) const;
 
   static constexpr std::size_t kAnswersKept = 1024;
 

@@ -113,9 +113,11 @@ Result<Span<const float>> Timeline::row(std::uint64_t frame) const {
 
 bool Timeline::is_cut(std::uint64_t frame) const { return state_->is_cut(frame); }
 
-std::optional<std::uint64_t> Timeline::last_cut() const {
-  if (state_->cuts.empty()) return std::nullopt;
-  return state_->cuts.back();
+std::optional<std::uint64_t> Timeline::cut_before(std::uint64_t frame) const {
+  const auto& cuts = state_->cuts;
+  const auto found = std::find_if(cuts.rbegin(), cuts.rend(), [frame](std::uint64_t cut) { return cut < frame; });
+  if (found == cuts.rend()) return std::nullopt;
+  return *found;
 }
 
 bool Timeline::started() const { return state_->started; }

@@ -185,6 +185,27 @@ TEST(SessionBook, SaysAgainWhatAnOpeningCannot) {
   EXPECT_TRUE(book.unanswered(90).empty()) << "the velocity is over, the cut was shown";
 }
 
+TEST(SessionBook, CountsAFrameToGoBackToFromTheNewBeginning) {
+  SessionBook book = new_book();
+  v1::SessionEvent seek;
+  seek.mutable_seek()->set_frame(90);
+  v1::SessionEvent past;
+  past.mutable_seek()->set_frame(40);
+  for (v1::SessionEvent* each : {&seek, &past}) book.add(*each);
+  book.begin_stream();
+  static_cast<void>(book.take_seq());
+  auto again = book.unanswered(65);
+  ASSERT_EQ(again.size(), 2U);
+  EXPECT_EQ(again[0].seek().frame(), 25U);
+  EXPECT_GT(again[1].seek().frame(), 1ULL << 50) << "where no rows stand for it, the server refuses it";
+  book.change_seeks([](v1::Seek& each) {
+    if (each.frame() == 40) each.clear_frame();
+  });
+  again = book.repetitions(65);
+  EXPECT_EQ(again[0].seek().frame(), 25U);
+  EXPECT_EQ(again[1].seek().frame(), 0U);
+}
+
 TEST(SessionBook, RemembersThatItIsPaused) {
   SessionBook book = new_book();
   v1::SessionEvent event;

@@ -190,6 +190,7 @@ std::optional<Result<EditId>> tell(const std::string& name, const Words& words, 
     return session.set_velocity(first, second, seconds, words.optional("heading"), words.has("keep_prompt"));
   }
   if (name == "teleport") return session.teleport(first, second, words.real("heading"));
+  if (name == "seek") return session.seek(static_cast<std::uint64_t>(words.number(1)));
   if (name == "options") return session.set_options(change_of(words));
   if (name == "pause") return session.pause();
   if (name == "resume") return session.resume();

@@ -177,7 +177,8 @@ TEST(Timeline, NothingIsBlendedAtACut) {
   walk.plan(1, 0, 0);
   walk.plan(2, 2, 50, true);
   EXPECT_TRUE(walk.timeline().is_cut(2));
-  EXPECT_EQ(walk.timeline().last_cut(), std::optional<std::uint64_t>(2));
+  EXPECT_EQ(walk.timeline().cut_before(3), std::optional<std::uint64_t>(2));
+  EXPECT_FALSE(walk.timeline().cut_before(2));
   EXPECT_NEAR(walk.x_at(0.0), 0.0, 1e-5);
   EXPECT_NEAR(walk.x_at(0.09), 1.0, 1e-5) << "it stands until the cut";
   EXPECT_NEAR(walk.x_at(0.105), 50.1, 1e-4);

@@ -66,6 +66,9 @@ class MOTIONGEN_API Session {
   [[nodiscard]] Result<EditId> teleport(float x_m, float z_m, float heading_rad = 0);
   // Go on from other frames, whole patches of them, as if they had come just before. rows: of rig().row_width floats.
   [[nodiscard]] Result<EditId> cut_to(Span<const float> rows);
+  // Go on from a frame of its own, as if the frames before that one had just been: another way out of a moment. The
+  // server keeps some seconds behind the playhead; the answer FRAME_NOT_HELD says which frames it has.
+  [[nodiscard]] Result<EditId> seek(std::uint64_t frame);
   // Change what it was opened with, from the next window on. The server may refuse more than there is room for.
   [[nodiscard]] Result<EditId> set_options(const OptionsChange& change);
   [[nodiscard]] Result<EditId> pause();

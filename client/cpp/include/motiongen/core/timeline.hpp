@@ -120,8 +120,8 @@ class MOTIONGEN_API Timeline {
   // row_width floats of a frame, valid until the next call that is not const. OUT_OF_RANGE when it is not held.
   [[nodiscard]] Result<Span<const float>> row(std::uint64_t frame) const;
 
-  bool is_cut(std::uint64_t frame) const;         // whether it does not continue the one before
-  std::optional<std::uint64_t> last_cut() const;  // the newest such frame that is kept
+  bool is_cut(std::uint64_t frame) const;                              // whether it does not continue the one before
+  std::optional<std::uint64_t> cut_before(std::uint64_t frame) const;  // the newest such frame below one, of those kept
 
   bool started() const;               // whether a frame has been shown; until then the playhead stands before the first
   std::uint64_t playhead() const;     // the frame being shown

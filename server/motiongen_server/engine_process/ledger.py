@@ -31,8 +31,8 @@ class Entry:
     """One session, from the Open that was submitted to the Closed that came back.
 
     unanswered: event_seqs without an Outcome, oldest first; unsent: those of them that still wait to be sent;
-    held_back: those that are not sent, because the session is closing. opened, last: the numbers, on the way to the engine, of its Open and of its last event, 0 while
-    they have not been sent. close: submitted, and to be sent ahead.
+    held_back: those that are not sent, because the session is closing. opened, last: the numbers, on the way to the
+    engine, of its Open and of its last event, 0 while they have not been sent. close: submitted, and to be sent ahead.
     """
 
     open_seq: int
@@ -54,6 +54,7 @@ class Ledger:
         self._entries: dict[SessionKey, Entry] = {}
         self._closing: dict[SessionKey, Close] = {}
         self._refused: dict[SessionKey, Entry] = {}  # their Close is on its way, and the engine will answer it
+        self._answered: set[tuple[SessionKey, int]] = set()  # here, before they were sent
         self._number = 0
         self.num_clips = 0
 
@@ -94,9 +95,12 @@ class Ledger:
         first = self._number + 1
         for event in events:
             entry = self._entries.get(event.session)
-            if entry is None:
-                self._note_sent_after_refusal(event)
-            else:
+            if (event.session, event.event_seq) in self._answered:
+                self._answered.remove((event.session, event.event_seq))
+                continue
+            if entry is None and self._is_answered_with_close(event):
+                continue
+            if entry is not None:
                 entry.unsent.discard(event.event_seq)
                 if entry.close is not None and entry.opened:
                     if event.event_seq in entry.unanswered:
@@ -132,7 +136,7 @@ class Ledger:
                 entry.is_open = True
                 entry.unanswered.pop(entry.open_seq, None)
             elif isinstance(output, Closed):
-                settled += self._cancelled(output.session, entry.unanswered)
+                settled += self._overtaken(output.session, entry)
                 self._forget(output.session)
             settled.append(output)
             if isinstance(output, Outcome):
@@ -161,14 +165,20 @@ class Ledger:
         if output.event_seq != entry.close.event_seq:
             return []
         del self._refused[key]
-        return self._cancelled(key, [seq for seq in entry.unanswered if seq not in entry.unsent])
+        return self._overtaken(key, entry)
 
-    def _note_sent_after_refusal(self, event: Event) -> None:
-        """An event of a session that has been refused meanwhile is sent, and the engine answers it by itself."""
+    def _is_answered_with_close(self, event: Event) -> bool:
+        """Whether the answer to the Close of a session that was refused meanwhile will bring that of an event too."""
         refused = self._refused.get(event.session)
-        if refused is not None and event.event_seq in refused.unsent:
-            refused.unsent.remove(event.event_seq)
-            del refused.unanswered[event.event_seq]
+        if refused is None or event.event_seq not in refused.unanswered:
+            return False
+        refused.unsent.discard(event.event_seq)
+        return True
+
+    def _overtaken(self, key: SessionKey, entry: Entry) -> list[Output]:
+        """The answers to what a close has overtaken; what of it still waits to be sent will not be."""
+        self._answered |= {(key, seq) for seq in entry.unsent}
+        return self._cancelled(key, entry.unanswered)
 
     def _forget(self, key: SessionKey) -> None:
         self.num_clips -= self._entries.pop(key).is_clip
@@ -196,6 +206,7 @@ class Ledger:
         self._entries.clear()
         self._refused.clear()
         self._closing.clear()
+        self._answered.clear()
         self._number = self.num_clips = 0
         return outputs
 

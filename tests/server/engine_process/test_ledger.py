@@ -89,22 +89,31 @@ def test_a_refused_open_leaves_nothing_unanswered(close_is_sent: bool) -> None:
     assert ledger.end_all(CloseReason.ENGINE_FAULT, "") == []
 
 
-@pytest.mark.parametrize("sent_before_close_is_answered", [False, True])
-def test_what_is_sent_after_a_refusal_is_answered_by_the_engine_alone(sent_before_close_is_answered: bool) -> None:
+@pytest.mark.parametrize("is_taken_before", [False, True])
+@pytest.mark.parametrize(
+    ("answer", "end"),
+    [(outcome(1, Code.RESOURCE_EXHAUSTED), outcome(3, Code.NOT_FOUND)), (OPENED, closed())],
+    ids=["refused", "opened"],
+)
+def test_what_waits_to_be_sent_when_its_session_ends_is_answered_once(
+    answer: Output, end: Output, is_taken_before: bool
+) -> None:
     ledger = Ledger()
     ledger.note(opening())
     ledger.number([opening()])
-    ledger.note(play(2))
+    edit = play(2)
+    ledger.note(edit)
     ledger.note(close(3))
     assert ledger.take_closes()
-    settled = ledger.settle([outcome(1, Code.RESOURCE_EXHAUSTED)])
-    if sent_before_close_is_answered:
-        assert ledger.number([play(2)])[1] == [play(2)]
-    settled += ledger.settle([outcome(3, Code.NOT_FOUND)])
-    if not sent_before_close_is_answered:
-        assert ledger.number([play(2)])[1] == [play(2)]
-    settled += ledger.settle([outcome(2, Code.NOT_FOUND)])
-    assert answers(settled) == [(1, "RESOURCE_EXHAUSTED"), (3, "NOT_FOUND"), (2, "NOT_FOUND")]
+    settled = ledger.settle([answer])
+    if is_taken_before:
+        assert ledger.number([edit])[1] == []
+    settled += ledger.settle([end])
+    if not is_taken_before:
+        assert ledger.number([edit])[1] == []
+    assert [seq for seq, _ in answers(settled)].count(2) == 1
+    again = play(2)
+    assert ledger.number([again])[1] == [again], "of another session"
 
 
 def test_without_an_engine_every_session_ends_and_every_event_is_answered() -> None:

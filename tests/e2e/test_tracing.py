@@ -20,6 +20,7 @@ async def test_an_edit_is_traced_from_its_arrival_to_its_frames(tmp_path: Path) 
             until(lambda: server.is_ready)
             async with MotionClient(f"127.0.0.1:{server.behind.port}") as client:
                 session = await client.open("a person walks")
+                await until_true(lambda: session.playback.received_to > 0)  # else the first window answers it too
                 outcome = await session.set_velocity(0.0, 1.4)
                 await until_true(lambda: session.playback.received_to > (outcome.effective_frame or 0))
                 await session.close()

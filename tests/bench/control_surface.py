@@ -196,8 +196,12 @@ def residual_row(name: str, residuals: Sequence[Residual]) -> str:
     """Mean and worst of metres and of radians, and how many targets were met."""
     positions = [each.position_m.worst for each in residuals if each.position_m is not None]
     angles = [angle.worst for each in residuals for angle in (each.heading_rad, each.rotation_rad) if angle is not None]
-    met = sum(each.met for each in residuals)
-    return f"| {name} | {_cell(positions)} | {_cell(angles)} | {met} of {len(residuals)} |"
+    return target_row(name, positions, angles, [each.met for each in residuals])
+
+
+def target_row(name: str, positions_m: Sequence[float], angles_rad: Sequence[float], met: Sequence[bool]) -> str:
+    """The same of figures that are at hand."""
+    return f"| {name} | {_cell(positions_m)} | {_cell(angles_rad)} | {sum(met)} of {len(met)} |"
 
 
 def _cell(numbers: Sequence[float]) -> str:

@@ -29,6 +29,7 @@ from motiongen_client import (
     Waypoint,
 )
 from motiongen_client.types import Constraint
+from tests.bench.control_surface import target_row
 
 STAND, WALK, RUN = "a person stands still", "a person walks forward", "a person runs"
 
@@ -132,11 +133,7 @@ def reached_row(name: str, told: Sequence[ConstraintReached]) -> str:
     """Mean and worst of metres and of radians, and how many targets were met."""
     positions = [each.position_error_m for each in told if each.position_error_m is not None]
     angles = [each.rotation_error_rad for each in told if each.rotation_error_rad is not None]
-    return f"| {name} | {_cell(positions)} | {_cell(angles)} | {sum(each.met for each in told)} of {len(told)} |"
-
-
-def _cell(numbers: Sequence[float]) -> str:
-    return f"{np.mean(numbers):.3f} ({max(numbers):.3f})" if numbers else "-"
+    return target_row(name, positions, angles, [each.met for each in told])
 
 
 def main() -> None:

@@ -86,9 +86,7 @@ class PackedLinear:
     def _missing(self, values: Tensor) -> int:
         """How many vectors are filled in before the product is taken."""
         count = values.shape[:-1].numel()
-        return (
-            max(filled_size(count), self.least_vectors) - count if self.onednn else max(self.least_vectors - count, 0)
-        )
+        return max(filled_size(count) if self.onednn else count, self.least_vectors) - count
 
     def _product(self, values: Tensor, activation: Activation | None) -> Tensor:
         missing = self._missing(values)

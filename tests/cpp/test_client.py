@@ -55,9 +55,19 @@ def test_the_library_for_engines_shows_its_c_interface_alone(program: Program) -
     library = program("c_tests").parents[1] / "libmotiongen_c.so"
     listing = run("nm", "--dynamic", "--defined-only", library)
     names = {line.split()[2] for line in listing.splitlines()}
-    header = (SOURCE / "include" / "motiongen" / "motiongen.h").read_text(encoding="utf-8")
-    declared = re.findall(r"^MOTIONGEN_C_API .*?(motiongen_\w+)\(", header, re.MULTILINE)
+    headers = (SOURCE / "include" / "motiongen" / "c").glob("*.h")
+    text = "".join(header.read_text(encoding="utf-8") for header in headers)
+    declared = re.findall(r"^MOTIONGEN_C_API .*?(motiongen_\w+)\(", text, re.MULTILINE)
     assert names == set(declared)
+
+
+@pytest.mark.parametrize("compiler", ["gcc -x c -std=c99 -Wstrict-prototypes", "g++ -x c++ -std=c++17"])
+def test_each_header_of_the_c_interface_compiles_alone(compiler: str) -> None:
+    command = [*compiler.split(), "-Wall", "-Wextra", "-pedantic", "-Werror", "-fsyntax-only", "-I", SOURCE / "include"]
+    headers = sorted((SOURCE / "include").rglob("*.h"))
+    assert len(headers) > 5
+    for header in headers:
+        run(*command, header)
 
 
 class Character:

@@ -10,7 +10,7 @@ import pytest
 
 MOST_LINES = 300
 MOST_POSITIONAL = 6
-CODE = {".c", ".cmake", ".cpp", ".cs", ".css", ".hpp", ".html", ".js", ".py", ".sh"}
+CODE = {".c", ".cmake", ".cpp", ".cs", ".css", ".h", ".hpp", ".html", ".js", ".py", ".sh"}
 """Of protos most is comments, and generated code reads one file of them as one module."""
 GENERATED = Path("proto/python")
 

@@ -8,6 +8,7 @@ if(MOTIONGEN_CLIENT)
   list(APPEND installed motiongen_client motiongen_c)
   list(APPEND packages motiongen motiongen-c)
   install(DIRECTORY include/motiongen/client DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/motiongen)
+  install(DIRECTORY include/motiongen/c DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/motiongen)
   install(FILES include/motiongen/motiongen.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/motiongen)
 endif()
 # found from where the file lies, so that an installed tree can be moved

@@ -108,16 +108,13 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--engines", type=int, default=2)
     parser.add_argument("--slower", type=float, default=1.25, help="calls take so many times longer than alone")
-    parser.add_argument(
-        "--steered-steps", type=float, default=1.0, help="of the steps, for windows that follow a stick"
-    )
     options = parser.parse_args()
     logging.disable(logging.CRITICAL)
     for index, name in enumerate(options.scenario):
         scenario = load_scenario(name)
         characters = options.characters[index] if options.characters else scenario.characters
         costs = Costs(slower=options.slower)
-        config = EngineConfig(max_sessions=4096, steered_steps=options.steered_steps)
+        config = EngineConfig(max_sessions=4096)
         found = rehearse(
             scenario, characters, options.seconds, options.seed, costs=costs, engines=options.engines, config=config
         )

@@ -1,4 +1,4 @@
-"""What it does to motion that a stick is followed with fewer steps: `python -m tests.bench.steered [--shares 1 0.5]`.
+"""How characters move under a stick that keeps speaking: `python -m tests.bench.steered [--characters 3]`.
 
 Characters of the built-in model are steered ten times a second, by the real engine in virtual time: the model computes,
 and the engine's clock goes on by what its calls cost elsewhere. The sticks are those of players: straight on, in a
@@ -195,12 +195,12 @@ class Crew:
         )  # fmt: skip
 
 
-def play(crew: Crew, sticks: Sequence[Stick], num_steps: int, share: float, seconds: float, costs: Costs) -> Players:
-    """A character for each stick. share: of the steps, for windows that only follow a stick."""
+def play(crew: Crew, sticks: Sequence[Stick], num_steps: int, seconds: float, costs: Costs) -> Players:
+    """A character for each stick."""
     clock = VirtualClock()
     specs = [crew.spec(number, num_steps) for number in range(len(sticks))]
     players = Players(specs, sticks, crew.runner.facts.fps, clock)
-    config = EngineConfig(steered_steps=share, admit_load=(1e6,) * 4, degrade=False)
+    config = EngineConfig(admit_load=(1e6,) * 4, degrade=False)
     engine = Engine(TimedRunner(crew.runner, clock, costs), clock, players.deliver, config, inbox=players)
     ends_at = clock.now() + seconds
     while clock.now() < ends_at:
@@ -228,37 +228,31 @@ def measure(crew: Crew, screen: Screen, now: float) -> tuple[float, float, float
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.steered", description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--shares", type=float, nargs="+", default=[1.0, 0.5], help="of the steps (default: 1 0.5)")
     parser.add_argument("--sticks", nargs="+", choices=STICKS, default=list(STICKS))
     parser.add_argument("--characters", type=int, default=2, help="of each stick (default: %(default)s)")
-    parser.add_argument("--steps", type=int, default=4, help="denoising steps of a whole window")
+    parser.add_argument("--steps", type=int, default=4, help="denoising steps of a window")
     parser.add_argument("--seconds", type=float, default=14.0)
     parser.add_argument("--slower", type=float, default=0.5, help="calls take so many times longer than alone")
     options = parser.parse_args()
     logging.disable(logging.CRITICAL)
     torch.set_num_threads(1)
     crew = Crew.built_in()
-    print(
-        "| stick | share of steps | edits, ms | slowest foot | glides | accelerations, m/s2 | at joins, m/s2 | late |"
-    )
-    print("|---|---:|---:|---:|---:|---:|---:|---:|")
+    print("| stick | edits, ms | slowest foot | glides | accelerations, m/s2 | at joins, m/s2 | late |")
+    print("|---|---:|---:|---:|---:|---:|---:|")
     names = [name for name in options.sticks for _ in range(options.characters)]
-    for share in options.shares:
-        sticks = [STICKS[name] for name in names]
-        players = play(crew, sticks, options.steps, share, options.seconds, Costs(slower=options.slower))
-        screens = list(players.screens.values())
-        figures = [measure(crew, screen, players.now) for screen in screens]
-        for name in options.sticks:
-            of_stick = [index for index, each in enumerate(names) if each == name]
-            foot, glide, acceleration, jump = np.nanmean([figures[index] for index in of_stick], axis=0)
-            edits = [each for index in of_stick for each in screens[index].playback.latencies_s]
-            p50, p99 = 1000 * np.percentile(edits, [50, 99])
-            late = sum(screens[index].playback.underruns() for index in of_stick)
-            print(
-                f"| {name} | {share:g} | {p50:.0f} / {p99:.0f} | {foot:.3f} | {glide:.1%} | {acceleration:.0f} "
-                f"| {jump:.0f} | {late} |",
-                flush=True,
-            )
+    sticks = [STICKS[name] for name in names]
+    players = play(crew, sticks, options.steps, options.seconds, Costs(slower=options.slower))
+    screens = list(players.screens.values())
+    figures = [measure(crew, screen, players.now) for screen in screens]
+    for name in options.sticks:
+        of_stick = [index for index, each in enumerate(names) if each == name]
+        foot, glide, acceleration, jump = np.nanmean([figures[index] for index in of_stick], axis=0)
+        edits = [each for index in of_stick for each in screens[index].playback.latencies_s]
+        p50, p99 = 1000 * np.percentile(edits, [50, 99])
+        late = sum(screens[index].playback.underruns() for index in of_stick)
+        print(
+            f"| {name} | {p50:.0f} / {p99:.0f} | {foot:.3f} | {glide:.1%} | {acceleration:.0f} | {jump:.0f} | {late} |"
+        )
     return 0
 
 

@@ -28,12 +28,11 @@ class EngineConfig:
     rewind_s: for which frames are kept behind a session's playhead, so that it may go on from them again.
     max_restarts: how often in a row edits may restart a window that has begun before one is allowed to finish.
     replans_hz: most replans a second that edits may cause in a session of each class; edits between them share one.
-    steered_steps: the share of its denoising steps that a window has which only follows a stick; the stick's next word
-    replaces it. max_waiting_edits: edits of one session that may wait for a plan. reuse_tokens: give windows the tokens
-    of earlier ones for history where these cover it, rather than have it encoded again. align_replans: start replans on
-    the grid of these tokens, which makes them up to patch - 1 frames later. hold_frames: how many a held pose is
-    repeated at a time. guard_drift: whether characters that go astray are righted. max_lean_rad: how far one may lean
-    on average over a window; root heights in metres, and max_coordinate_m from the origin, beyond which it is lost.
+    max_waiting_edits: edits of one session that may wait for a plan. reuse_tokens: give windows the tokens of earlier
+    ones for history where these cover it, rather than have it encoded again. align_replans: start replans on the grid
+    of these tokens, which makes them up to patch - 1 frames later. hold_frames: how many a held pose is repeated at a
+    time. guard_drift: whether characters that go astray are righted. max_lean_rad: how far one may lean on average over
+    a window; root heights in metres, and max_coordinate_m from the origin, beyond which it is lost.
     initial_step_s: the cost of a denoising step before one has been measured.
     playback_rate: how many times the frame rate a playhead earns frames at. still_timeout_s: after which a session that
     is paused is closed.
@@ -67,7 +66,6 @@ class EngineConfig:
     rewind_s: float = 0.0
     max_restarts: int = 1
     replans_hz: tuple[float, float, float, float] = (10.0, 5.0, 2.0, 1.0)
-    steered_steps: float = 1.0
     max_waiting_edits: int = 256
     reuse_tokens: bool = True
     align_replans: bool = False
@@ -120,8 +118,6 @@ class EngineConfig:
             values = getattr(self, name)
             if len(values) != len(Priority) or min(values) <= 0:
                 raise ValueError(f"{name} is {values}; give {len(Priority)} positive numbers ({unit})")
-        if not 0.0 < self.steered_steps <= 1.0:
-            raise ValueError(f"steered_steps is {self.steered_steps}; it must be above 0 and at most 1")
         if not self.min_root_height_m < self.max_root_height_m:
             raise ValueError(
                 f"min_root_height_m is {self.min_root_height_m}; it must be below max_root_height_m, "

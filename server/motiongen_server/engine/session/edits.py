@@ -28,9 +28,6 @@ from motiongen_server.engine.types.refusals import too_many_pending
 
 EditEvent: TypeAlias = SetPrompts | SetConstraints | SetVelocity
 
-STEERED_WITHIN_S = 0.35
-"""A velocity that comes so soon after another is a stick's: one more will soon replace the plan that it gets."""
-
 
 @dataclass(frozen=True, slots=True)
 class PendingEdit:
@@ -110,22 +107,13 @@ class EditQueue:
     """The edits of one session that no window has been started for, and when the next one may be started for them.
 
     not_before: no window is started for an edit before this time, so that they share one; minus infinity: at once.
-    unseen: edits whose plan has landed, and the frame they took effect at, until that frame is sent. steered_at: when
-    the newest velocity came that a window has been started for, and before that was put back.
+    unseen: edits whose plan has landed, and the frame they took effect at, until that frame is sent.
     """
 
     most: int
     waiting: tuple[PendingEdit, ...] = ()
     not_before: float = -math.inf
     unseen: list[tuple[PendingEdit, int]] = field(default_factory=list)
-    steered_at: tuple[float, float] = (-math.inf, -math.inf)
-
-    @property
-    def are_steered(self) -> bool:
-        """Whether all that waits is the word of a stick that keeps speaking."""
-        if not self.waiting or any(edit.kind != "velocity" for edit in self.waiting):
-            return False
-        return min(edit.received_at for edit in self.waiting) - self.steered_at[0] <= STEERED_WITHIN_S
 
     @property
     def are_left_open(self) -> bool:
@@ -149,8 +137,6 @@ class EditQueue:
     def take(self) -> tuple[PendingEdit, ...]:
         """All that wait, for a window that starts now."""
         taken, self.waiting = self.waiting, ()
-        steered_at = max((edit.received_at for edit in taken if edit.kind == "velocity"), default=self.steered_at[0])
-        self.steered_at = steered_at, self.steered_at[0]
         return taken
 
     def wait_until(self, at: float) -> None:
@@ -171,7 +157,6 @@ class EditQueue:
         """The window that was to answer these will not: the next one may start at once."""
         self.waiting = (*edits, *self.waiting)
         self.not_before = -math.inf
-        self.steered_at = self.steered_at[1], self.steered_at[1]
 
     def settle(self, untouched_from: int) -> list[PendingEdit]:
         """Take out the edits of frames that no window has touched yet: they will be there when one comes."""

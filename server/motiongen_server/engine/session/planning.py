@@ -60,8 +60,7 @@ def next_window(state: SessionState, now: float, predicted_s: float, job_id: int
     if cut is not None:
         cause, spec = PlanCause.CUT, replace(spec, start_pose=cut.start_pose)
         timeline, state.drift_state.correction = cut.timeline_at(first_frame, state.facts), None
-    guard, steps = state.drift_state.guard, state.next_steps
-    site = WindowSite(spec, state.facts, state.config, guard, state.level, state.conditions, timeline, steps)
+    site = WindowSite(spec, state.facts, state.config, state.drift_state.guard, state.level, state.conditions, timeline)
     state.predicted_s = predicted_s
     correction = state.drift_state.correction_from(first_frame)
     job = site.job(

@@ -16,7 +16,7 @@ from motiongen_server.engine.session.placing import Anchor
 from motiongen_server.engine.session.playback import PlaybackClock
 from motiongen_server.engine.session.reach import ReachWatch
 from motiongen_server.engine.session.timeline import Timeline
-from motiongen_server.engine.session.windows import RunningWindow, root_before, steered_steps, steps_at
+from motiongen_server.engine.session.windows import RunningWindow, root_before, steps_at
 from motiongen_server.engine.types import (
     Closed,
     CloseReason,
@@ -90,15 +90,8 @@ class SessionState:
 
     @property
     def num_steps(self) -> int:
-        """Denoising steps of its windows."""
+        """Denoising steps of the next window."""
         return steps_at(self.level, self.spec, self.facts)
-
-    @property
-    def next_steps(self) -> int:
-        """Those of the window that is due. One that only follows a stick, whose next word replaces it, has fewer."""
-        if not self.edits.are_steered or self.cut is not None or not self.planned_to:
-            return self.num_steps
-        return steered_steps(self.num_steps, self.config.steered_steps, self.facts)
 
     @property
     def idle_at(self) -> float:

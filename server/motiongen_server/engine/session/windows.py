@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from motiongen_ardy.locomotion.velocity import STATE_FRAMES, RootState, root_state
@@ -71,7 +70,6 @@ class WindowSite:
     level: Level
     conditions: Conditions
     timeline: Timeline
-    num_steps: int
 
     def job(
         self,
@@ -104,7 +102,7 @@ class WindowSite:
             embedding=None if prompt is None else prompt.embedding,
             constraints=constraints,
             seed=self.spec.seed,
-            num_steps=self.num_steps,
+            num_steps=steps_at(self.level, self.spec, self.facts),
             guidance=guidance_at(self.level, self.spec.guidance, bool(constraints), self.facts),
             deadline=deadline,
             priority=self.spec.priority,
@@ -190,8 +188,3 @@ def steps_at(level: Level, spec: SessionSpec, facts: ModelFacts) -> int:
     if level.steps is None:
         return spec.denoise_steps
     return min(spec.denoise_steps, max(level.steps, facts.min_steps))
-
-
-def steered_steps(num_steps: int, share: float, facts: ModelFacts) -> int:
-    """The denoising steps of a window of num_steps that a stick's next word replaces: a share of them."""
-    return min(num_steps, max(math.ceil(share * num_steps), facts.min_steps))

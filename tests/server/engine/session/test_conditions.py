@@ -67,6 +67,16 @@ def test_a_prompt_that_holds_goes_on_until_the_one_in_its_place_begins() -> None
     assert [_marker(gone.prompt_at(frame)) for frame in (45, 70, 90)] == [-1, -1, 9]
 
 
+def test_before_the_frame_that_an_edit_counts_from_all_holds_that_held() -> None:
+    held = Conditions((prompt(1, 1, 0),))
+    for marker, floor in ((2, 30), (3, 50), (4, 45)):
+        held, changed = edit_prompts(held, _prompts(prompt(marker)), floor, limit=8)
+        assert changed == floor
+    assert [_marker(held.prompt_at(frame)) for frame in (0, 29, 30, 44, 45, 50, 90)] == [1, 1, 2, 2, 4, 4, 4]
+    later, _ = edit_prompts(held, _prompts(prompt(5, 1, 60)), 40, limit=8)
+    assert [_marker(later.prompt_at(frame)) for frame in (29, 30, 44, 45, 59, 60)] == [1, 2, 2, 2, 2, 5]
+
+
 def test_a_prompt_that_does_not_hold_yet_or_ends_before_leaves_nothing() -> None:
     waiting = Conditions((prompt(1, 1, 60),))
     moved, _ = edit_prompts(waiting, _prompts(prompt(1, 1, 80)), floor=30, limit=8)

@@ -82,6 +82,25 @@ def test_a_prompt_change_within_the_first_patch_waits_for_a_history() -> None:
     stage.check_finished()
 
 
+def test_a_prompt_for_now_takes_nothing_from_a_client_that_is_not_as_far_as_was_thought() -> None:
+    stage, viewer = playing()
+    stage.silent.add(viewer.key)
+    viewer.set_paused(True, stage.clock.now())  # it stands, and nobody was told
+    stage.run(0.5)
+    later = stage.set_prompts(viewer, prompt(2))  # counts from beyond where it was thought to be
+    stage.report(viewer)
+    sooner = stage.set_constraints(viewer, waypoint(viewer.shown + 40))  # counts from beyond where it is
+    stage.run(0.3)
+    begins_at, effective = viewer.notices[-2].valid_from, viewer.outcomes[later].effective_frame
+    assert begins_at == viewer.outcomes[sooner].effective_frame
+    assert effective is not None
+    assert begins_at < effective, "a window was made before the frame that the prompt counts from"
+    stage.run(1.0)
+    assert markers(viewer, 0, effective) == {1}
+    assert markers(viewer, effective, viewer.buffered_to) == {2}
+    stage.check_finished()
+
+
 # ---- constraints -----------------------------------------------------------------------------------------------------
 
 

@@ -192,6 +192,13 @@ def test_a_route_keeps_the_key_of_an_application_and_addresses_that_nobody_has_a
     assert route._settings == own
 
 
+def test_a_route_passes_over_a_name_that_is_neither_an_address_nor_a_key() -> None:
+    route = Route(ChannelSettings("localhost:1", metadata=(("x-motiongen-key", "0" * 16),)), lambda _: True)
+    assert not route.follow([OtherServer("", "k\u00e9y"), OtherServer("", "line\nbreak")])
+    assert route.follow([OtherServer("", "k\u00e9y"), OtherServer("", "0123456789abcdef")])
+    assert route._settings.routing_key == "0123456789abcdef"
+
+
 async def received_at(server: FakeServer, kind: str) -> list[session_pb2.SessionEvent]:
     await until(lambda: server.streams)
     return await received(server, kind)

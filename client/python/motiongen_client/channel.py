@@ -150,7 +150,8 @@ class Route:
             with suppress(InvalidInput):  # it is none
                 return replace(self._settings, address=server.address)
         if server.routing_key and self._has_drawn_key:
-            return replace(self._settings, address=self._own_address).routed_by(server.routing_key)
+            with suppress(InvalidInput):  # metadata cannot carry it
+                return replace(self._settings, address=self._own_address).routed_by(server.routing_key)
         return None
 
 

@@ -176,7 +176,7 @@ NOT_SAID = {
 
 
 NOT_HEARD = {
-    "ServerHello": {"replica_id", "server_time_ns"},
+    "ServerHello": {"server_time_ns"},
     "Pong": {"server_time_ns"},
     "SessionUpdate": {"snapshot", "durable_seq"},
     "PlanNotice": {"event_seqs", "cause"},  # the cause is read by its number

@@ -28,7 +28,9 @@ async def pair(named: Callable[[str], Iterable[Replica]]) -> AsyncIterator[tuple
     """A server with room for one session, which is taken, and one with room. named: what the first knows of it."""
     told = Told()
     first = LocalServer(
-        facts=FACTS_AS_SERVED, engine_config=EngineConfig(max_sessions=1), other_servers=(others := OtherServers(told))
+        facts=FACTS_AS_SERVED,
+        engine_config=EngineConfig(max_sessions=1),
+        other_servers=(others := OtherServers(told, clock=lambda: 0.0)),
     )
     async with asyncio.timeout(LIMIT_S), first, LocalServer(facts=FACTS_AS_SERVED) as second:
         told.others = list(named(second.address))

@@ -9,15 +9,19 @@ from pathlib import Path
 
 import pytest
 
+from motiongen_server.replicas.directory import Replica
+from motiongen_server.replicas.other_servers import OtherServers
 from motiongen_server.snapshots import writer
 from motiongen_server.snapshots.sqlite_store import SqliteStore
 from tests.contract.local import LocalServer
 from tests.cpp.test_client import Character, character
 from tests.e2e.lost_line import FACTS_AS_SERVED
 from tests.e2e.tcp_proxy import TcpProxy
+from tests.server.replicas.told import Told
 from tests.waiting import LIMIT_S
 
 Program = Callable[[str], Path]
+KEY = "0123456789abcdef"
 
 
 @pytest.fixture(autouse=True)
@@ -42,10 +46,16 @@ class Pair:
 
         self._loop.call_soon_threadsafe(shut)
 
-    def send_the_first_away(self) -> None:
-        """From any thread: it says goodbye, and ends its sessions."""
+    def cut(self) -> None:
+        """From any thread: every connection is lost."""
+        self._loop.call_soon_threadsafe(self.proxy.cut)
+
+    def send_the_first_away(self, to: LocalServer | None = None) -> None:
+        """From any thread: it says goodbye, and ends its sessions. to: where new connections lead from then on."""
 
         def drain() -> None:
+            if to is not None:
+                self.proxy.behind = to.address
             self.servers[0].service.goodbye(1.0)
             self.servers[0].service.close_all()
 
@@ -114,6 +124,35 @@ async def test_a_server_that_goes_away_leaves_its_session_to_the_next_address(pr
 
     async with pair(tmp_path) as two:
         await asyncio.to_thread(play, two)
+
+
+async def test_a_server_that_goes_away_names_the_key_of_another(program: Program, tmp_path: Path) -> None:
+    """As behind a proxy: the address stays the same, and what follows carries that key."""
+    stores = (SqliteStore(tmp_path / "one.sqlite", 60), SqliteStore(tmp_path / "one.sqlite", 60))
+    directories = Told(), Told()
+    others = [OtherServers(each, clock=lambda: 0.0) for each in directories]  # what is known does not grow old
+    first, second = (
+        LocalServer(facts=FACTS_AS_SERVED, snapshots=store, other_servers=known)
+        for store, known in zip(stores, others, strict=True)
+    )
+    async with asyncio.timeout(LIMIT_S), first, second, TcpProxy(first.address) as proxy:
+        two = Pair((first, second), proxy)
+        directories[0].others = [Replica("second", "elsewhere:1", KEY, {first.model.model_id: 0.5})]
+        await asyncio.to_thread(others[0].exchange)
+
+        def play() -> None:
+            with character(program, proxy.address, MOTIONGEN_LOOKAHEAD="80") as walker:
+                begin(walker)
+                two.send_the_first_away(to=second)
+                walker.hear("draining")
+                two.cut()  # a proxy would lead calls of one connection to several servers
+                _, at, exact = walker.hear("recovered")
+                assert exact == "1"
+                check_all_there(walker, int(at) + 40)
+
+        await asyncio.to_thread(play)
+        await asyncio.to_thread(others[1].exchange)
+        assert directories[1].own[-1].routing_key == KEY
 
 
 async def test_without_a_store_the_next_address_is_told_all_that_holds(program: Program) -> None:

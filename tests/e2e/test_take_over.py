@@ -253,7 +253,7 @@ async def test_clients_that_are_sent_away_go_on_with_their_sessions_on_the_other
 async def test_a_server_that_sends_its_clients_away_names_one_that_goes_on(tmp_path: Path) -> None:
     """There is no proxy: the client is led from one address to another."""
     told = Told()
-    others = OtherServers(told)
+    others = OtherServers(told, clock=lambda: 0.0)  # what it knows does not grow old
     store = tmp_path / "one.sqlite"
     first = LocalServer(facts=FACTS_AS_SERVED, snapshots=SharedStore(store, 60), other_servers=others)
     second = LocalServer(facts=FACTS_AS_SERVED, snapshots=SharedStore(store, 60))

@@ -5,16 +5,21 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
+from tests.client.fake_server import FakeServer
 from tests.conftest import LiveServer
+from tests.cpp import test_goodbye
 from tests.cpp.building import SOURCE, build, run
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(1500)]
 
 CONSUMER = SOURCE / "tests" / "consumer"
+UNIT_TESTS = ("core_tests", "client_parts_tests", "stream_tests")
+servers = test_goodbye.servers
 
 
 def built() -> Path:
@@ -66,18 +71,25 @@ def test_the_core_compiles_for_windows(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("sanitizer", ["address", "undefined", "thread"])
-def test_nothing_for_the_sanitizers(sanitizer: str, live_server: LiveServer, tmp_path: Path) -> None:
-    folder = build(f"sanitize-{sanitizer}", f"-DMOTIONGEN_SANITIZE={sanitizer}", "-DMOTIONGEN_TESTS=ON")
+def test_nothing_for_the_sanitizers(
+    sanitizer: str,
+    live_server: LiveServer,
+    servers: Sequence[FakeServer],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    settings = [f"-DMOTIONGEN_SANITIZE={sanitizer}", "-DMOTIONGEN_TESTS=ON"]
+    folder = build(f"sanitize-{sanitizer}", *settings, targets=(*UNIT_TESTS, "told_events")) / "tests"
     options = f"ignore_noninstrumented_modules=1 suppressions={SOURCE / 'tests' / 'tsan.supp'}"
     leaks = f"suppressions={SOURCE / 'tests' / 'lsan.supp'}"
-    environment = {
-        **os.environ,
-        "MOTIONGEN_ADDRESS": live_server.address,
-        "TSAN_OPTIONS": options,
-        "LSAN_OPTIONS": leaks,
-    }
-    for program in ("core_tests", "client_parts_tests", "stream_tests"):
-        subprocess.run([folder / "tests" / program, "--gtest_brief=1"], check=True, cwd=tmp_path, env=environment)
+    monkeypatch.setenv("MOTIONGEN_ADDRESS", live_server.address)
+    monkeypatch.setenv("TSAN_OPTIONS", options)
+    monkeypatch.setenv("LSAN_OPTIONS", leaks)
+    for program in UNIT_TESTS:
+        subprocess.run([folder / program, "--gtest_brief=1"], check=True, cwd=tmp_path)
+    test_goodbye.test_where_nobody_answers_that_was_named_it_goes_to_the_next_and_then_on_in_turn(
+        folder.joinpath, servers
+    )
 
 
 def test_ten_thousand_connects_leave_no_memory_behind(live_server: LiveServer) -> None:

@@ -1,8 +1,6 @@
 // Connecting, what is done about a loss, and the end.
 #include <algorithm>
-#include <cctype>
 #include <cmath>
-#include <cstring>
 
 #include "client/convert.hpp"
 #include "client/core.hpp"
@@ -18,9 +16,10 @@ constexpr double kMostBackoffS = 2;
 // While what a character holds may last, it shall not lose another second to a server that is back.
 constexpr double kSoonS = 3;
 constexpr double kMostBackoffSoonS = 0.25;
-constexpr double kAskTimeoutS = 5;   // for the catalogue, when connecting again
-constexpr double kCloseGraceS = 2;   // for the server to end the call
-constexpr double kCancelGraceS = 5;  // for gRPC to end it
+constexpr double kAskTimeoutS = 5;        // for the catalogue, when connecting again
+constexpr double kCloseGraceS = 2;        // for the server to end the call
+constexpr double kCancelGraceS = 5;       // for gRPC to end it
+constexpr char kStarting[] = "STARTING";  // the reason of a server that has no engine yet
 constexpr char kAgent[] = "motiongen-cpp/0.1.0";
 
 // Whether trying again can help: what a proxy or a lost server ends a stream with.
@@ -47,10 +46,7 @@ Status ClientCore::check_options() const {
   if (!(options_.ping_period_s >= 0.1 && options_.ping_period_s <= 60)) {
     return invalid("ping_period_s", std::to_string(options_.ping_period_s), "a number from 0.1 to 60");
   }
-  const auto is_sendable = [](unsigned char each) {
-    return std::isalnum(each) != 0 || std::strchr("-._", each) != nullptr;
-  };
-  if (!std::all_of(options_.routing_key.begin(), options_.routing_key.end(), is_sendable)) {
+  if (!Route::is_key(options_.routing_key)) {
     return invalid("routing_key", "\"" + options_.routing_key + "\"", "letters, digits, -, . and _");
   }
   if (!std::isfinite(options_.connect_timeout_s) || options_.connect_timeout_s <= 0) {
@@ -107,7 +103,10 @@ Status ClientCore::fetch_catalog(double timeout_s) {
 
 Status ClientCore::try_connect(double deadline_s) {
   Status asked = fetch_catalog(std::max(deadline_s - now_s(), 0.01));
-  if (!asked) return asked;
+  if (!asked) {
+    route_.pass_over(asked.reason() == kStarting);
+    return asked;
+  }
   begin_call();
   std::unique_lock<std::mutex> lock(mutex_);
   const auto left = std::chrono::duration<double>(std::max(deadline_s - now_s(), 0.1));
@@ -127,7 +126,6 @@ Status ClientCore::connect() {
     const bool may_pass = why.code() == Code::unavailable || why.code() == Code::resource_exhausted;
     const double left_s = deadline_s - now_s();
     if (!may_pass || left_s <= 0) break;
-    next_server();
     std::this_thread::sleep_for(std::chrono::duration<double>(std::min(wait_s, left_s)));
   }
   if (!why) {
@@ -153,9 +151,10 @@ void ClientCore::begin_call() {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (closing_) return;
   ended.swap(ended_calls_);
-  is_lost_ = draining_ = false;
+  is_lost_ = false;
+  goodbye_.reset();
   next_ping_s_ = now_s();
-  call_ = Call::start(*server().stub, options_.token, routing_key(), outbox_, shared_from_this());
+  call_ = Call::start(*server().stub, options_.token, route_.key(), outbox_, shared_from_this());
 }
 
 void ClientCore::on_call_ended(const grpc::Status& status, std::shared_ptr<Call> call) {
@@ -171,16 +170,30 @@ void ClientCore::on_call_ended(const grpc::Status& status, std::shared_ptr<Call>
   events_.dispatch();
 }
 
+// Choose which server is asked next, after a loss or a vain attempt. Returns for how many seconds at least the server
+// wants to be left alone. With mutex_ held.
+double ClientCore::choose_server(bool was_connected, bool is_starting) {
+  if (!was_connected) {
+    route_.pass_over(is_starting);
+    return 0;
+  }
+  const v1::Goodbye goodbye = goodbye_.value_or(v1::Goodbye());
+  if (route_.follow(convert::other_servers(goodbye.other_servers()))) return 0;
+  // the server that was lost is asked first: it may have kept the sessions; one that goes away has not
+  const bool goes_away = goodbye_ && goodbye.reason() != v1::GOODBYE_REASON_CREDENTIALS_EXPIRING;
+  if (!goes_away || servers_.size() == 1) return convert::seconds(goodbye.reconnect_after());
+  route_.next();
+  return 0;
+}
+
 void ClientCore::lose(const Status& status, bool will_reconnect) {
   const bool was_connected = connected_.exchange(false);
-  if (status.reason() == "STARTING") ask_any_other();  // what it had is gone from it, and a proxy may have others
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     call_ = nullptr;
     failure_ = status;
     is_lost_ = will_reconnect;
-    // the server that was lost is asked first: it may have kept the sessions; one that goes away has not
-    if (!was_connected || (draining_ && servers_.size() > 1)) next_server();
+    const double asked_s = choose_server(was_connected, status.reason() == kStarting);
     num_failures_ = was_connected ? 0 : num_failures_ + 1;
     const bool all_failed = num_failures_ % servers_.size() == 0;
     if (was_connected) {
@@ -191,8 +204,7 @@ void ClientCore::lose(const Status& status, bool will_reconnect) {
     if (!was_connected && all_failed) backoff_s_ = std::min(backoff_s_ * kBackoffGrowth, most_s);
     const double jitter = std::uniform_real_distribution<double>(0.8, 1.2)(jitter_);
     const double wait_s = was_connected || all_failed ? backoff_s_ * jitter : 0;
-    reconnect_at_s_ = std::max(now_s() + wait_s, servers_.size() > 1 ? 0 : server_wishes_s_);
-    server_wishes_s_ = 0;
+    reconnect_at_s_ = now_s() + std::max(wait_s, asked_s);
     woken_ = true;
     changed_.notify_all();
   }

@@ -127,6 +127,13 @@ Opened opened(const v1::SessionOpened& message) {
   return made;
 }
 
+std::vector<OtherServer> other_servers(const google::protobuf::RepeatedPtrField<v1::OtherServer>& messages) {
+  std::vector<OtherServer> made;
+  made.reserve(static_cast<std::size_t>(messages.size()));
+  for (const v1::OtherServer& each : messages) made.push_back({each.address(), each.routing_key()});
+  return made;
+}
+
 Outcome outcome(const v1::EditOutcome& message) {
   Outcome made;
   if (message.code() != 0) made.status = Status(code_of(message.code()), message.reason(), message.message());
@@ -136,9 +143,7 @@ Outcome outcome(const v1::EditOutcome& message) {
   if (message.has_retry_after()) made.retry_after_s = seconds(message.retry_after());
   made.warnings = warnings(message.warnings());
   made.placements = placements(message.placements());
-  for (const v1::OtherServer& each : message.other_servers()) {
-    made.other_servers.push_back({each.address(), each.routing_key()});
-  }
+  made.other_servers = other_servers(message.other_servers());
   return made;
 }
 

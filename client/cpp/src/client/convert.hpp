@@ -40,6 +40,7 @@ Result<Rig> session_rig(const Catalog& catalog, const v1::SessionOpened& message
 Opened opened(const v1::SessionOpened& message);
 Reached reached(const v1::ConstraintReached& message);
 Residual residual(const v1::ConstraintResidual& message);
+std::vector<OtherServer> other_servers(const google::protobuf::RepeatedPtrField<v1::OtherServer>& messages);
 Outcome outcome(const v1::EditOutcome& message);
 // Why the server ended a session.
 Status closed(const v1::SessionClosed& message);

@@ -6,13 +6,20 @@
 #include "client/convert.hpp"
 
 namespace motiongen {
+namespace {
+
+std::vector<std::string> addresses_of(const ClientOptions& options) {
+  std::vector<std::string> addresses = options.other_addresses;
+  addresses.insert(addresses.begin(), options.address);
+  return addresses;
+}
+
+}  // namespace
 
 double now_s() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 
 ClientCore::ClientCore(ClientOptions options)
-    : options_(std::move(options)),
-      events_(options_.on_event),
-      routing_key_(options_.routing_key.empty() ? drawn_key() : options_.routing_key) {}
+    : options_(std::move(options)), events_(options_.on_event), route_(addresses_of(options_), options_.routing_key) {}
 
 std::shared_ptr<const Catalog> ClientCore::catalog() const {
   const std::lock_guard<std::mutex> lock(mutex_);
@@ -190,10 +197,7 @@ void ClientCore::take_hello(const v1::ServerHello& hello) {
 void ClientCore::take_goodbye(const v1::Goodbye& goodbye) {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    draining_ = true;
-    if (goodbye.has_reconnect_after()) {
-      server_wishes_s_ = now_s() + convert::seconds(goodbye.reconnect_after());
-    }
+    goodbye_ = goodbye;
   }
   Event event;
   event.kind = EventKind::draining;

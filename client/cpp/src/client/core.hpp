@@ -8,6 +8,7 @@
 #include <condition_variable>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <random>
 #include <set>
 #include <string>
@@ -18,6 +19,7 @@
 #include "client/call.hpp"
 #include "client/events.hpp"
 #include "client/outbox.hpp"
+#include "client/route.hpp"
 #include "client/session_state.hpp"
 #include "motiongen/client/client.hpp"
 
@@ -85,6 +87,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void begin_call();
   void reconnect();
   void lose(const Status& status, bool will_reconnect);
+  double choose_server(bool was_connected, bool is_starting);
   void forget_closed();
   void end_call(const std::shared_ptr<Call>& call);
 
@@ -102,12 +105,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   std::vector<std::shared_ptr<SessionState>> sessions() const;
   void open_waiting(double now);
 
-  // moving.cpp: other servers
-  static std::string drawn_key();
-  std::string routing_key() const;
-  void set_routing_key(std::string key);
-  void ask_any_other();
-  bool choose(const std::vector<OtherServer>& servers);
+  // moving.cpp: other servers, where this one has no room
   bool move(const SessionState& refused, const std::vector<OtherServer>& servers);
   void follow(const std::shared_ptr<SessionState>& state);
 
@@ -119,10 +117,9 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
     std::shared_ptr<grpc::Channel> channel;
     std::unique_ptr<grpc::GenericStub> stub;
   };
-  const Server& server() const { return servers_[server_]; }
-  void next_server() { server_ = (server_ + 1) % servers_.size(); }
+  const Server& server() const { return servers_[route_.server()]; }
   std::vector<Server> servers_;
-  std::atomic<std::size_t> server_{0};  // the one in use
+  Route route_;
   std::atomic<bool> connected_{false};
   std::atomic<bool> ever_connected_{false};
   std::atomic<bool> closing_{false};
@@ -134,7 +131,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   std::atomic<double> heard_at_s_{0};
   std::string scratch_;  // of the call's reads, which come one at a time
 
-  // never held while another lock is taken, but for `outbox_`, `events_` and `key_mutex_`
+  // never held while another lock is taken, but for those of `outbox_`, `events_` and `route_`
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   std::shared_ptr<const Catalog> catalog_;
@@ -143,19 +140,16 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   std::set<grpc::ClientContext*> short_calls_;      // at work, so that closing need not wait
   std::unordered_map<std::uint32_t, std::shared_ptr<SessionState>> sessions_;
   std::uint32_t next_session_ = 1;
-  mutable std::mutex key_mutex_;  // no other is taken while it is held
-  std::string routing_key_;
-  std::string replica_id_;       // of the server of the present call
-  std::set<std::string> asked_;  // servers that had no room, since a session was opened
-  Status failure_;               // of the last call
-  Status drop_reason_;           // why the present call is given up here
-  bool is_lost_ = false;         // there is no call, and a time to make another
+  std::string replica_id_;              // of the server of the present call
+  std::optional<v1::Goodbye> goodbye_;  // of the present call
+  std::set<std::string> asked_;         // servers that had no room, since a session was opened
+  Status failure_;                      // of the last call
+  Status drop_reason_;                  // why the present call is given up here
+  bool is_lost_ = false;                // there is no call, and a time to make another
   double reconnect_at_s_ = 0;
-  double server_wishes_s_ = 0;  // by its Goodbye, before which there is no use in connecting
   double backoff_s_ = 0;
   double lost_at_s_ = 0;
   std::size_t num_failures_ = 0;  // to connect, since the last loss
-  bool draining_ = false;
   double next_ping_s_ = 0;
   bool woken_ = false;
   std::thread worker_;

@@ -1,6 +1,7 @@
 #include "client/session_state.hpp"
 
 #include <algorithm>
+#include <limits>
 
 #include "client/convert.hpp"
 #include "client/frame_shift.hpp"
@@ -115,6 +116,11 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
       return;
     }
     const bool has_no_room = code == Code::unavailable || code == Code::resource_exhausted;
+    if (!was_open_ && recovers_ && outcome.status.reason() == "DRAINING") {
+      phase = Phase::waiting;  // this stream ends soon; the next one, here or elsewhere, is asked
+      retry_at_s = std::numeric_limits<double>::infinity();
+      return;
+    }
     if (!has_no_room || (!was_open_ && outcome.other_servers.empty())) return end(std::move(outcome), events);
     phase = Phase::waiting;
     retry_at_s = now_s + outcome.retry_after_s.value_or(kRetryS);

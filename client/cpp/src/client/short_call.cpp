@@ -10,7 +10,7 @@ ShortCall::ShortCall(ClientCore& core, double timeout_s) : core_(core) {
   context.set_deadline(std::chrono::system_clock::now() +
                        std::chrono::duration_cast<std::chrono::system_clock::duration>(timeout));
   if (!core.options_.token.empty()) context.AddMetadata("authorization", "Bearer " + core.options_.token);
-  context.AddMetadata("x-motiongen-key", core.routing_key());
+  context.AddMetadata("x-motiongen-key", core.route_.key());
   const std::lock_guard<std::mutex> lock(core.mutex_);
   core.short_calls_.insert(&context);
   if (core.closing_) context.TryCancel();

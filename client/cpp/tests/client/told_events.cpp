@@ -5,7 +5,8 @@
 //   frame FRAME CODE | at FRAME CODE | x FRAME X Y Z | row FRAME NUMBERS | stats PLANS UNDERRUNS LATE RECOVERIES
 //   held FIRST Z Z ... (where the root is at each frame that is held)
 // By variables: MOTIONGEN_TOKEN, the files MOTIONGEN_CA, MOTIONGEN_CERTIFICATE and MOTIONGEN_KEY, MOTIONGEN_OTHER (more
-// addresses, with commas), MOTIONGEN_FORMAT (1 to 3), MOTIONGEN_LOOKAHEAD (frames), MOTIONGEN_CLOCK=manual.
+// addresses, with commas), MOTIONGEN_FORMAT (1 to 3), MOTIONGEN_LOOKAHEAD (frames), MOTIONGEN_CLOCK=manual,
+// MOTIONGEN_PING_S (0.4: a server that is silent for a second is given up).
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
@@ -90,7 +91,8 @@ int main(int argc, char** argv) {
   if (argc != 2) return 2;
   motiongen::ClientOptions options;
   options.address = argv[1];
-  options.ping_period_s = 0.4;
+  const std::string ping_s = variable("MOTIONGEN_PING_S");
+  options.ping_period_s = ping_s.empty() ? 0.4 : std::atof(ping_s.c_str());
   options.token = variable("MOTIONGEN_TOKEN");
   options.tls = !variable("MOTIONGEN_CA").empty();
   options.root_certificates_pem = content_of(variable("MOTIONGEN_CA"));

@@ -9,7 +9,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
@@ -28,14 +28,13 @@ MIB = 1 << 20
 
 @dataclass
 class Attacked:
-    """The server's process. rss_mib: of the gateway and its engine processes, when it was ready."""
+    """The server's process."""
 
     process: psutil.Process
     address: str
     ops_port: int
     log: Path
     exit_code: int | None = None
-    rss_mib: dict[int, float] = field(default_factory=dict)
 
     def memory_mib(self) -> float:
         """Resident memory now, of the gateway and of its engine processes."""

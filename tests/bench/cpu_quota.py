@@ -82,14 +82,6 @@ class CpuQuota:
                 return self._parent / path.lstrip("/")
         return self._parent
 
-    def throttled_s(self) -> float:
-        """Seconds so far for which its threads stood still because the quota was used up, added over the cores."""
-        for line in (self._group / "cpu.stat").read_text(encoding="utf-8").splitlines():
-            name, _, value = line.partition(" ")
-            if name in ("throttled_time", "throttled_usec"):
-                return int(value) / (1e9 if name == "throttled_time" else 1e6)
-        return 0.0
-
 
 def _words(path: Path) -> list[str]:
     try:

@@ -42,7 +42,6 @@ class Trial:
     windows_per_s: float
     discarded: int
     rows: float
-    step_ms: float
     idle: float
     latencies_s: tuple[float, ...]
     broken: int
@@ -98,13 +97,13 @@ def run_trial(
     begin = clock.now() + warm_up_s
     end = begin + measure_s
     windows = discarded = steps = rows = 0
-    step_s = idle_s = 0.0
+    idle_s = 0.0
     share = busy_share()
     while (now := clock.now()) < end:
         report = engine.step()
         if now >= begin:
             windows, discarded = windows + len(report.windows), discarded + report.windows_discarded
-            steps, rows, step_s = steps + bool(report.rows), rows + report.rows, step_s + report.step_seconds
+            steps, rows = steps + bool(report.rows), rows + report.rows
         if not report.rows:
             slept_at = clock.now()
             crowd.wait(min(engine.idle_s(), end - slept_at))
@@ -121,7 +120,6 @@ def run_trial(
         windows / measured_s,
         discarded,
         rows / max(1, steps),
-        1000 * step_s / max(1, steps),
         idle_s / measured_s,
         tuple(latency for playback in crowd.playbacks for latency in playback.latencies_s),
         sum(playback.broken for playback in crowd.playbacks),

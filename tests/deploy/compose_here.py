@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import socket
-import ssl
 import subprocess
 import sys
 import urllib.error
@@ -172,8 +171,3 @@ class ComposeHere:
             return True
 
         until(listens)
-
-    def tls_peer_of(self, name: str) -> ssl.SSLContext:
-        """Trusts what the compose file's own clients trust."""
-        assert name in self.services
-        return ssl.create_default_context(cafile=str(self.secrets / "authority.pem"))

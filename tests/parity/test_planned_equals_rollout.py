@@ -18,8 +18,6 @@ from tests.parity.conftest import TINY, make_job
 from tests.parity.test_batched_equals_alone import run_alone, share_of_close_frames
 from tests.parity.test_streamed_equals_rollout import compare, expected, stream
 
-START = (1.0, -2.0, 0.5)
-
 
 @pytest.fixture(params=["joint", "separated"])
 def planned(request: pytest.FixtureRequest) -> Model:

@@ -83,12 +83,6 @@ class Replica:
         lines = self._asked("/metrics").decode().splitlines()
         return sum(float(line.rpartition(" ")[2]) for line in lines if line.split("{")[0].split(" ")[0] == name)
 
-    def engine_pids(self) -> list[int]:
-        """Of its engine processes."""
-        assert self.process is not None
-        found = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
-        return [int(pid) for pid in found]
-
     def send(self, number: signal.Signals) -> None:
         """A signal for the gateway, such as SIGKILL, SIGTERM to drain, SIGSTOP."""
         assert self.process is not None

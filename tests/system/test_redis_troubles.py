@@ -92,10 +92,6 @@ async def playing(url: str) -> AsyncIterator[Played]:
         yield Played(session, told, server, line)
 
 
-def port_of(server: LocalServer) -> int:
-    return int(server.address.rpartition(":")[2])
-
-
 async def frames_of(session: Session, count: int) -> list[int]:
     """The numbers of the next frames, taken as fast as they come."""
     numbers: list[int] = []

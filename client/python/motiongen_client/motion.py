@@ -23,9 +23,7 @@ ROTATION_BLOCK = "joint_rotation_quat_wxyz"
 CONTACT_BLOCK = "foot_contact"
 POSITIONS_BLOCK = "joint_positions_m"
 GLOBAL_ROTATION_BLOCK = "joint_global_rotation_quat_wxyz"
-VELOCITIES_BLOCK = "joint_velocities_mps"
 QPOS_BLOCK = "g1_qpos"
-QVEL_BLOCK = "g1_qvel"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -6,14 +6,11 @@ import itertools
 import threading
 from collections.abc import Sequence
 from concurrent.futures import Future
-from typing import TypeVar
 
 from motiongen_server.engine.types import Float32Array
 from motiongen_server.engine_process.messages import Encoded, EncoderReady, EncodeTexts, LoadEncoder
 from motiongen_server.engine_process.process import EngineProcess
 from motiongen_server.settings import SettingError
-
-Answer = TypeVar("Answer")
 
 
 class EncoderLost(ConnectionError):

@@ -17,9 +17,8 @@ from motiongen_server.text.prompts import PromptEncoder
 
 
 class ModelState(IntEnum):
-    """What a model is doing; the numbers are those of the protocol."""
+    """What a model that was loaded is doing; the numbers are those of the protocol."""
 
-    LOADING = 1
     SERVING = 2
     UNLOADING = 3
     FAILED = 4

@@ -19,7 +19,6 @@ from tests.ardy.conftest import GOLDEN
 from tests.ardy.fake_hub import COMMIT, FakeHub, files_of, serving
 
 REPOSITORY = "somebody/tiny-walker"
-CARD = b"---\nlicense: other\nlicense_name: walker-licence\n---\n"
 TINY = GOLDEN / "tiny-core27" / "checkpoint"
 
 

@@ -196,10 +196,3 @@ class CostTable:
         """A window that is done after so many rounds, with two mean deviations of a step on top."""
         doubt = 2.0 * self.step.deviation * self.step.seconds(evaluations)
         return rounds * self.round_s(evaluations, rows, num_steps) + doubt
-
-    def demand_s(self, num_steps: int, passes: int, evaluations: int) -> float:
-        """What one window takes of the machine when steps are full: `evaluations` in each."""
-        rows = max(1, evaluations // passes)
-        turnover = math.ceil(rows / num_steps)
-        shared = self.prepare.each_s(turnover) + self.decode.each_s(turnover)
-        return num_steps * passes * self.step.each_s(evaluations) + shared

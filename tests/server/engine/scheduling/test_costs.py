@@ -131,10 +131,6 @@ def test_unsteady_costs_are_predicted_with_room() -> None:
     assert table.window_s(1, 1, 1, 1) > 0.3
 
 
-def test_the_demand_of_a_window_is_its_share_of_full_steps() -> None:
-    assert _table().demand_s(4, 3, 96) == pytest.approx(4 * 3 * 0.106 / 96 + 0.005)
-
-
 def test_calls_on_the_way_of_which_the_processor_is_taken_away_are_no_dearer_than_they_are_on_average() -> None:
     costs = CallCosts(0.5)
     for size in (1, 4, 16, 64):

@@ -15,7 +15,6 @@ from typing import Any, TypeVar
 import grpc.aio
 from grpc_health.v1 import health_pb2
 
-from motiongen_server.addresses import is_local
 from motiongen_server.background import start_in_background
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Deliver
@@ -203,14 +202,12 @@ class Application:
             self._door.open(self._service)
 
     async def _start_ops(self) -> None:
-        app = ops_app(self.metrics.registry, self._is_alive, self._is_ready, self._metrics_refusal)
+        refusal_of = partial(self._callers.metrics_refusal, self._config.ops_host)
+        app = ops_app(self.metrics.registry, self._is_alive, self._is_ready, refusal_of)
         context = make_ops_context(self._config)
         self._ops = OpsPort(app, self._config.ops_host, self._config.ops_port, context)
         await self._ops.start()
         self.ops_port = self._ops.port
-
-    def _metrics_refusal(self, authorization: str) -> str | None:
-        return None if is_local(self._config.ops_host) else self._callers.metrics_refusal(authorization)
 
     async def _start_admin(self) -> None:
         address = self._config.admin_listen

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 
+from motiongen_server.addresses import is_local
 from motiongen_server.errors import StreamRefused
 from motiongen_server.identity.caller import (
     ANYBODY,
@@ -83,8 +84,11 @@ class Callers:
             raise role_missing(role)
         return caller
 
-    def metrics_refusal(self, authorization: str) -> str | None:
-        """Why who sends that header may not read the metrics, in words; None: he may."""
+    def metrics_refusal(self, ops_host: str, authorization: str) -> str | None:
+        """Why who sends that header may not read the metrics, in words; None: he may. ops_host: where they are served;
+        where only programs of this machine reach it, any of them may."""
+        if is_local(ops_host):
+            return None
         self.wanted(((AUTHORIZATION, authorization),))  # a key that is new is known at the next scrape
         try:
             self.of_header(authorization, Role.METRICS)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from google.protobuf.message import DecodeError
 
 from motiongen.v1 import service_pb2, session_pb2
+from motiongen_server.rpc.convert.wire import VARINT
 from motiongen_server.rpc.wire_fields import EVENT, LENGTH, Malformed, field, num_fields
 
 SMALL_BYTES = 4096
@@ -125,7 +126,7 @@ def shell_of(data: bytes, begin: int, end: int, most_fields: int) -> session_pb2
     while at < end:
         start = at
         tag, _, at = field(data, at)
-        kept.append(_tag_bytes(tag) + b"\x00" if tag & 7 == LENGTH else data[start:at])
+        kept.append(VARINT[tag] + b"\x00" if tag & 7 == LENGTH else data[start:at])
         count += 1
         if count > most_fields:
             raise Malformed(f"an event has more than {most_fields} fields of its own")
@@ -133,16 +134,6 @@ def shell_of(data: bytes, begin: int, end: int, most_fields: int) -> session_pb2
         return session_pb2.SessionEvent.FromString(b"".join(kept))
     except DecodeError as error:
         raise Malformed(str(error)) from error
-
-
-def _tag_bytes(tag: int) -> bytes:
-    """As a number of the wire."""
-    written = bytearray()
-    while tag > 0x7F:
-        written.append(tag & 0x7F | 0x80)
-        tag >>= 7
-    written.append(tag)
-    return bytes(written)
 
 
 def parsed(data: bytes) -> service_pb2.StreamMotionRequest:

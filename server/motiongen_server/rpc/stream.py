@@ -258,14 +258,14 @@ class Stream(StreamTakeOvers):
         """End the stream for what its client does, or does not: its sessions too, and what waits is not written."""
         self.refusal = refusal
         self.end()
-        self.lose()
-        self.send_queue.clear()
-        self.responses.clear()
-        self.cut()
+        self._drop_line()
 
     def expire(self, refusal: StreamRefused) -> None:
         """End the stream, whose client may come back and resume its sessions."""
         self.refusal = refusal
+        self._drop_line()
+
+    def _drop_line(self) -> None:
         self.lose()
         self.send_queue.clear()
         self.responses.clear()

@@ -47,6 +47,11 @@ class _Change:
             data=(lambda _: sum(known) / len(known)) if known else None,
         )
 
+    def slowest(self, positions: Tensor, frame: int) -> float:
+        """The speed of the slowest foot over the root's in the two seconds from a change."""
+        skeleton, fps = self.context.skeleton, self.context.fps
+        return feet.slowest_foot(skeleton, positions[frame : frame + 2 * fps], fps)
+
 
 def add(context: Context) -> None:
     """All rows of feet: sessions without history, under prompts alone."""
@@ -98,9 +103,6 @@ def _steady(context: Context, walks: list[Result]) -> None:
 def _start(context: Context, begun: list[Result], lead: int) -> None:
     skeleton, fps = context.skeleton, context.fps
 
-    def slowest(positions: Tensor, frame: int) -> float:
-        return feet.slowest_foot(skeleton, positions[frame : frame + 2 * fps], fps)
-
     def time(positions: Tensor, frame: int) -> float:
         return feet.first_lift(skeleton, positions, frame, fps).seconds
 
@@ -112,7 +114,7 @@ def _start(context: Context, begun: list[Result], lead: int) -> None:
 
     change = _Change(context, begun, lead, _changes(context, starts=True))
     row = "stand to walk: slowest foot / root speed, first 2 s"
-    change.add(row, "", slowest, "feet start")
+    change.add(row, "", change.slowest, "feet start")
     change.add("stand to walk: to the first lifted foot", "s", time)
     row = "stand to walk: glided before the first lifted foot"
     change.add(row, "m", glided, "glided")
@@ -130,13 +132,10 @@ def _stop(context: Context, ended: list[Result], lead: int) -> None:
     def steps(positions: Tensor, frame: int) -> float:
         return float(feet.stop(skeleton, positions, frame, fps)[1])
 
-    def slowest(positions: Tensor, frame: int) -> float:
-        return feet.slowest_foot(skeleton, positions[frame : frame + 2 * fps], fps)
-
     change = _Change(context, ended, lead, _changes(context, starts=False))
     change.add("walk to stand: to a stop", "s", time)
     change.add("walk to stand: steps", "steps", steps)
-    change.add("walk to stand: slowest foot / root speed, first 2 s", "", slowest)
+    change.add("walk to stand: slowest foot / root speed, first 2 s", "", change.slowest)
     context.show(
         FAMILY, [Exhibit(f"walk to stand at 3 s: {time(one.positions, lead):.1f} s", one) for one in ended[:2]]
     )

@@ -9,16 +9,12 @@ from torch import Tensor
 
 from motiongen_ardy.core.rotation import rotation_vector
 from motiongen_ardy.core.skeleton import Skeleton
-from motiongen_ardy.core.two_bone import swing
+from motiongen_ardy.core.two_bone import swing, unit
 from motiongen_ardy.model.sampling.joint_goals import JointGoals
 from motiongen_ardy.model.sampling.limbs import arms, head_chain, legs
 
 # Shares of a head's turn that neck and trunk take, from the joint below the head downwards.
 HEAD_SHARES = (0.5, 0.25, 0.15, 0.08, 0.04)
-
-
-def unit(vectors: Tensor) -> Tensor:
-    return vectors / vectors.norm(dim=-1, keepdim=True).clamp(min=1e-8)
 
 
 @lru_cache

@@ -8,6 +8,7 @@ import logging
 import os
 import signal
 import sys
+from functools import partial
 from pathlib import Path
 
 import grpc.aio
@@ -17,7 +18,7 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Proc
 from motiongen.v1 import encoder_pb2_grpc
 from motiongen_ardy.text import TextEncoder, load_text_encoder
 from motiongen_ardy.text.store import VectorStore
-from motiongen_server.addresses import is_local, join_address
+from motiongen_server.addresses import join_address
 from motiongen_server.identity.setup import listen, make_callers, make_credentials, make_ops_context, warn_of_exposure
 from motiongen_server.ops.http import ops_app
 from motiongen_server.ops.port import OpsPort
@@ -110,12 +111,10 @@ class EncoderApplication:
 
     async def _start_ops(self) -> None:
         config = self._config
-        app = ops_app(self._registry, lambda: True, lambda: self._is_ready, self._metrics_refusal)
+        refusal_of = partial(self._callers.metrics_refusal, config.ops_host)
+        app = ops_app(self._registry, lambda: True, lambda: self._is_ready, refusal_of)
         self._ops = OpsPort(app, config.ops_host, config.ops_port, make_ops_context(config))
         await self._ops.start()
-
-    def _metrics_refusal(self, authorization: str) -> str | None:
-        return None if is_local(self._config.ops_host) else self._callers.metrics_refusal(authorization)
 
     def _set_health(self, status: int) -> None:
         for name in ("", SERVICE_NAME):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -88,8 +89,6 @@ def test_images_of_others_have_a_version() -> None:
 
 @pytest.mark.system
 def test_the_format_allows_it() -> None:
-    path = str(DEPLOY / "compose.yaml")
-    done = subprocess.run(
-        ["check-jsonschema", "--builtin-schema", "vendor.compose-spec", path], capture_output=True, text=True
-    )
+    command = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", "vendor.compose-spec"]
+    done = subprocess.run([*command, str(DEPLOY / "compose.yaml")], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -19,9 +19,10 @@ MOST_BY_DEFAULT = 8
 MOST_ENGINES = 64
 MOST_THREADS = 256
 FORMS = "cuda:0,cuda:1 (these), cuda:all, cpu:2 (two engines of a thread each), cpu:2x4 (two of four threads)"
-KERNELS_KEPT = {"ONEDNN_PRIMITIVE_CACHE_CAPACITY": "512"}
-"""Compiled products that oneDNN keeps in an engine process; an operator's own setting holds. Those of the built-in
-model fit: some 20 matrices in as many sizes (`PackedLinear`), each of 0.2 MiB. With fewer they would be made anew."""
+KERNELS_KEPT = {"ONEDNN_PRIMITIVE_CACHE_CAPACITY": "384", "LRU_CACHE_CAPACITY": "64"}
+"""Compiled products that oneDNN keeps in an engine process, and descriptions of such that torch keeps in each thread,
+each of 0.3 MiB; an operator's own setting holds. What has gone is made anew: a product in 0.3 ms, a description in
+0.02. So the first is more than the built-in model needs in an hour, and is full once a model is loaded and measured."""
 _CPU = re.compile(r"cpu:(\d{1,4})(?:x(\d{1,4}))?")
 _CUDA = re.compile(r"cuda:(\d{1,3}|all)")
 _PROBE = "import torch; print(torch.cuda.device_count() if torch.cuda.is_available() else 0)"

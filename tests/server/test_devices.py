@@ -71,8 +71,9 @@ def test_an_engine_process_sees_its_own_device_only(monkeypatch: pytest.MonkeyPa
 
 
 def test_an_operator_says_how_many_kernels_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ONEDNN_PRIMITIVE_CACHE_CAPACITY", "4096")
-    assert EngineDevice("cpu", 0, 3).environment()["ONEDNN_PRIMITIVE_CACHE_CAPACITY"] == "4096"
+    for name in KERNELS_KEPT:
+        monkeypatch.setenv(name, "4096")
+        assert EngineDevice("cpu", 0, 3).environment()[name] == "4096"
 
 
 def test_the_quota_of_a_container_counts(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from motiongen_ardy.model.packed.linear import PackedLinear
 from motiongen_ardy.model.tokenizer.explicit import ExplicitBody
 from motiongen_ardy.model.tokenizer.model import Tokenizer
-from motiongen_ardy.model.transformer import SelfAttention
+from motiongen_ardy.model.transformer import SelfAttention, TransformerLayer
 
 
 class _PackedLayer(nn.Module):
@@ -39,6 +39,16 @@ class _PackedAttention(SelfAttention):
         return self._mix_in(tokens)
 
 
+def _fuse_activation(layer: TransformerLayer) -> None:
+    """Apply the activation on the way out of the product before it.
+
+    By itself it is a kernel of oneDNN for each shape of a batch, and what oneDNN compiles stays in memory for good.
+    """
+    widen = PackedLinear.of(layer.linear1, torch.float32, layer.activation)
+    setattr(layer, "linear1", _PackedLayer(widen))  # noqa: B010
+    setattr(layer, "activation", nn.Identity())  # noqa: B010
+
+
 def packed_codec(codec: Tokenizer | ExplicitBody) -> Tokenizer | ExplicitBody:
     """The same codec with float32 layers laid out for the kernel, which is faster and the same in any company.
 
@@ -54,6 +64,8 @@ def packed_codec(codec: Tokenizer | ExplicitBody) -> Tokenizer | ExplicitBody:
             for name, part in list(module.named_children()):
                 if isinstance(part, SelfAttention):
                     setattr(module, name, _PackedAttention(part))
+            if isinstance(module, TransformerLayer):
+                _fuse_activation(module)
         for module in list(network.modules()):
             for name, part in list(module.named_children()):
                 if isinstance(part, nn.Linear):

@@ -29,10 +29,12 @@ def face_root(poses: Poses, heading: Tensor) -> None:
     steps = off[:, 1:] - off[:, :-1]
     off = torch.cat([off[:, :1], off[:, :1] + torch.atan2(steps.sin(), steps.cos()).cumsum(dim=1)], dim=1)
     off = off.sign() * (off.abs() - SWAY_RAD).clamp(min=0)
-    kernel = off.new_tensor(_WEIGHTS) / sum(_WEIGHTS)
     reach = len(_WEIGHTS) // 2
-    padded = functional.pad(off[:, None], (reach, reach), mode="replicate")
-    turn = functional.conv1d(padded, kernel[None, None])[:, 0]
+    padded = functional.pad(off[:, None], (reach, reach), mode="replicate")[:, 0]
+    # A convolution would be a kernel of oneDNN for each shape of a batch, and each stays in memory for good.
+    turn = torch.zeros_like(off)
+    for first, weight in enumerate(_WEIGHTS):
+        turn = turn + weight / sum(_WEIGHTS) * padded[:, first : first + off.shape[1]]
     # Where the history ends nothing is turned: the turn sets in over the next frames.
     rise = (torch.arange(turn.shape[1], device=turn.device) / (2.0 * reach)).clamp(max=1)
     turn = turn * rise * rise * (3 - 2 * rise)

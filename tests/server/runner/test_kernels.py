@@ -1,0 +1,114 @@
+"""Which kernels oneDNN makes while windows are served, and that no more of them are kept than an engine is to keep."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections import Counter
+
+from motiongen_server.devices import KERNELS_KEPT
+
+# Batches of all sizes, histories of all lengths, and way points at all distances, in an order that mixes them.
+SERVING = """
+import random
+import numpy as np
+import torch
+from motiongen_server.engine.types import (
+    Guidance, PlanCause, Priority, SessionKey, StartPose, Waypoint, WindowJob,
+)
+from motiongen_server.runner.loading import load_runner
+
+torch.set_num_threads(1)
+runner = load_runner("motiongen-mini", precision="float32")
+facts, draw = runner.facts, random.Random(5)
+known, number = np.zeros((0, facts.feature_dim), np.float32), 0
+
+
+def job():
+    global number
+    number += 1
+    history = known[: facts.patch * draw.choice((0, 1, 2, 4))]
+    first = len(history)
+    points = (Waypoint(1, first + draw.choice((10, 39, 47, 61)), 0.0, 1.0),) if draw.random() < 0.5 else ()
+    return WindowJob(
+        job_id=number, session=SessionKey(0, number), plan=1, first_frame=first, history=history,
+        start_pose=None if first else StartPose(), embedding=np.full(facts.embedding_dim, 0.1, np.float32),
+        constraints=points, seed=number, num_steps=2, guidance=Guidance(1.0, 1.0), deadline=0.0,
+        priority=Priority.NEAR, cause=PlanCause.CONTINUE, created_at=0.0,
+    )
+
+
+def serve(size):
+    jobs = [job() for _ in range(size)]
+    ids = [one.job_id for one in jobs]
+    runner.prepare(jobs)
+    for _ in range(2):
+        runner.denoise(ids)
+    return runner.decode(ids)
+
+
+known = serve(1)[0].features
+print("loaded", flush=True)
+for sizes in (range(1, 17), range(16, 0, -1)):
+    for size in sizes:
+        serve(size)
+"""
+
+
+# Layers of many widths in every size that products are filled up to, twice over: bytes in use after each half.
+KEEPING = """
+import ctypes
+import torch
+from torch import nn
+from motiongen_ardy.model.packed.linear import PackedLinear, filled_size
+
+torch.set_num_threads(1)
+FIELDS = "arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost"
+
+
+class Used(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_size_t) for name in FIELDS.split()]
+
+
+mallinfo = ctypes.CDLL(None).mallinfo2
+mallinfo.restype = Used
+sizes = sorted({filled_size(count) for count in range(1, 257)})
+for widths in (range(8, 40), range(40, 72)):
+    with torch.inference_mode():
+        for width in widths:
+            layer = PackedLinear.of(nn.Linear(width, 16), torch.float32)
+            for size in sizes:
+                layer(torch.ones(size, width))
+    used = mallinfo()
+    print(used.uordblks + used.hblkhd, len(widths) * len(sizes))
+"""
+KEPT_MIB = 8.0
+
+
+def told_by(program: str, **more: str) -> str:
+    """What a program prints in an engine's environment, and more."""
+    environment = {**os.environ, **KERNELS_KEPT, "OMP_NUM_THREADS": "1", **more}
+    command = [sys.executable, "-c", program]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+
+
+def made_while_serving() -> list[tuple[str, ...]]:
+    """What each kernel is for, as oneDNN tells it: the kind first. In an engine's environment."""
+    _, served = told_by(SERVING, ONEDNN_VERBOSE="profile_create").split("loaded\n")
+    lines = [line.split(",") for line in served.splitlines() if "create:cache_miss" in line]
+    return [tuple(fields[fields.index("create:cache_miss") + 2 : -1]) for fields in lines]
+
+
+def test_serving_makes_products_of_filled_sizes_only_and_each_once() -> None:
+    made = made_while_serving()
+    assert {kernel[0] for kernel in made} <= {"inner_product"}, "others have a kernel for each shape of a batch"
+    again = [kernel for kernel, times in Counter(made).items() if times > 1]
+    assert not again, "too few are kept for what is served"
+
+
+def test_what_is_kept_of_products_comes_to_an_end() -> None:
+    """Memory in use as malloc counts it, once more products have been made than are kept, and after as many again."""
+    first, then = ([int(number) for number in line.split()] for line in told_by(KEEPING).splitlines())
+    assert first[1] > int(KERNELS_KEPT["ONEDNN_PRIMITIVE_CACHE_CAPACITY"])
+    assert then[0] - first[0] < KEPT_MIB * (1 << 20)

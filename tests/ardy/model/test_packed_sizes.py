@@ -1,4 +1,4 @@
-"""How many kernels products of all sizes need: each stays in memory for good."""
+"""How many kernels products of all sizes need: each is made once and takes memory."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ class _PackedAttention(SelfAttention):
 def _fuse_activation(layer: TransformerLayer) -> None:
     """Apply the activation on the way out of the product before it.
 
-    By itself it is a kernel of oneDNN for each shape of a batch, and what oneDNN compiles stays in memory for good.
+    By itself it would have a kernel of oneDNN for each shape of a batch, which take the places of products.
     """
     widen = PackedLinear.of(layer.linear1, torch.float32, layer.activation)
     setattr(layer, "linear1", _PackedLayer(widen))  # noqa: B010

@@ -31,7 +31,7 @@ def face_root(poses: Poses, heading: Tensor) -> None:
     off = off.sign() * (off.abs() - SWAY_RAD).clamp(min=0)
     reach = len(_WEIGHTS) // 2
     padded = functional.pad(off[:, None], (reach, reach), mode="replicate")[:, 0]
-    # A convolution would be a kernel of oneDNN for each shape of a batch, and each stays in memory for good.
+    # A convolution would have a kernel of oneDNN for each shape of a batch, and round otherwise in another batch.
     turn = torch.zeros_like(off)
     for first, weight in enumerate(_WEIGHTS):
         turn = turn + weight / sum(_WEIGHTS) * padded[:, first : first + off.shape[1]]

@@ -6,8 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 
+_CURVES_KEPT = 64  # of 13 kB for a window of 40 frames, and 0.1 ms to make
 
-@lru_cache(maxsize=512)
+
+@lru_cache(maxsize=_CURVES_KEPT)
 def goal_curves(goals: tuple[int, ...], num_frames: int) -> np.ndarray:
     """(T, T): column g is the correction over all frames for 1 at goal g and 0 at the others; other columns are 0.
 

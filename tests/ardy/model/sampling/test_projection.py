@@ -141,3 +141,10 @@ def test_the_root_comes_onto_a_goal_without_a_jerk_where_each_frame_is_planned(l
     # Slack of 3 cm and 0.2 rad that were kept up to the frame before would go in one step.
     assert float(root[10:, 0].diff().abs().max()) < 0.005
     assert float(torch.atan2(root[10:, 4], root[10:, 3]).diff().abs().max()) < 0.03
+
+
+def test_curves_of_many_goals_are_not_all_kept() -> None:
+    for first in range(10):
+        for second in range(first + 1, 30):
+            curves = goal_curves((first, second), 40)
+    assert goal_curves.cache_info().currsize * curves.nbytes < 1 << 20

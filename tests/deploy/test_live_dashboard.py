@@ -18,7 +18,6 @@ from tests.waiting import until
 pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
 
 QUIET = {
-    "Underruns that clients report",
     "Sessions refused",
     "Sessions gone on with",
     "Prompts that were not in memory",

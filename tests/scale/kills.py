@@ -191,7 +191,8 @@ def report(kills: list[Kill]) -> int:
 def read(path: Path) -> list[Kill]:
     """The kills of a file, none where there is none."""
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    return [Kill(**{**json.loads(line), "away_s": tuple(json.loads(line)["away_s"])}) for line in lines]
+    told = [json.loads(line) for line in lines]
+    return [Kill(**{**each, "away_s": tuple(each["away_s"]), "ended": tuple(each["ended"])}) for each in told]
 
 
 async def play(address: str, replicas: Replicas, proxy: Proxy, encoder: Encoder, options: argparse.Namespace) -> None:

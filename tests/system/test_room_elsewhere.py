@@ -49,15 +49,25 @@ async def plays(session: Session) -> None:
     await until_true(lambda: session.playback.buffered_to > held)
 
 
+async def opened(client: MotionClient, replicas: Replicas) -> Session:
+    """A session, once there is room: what a server that stands still for seconds told of itself is forgotten."""
+    while True:
+        try:
+            return await client.open("a person walks forward")
+        except EventRefused as refusal:
+            assert refusal.reason == "SESSION_LIMIT"
+        await asyncio.to_thread(know_each_other, replicas)
+
+
 async def test_a_client_goes_to_the_server_that_has_room(replicas: Replicas) -> None:
     first, second = replicas.all
     await asyncio.to_thread(know_each_other, replicas)
     async with MotionClient(first.address, other_addresses=[second.address]) as client:
-        sessions = [await client.open("a person walks forward") for _ in range(ROOM + 2)]
+        sessions = [await opened(client, replicas) for _ in range(ROOM + 2)]
         await asyncio.to_thread(come_to, replicas, ROOM, 2)
         for session in sessions:
             await plays(session)
-        sessions.append(await client.open("a person stands"))
+        sessions.append(await opened(client, replicas))
         with pytest.raises(EventRefused, match="SESSION_LIMIT"):
             await client.open("a person stands")
         for session in sessions:
@@ -73,7 +83,7 @@ async def test_behind_a_proxy_the_key_leads_there(replicas: Replicas, tmp_path: 
             await scout.connect()
         await asyncio.to_thread(until, lambda: all(named(replicas)))
         async with MotionClient(proxy.address, credentials=credentials) as client:
-            sessions = [await client.open("a person walks forward") for _ in range(2 * ROOM)]
+            sessions = [await opened(client, replicas) for _ in range(2 * ROOM)]
             await asyncio.to_thread(come_to, replicas, ROOM, ROOM)
             for session in sessions:
                 await plays(session)

@@ -38,6 +38,9 @@ class EngineMetrics:
         self.underruns = Counter(
             "motiongen_client_underruns", "Underruns that clients report.", ["class"], registry=registry
         )
+        for priority in Priority:  # what has not happened is 0, not missing: rates and shares of it can be drawn
+            for counter in (self.deadlines, self.misses, self.underruns):
+                counter.labels(priority.name)
         self.first_frame = Histogram(
             "motiongen_event_first_frame_seconds",
             "From an event's arrival to the delivery of the first frame it changed.",

@@ -1,5 +1,5 @@
-// Reads the golden messages of the contract with Go's own protobuf: every line must give the bytes that it shows, and the
-// bytes must give its content. Prints how many lines there were; ends with 1 and what is wrong where one does not agree.
+// Reads the golden messages of the contract with Go's own protobuf: every line must give the bytes that it shows, whatever
+// the order of the fields, which protobuf leaves open, and the bytes must give its content. Prints how many lines there were; ends with 1 and what is wrong where one does not agree.
 package main
 
 import (
@@ -8,15 +8,54 @@ import (
 	"encoding/hex"
 	"fmt"
 	"os"
+	"sort"
 	"strings"
 
 	"google.golang.org/protobuf/encoding/prototext"
+	"google.golang.org/protobuf/encoding/protowire"
 	"google.golang.org/protobuf/proto"
 	"google.golang.org/protobuf/reflect/protoreflect"
 	"google.golang.org/protobuf/reflect/protoregistry"
 
 	_ "motiongen/v1"
 )
+
+// ordered gives an encoded message, and those within it, with their fields by number; those of one number stay in order.
+func ordered(encoded []byte, kind protoreflect.MessageDescriptor) ([]byte, error) {
+	type field struct {
+		number protowire.Number
+		bytes  []byte
+	}
+	var fields []field
+	for len(encoded) > 0 {
+		number, wire, tagLength := protowire.ConsumeTag(encoded)
+		if tagLength < 0 {
+			return nil, protowire.ParseError(tagLength)
+		}
+		length := protowire.ConsumeFieldValue(number, wire, encoded[tagLength:])
+		if length < 0 {
+			return nil, protowire.ParseError(length)
+		}
+		written := encoded[:tagLength+length]
+		known := kind.Fields().ByNumber(number)
+		if known != nil && known.Message() != nil {
+			content, _ := protowire.ConsumeBytes(encoded[tagLength:])
+			inner, err := ordered(content, known.Message())
+			if err != nil {
+				return nil, err
+			}
+			written = protowire.AppendBytes(protowire.AppendTag(nil, number, wire), inner)
+		}
+		fields = append(fields, field{number, written})
+		encoded = encoded[tagLength+length:]
+	}
+	sort.SliceStable(fields, func(one, other int) bool { return fields[one].number < fields[other].number })
+	var joined []byte
+	for _, each := range fields {
+		joined = append(joined, each.bytes...)
+	}
+	return joined, nil
+}
 
 // check compares one line: name of the message, content in text format, bytes in hexadecimal.
 func check(line string) error {
@@ -49,7 +88,11 @@ func check(line string) error {
 	if err != nil {
 		return err
 	}
-	if !bytes.Equal(written, encoded) {
+	inOrder, err := ordered(written, kind.Descriptor())
+	if err != nil {
+		return err
+	}
+	if !bytes.Equal(inOrder, encoded) {
 		return fmt.Errorf("%s is written as %x, not %x", parts[0], written, encoded)
 	}
 	return nil

@@ -24,6 +24,7 @@ _CHANNEL_OPTIONS = (
     ("grpc.http2.lookahead_bytes", 1 << 20),
     ("grpc.enable_retries", 0),
 )
+_CONNECT_TIMEOUT_S = 3.0
 _HELLO_TIMEOUT_S = 15.0
 _CLOSE_GRACE_S = 5.0
 _EVENT_OVERHEAD_BYTES = 8
@@ -73,6 +74,8 @@ class StreamClient:
     async def start(self) -> None:
         """Connect and exchange hellos. Raises ServerUnavailable."""
         self._channel = self._connection.channel(self._address, _CHANNEL_OPTIONS)
+        with contextlib.suppress(TimeoutError):  # where nobody answers, the call says why
+            await asyncio.wait_for(self._channel.channel_ready(), _CONNECT_TIMEOUT_S)
         self._call = MotionServiceStub(self._channel).StreamMotion(metadata=self._connection.metadata())
         self._reading = asyncio.create_task(self._read(), name="bench-read")
         self._writing = asyncio.create_task(self._write(), name="bench-write")

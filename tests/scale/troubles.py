@@ -18,6 +18,12 @@ from tests.scale.proxies import Proxy
 from tests.scale.replicas import Replica, Replicas
 
 FULL_DISK_BYTES = 4096
+FEW_DESCRIPTORS = 16
+"""Fewer than each process of a server has open, and more than one poll(2) of it waits for.
+
+A poll for more than may be open at all fails as a wrong call, on which ZeroMQ aborts; no process whose descriptors are
+merely used up makes one.
+"""
 STOPPED_S = 5.0
 _SITE = """
 import os, time
@@ -149,7 +155,7 @@ async def full_disk(world: World, draw: random.Random) -> AsyncIterator[str]:
 async def no_descriptors(world: World, draw: random.Random) -> AsyncIterator[str]:
     """A server can open nothing more, and its clients' connections are cut besides, so that they want new ones."""
     replica = await asyncio.to_thread(world.one, draw)
-    async with _limited(replica, resource.RLIMIT_NOFILE, 3) as name:
+    async with _limited(replica, resource.RLIMIT_NOFILE, FEW_DESCRIPTORS) as name:
         world.line.cut()
         yield name
 

@@ -104,6 +104,26 @@ async def test_a_line_that_falls_silent_is_noticed_and_the_session_resumed() -> 
         assert server.engine.num_sessions == 1
 
 
+async def test_it_tries_again_where_a_new_line_is_silent_from_its_beginning() -> None:
+    """Connections are taken, and nothing is ever said: as by a machine that stands still, or lost what is behind it."""
+    policy = LinePolicy(ping_s=0.2, pong_timeout_s=0.2, hello_timeout_s=0.5)
+    tried: list[None] = []
+
+    def note_connection() -> None:
+        tried.append(None)
+
+    async with (
+        asyncio.timeout(LIMIT_S), a_server() as server, proxied(server, policy, note_connection) as (proxy, client),
+    ):  # fmt: skip
+        session = await client.open("a person walks", options=LOOKAHEAD)
+        await played(session, 50)
+        before = len(tried)
+        proxy.is_silent = True
+        await until_true(lambda: len(tried) >= before + 3)
+        proxy.is_silent = False
+        assert await played(session, 100) == list(range(50, 150))
+
+
 async def test_a_client_that_shall_not_recover_fails_its_sessions_and_can_open_others() -> None:
     policy = LinePolicy(recover_s=0)
     async with asyncio.timeout(LIMIT_S), a_server() as server, proxied(server, policy) as (proxy, client):

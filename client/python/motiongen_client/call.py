@@ -1,8 +1,9 @@
 """The transport: one call to the server. It writes what it is given, hands on what comes, and says when it is over.
 
 What grpc.aio asks for, kept here in one place: a read or write in flight is never cancelled or put under a timeout
-(its native batch would leak), so the two loops end because the call ends; and a call is always cancelled at last (an
-abandoned one is never collected).
+(its native batch would leak), so the two loops end because the call ends; a call is always cancelled at last (an
+abandoned one is never collected); and nothing is written before there is a connection, since who waits for one is not
+told that the call was cancelled, and waits for ever where a server takes connections and says nothing.
 """
 
 from __future__ import annotations
@@ -54,14 +55,17 @@ class Call:
         self._failure: MotiongenError | None = None
         self._call: _Call | None = None
         self._tasks: list[asyncio.Task[None]] = []
+        self._connecting: asyncio.Task[None] | None = None
 
     async def greet(self, agent: str, address: str, timeout_s: float) -> None:
         """Make the call and exchange hellos. Raises ServerUnavailable or StreamLost; `close` it then."""
         call: _Call = MotionServiceStub(self._channel).StreamMotion()
         self._call = call
         reading = asyncio.create_task(self._read(call), name="motiongen-read")
+        self._connecting = asyncio.create_task(call.wait_for_connection(), name="motiongen-connect")
         hello = service_pb2.ClientHello(client_agent=agent)
-        self._tasks = [reading, asyncio.create_task(self._write(call, hello), name="motiongen-write")]
+        writing = asyncio.create_task(self._write(call, self._connecting, hello), name="motiongen-write")
+        self._tasks = [reading, writing]
         greeted = asyncio.create_task(self._hello.wait(), name="motiongen-hello")
         await asyncio.wait({reading, greeted}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
         greeted.cancel()
@@ -95,6 +99,8 @@ class Call:
             await asyncio.wait(self._tasks, timeout=CLOSE_GRACE_S)
         if self._call is not None:
             self._call.cancel()
+        if self._connecting is not None:
+            self._connecting.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
     def _end(self, failure: MotiongenError) -> None:
@@ -127,8 +133,9 @@ class Call:
             failure = StreamLost("CANCELLED", "the stream was closed here")
         self._end(failure)
 
-    async def _write(self, call: _Call, hello: service_pb2.ClientHello) -> None:
+    async def _write(self, call: _Call, connecting: asyncio.Task[None], hello: service_pb2.ClientHello) -> None:
         try:
+            await connecting
             await call.write(service_pb2.StreamMotionRequest(hello=hello))
             while self._failure is None:
                 await self._something_to_send.wait()

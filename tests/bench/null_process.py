@@ -14,6 +14,7 @@ from pathlib import Path
 import psutil
 
 from tests.bench.machine import ROOT
+from tests.bench.revision import Revision
 
 NULL_SERVER = "tests.bench.null_server"
 SETTINGS = (
@@ -47,9 +48,11 @@ class NullServer:
 
 
 @contextmanager
-def server_process(module: str, *arguments: str) -> Iterator[NullServer]:
+def server_process(module: str, *arguments: str, revision: Revision | None = None) -> Iterator[NullServer]:
+    """revision: whose server it is; of the tree at hand, as this process knows it, where it is left out."""
     command = [sys.executable, "-m", module, *arguments]
-    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    tree, environment = (ROOT, None) if revision is None else (revision.tree, revision.environment)
+    process = subprocess.Popen(command, cwd=tree, env=environment, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     try:
         line = process.stdout.readline()

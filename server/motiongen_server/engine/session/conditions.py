@@ -140,40 +140,42 @@ def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) ->
     floor, where a window may still be made: the client, once it reports, may turn out not to be as far as was thought.
     Raises EventRefused for an unknown id, a span that has passed, or more than `limit` prompts.
     """
-    newest = {prompt.prompt_id: prompt for prompt in held.prompts}
-    # Of several with one id those before the newest are what is left of those in whose place it came.
-    left = [prompt for prompt in held.prompts if newest[prompt.prompt_id] is not prompt]
-    prompts = {prompt.prompt_id: prompt for prompt in held.prompts if newest[prompt.prompt_id] is prompt}
+    # Of several with one id those before the last are what is left of those in whose place it came. What is left stays
+    # where it was, since of equal starts the one set last wins.
+    prompts: list[Prompt] = list(held.prompts)
     for index, prompt_id in enumerate(event.remove):
-        left = [each for each in left if each.prompt_id != prompt_id]
-        if prompts.pop(prompt_id, None) is None:
-            raise _unknown("prompt", prompt_id, index, prompts)
+        ids = {each.prompt_id for each in prompts}
+        if prompt_id not in ids:
+            raise _unknown("prompt", prompt_id, index, ids)
+        prompts = [each for each in prompts if each.prompt_id != prompt_id]
     for index, prompt in enumerate(event.upsert):
         if prompt.end_frame is not None and prompt.end_frame <= floor:
             raise _passed(
                 "prompt", prompt.prompt_id, prompt.end_frame - 1, floor, f"edit_prompts.upsert[{index}].end_frame"
             )
-        begin, replaced = max(floor, _start(prompt)), prompts.pop(prompt.prompt_id, None)
-        before = [each for each in left if each.prompt_id == prompt.prompt_id]
-        left = [each for each in left if each.prompt_id != prompt.prompt_id]
-        left += _left_until(begin, floor, before, replaced)
-        prompts[prompt.prompt_id] = replace(prompt, start_frame=begin)
-    if len(prompts) > limit:
-        raise _too_many("prompts", len(prompts), limit)
-    edited = replace(held, prompts=(*left, *prompts.values()))
-    return edited, edited.first_change(held, floor, None)
+        begin = max(floor, _start(prompt))
+        of_its_id = [each for each in prompts if each.prompt_id == prompt.prompt_id]
+        left = iter(_left_until(begin, floor, of_its_id))
+        edited = [next(left) if each.prompt_id == prompt.prompt_id else each for each in prompts]
+        prompts = [each for each in edited if each is not None]
+        prompts.append(replace(prompt, start_frame=begin))
+    if (count := len({each.prompt_id for each in prompts})) > limit:
+        raise _too_many("prompts", count, limit)
+    result = replace(held, prompts=tuple(prompts))
+    return result, result.first_change(held, floor, None)
 
 
-def _left_until(begin: int, floor: int, before: Sequence[Prompt], replaced: Prompt | None) -> list[Prompt]:
-    """What holds until `begin`, where a prompt takes the place of `replaced` and of what is left of those before it."""
-    held = list(before)
-    if replaced is not None and _start(replaced) <= floor:
-        held.append(replaced)
-    elif replaced is not None and held and held[-1].end_frame == _start(replaced):
-        held[-1] = replace(held[-1], end_frame=begin)  # it was cut for one that will not begin
-    ends_later = (each.end_frame is None or each.end_frame > begin for each in held)
-    cut = (replace(each, end_frame=begin) if later else each for each, later in zip(held, ends_later, strict=True))
-    return [each for each in cut if _start(each) < begin]
+def _left_until(begin: int, floor: int, held: Sequence[Prompt]) -> list[Prompt | None]:
+    """What is left of each of the prompts of an id, in their order, where another takes their place at `begin`."""
+    left = list(held)
+    never_begins = bool(held) and _start(held[-1]) > floor
+    if never_begins and len(held) > 1 and held[-2].end_frame == _start(held[-1]):
+        left[-2] = replace(held[-2], end_frame=begin)  # it was cut for that one
+    cut: list[Prompt | None] = []
+    for each in left[:-1] if never_begins else left:
+        ends_later = each.end_frame is None or each.end_frame > begin
+        cut.append(None if _start(each) >= begin else replace(each, end_frame=begin) if ends_later else each)
+    return [*cut, None] if never_begins else cut
 
 
 def edit_constraints(

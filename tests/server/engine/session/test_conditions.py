@@ -115,6 +115,12 @@ def test_an_edit_names_the_first_frame_that_it_changes(before: list[Prompt], edi
     assert dirty_from == (changed[0] if changed else None)
 
 
+def test_what_is_left_of_a_prompt_wins_over_one_of_the_same_start_that_was_set_before_it() -> None:
+    held = Conditions((prompt(0, 1, 0), prompt(1, 2, 0)))
+    edited, _ = edit_prompts(held, _prompts(prompt(3, 2, 0)), 10, 8)
+    assert [_marker(edited.prompt_at(frame)) for frame in (0, 9, 10)] == [1, 1, 3]
+
+
 @given(st.lists(SPANS, max_size=4), st.lists(st.tuples(SPANS, st.integers(0, 50)), max_size=5))
 def test_an_edit_leaves_what_holds_before_it(before: list[Prompt], edits: list[tuple[Prompt, int]]) -> None:
     held = Conditions(tuple({span.prompt_id: span for span in before}.values()))

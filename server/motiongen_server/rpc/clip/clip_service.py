@@ -30,6 +30,9 @@ from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 
 _log = logging.getLogger(__name__)
 
+LAST_WRITE_S = 1.0
+"""How long what is being written when a call's time is over is waited for."""
+
 
 class ClipService:
     """Answers GenerateClip. Lives on the event loop of the service."""
@@ -156,11 +159,18 @@ class ClipService:
     async def _write(self, response: service_pb2.GenerateClipResponse, context: ClipContext) -> None:
         """Raises StreamRefused where the client takes nothing for too long: its samples keep others waiting."""
         limit_s = self._limits.stuck_timeout_s
+        writing = asyncio.ensure_future(context.write(response))
         try:
-            async with asyncio.timeout(limit_s):
-                await context.write(response)
-        except TimeoutError:
-            raise reader_stuck(limit_s) from None
+            await asyncio.wait({writing}, timeout=limit_s)
+            if not writing.done():
+                raise reader_stuck(limit_s)
+        finally:
+            if not writing.done():
+                # gRPC takes no status while the first response is being written, and the client would hear of none.
+                await asyncio.wait({writing}, timeout=LAST_WRITE_S)
+                writing.cancel()
+                await asyncio.gather(writing, return_exceptions=True)
+        writing.result()
 
     @staticmethod
     def _grant(call: Call, chunk: Chunk) -> None:

@@ -230,35 +230,6 @@ async def test_without_a_deadline_the_servers_own_ends_the_call() -> None:
         release()
 
 
-class SlowLine:
-    """A call's context whose first response is on its way until the call's time is over."""
-
-    def __init__(self) -> None:
-        self.sent = asyncio.Event()
-        self.is_writing = False
-        self.told: list[tuple[grpc.StatusCode, bool]] = []
-
-    def time_remaining(self) -> None:
-        return None
-
-    async def write(self, response: service_pb2.GenerateClipResponse) -> None:
-        self.is_writing = True
-        await self.sent.wait()
-        self.is_writing = False
-
-    async def abort_with_status(self, status: grpc.Status) -> None:
-        self.told.append((status.code, self.is_writing))
-
-
-async def test_a_call_whose_time_ends_while_a_response_is_written_has_its_status_after_it() -> None:
-    async with asyncio.timeout(LIMIT_S), LocalServer(Limits(max_clip_s=0.2)) as server:
-        line = SlowLine()
-        asyncio.get_running_loop().call_later(0.4, line.sent.set)
-        await server.service.clips.generate(clip(40), line, Peer(PeerLimits(), 0.0))  # type: ignore[arg-type]
-        assert line.told == [(grpc.StatusCode.DEADLINE_EXCEEDED, False)]
-        await no_job_is_left(server)
-
-
 async def test_a_client_that_cancels_stops_the_work(server: LocalServer) -> None:
     release = hold_up(server)
     asking = asyncio.create_task(generate(server, clip(400)))

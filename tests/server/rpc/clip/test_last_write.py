@@ -12,7 +12,6 @@ from motiongen_server.rpc.peers import Peer
 from tests.contract.local import LocalServer
 from tests.waiting import LIMIT_S
 
-
 ASKED = service_pb2.GenerateClipRequest(open=session_pb2.OpenSession(), frame_count=40)
 
 

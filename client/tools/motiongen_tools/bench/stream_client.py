@@ -78,13 +78,16 @@ class StreamClient:
             await asyncio.wait_for(self._channel.channel_ready(), _CONNECT_TIMEOUT_S)
         self._call = MotionServiceStub(self._channel).StreamMotion(metadata=self._connection.metadata())
         self._reading = asyncio.create_task(self._read(), name="bench-read")
+        # Awaited before anything is written: a write that waits for a connection is not ended by cancelling its call.
+        self._connecting = asyncio.create_task(self._call.wait_for_connection(), name="bench-connect")
         self._writing = asyncio.create_task(self._write(), name="bench-write")
         greeted = asyncio.create_task(self._greeted.wait(), name="bench-hello")
         await asyncio.wait({self._reading, greeted}, timeout=_HELLO_TIMEOUT_S, return_when=asyncio.FIRST_COMPLETED)
         greeted.cancel()
         if not self._greeted.is_set():
+            why = self.lost or f"no hello came within {_HELLO_TIMEOUT_S:g} s"
             await self.stop()
-            raise ServerUnavailable(self._address, self.lost or f"no hello came within {_HELLO_TIMEOUT_S:g} s")
+            raise ServerUnavailable(self._address, why)
 
     async def stop(self) -> None:
         """End the call: the server closes what is open."""
@@ -93,6 +96,7 @@ class StreamClient:
         if self._greeted.is_set():
             await asyncio.wait({self._reading, self._writing}, timeout=_CLOSE_GRACE_S)
         self._call.cancel()
+        self._connecting.cancel()
         await asyncio.gather(self._reading, self._writing, return_exceptions=True)
         await self._channel.close(None)
 
@@ -130,6 +134,7 @@ class StreamClient:
     async def _write(self) -> None:
         hello = service_pb2.ClientHello(client_agent="motiongen-bench")
         with contextlib.suppress(grpc.aio.AioRpcError, asyncio.InvalidStateError, asyncio.CancelledError):
+            await self._connecting
             await self._call.write(service_pb2.StreamMotionRequest(hello=hello))
             while not self.lost:
                 await self._filled.wait()

@@ -14,9 +14,10 @@ from motiongen_ardy.locomotion.gait import quarter_of
 from motiongen_ardy.locomotion.velocity import SLOWING_FRAMES
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.locomotion import gait_of
-from motiongen_server.engine.session.conditions import Conditions, edit_prompts
+from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.edits import edited
 from motiongen_server.engine.session.placing import Anchor
+from motiongen_server.engine.session.prompt_edits import edit_prompts
 from motiongen_server.engine.session.velocity import Velocity
 from motiongen_server.engine.types import Direction, Gait, SessionKey, SetPrompts, SetVelocity
 from tests.server.engine.stage import Stage, prompt

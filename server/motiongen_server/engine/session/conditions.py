@@ -1,28 +1,15 @@
-"""Conditions: the prompts and constraints of a session, and what an edit of them changes from which frame on."""
+"""Conditions: the prompts, constraints and velocity of a session, and what they say of a frame."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from motiongen_server.engine.locomotion import gait_prompt
-from motiongen_server.engine.session.placing import Anchor, placed
 from motiongen_server.engine.session.velocity import Velocity
-from motiongen_server.engine.types import (
-    Asked,
-    Code,
-    Constraint,
-    EventRefused,
-    Gait,
-    Placement,
-    Prompt,
-    RootTrajectory,
-    SetConstraints,
-    SetPrompts,
-    Unplaced,
-)
+from motiongen_server.engine.types import Constraint, Gait, Prompt
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,8 +40,8 @@ class Conditions:
     def _own_prompt_at(self, frame: int) -> Prompt | None:
         best: Prompt | None = None
         for prompt in self.prompts:
-            covers = _start(prompt) <= frame and (prompt.end_frame is None or frame < prompt.end_frame)
-            if covers and (best is None or _start(prompt) >= _start(best)):
+            covers = prompt.begin <= frame and (prompt.end_frame is None or frame < prompt.end_frame)
+            if covers and (best is None or prompt.begin >= best.begin):
                 best = prompt
         return best
 
@@ -132,124 +119,8 @@ class Conditions:
         return Conditions(prompts, constraints, velocity, None if velocity is None else self.gait)
 
 
-def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) -> tuple[Conditions, int | None]:
-    """Apply an edit of prompts. floor: the first frame that can still change.
-
-    Returns the new conditions and the first frame from floor on whose prompt differs, None if none does. A prompt that
-    holds already goes on until the one that takes its place begins: no frame between is without text, nor one before
-    floor, where a window may still be made: the client, once it reports, may turn out not to be as far as was thought.
-    Raises EventRefused for an unknown id, a span that has passed, or more than `limit` prompts.
-    """
-    # Of several with one id those before the last are what is left of those in whose place it came. What is left stays
-    # where it was, since of equal starts the one set last wins.
-    prompts: list[Prompt] = list(held.prompts)
-    for index, prompt_id in enumerate(event.remove):
-        ids = {each.prompt_id for each in prompts}
-        if prompt_id not in ids:
-            raise _unknown("prompt", prompt_id, index, ids)
-        prompts = [each for each in prompts if each.prompt_id != prompt_id]
-    for index, prompt in enumerate(event.upsert):
-        if prompt.end_frame is not None and prompt.end_frame <= floor:
-            raise _passed(
-                "prompt", prompt.prompt_id, prompt.end_frame - 1, floor, f"edit_prompts.upsert[{index}].end_frame"
-            )
-        begin = max(floor, _start(prompt))
-        of_its_id = [each for each in prompts if each.prompt_id == prompt.prompt_id]
-        left = iter(_left_until(begin, floor, of_its_id))
-        edited = [next(left) if each.prompt_id == prompt.prompt_id else each for each in prompts]
-        prompts = [each for each in edited if each is not None]
-        prompts.append(replace(prompt, start_frame=begin))
-    if (count := len({each.prompt_id for each in prompts})) > limit:
-        raise _too_many("prompts", count, limit)
-    result = replace(held, prompts=tuple(prompts))
-    return result, result.first_change(held, floor, None)
-
-
-def _left_until(begin: int, floor: int, held: Sequence[Prompt]) -> list[Prompt | None]:
-    """What is left of each of the prompts of an id, in their order, where another takes their place at `begin`."""
-    left = list(held)
-    never_begins = bool(held) and _start(held[-1]) > floor
-    if never_begins and len(held) > 1 and held[-2].end_frame == _start(held[-1]):
-        left[-2] = replace(held[-2], end_frame=begin)  # it was cut for that one
-    cut: list[Prompt | None] = []
-    for each in left[:-1] if never_begins else left:
-        ends_later = each.end_frame is None or each.end_frame > begin
-        cut.append(None if _start(each) >= begin else replace(each, end_frame=begin) if ends_later else each)
-    return [*cut, None] if never_begins else cut
-
-
-def edit_constraints(
-    held: Conditions, event: SetConstraints, floor: int, limit: int, most_frames: int, anchor: Callable[[], Anchor]
-) -> tuple[Conditions, tuple[Constraint, ...], tuple[Placement, ...]]:
-    """Apply an edit of constraints. floor: the first frame that can still change; anchor: for what asks "from here".
-
-    Returns the new conditions, every constraint that came, went or was replaced, and where those that left it open
-    were put. Raises EventRefused for an unknown id, a target that has passed, more than `limit` constraints, or
-    trajectories of more than most_frames together.
-    """
-    constraints = {item.constraint_id: item for item in held.constraints}
-    changed: list[Constraint] = []
-    if event.clear:
-        changed.extend(constraints.values())
-        constraints.clear()
-    for index, constraint_id in enumerate(event.remove):
-        if constraint_id not in constraints:
-            raise _unknown("constraint", constraint_id, index, constraints)
-        changed.append(constraints.pop(constraint_id))
-    upserts, placements = place_all(event.upsert, anchor, "edit_constraints.upsert", most_frames)
-    for index, item in enumerate(upserts):
-        # Of several frames at which it may be met one that still can be is enough.
-        latest = item.first_frame if isinstance(item, RootTrajectory) else item.last_frame
-        if latest < floor:
-            field = f"edit_constraints.upsert[{index}].frame"
-            raise _passed("constraint", item.constraint_id, latest, floor, field)
-        replaced = constraints.pop(item.constraint_id, None)
-        changed.extend([item] if replaced is None else [item, replaced])
-        constraints[item.constraint_id] = item
-    if len(constraints) > limit:
-        raise _too_many("constraints", len(constraints), limit)
-    if (frames := sum(map(_trajectory_frames, constraints.values()))) > most_frames:
-        raise _too_many_frames(frames, most_frames, "edit_constraints.upsert")
-    return replace(held, constraints=tuple(constraints.values())), tuple(changed), placements
-
-
-def place_all(
-    asked: Sequence[Asked], anchor: Callable[[], Anchor], field: str, most_frames: int
-) -> tuple[tuple[Constraint, ...], tuple[Placement, ...]]:
-    """Constraints as they are asked for, in frames and in the world; and where those were put that left it open.
-
-    field: the path of their list. Raises EventRefused for one that cannot be placed, and for trajectories of more than
-    most_frames together, before any more of them are worked out.
-    """
-    constraints: list[Constraint] = []
-    frames = 0
-    placements: list[Placement] = []
-    here: Anchor | None = None  # most edits need none, and it costs a pose
-    for index, item in enumerate(asked):
-        if isinstance(item, Unplaced):
-            here = here or anchor()
-            constraint, placement = placed(item, here, f"{field}[{index}]")
-            constraints.append(constraint)
-            placements.append(placement)
-        else:
-            constraints.append(item)
-        frames += _trajectory_frames(constraints[-1])
-        if frames > most_frames:
-            raise _too_many_frames(frames, most_frames, f"{field}[{index}]")
-    return tuple(constraints), tuple(placements)
-
-
-def _trajectory_frames(constraint: Constraint) -> int:
-    """That it says a place for, each of its own; other constraints take no more memory the longer they hold."""
-    return len(constraint.xz) if isinstance(constraint, RootTrajectory) else 0
-
-
-def _start(prompt: Prompt) -> int:
-    return prompt.start_frame or 0
-
-
 def _boundaries(prompts: Iterable[Prompt]) -> list[int]:
-    frames = {_start(prompt) for prompt in prompts}
+    frames = {prompt.begin for prompt in prompts}
     return sorted(frames | {prompt.end_frame for prompt in prompts if prompt.end_frame is not None})
 
 
@@ -257,44 +128,3 @@ def _same(one: Prompt | None, other: Prompt | None) -> bool:
     if one is None or other is None:
         return one is other
     return one.embedding is other.embedding or np.array_equal(one.embedding, other.embedding)
-
-
-def _unknown(what: str, given: int, index: int, held: Iterable[int]) -> EventRefused:
-    listed = ", ".join(map(str, sorted(held)[:16])) or "none"
-    return EventRefused(
-        Code.NOT_FOUND,
-        f"UNKNOWN_{what.upper()}",
-        f"{what} {given} is not set: it never was, was removed, or its frames have passed; leave it out",
-        f"edit_{what}s.remove[{index}]",
-        f"the ids that are set: {listed}",
-    )
-
-
-def _passed(what: str, given: int, frame: int, floor: int, field: str) -> EventRefused:
-    return EventRefused(
-        Code.FAILED_PRECONDITION,
-        "FRAME_COMMITTED",
-        f"{what} {given} asks for frame {frame}, but frames below {floor} cannot change any more; choose a later frame",
-        field,
-        f"a frame from {floor} on",
-    )
-
-
-def _too_many(what: str, given: int, limit: int) -> EventRefused:
-    return EventRefused(
-        Code.RESOURCE_EXHAUSTED,
-        f"TOO_MANY_{what.upper()}",
-        f"the session would hold {given} {what}; remove some or reuse their ids",
-        f"edit_{what}.upsert",
-        f"at most {limit} {what} at once",
-    )
-
-
-def _too_many_frames(given: int, limit: int, field: str) -> EventRefused:
-    return EventRefused(
-        Code.RESOURCE_EXHAUSTED,
-        "TOO_MANY_TRAJECTORY_FRAMES",
-        f"trajectories and paths would have {given} frames together; send the later ones when earlier ones are over",
-        field,
-        f"at most {limit} frames at once (max_held_trajectory_frames)",
-    )

@@ -9,8 +9,10 @@ from typing import NamedTuple, TypeAlias
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.locomotion import gait_of
-from motiongen_server.engine.session.conditions import Conditions, edit_constraints, edit_prompts
+from motiongen_server.engine.session.conditions import Conditions
+from motiongen_server.engine.session.constraint_edits import edit_constraints
 from motiongen_server.engine.session.placing import Anchor
+from motiongen_server.engine.session.prompt_edits import edit_prompts
 from motiongen_server.engine.session.velocity import changed_velocity
 from motiongen_server.engine.types import (
     Code,

@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.session.conditions import Conditions, place_all
+from motiongen_server.engine.session.conditions import Conditions
+from motiongen_server.engine.session.constraint_edits import place_all
 from motiongen_server.engine.session.delivery import Delivery
 from motiongen_server.engine.session.drift import DriftGuard, DriftState
 from motiongen_server.engine.session.edits import EditQueue

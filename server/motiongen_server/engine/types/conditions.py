@@ -27,6 +27,11 @@ class Prompt:
     text: str
     embedding: Float32Array
 
+    @property
+    def begin(self) -> int:
+        """start_frame, where it has one; else the first there is."""
+        return self.start_frame or 0
+
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:

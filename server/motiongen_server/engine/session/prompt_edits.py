@@ -1,0 +1,70 @@
+"""What an edit of prompts makes of a session's conditions, and from which frame on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from motiongen_server.engine.session.conditions import Conditions
+from motiongen_server.engine.session.edit_refusals import passed, too_many, unknown
+from motiongen_server.engine.types import Prompt, SetPrompts
+
+
+def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) -> tuple[Conditions, int | None]:
+    """Apply an edit of prompts. floor: the first frame that can still change.
+
+    Returns the new conditions and the first frame from floor on whose prompt differs, None if none does. A prompt that
+    holds already goes on until the one that takes its place begins: no frame between is without text. Before floor
+    nothing changes, since a window may still be made there: the client, once it reports, may turn out not to be as far
+    as was thought. Raises EventRefused for an unknown id, a span that has passed, or more than `limit` prompts.
+    """
+    # Several may have one id: those before the last are what is left of those in whose place it came. What is left
+    # stays where it was in the order, since of equal starts the one set last wins.
+    prompts: list[Prompt] = list(held.prompts)
+    for index, prompt_id in enumerate(event.remove):
+        if prompt_id not in (ids := _ids_from(floor, prompts)):
+            raise unknown("prompt", prompt_id, index, ids)
+        of_its_id = [each for each in prompts if each.prompt_id == prompt_id]
+        prompts = _with_left(prompts, prompt_id, [_until(floor, each) for each in of_its_id])
+    for index, prompt in enumerate(event.upsert):
+        if prompt.end_frame is not None and prompt.end_frame <= floor:
+            field = f"edit_prompts.upsert[{index}].end_frame"
+            raise passed("prompt", prompt.prompt_id, prompt.end_frame - 1, floor, field)
+        begin = max(floor, prompt.begin)
+        of_its_id = [each for each in prompts if each.prompt_id == prompt.prompt_id]
+        prompts = _with_left(prompts, prompt.prompt_id, _left_for(begin, floor, of_its_id))
+        prompts.append(replace(prompt, start_frame=begin))
+    if (count := len(_ids_from(floor, prompts))) > limit:
+        raise too_many("prompts", count, limit)
+    result = replace(held, prompts=tuple(prompts))
+    return result, result.first_change(held, floor, None)
+
+
+def _ids_from(floor: int, prompts: Sequence[Prompt]) -> set[int]:
+    """The ids of those that hold at floor or after it: the others have been removed or replaced."""
+    return {each.prompt_id for each in prompts if each.end_frame is None or each.end_frame > floor}
+
+
+def _with_left(prompts: Sequence[Prompt], prompt_id: int, left: Sequence[Prompt | None]) -> list[Prompt]:
+    """Prompts with what is left of each of an id, in the order of all of them; None: nothing is."""
+    of_its_id = iter(left)
+    edited = [next(of_its_id) if each.prompt_id == prompt_id else each for each in prompts]
+    return [each for each in edited if each is not None]
+
+
+def _left_for(begin: int, floor: int, held: Sequence[Prompt]) -> list[Prompt | None]:
+    """What is left of each of the prompts of an id, in their order, where another takes their place at `begin`."""
+    if not held or held[-1].begin <= floor:
+        return [_until(begin, each) for each in held]
+    *earlier, never_begins = held
+    if earlier and earlier[-1].end_frame == never_begins.begin:  # it was cut for that one
+        earlier[-1] = replace(earlier[-1], end_frame=begin)
+    return [*(_until(begin, each) for each in earlier), None]
+
+
+def _until(frame: int, prompt: Prompt) -> Prompt | None:
+    """A prompt that ends at a frame at the latest; None where it would not have begun."""
+    if prompt.begin >= frame:
+        return None
+    ends_before = prompt.end_frame is not None and prompt.end_frame <= frame
+    return prompt if ends_before else replace(prompt, end_frame=frame)

@@ -8,9 +8,10 @@ from pathlib import Path
 
 from motiongen_server.engine_process.main import run
 from motiongen_server.engine_process.model_loading import prepare
-from motiongen_server.ops.memory import keep_freed_memory
+from motiongen_server.ops.memory import keep_freed_memory, use_one_arena
 
 if __name__ == "__main__":
     keep_freed_memory()
+    use_one_arena()
     # Not by the interpreter's own end: that takes seconds with torch loaded, and a failed engine's thread may run on.
     os._exit(run(Path(sys.argv[1]), prepare))

@@ -123,9 +123,10 @@ def main() -> None:
 
     from motiongen_server.engine_process.main import run
     from motiongen_server.engine_process.model_loading import import_libraries, prepare
-    from motiongen_server.ops.memory import give_back_freed_memory, keep_freed_memory
+    from motiongen_server.ops.memory import give_back_freed_memory, keep_freed_memory, use_one_arena
 
     keep_freed_memory()
+    use_one_arena()
     import_libraries()
     gc.collect()
     gc.freeze()  # looking for garbage writes into all objects, and what is written to is shared no more

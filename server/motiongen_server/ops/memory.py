@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # M_TRIM_THRESHOLD and M_MMAP_THRESHOLD of malloc.h
+_TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8  # M_TRIM_THRESHOLD and so on in malloc.h
 KEPT_BYTES = 64 << 20
 LARGEST_KEPT_BYTES = 32 << 20
 """Of one block; glibc takes no more."""
@@ -29,6 +29,19 @@ def keep_freed_memory() -> bool:
     except (AttributeError, OSError, TypeError):  # another C library, which has other ways
         return False
     return bool(mallopt(_TRIM_THRESHOLD, KEPT_BYTES) and mallopt(_MMAP_THRESHOLD, LARGEST_KEPT_BYTES))
+
+
+def use_one_arena() -> bool:
+    """Have all threads take memory from the main arena, before the first of them does. True where it can be.
+
+    malloc_trim gives back the end of the main arena alone: that of an arena of a thread's own stays as long as its
+    highest peak was, of which there is a higher one ever more seldom. For processes in which one thread does the work.
+    """
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (AttributeError, OSError, TypeError):  # another C library
+        return False
+    return bool(mallopt(_ARENA_MAX, 1))
 
 
 def give_back_freed_memory() -> bool:

@@ -64,6 +64,34 @@ def test_what_loading_has_freed_is_given_back() -> None:
     assert not kept or given_back > 6 * LARGE
 
 
+PEAK_OF_A_THREAD = f"""
+import ctypes
+import threading
+from pathlib import Path
+from motiongen_server.ops.memory import give_back_freed_memory, keep_freed_memory, use_one_arena
+
+def resident():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * {resource.getpagesize()}
+
+def work():
+    blocks = [b"x" * {LARGE} for _ in range(8)]
+
+is_one = keep_freed_memory() and use_one_arena()
+before = resident()
+thread = threading.Thread(target=work)
+thread.start()
+thread.join()
+give_back_freed_memory()
+print(int(is_one), resident() - before)
+"""
+
+
+def test_what_a_thread_took_at_its_peak_is_given_back() -> None:
+    ran = subprocess.run([sys.executable, "-c", PEAK_OF_A_THREAD], capture_output=True, text=True, check=True)
+    is_one, stays = map(int, ran.stdout.split())
+    assert not is_one or stays < LARGE
+
+
 def test_objects_that_are_there_are_settled_for_a_while_and_no_longer() -> None:
     before = gc.get_threshold()
     with settled_objects():

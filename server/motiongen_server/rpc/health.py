@@ -14,9 +14,10 @@ import grpc.aio
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from motiongen_server.errors import StreamRefused
+from motiongen_server.rpc.bounded_write import write_within
 from motiongen_server.rpc.health_pace import HealthPace
 from motiongen_server.rpc.peers import address_of
-from motiongen_server.rpc.stream_errors import reader_stuck, too_many_streams
+from motiongen_server.rpc.stream_errors import too_many_streams
 
 MOST_WATCHERS = 512
 MOST_OF_AN_ADDRESS = 128
@@ -75,10 +76,6 @@ class Health(health_pb2_grpc.HealthServicer):
             changed = self._changed
             status = self._statuses.get(service, health_pb2.HealthCheckResponse.SERVICE_UNKNOWN)
             if status != told:
-                try:
-                    async with asyncio.timeout(STUCK_S):
-                        await context.write(health_pb2.HealthCheckResponse(status=status))
-                except TimeoutError:
-                    raise reader_stuck(STUCK_S) from None
+                await write_within(STUCK_S, context.write(health_pb2.HealthCheckResponse(status=status)))
                 told = status
             await changed.wait()

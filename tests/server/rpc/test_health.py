@@ -70,10 +70,12 @@ async def test_of_one_address_only_so_many_watch_and_a_place_can_be_taken_again(
 
 
 class Stuck:
-    """The context of a watcher to whom nothing can be written."""
+    """The context of a watcher to whom nothing can be written for a while."""
 
     def __init__(self) -> None:
         self.is_writing = asyncio.Event()
+        self.takes = asyncio.Event()
+        self.has_taken = False
         self.status: grpc.Status | None = None
 
     def peer(self) -> str:
@@ -81,7 +83,8 @@ class Stuck:
 
     async def write(self, _message: object) -> None:
         self.is_writing.set()
-        await asyncio.Event().wait()
+        await self.takes.wait()
+        self.has_taken = True
 
     async def abort_with_status(self, status: grpc.Status) -> None:
         self.status = status
@@ -100,3 +103,15 @@ async def test_a_watcher_that_takes_nothing_keeps_no_change_from_being_told_and_
     await watching
     assert stuck.status is not None
     assert stuck.status.code is grpc.StatusCode.RESOURCE_EXHAUSTED
+
+
+async def test_a_watcher_that_takes_its_first_status_late_is_told_why_it_is_ended_after_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """gRPC tells no status of a call whose first response is still being written."""
+    monkeypatch.setattr(health, "STUCK_S", 0.05)
+    late = Stuck()
+    asyncio.get_running_loop().call_later(0.1, late.takes.set)
+    await Health().Watch(WHOLE, late)  # type: ignore[arg-type]
+    assert late.has_taken
+    assert late.status is not None

@@ -16,6 +16,7 @@ from motiongen_server.engine.types import Chunk, Close, CloseReason, Code, Open,
 from motiongen_server.engine.types.refusals import draining
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
+from motiongen_server.rpc.bounded_write import write_within
 from motiongen_server.rpc.budget import PATH_CALLS
 from motiongen_server.rpc.clip.call import Call, refused
 from motiongen_server.rpc.clip.request import check_extent, clip_specs, opening_event
@@ -25,13 +26,10 @@ from motiongen_server.rpc.event_errors import too_many_clips
 from motiongen_server.rpc.handlers import ClipContext
 from motiongen_server.rpc.limits import ServiceLimits
 from motiongen_server.rpc.peers import Peer
-from motiongen_server.rpc.stream_errors import CLIENT_GONE, reader_stuck
+from motiongen_server.rpc.stream_errors import CLIENT_GONE
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 
 _log = logging.getLogger(__name__)
-
-LAST_WRITE_S = 1.0
-"""How long what is being written when a call's time is over is waited for."""
 
 
 class ClipService:
@@ -158,19 +156,7 @@ class ClipService:
 
     async def _write(self, response: service_pb2.GenerateClipResponse, context: ClipContext) -> None:
         """Raises StreamRefused where the client takes nothing for too long: its samples keep others waiting."""
-        limit_s = self._limits.stuck_timeout_s
-        writing = asyncio.ensure_future(context.write(response))
-        try:
-            await asyncio.wait({writing}, timeout=limit_s)
-            if not writing.done():
-                raise reader_stuck(limit_s)
-        finally:
-            if not writing.done():
-                # gRPC takes no status while the first response is being written, and the client would hear of none.
-                await asyncio.wait({writing}, timeout=LAST_WRITE_S)
-                writing.cancel()
-                await asyncio.gather(writing, return_exceptions=True)
-        writing.result()
+        await write_within(self._limits.stuck_timeout_s, context.write(response))
 
     @staticmethod
     def _grant(call: Call, chunk: Chunk) -> None:

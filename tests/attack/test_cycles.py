@@ -7,7 +7,7 @@ from pathlib import Path
 from tests.attack.cycles import SETTINGS, measure
 from tests.attack.server import attacked
 
-CYCLES = 600
+CYCLES = 1800
 MOST_BYTES = 4096
 """A cycle. So few cycles are told from what a process settles to in the first seconds by nothing finer; 100,000 are."""
 

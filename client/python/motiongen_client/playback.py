@@ -30,6 +30,7 @@ class Playback:
     """The frames of one session, from the first one kept to the last one received.
 
     keep_frames: how many frames behind the playhead stay readable; None keeps all of them.
+    plan, plan_from: the latest plan's number and first frame.
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class Playback:
         self.playhead = start_frame
         self.committed_to = start_frame
         self.plan = 0
+        self.plan_from = start_frame
         self.underruns = 0
         self.late_plans = 0
         self._pace_hz = float(frame_rate_hz)
@@ -92,7 +94,7 @@ class Playback:
             raise ProtocolViolation(
                 f"plan {plan} replaces frames from {valid_from}, but frames below {self.committed_to} are committed"
             )
-        self.plan = plan
+        self.plan, self.plan_from = plan, valid_from
         self._cuts = [frame for frame in self._cuts if self._first_kept < frame < valid_from]
         if is_cut:
             self._cuts.append(valid_from)
@@ -122,7 +124,7 @@ class Playback:
     def restart(self, frame: int) -> None:
         """Another session goes on at `frame`, which is `buffered_to`: its plans are numbered anew."""
         self.plan = 0
-        self._received_to = self.committed_to = frame
+        self.plan_from = self._received_to = self.committed_to = frame
 
     def add_chunk(self, plan: int, first_frame: int, rows: Rows, committed_to: int) -> None:
         """Take consecutive frames. rows: (T, D) float32, row 0 being frame `first_frame`.

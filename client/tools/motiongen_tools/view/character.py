@@ -117,7 +117,7 @@ class Character:
         changed = self._feed.changed_from()
         if playback.plan != self._plan and changed is not None:
             self._plan = playback.plan
-            self._seams.append(changed)
+            self._seams.append(playback.plan_from)
             self.revision += 1
         if playback.underruns != self._num_underruns:
             self._num_underruns = playback.underruns

@@ -19,10 +19,11 @@ MOST_BY_DEFAULT = 8
 MOST_ENGINES = 64
 MOST_THREADS = 256
 FORMS = "cuda:0,cuda:1 (these), cuda:all, cpu:2 (two engines of a thread each), cpu:2x4 (two of four threads)"
-KERNELS_KEPT = {"ONEDNN_PRIMITIVE_CACHE_CAPACITY": "384", "LRU_CACHE_CAPACITY": "64"}
-"""Compiled products that oneDNN keeps in an engine process, and descriptions of such that torch keeps in each thread,
-each of 0.3 MiB; an operator's own setting holds. What has gone is made anew: a product in 0.3 ms, a description in
-0.02. Both are full soon, the first while the built-in model is loaded, so that memory does not grow from then on."""
+KERNELS_KEPT = {"ONEDNN_PRIMITIVE_CACHE_CAPACITY": "192", "LRU_CACHE_CAPACITY": "64"}
+"""Compiled products that oneDNN keeps in an engine process, each of 0.6 MiB, and descriptions of such that torch keeps
+in each thread, of 0.3 where the product has gone; an operator's own setting holds. What has gone is made anew: a
+product in 0.3 ms, a description in 0.02. Both are full after some minutes, so that memory does not grow from then on.
+"""
 _CPU = re.compile(r"cpu:(\d{1,4})(?:x(\d{1,4}))?")
 _CUDA = re.compile(r"cuda:(\d{1,3}|all)")
 _PROBE = "import torch; print(torch.cuda.device_count() if torch.cuda.is_available() else 0)"

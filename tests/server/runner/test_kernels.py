@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections import Counter
 
 from motiongen_server.devices import KERNELS_KEPT
 
@@ -93,18 +92,22 @@ def told_by(program: str, **more: str) -> str:
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
 
 
-def made_while_serving() -> list[tuple[str, ...]]:
-    """What each kernel is for, as oneDNN tells it: the kind first. In an engine's environment."""
+def made_while_serving() -> tuple[list[tuple[str, ...]], int]:
+    """What each kernel that was made is for, as oneDNN tells it, the kind first; and how many were found made already.
+
+    In an engine's environment.
+    """
     _, served = told_by(SERVING, ONEDNN_VERBOSE="profile_create").split("loaded\n")
     lines = [line.split(",") for line in served.splitlines() if "create:cache_miss" in line]
-    return [tuple(fields[fields.index("create:cache_miss") + 2 : -1]) for fields in lines]
+    made = [tuple(fields[fields.index("create:cache_miss") + 2 : -1]) for fields in lines]
+    return made, served.count("create:cache_hit")
 
 
-def test_serving_makes_products_of_filled_sizes_only_and_each_once() -> None:
-    made = made_while_serving()
+def test_serving_makes_products_of_filled_sizes_only_and_seldom_again() -> None:
+    made, found = made_while_serving()
     assert {kernel[0] for kernel in made} <= {"inner_product"}, "others have a kernel for each shape of a batch"
-    again = [kernel for kernel, times in Counter(made).items() if times > 1]
-    assert not again, "too few are kept for what is served"
+    again = len(made) - len(set(made))
+    assert again <= 0.02 * found, "too few are kept for what is served"
 
 
 def test_what_is_kept_of_products_comes_to_an_end() -> None:

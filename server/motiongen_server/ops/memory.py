@@ -24,11 +24,7 @@ def keep_freed_memory() -> bool:
     Messages with frames and tensors are hundreds of kilobytes each, which glibc returns when they are freed and then
     gets back page by page: half of what it costs to send frames.
     """
-    try:
-        mallopt = ctypes.CDLL(None).mallopt
-    except (AttributeError, OSError, TypeError):  # another C library, which has other ways
-        return False
-    return bool(mallopt(_TRIM_THRESHOLD, KEPT_BYTES) and mallopt(_MMAP_THRESHOLD, LARGEST_KEPT_BYTES))
+    return _set_malloc(_TRIM_THRESHOLD, KEPT_BYTES) and _set_malloc(_MMAP_THRESHOLD, LARGEST_KEPT_BYTES)
 
 
 def use_one_arena() -> bool:
@@ -37,11 +33,14 @@ def use_one_arena() -> bool:
     malloc_trim gives back the end of the main arena alone: that of an arena of a thread's own stays as long as its
     highest peak was, of which there is a higher one ever more seldom. For processes in which one thread does the work.
     """
+    return _set_malloc(_ARENA_MAX, 1)
+
+
+def _set_malloc(parameter: int, value: int) -> bool:
     try:
-        mallopt = ctypes.CDLL(None).mallopt
-    except (AttributeError, OSError, TypeError):  # another C library
+        return bool(ctypes.CDLL(None).mallopt(parameter, value))
+    except (AttributeError, OSError, TypeError):  # another C library, which has other ways
         return False
-    return bool(mallopt(_ARENA_MAX, 1))
 
 
 def give_back_freed_memory() -> bool:

@@ -65,24 +65,20 @@ def test_what_loading_has_freed_is_given_back() -> None:
 
 
 PEAK_OF_A_THREAD = f"""
-import ctypes
+import os
 import threading
-from pathlib import Path
-from motiongen_server.ops.memory import give_back_freed_memory, keep_freed_memory, use_one_arena
-
-def resident():
-    return int(Path("/proc/self/statm").read_text().split()[1]) * {resource.getpagesize()}
+from motiongen_server.ops.memory import give_back_freed_memory, keep_freed_memory, resident_bytes, use_one_arena
 
 def work():
     blocks = [b"x" * {LARGE} for _ in range(8)]
 
 is_one = keep_freed_memory() and use_one_arena()
-before = resident()
+before = resident_bytes(os.getpid())
 thread = threading.Thread(target=work)
 thread.start()
 thread.join()
 give_back_freed_memory()
-print(int(is_one), resident() - before)
+print(int(is_one), resident_bytes(os.getpid()) - before)
 """
 
 

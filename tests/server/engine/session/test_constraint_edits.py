@@ -63,6 +63,7 @@ def test_a_refused_edit_says_what_is_allowed(
 ) -> None:
     with pytest.raises(EventRefused) as caught:
         edit_constraints(Conditions((), (Waypoint(5, 90, 0.0, 0.0),)), event, floor, limit, 99, here)
-    refused = caught.value
-    assert (refused.code, refused.reason, refused.field) == refusal
-    assert allowed in refused.allowed
+    outcome = caught.value.outcome(KEY, 3)
+    assert (outcome.code, outcome.reason, outcome.field) == refusal
+    assert allowed in outcome.allowed
+    assert outcome.event_seq == 3

@@ -120,9 +120,10 @@ def test_a_refused_edit_says_what_is_allowed(
 ) -> None:
     with pytest.raises(EventRefused) as caught:
         edit_prompts(Conditions((prompt(1, 7),)), event, floor, limit)
-    refused = caught.value
-    assert (refused.code, refused.reason, refused.field) == refusal
-    assert allowed in refused.allowed
+    outcome = caught.value.outcome(KEY, 3)
+    assert (outcome.code, outcome.reason, outcome.field) == refusal
+    assert allowed in outcome.allowed
+    assert outcome.event_seq == 3
 
 
 def test_a_prompt_that_was_removed_is_not_set_any_more() -> None:

@@ -18,6 +18,9 @@ MOST_MIB_AN_HOUR = 1.0
 MOST_MISSED = 0.01
 CONFIDENCE = 0.95
 PROCESSES = ("gateway", "engine")
+POOLED_THREADS = 2
+"""By which the threads of a process may grow: gRPC's pool and asyncio's are bounded, and get a thread where all of
+theirs are busy at one moment, which may come late. A leak comes with the sessions, of which there are thousands."""
 
 
 @dataclass(frozen=True)
@@ -159,6 +162,7 @@ def judge(readings: Sequence[Reading], parts: Sequence[Part], warm_s: float) -> 
         third = max(1, len(counts) // 3)
         first, last = max(counts[:third]), min(counts[-third:])
         told.append(f"{name.replace('_', ' ')} at rest: {counts[0]} first, {counts[-1]} last, {max(counts)} at most")
-        if last > first:
+        allowed = POOLED_THREADS if name.endswith("threads") else 0
+        if last > first + allowed:
             faults.append(f"{name.replace('_', ' ')} at rest grew from {first} to {last}")
     return told, faults

@@ -15,7 +15,9 @@ QUIET = Reading(0.0, False, 100.0, 800.0, 30, 20, 12, 8, 9)
 GOOD = Part(opens=100, edits=300, due=10_000, missed=5, refused=0, lag_ms=3.0)
 
 
-def two_hours(mib_an_hour: float = 0.0, descriptors_an_hour: float = 0.0) -> list[Reading]:
+def two_hours(
+    mib_an_hour: float = 0.0, descriptors_an_hour: float = 0.0, threads_an_hour: float = 0.0
+) -> list[Reading]:
     """A reading every ten seconds, with noise; a rest every five minutes."""
     random = np.random.default_rng(3)
     readings = []
@@ -24,7 +26,9 @@ def two_hours(mib_an_hour: float = 0.0, descriptors_an_hour: float = 0.0) -> lis
         mib = 100 + mib_an_hour * hours + float(random.normal(0, 0.3))
         resting = at_s % 300 == 0
         count = 30 + int(descriptors_an_hour * hours) + (0 if resting else 7)
-        readings.append(replace(QUIET, at_s=float(at_s), rest=resting, gateway_mib=mib, gateway_descriptors=count))
+        threads = 12 + int(threads_an_hour * hours)
+        readings.append(replace(QUIET, at_s=float(at_s), rest=resting, gateway_mib=mib, gateway_descriptors=count,
+                                gateway_threads=threads))  # fmt: skip
     return readings
 
 
@@ -33,11 +37,18 @@ def test_what_stays_the_same_holds() -> None:
     assert faults == []
 
 
+def test_a_late_thread_of_a_pool_is_no_leak() -> None:
+    told, faults = judge(two_hours(threads_an_hour=0.7), [GOOD], 1200)
+    assert "gateway threads at rest: 12 first, 13 last, 13 at most" in told
+    assert faults == []
+
+
 @pytest.mark.parametrize(
     ("readings", "part", "fault"),
     [
         (two_hours(mib_an_hour=1.5), GOOD, "gateway: memory at rest grows"),
         (two_hours(descriptors_an_hour=3), GOOD, "gateway descriptors at rest grew from 31 to"),
+        (two_hours(threads_an_hour=4), GOOD, "gateway threads at rest grew from 14 to"),
         (two_hours(), replace(GOOD, missed=200), "2.00% of the frames were missed"),
         (two_hours(), replace(GOOD, failed="exit code 1"), "exit code 1"),
         (two_hours()[:2], GOOD, "memory at rest grows by up to inf"),

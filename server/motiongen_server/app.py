@@ -21,7 +21,7 @@ from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import Closed, CloseReason, Output
 from motiongen_server.engine_process.pool import start_engine_processes
 from motiongen_server.grpc_port import GrpcPort
-from motiongen_server.identity.setup import listen, make_callers, make_credentials, make_ops_context, warn_of_exposure
+from motiongen_server.identity.setup import listen, make_callers, make_ops_context, make_tls, warn_of_exposure
 from motiongen_server.models.admin import AdminService, add_admin
 from motiongen_server.models.factory import Engines, ModelFactory, make_limits
 from motiongen_server.models.manager import ModelManager
@@ -93,8 +93,8 @@ class Application:
 
         Raises SettingError for settings that cannot be served, StoppedEarly when asked to stop before it was ready.
         """
-        credentials, self._callers = make_credentials(self._config), make_callers(self._config)
-        self._port = GrpcPort(self._config, credentials, self._door, self._health)
+        tls, self._callers = make_tls(self._config), make_callers(self._config)
+        self._port = GrpcPort(self._config, tls, self._door, self._health)
         self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
         warn_of_exposure(self._config)
         self._spans = open_window_spans(self._config.trace_to, self._config.trace_share)

@@ -12,6 +12,7 @@ from grpc_health.v1 import health_pb2_grpc
 from motiongen_server.addresses import join_address
 from motiongen_server.config import ServerConfig
 from motiongen_server.identity.setup import listen
+from motiongen_server.identity.tls import ServerTls
 from motiongen_server.rpc.handlers import SERVICE_NAME, Handlers, add_methods
 from motiongen_server.rpc.health import Health
 from motiongen_server.rpc.reflection import add_reflection
@@ -21,12 +22,10 @@ from motiongen_server.transport import make_grpc_server
 class GrpcPort:
     """number: the port that is served, once it is; it stays the same when it is opened again."""
 
-    def __init__(
-        self, config: ServerConfig, credentials: grpc.ServerCredentials | None, methods: Handlers, health: Health
-    ) -> None:
-        """credentials: of TLS; None: plain text."""
+    def __init__(self, config: ServerConfig, tls: ServerTls | None, methods: Handlers, health: Health) -> None:
+        """tls: None: plain text."""
         self._config = config
-        self._credentials = credentials
+        self._tls = tls
         self._methods = methods
         self._health = health
         self._server: grpc.aio.Server | None = None
@@ -48,7 +47,7 @@ class GrpcPort:
         if self._config.reflection:
             add_reflection((SERVICE_NAME, health_service.SERVICE_NAME), server)
         try:
-            self.number = listen(server, join_address(self._config.host, self.number), "", self._credentials)
+            self.number = listen(server, join_address(self._config.host, self.number), "", self._tls)
         except BaseException:
             await server.stop(None)
             raise

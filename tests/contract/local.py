@@ -17,6 +17,7 @@ from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.types import Gait, Guidance, ModelFacts
 from motiongen_server.identity.callers import Callers
 from motiongen_server.identity.setup import listen
+from motiongen_server.identity.tls import ServerTls
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.replicas.other_servers import OtherServers
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
@@ -68,14 +69,14 @@ class LocalServer:
         facts: ModelFacts = FACTS,
         service_limits: ServiceLimits | None = None,
         callers: Callers | None = None,
-        credentials: grpc.ServerCredentials | None = None,
+        tls: ServerTls | None = None,
         snapshots: SnapshotStore | None = None,
         other_servers: OtherServers | None = None,
     ) -> None:
         self._other_servers = other_servers
         self._snapshots = snapshots
         self._callers = callers
-        self._credentials = credentials
+        self._tls = tls
         self._facts = facts
         self._service_limits = service_limits
         self.limits = limits or Limits()
@@ -111,7 +112,7 @@ class LocalServer:
         )
         self._server = grpc.aio.server(options=[("grpc.max_receive_message_length", limits.max_request_bytes)])
         add_methods(self.service, self._server)
-        self.address = f"127.0.0.1:{listen(self._server, '127.0.0.1:0', '', self._credentials)}"
+        self.address = f"127.0.0.1:{listen(self._server, '127.0.0.1:0', '', self._tls)}"
         await self._server.start()
         self._thread = EngineThread(self.engine)
         return self

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from motiongen_compliance.__main__ import main
-from motiongen_server.identity.tls import TlsFiles, server_credentials
+from motiongen_server.identity.tls import ServerTls, TlsFiles
 from tests.client.fake_server import FakeServer
 from tests.conftest import ROOT
 from tests.contract.local import LocalServer
@@ -51,8 +51,8 @@ def test_a_server_that_does_not_is_told_which_rule_it_breaks(tmp_path: Path) -> 
 async def test_a_server_that_asks_who_calls_is_tested_over_tls_with_a_token(tmp_path: Path) -> None:
     tenants = TenantsFile(tmp_path)
     (tmp_path / "token").write_text(tenants.one())
-    credentials = server_credentials(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
-    async with LocalServer(callers=tenants.callers(), credentials=credentials) as server:
+    tls = ServerTls(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
+    async with LocalServer(callers=tenants.callers(), tls=tls) as server:
         words = [server.address, "-k", "unknown_names or said_again", "--ca", AUTHORITY]
         words += ["--certificate", str(CERTIFICATES / "client.pem"), "--key", str(CERTIFICATES / "client.key")]
         refused = await asyncio.to_thread(command, tmp_path, *words)

@@ -9,9 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import grpc
-
-from motiongen_server.identity.tls import TlsFiles, server_credentials
+from motiongen_server.identity.tls import ServerTls, TlsFiles
 from motiongen_server.identity.tokens import new_token
 from tests.contract.local import LocalServer
 from tests.cpp.test_client import Character, character
@@ -24,8 +22,8 @@ EXPIRES, EXPIRES_AT = "2027-01-15T08:01:00Z", 1_800_000_060.0
 Program = Callable[[str], Path]
 
 
-def served(tenants: TenantsFile, credentials: grpc.ServerCredentials | None = None) -> LocalServer:
-    return LocalServer(facts=FACTS_AS_SERVED, callers=tenants.callers(), credentials=credentials)
+def served(tenants: TenantsFile, tls: ServerTls | None = None) -> LocalServer:
+    return LocalServer(facts=FACTS_AS_SERVED, callers=tenants.callers(), tls=tls)
 
 
 def play(walker: Character) -> None:
@@ -45,8 +43,8 @@ async def test_a_token_goes_with_every_call_over_tls(program: Program, tmp_path:
         with character(program, address, **shown) as walker:
             play(walker)
 
-    credentials = server_credentials(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
-    async with asyncio.timeout(LIMIT_S), served(tenants, credentials) as server:
+    tls = ServerTls(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
+    async with asyncio.timeout(LIMIT_S), served(tenants, tls) as server:
         await asyncio.to_thread(stream, server.address)
         nobody = {**shown, "MOTIONGEN_CERTIFICATE": "", "MOTIONGEN_KEY": ""}
         assert "no motiongen server answers" in await refusal(program, server, nobody)
@@ -62,8 +60,8 @@ async def test_a_load_is_played_over_tls_with_a_token(program: Program, tmp_path
     def load(address: str) -> dict[str, Any]:
         return play_load(address, tmp_path, "tls", *shown, "--program", str(program("motiongen-load")))
 
-    credentials = server_credentials(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
-    async with asyncio.timeout(LIMIT_S), served(tenants, credentials) as server:
+    tls = ServerTls(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
+    async with asyncio.timeout(LIMIT_S), served(tenants, tls) as server:
         told = await asyncio.to_thread(load, server.address)
     assert told["generator"]["program"].startswith("motiongen-load ")
     assert told["latencies_ms"]["open_to_first_frame"]["all"]["count"] > 0

@@ -5,11 +5,10 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
-import grpc
 import pytest
 
 from motiongen_client import MotionClient, NotAllowed, StreamLost
-from motiongen_server.identity.tls import TlsFiles, server_credentials
+from motiongen_server.identity.tls import ServerTls, TlsFiles
 from motiongen_server.identity.tokens import new_token
 from motiongen_tools import cli
 from tests.contract.local import LocalServer
@@ -25,8 +24,8 @@ def tenants(tmp_path: Path) -> TenantsFile:
     return TenantsFile(tmp_path)
 
 
-def served(tenants: TenantsFile, credentials: grpc.ServerCredentials | None = None) -> LocalServer:
-    return LocalServer(facts=FACTS_AS_SERVED, callers=tenants.callers(), credentials=credentials)
+def served(tenants: TenantsFile, tls: ServerTls | None = None) -> LocalServer:
+    return LocalServer(facts=FACTS_AS_SERVED, callers=tenants.callers(), tls=tls)
 
 
 async def play(client: MotionClient) -> None:
@@ -37,10 +36,10 @@ async def play(client: MotionClient) -> None:
 
 async def test_a_token_goes_with_every_call_over_tls(tenants: TenantsFile, tmp_path: Path) -> None:
     token = tenants.one()
-    credentials = server_credentials(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
+    tls = ServerTls(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
     async with (
         asyncio.timeout(LIMIT_S),
-        served(tenants, credentials) as server,
+        served(tenants, tls) as server,
         MotionClient(server.address, credentials=client_credentials("client"), token=token) as client,
     ):
         await play(client)
@@ -98,8 +97,8 @@ async def test_the_command_reaches_a_server_that_asks_who_calls(
 ) -> None:
     token = tenants.one()
     (tmp_path / "token").write_text(f"{token}\n")
-    credentials = server_credentials(TlsFiles(*copy_pair("server-1", tmp_path)))
-    async with asyncio.timeout(LIMIT_S), served(tenants, credentials) as server:
+    tls = ServerTls(TlsFiles(*copy_pair("server-1", tmp_path)))
+    async with asyncio.timeout(LIMIT_S), served(tenants, tls) as server:
         words = ["catalog", "--server", server.address, "--tls-ca", AUTHORITY]
         assert await asyncio.to_thread(cli.run, words) == 1
         assert "CREDENTIALS_MISSING" in capsys.readouterr().err

@@ -117,7 +117,8 @@ ROOMS = (
     room(f"{SERVER}/transport.py", "grpc ~.config ~.settings"),
     room(
         f"{SERVER}/grpc_port.py",
-        f"{GRPC} ~.addresses ~.config ~.identity.setup ~.rpc.handlers ~.rpc.health ~.rpc.reflection ~.transport",
+        f"{GRPC} ~.addresses ~.config ~.identity.setup ~.identity.tls ~.rpc.handlers ~.rpc.health ~.rpc.reflection"
+        " ~.transport",
     ),
     room(f"{SERVER}/app.py {SERVER}/run.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
     room(SERVER, ""),

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from motiongen_client import MotionClient
-from motiongen_server.identity.tls import TlsFiles, server_credentials
+from motiongen_server.identity.tls import ServerTls, TlsFiles
 from tests.conftest import ROOT, LiveServer
 from tests.contract.local import LocalServer
 from tests.e2e.lost_line import FACTS_AS_SERVED
@@ -98,8 +98,8 @@ async def secure(tmp_path: Path) -> AsyncIterator[Names]:
     """A server with TLS that asks for a token."""
     tenants = TenantsFile(tmp_path)
     token = tenants.one()
-    credentials = server_credentials(TlsFiles(*copy_pair("server-1", tmp_path)))
-    async with LocalServer(facts=FACTS_AS_SERVED, callers=tenants.callers(), credentials=credentials) as server:
+    tls = ServerTls(TlsFiles(*copy_pair("server-1", tmp_path)))
+    async with LocalServer(facts=FACTS_AS_SERVED, callers=tenants.callers(), tls=tls) as server:
         yield {
             "MotionClient": MotionClient,
             "grpc": grpc,

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 
+import grpc
 import grpc.aio
 import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from motiongen_server.grpc_port import GrpcPort
+from motiongen_server.identity.tls import ServerTls, TlsFiles
 from motiongen_server.rpc.health import Health
 from motiongen_server.rpc.starting import StartingService
 from motiongen_server.settings import SettingError
 from tests.server.application import NOT_SERVING, SERVING, config
+from tests.server.identity.files import client_credentials, copy_pair
 from tests.waiting import LIMIT_S, try_again
 
 
-def port_of(**settings: object) -> GrpcPort:
+def port_of(tls: ServerTls | None = None, **settings: object) -> GrpcPort:
     health = Health()
     health.set("", SERVING)
-    return GrpcPort(config(host="127.0.0.1", **settings), None, StartingService(), health)
+    return GrpcPort(config(host="127.0.0.1", **settings), tls, StartingService(), health)
 
 
 async def connects(number: int) -> bool:
@@ -31,8 +35,13 @@ async def connects(number: int) -> bool:
     return True
 
 
-async def health_at(number: int) -> int:
-    async with grpc.aio.insecure_channel(f"127.0.0.1:{number}") as channel:
+async def health_at(number: int, credentials: grpc.ChannelCredentials | None = None) -> int:
+    address = f"127.0.0.1:{number}"
+    if credentials is None:
+        channel = grpc.aio.insecure_channel(address)
+    else:
+        channel = grpc.aio.secure_channel(address, credentials)
+    async with channel:
         request = health_pb2.HealthCheckRequest()
         return int((await health_pb2_grpc.HealthStub(channel).Check(request, wait_for_ready=True)).status)
 
@@ -51,6 +60,18 @@ async def test_nobody_can_connect_while_it_is_shut_and_its_number_stays() -> Non
         assert (port.is_open, port.number) == (True, number)
         assert await health_at(number) == SERVING
         await port.close(None)
+        await port.close(None)
+
+
+async def test_a_port_with_tls_is_opened_again_though_its_files_are_just_being_written(tmp_path: Path) -> None:
+    async with asyncio.timeout(LIMIT_S):
+        port = port_of(ServerTls(TlsFiles(*copy_pair("server-1", tmp_path))))
+        await port.open()
+        assert await health_at(port.number, client_credentials()) == SERVING
+        await port.close(None)
+        (tmp_path / "server.key").write_text("half of a")
+        await port.open()
+        assert await health_at(port.number, client_credentials()) == SERVING
         await port.close(None)
 
 

@@ -12,7 +12,7 @@ from motiongen_server.addresses import UNIX, is_local
 from motiongen_server.identity.callers import Callers
 from motiongen_server.identity.keys import KeyRings
 from motiongen_server.identity.tenants import Tenants, read_tenants
-from motiongen_server.identity.tls import TlsFiles, server_context, server_credentials
+from motiongen_server.identity.tls import ServerTls, TlsFiles, server_context
 from motiongen_server.identity.watched import Watched
 from motiongen_server.protection import Protection, lacks, ops_lacks
 from motiongen_server.settings import SettingError
@@ -20,11 +20,11 @@ from motiongen_server.settings import SettingError
 _log = logging.getLogger(__name__)
 
 
-def make_credentials(config: Protection) -> grpc.ServerCredentials | None:
+def make_tls(config: Protection) -> ServerTls | None:
     """What the gateway's port is served with; None: plain text. Raises SettingError."""
     if not config.tls_certificate:
         return None
-    return server_credentials(TlsFiles(config.tls_certificate, config.tls_key, config.tls_client_ca))
+    return ServerTls(TlsFiles(config.tls_certificate, config.tls_key, config.tls_client_ca))
 
 
 def make_ops_context(config: Protection) -> ssl.SSLContext | None:
@@ -62,8 +62,9 @@ def warn_of_exposure(config: Protection) -> None:
                      config.ops_host)  # fmt: skip
 
 
-def listen(server: grpc.aio.Server, address: str, what: str, credentials: grpc.ServerCredentials | None = None) -> int:
+def listen(server: grpc.aio.Server, address: str, what: str, tls: ServerTls | None = None) -> int:
     """Have a server listen on an address; returns the port, 0 for a unix socket. Raises SettingError."""
+    credentials = None if tls is None else tls.credentials()
     try:
         if credentials is None:
             port = server.add_insecure_port(address)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ssl
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import grpc
 
 from motiongen_server.identity.watched import Watched
 from motiongen_server.settings import SettingError
+
+REST_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -39,23 +42,49 @@ class TlsFiles:
         return grpc.ssl_server_certificate_configuration([pair], root_certificates=authorities)
 
 
-def server_credentials(files: TlsFiles) -> grpc.ServerCredentials:
-    """Credentials whose files are looked at whenever a client connects; connections that there are keep theirs.
+class Renewal:
+    """What gRPC asks for, one thread at a time, whenever a client connects: other certificates, or None for the same.
 
-    Raises SettingError.
+    gRPC gives up what it had at once where it is given others, though other threads may just be about to use it: a
+    handshake that begins at that moment ends the process. So it is given others only where there are any, and after
+    `REST_S`, in which no handshake can begin and those that have begun hold what they use.
     """
-    try:
-        watched = Watched("certificates", files.paths, files.read)
-    except (ValueError, OSError) as error:
-        raise SettingError(f"TLS cannot be served: {error}") from error
 
-    def renewed() -> grpc.ServerCertificateConfiguration:
-        watched.look()
-        return watched.value
+    def __init__(self, watched: Watched[grpc.ServerCertificateConfiguration]) -> None:
+        self._watched = watched
+        self.given = watched.value
 
-    return grpc.dynamic_ssl_server_credentials(
-        watched.value, renewed, require_client_authentication=bool(files.client_ca)
-    )
+    def __call__(self) -> grpc.ServerCertificateConfiguration | None:
+        self._watched.look()
+        value = self._watched.value
+        if value is self.given:
+            return None
+        time.sleep(REST_S)
+        self.given = value
+        return value
+
+
+class ServerTls:
+    """What a port of gRPC is served with. Its files are looked at whenever a client connects; connections that there
+    are keep theirs.
+    """
+
+    def __init__(self, files: TlsFiles) -> None:
+        """Raises SettingError."""
+        try:
+            self._watched = Watched("certificates", files.paths, files.read)
+        except (ValueError, OSError) as error:
+            raise SettingError(f"TLS cannot be served: {error}") from error
+        self._asks_clients = bool(files.client_ca)
+
+    def credentials(self) -> grpc.ServerCredentials:
+        """For one port that is opened once: they remember what they have given it."""
+        renewal = Renewal(self._watched)
+        return grpc.dynamic_ssl_server_credentials(
+            renewal.given,
+            renewal,  # type: ignore[arg-type]  # the stubs do not know that None is the same as before
+            require_client_authentication=self._asks_clients,
+        )
 
 
 def server_context(files: TlsFiles) -> ssl.SSLContext:

@@ -12,7 +12,8 @@ import pytest
 
 from motiongen.v1 import service_pb2, service_pb2_grpc
 from motiongen_compliance.talk import Talk
-from motiongen_server.identity.tls import TlsFiles, server_credentials
+from motiongen_server.identity.tls import Renewal, ServerTls, TlsFiles
+from motiongen_server.identity.watched import Watched
 from motiongen_server.settings import SettingError
 from tests.contract.local import LocalServer
 from tests.server.identity.files import AUTHORITY, CERTIFICATES, client_credentials, copy_pair
@@ -23,7 +24,7 @@ ALONE = (("grpc.use_local_subchannel_pool", 1),)
 
 
 def served(folder: Path, client_ca: str = "") -> LocalServer:
-    return LocalServer(credentials=server_credentials(TlsFiles(*copy_pair("server-1", folder), client_ca)))
+    return LocalServer(tls=ServerTls(TlsFiles(*copy_pair("server-1", folder), client_ca)))
 
 
 async def code_of(address: str, credentials: grpc.ChannelCredentials | None) -> grpc.StatusCode:
@@ -100,6 +101,15 @@ async def test_files_that_do_not_fit_change_nothing(tmp_path: Path, caplog: pyte
         assert await shown_name(server.address) == "server-2"
 
 
+def test_grpc_is_given_certificates_only_where_there_are_others(tmp_path: Path) -> None:
+    files = TlsFiles(*copy_pair("server-1", tmp_path))
+    renewal = Renewal(Watched("certificates", files.paths, files.read))
+    assert [renewal(), renewal()] == [None, None]
+    copy_pair("server-2", tmp_path)
+    assert renewal() is renewal.given
+    assert renewal() is None
+
+
 @pytest.mark.parametrize(
     ("files", "said"),
     [
@@ -113,4 +123,4 @@ async def test_files_that_do_not_fit_change_nothing(tmp_path: Path, caplog: pyte
 )
 def test_files_that_cannot_be_served_are_named_at_the_start(files: tuple[str, str, str], said: str) -> None:
     with pytest.raises(SettingError, match=said):
-        server_credentials(TlsFiles(*(name and str(CERTIFICATES / name) for name in files)))
+        ServerTls(TlsFiles(*(name and str(CERTIFICATES / name) for name in files)))

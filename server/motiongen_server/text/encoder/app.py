@@ -19,7 +19,7 @@ from motiongen.v1 import encoder_pb2_grpc
 from motiongen_ardy.text import TextEncoder, load_text_encoder
 from motiongen_ardy.text.store import VectorStore
 from motiongen_server.addresses import join_address
-from motiongen_server.identity.setup import listen, make_callers, make_credentials, make_ops_context, warn_of_exposure
+from motiongen_server.identity.setup import listen, make_callers, make_ops_context, make_tls, warn_of_exposure
 from motiongen_server.ops.http import ops_app
 from motiongen_server.ops.port import OpsPort
 from motiongen_server.rpc.health import Health
@@ -48,7 +48,7 @@ class EncoderApplication:
     async def start(self) -> None:
         """Load the encoder, then listen. Raises SettingError for settings that cannot be served."""
         config = self._config
-        credentials, self._callers = make_credentials(config), make_callers(config)
+        tls, self._callers = make_tls(config), make_callers(config)
         warn_of_exposure(config)
         encoder = await asyncio.to_thread(load, config)
         self._prompts = self._make_prompts(encoder)
@@ -67,7 +67,7 @@ class EncoderApplication:
         )
         encoder_pb2_grpc.add_TextEncoderServiceServicer_to_server(service, self._server)
         health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
-        self._port = listen(self._server, join_address(config.host, config.port), "", credentials)
+        self._port = listen(self._server, join_address(config.host, config.port), "", tls)
         try:
             await self._start_ops()
             await self._server.start()

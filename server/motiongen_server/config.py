@@ -76,7 +76,14 @@ class ServerConfig:
     max_step_ms: int = setting(35, "what a denoising step may be expected to take, where smaller ones pay", 1, 60_000)
     cuda_graphs: bool = setting(False, "replay the model's layers as CUDA graphs; has no effect on a processor")
     profile_s: float = setting(8.0, "longest time that measuring the model takes at the start", 0, 600)
-    admit_load: float = setting(0.88, "share of the measured capacity up to which sessions are let in", 0.01, 1e6)
+    admit_load: float | None = setting(
+        None,
+        "share of the measured capacity up to which sessions are let in; none: 0.9, or 0.84 where engines have more "
+        "threads than there are cores",
+        0.01,
+        1e6,
+        kind=float,
+    )
     degrade: bool = setting(True, "give sessions less, and tell them, where the machine cannot keep up")
     max_sessions: int = setting(2048, "open sessions on this server, if its capacity allows", 1, 100_000)
     max_sessions_per_stream: int = setting(512, "open sessions on one stream", 1, 100_000)

@@ -11,9 +11,10 @@ import argparse
 import logging
 import math
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine_process.model_loading import admit_loads
 from motiongen_tools.bench.scenario import BUILT_IN, Scenario, load_scenario
 from tests.bench.costed_runner import Costs
 from tests.bench.rehearsal import Rehearsal, rehearse
@@ -74,9 +75,12 @@ def most_servable(machine: Machine, scenario: Scenario, seconds: int) -> int:
     return low
 
 
-def let_in(machine: Machine, scenario: Scenario, asked: int, seconds: int) -> tuple[int, int, Rehearsal]:
-    """How many of those who ask, how often one was told of less, and what they got."""
-    found = machine.play(scenario, asked, seconds, _SERVED)
+def let_in(
+    machine: Machine, scenario: Scenario, asked: int, seconds: int, load: float | None = None
+) -> tuple[int, int, Rehearsal]:
+    """How many of those who ask, how often one was told of less, and what they got. load: the setting admit_load."""
+    config = _SERVED if load is None else replace(_SERVED, admit_load=admit_loads(load))
+    found = machine.play(scenario, asked, seconds, config)
     refused = sum(seen.refused for seen in found.outcomes.values())
     return asked - refused, sum(seen.degraded for seen in found.outcomes.values()), found
 
@@ -91,6 +95,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--quota", action="store_true", help="stand still once a part of 100 ms is used up")
     parser.add_argument("--engines", type=int, help="on the cores (default: one for each)")
+    parser.add_argument("--admit-load", type=float, help="as of the server (default: the engine's own)")
     options = parser.parse_args()
     logging.disable(logging.CRITICAL)
     print("| scenario | cores | could be served | let in | of it | degraded | missed by them |")
@@ -99,7 +104,7 @@ def main() -> int:
         for cores in options.cores:
             machine, scenario = Machine(cores, options.seed, options.quota, options.engines), load_scenario(name)
             could = most_servable(machine, scenario, options.seconds)
-            count, degraded, found = let_in(machine, scenario, 2 * could, options.seconds)
+            count, degraded, found = let_in(machine, scenario, 2 * could, options.seconds, options.admit_load)
             share = count / max(could, 1)
             figures = f"{could} | {count} | {share:.0%} | {degraded} | {missed(found):.2%}"
             print(f"| {name} | {cores:g} | {figures} |", flush=True)

@@ -7,8 +7,11 @@ import math
 import pytest
 
 from motiongen_server.devices import (
+    ADMIT_LOAD,
+    ADMIT_LOAD_SHARED,
     KERNELS_KEPT,
     EngineDevice,
+    admit_load_for,
     check_devices,
     count_cuda_devices,
     devices_of,
@@ -81,6 +84,14 @@ def test_the_quota_of_a_container_counts(monkeypatch: pytest.MonkeyPatch) -> Non
     for quota, cores in ((math.inf, 16), (2.5, 3), (0.5, 1), (64.0, 16)):
         monkeypatch.setattr("motiongen_server.devices.quota_cores", lambda quota=quota: quota)
         assert usable_cores() == cores
+
+
+def test_engines_that_share_cores_are_filled_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("motiongen_server.devices.usable_cores", lambda: 2)
+    for given in ("cpu:2", "cpu:1x2", "cpu:1,cuda:0", "cuda:0,cuda:1,cuda:2"):
+        assert admit_load_for(devices_of(given, lambda: 3)) == ADMIT_LOAD
+    for given in ("cpu:3", "cpu:2x2", "cpu:2,cpu:1x1"):
+        assert admit_load_for(devices_of(given, lambda: 0)) == ADMIT_LOAD_SHARED
 
 
 def test_without_a_driver_torch_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:

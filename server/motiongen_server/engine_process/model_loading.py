@@ -7,6 +7,7 @@ import time
 from dataclasses import dataclass, replace
 
 from motiongen_server.config import ServerConfig
+from motiongen_server.devices import ADMIT_LOAD
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.ports import Deliver, Inbox, Observe, Runner
@@ -160,7 +161,8 @@ def build_engine(
         raise
 
 
-def admit_loads(load: float) -> tuple[float, float, float, float]:
+def admit_loads(load: float | None) -> tuple[float, float, float, float]:
     """Up to which load each class is let in: heroes a little beyond, so that there is room for them, the rest below."""
+    load = ADMIT_LOAD if load is None else load
     hero, near, crowd, batch = 1.02, 1.0, 0.98, 0.85
     return hero * load, near * load, crowd * load, batch * load

@@ -7,10 +7,11 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import wait
+from dataclasses import replace
 from functools import partial
 
 from motiongen_server.config import ServerConfig
-from motiongen_server.devices import EngineDevice, devices_of
+from motiongen_server.devices import EngineDevice, admit_load_for, devices_of
 from motiongen_server.engine.ports import Deliver, Observe
 from motiongen_server.engine.types import ModelFacts, StepsOf
 from motiongen_server.engine_process.child import FreshChild, StartChild
@@ -48,6 +49,8 @@ class EnginePool:
         rest_s: float = REST_S,
     ) -> None:
         """command: starts an engine process that is not ours, given a folder of sockets."""
+        self._admit_load = admit_load_for(devices) if config.admit_load is None else config.admit_load
+        config = replace(config, admit_load=self._admit_load)
         self._config = config
         self._observer_of = observer_of
         self._slots = itertools.count(1)
@@ -77,7 +80,7 @@ class EnginePool:
         done, _ = wait([link.ready for link in links])
         errors = [error for error in (future.exception() for future in done) if error is not None]
         members = tuple(zip(self.processes, links, strict=True))
-        group = EngineGroup(members, self._config.max_sessions, self._config.admit_load)
+        group = EngineGroup(members, self._config.max_sessions, self._admit_load)
         if errors:
             group.stop()
             raise next((error for error in errors if isinstance(error, SettingError)), errors[0])

@@ -1,8 +1,9 @@
 """An engine process with the fake runner, for tests: `python -m tests.server.engine_process.fake_engine HOW FOLDER`.
 
 HOW says what is to go wrong: nothing; small (an engine takes one session); settings, load (refused, or failing, while
-it loads); schema (the greeting is of another version); garbage (after its first outputs it says what is no message);
-hang, die, fail (in the second window of a session with the seed `FATAL_SEED`).
+it loads); tell_load (refused, with the admit_load that it got); schema (the greeting is of another version); garbage
+(after its first outputs it says what is no message); hang, die, fail (in the second window of a session with the
+seed `FATAL_SEED`).
 """
 
 from __future__ import annotations
@@ -65,6 +66,8 @@ class FatalRunner(FakeRunner):
 def build(begin: Begin, how: str, source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
     if how == "settings" or source == "unsound":
         raise SettingError("denoise_steps is too small")
+    if how == "tell_load":
+        raise SettingError(f"admit_load is {begin.config.admit_load}")
     if how == "load":
         raise RuntimeError("the disk is gone")
     runner = FatalRunner(RealTime())  # type: ignore[arg-type]

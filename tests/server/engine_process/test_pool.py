@@ -1,0 +1,17 @@
+"""What engine processes are told by the pool that starts them."""
+
+from __future__ import annotations
+
+import pytest
+
+from motiongen_server.settings import SettingError
+from tests.server.engine_process.audience import pool_of
+
+
+@pytest.mark.parametrize(("engines", "given", "load"), [(2, None, "0.9"), (3, None, "0.84"), (3, 0.5, "0.5")])
+def test_engines_know_up_to_where_they_are_filled(
+    engines: int, given: float | None, load: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("motiongen_server.devices.usable_cores", lambda: 2)
+    with pool_of("tell_load", engines, admit_load=given) as (pool, _), pytest.raises(SettingError, match=load):
+        pool.load("one")

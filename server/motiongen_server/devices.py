@@ -20,7 +20,7 @@ MOST_ENGINES = 64
 MOST_THREADS = 256
 FORMS = "cuda:0,cuda:1 (these), cuda:all, cpu:2 (two engines of a thread each), cpu:2x4 (two of four threads)"
 ADMIT_LOAD = 0.9
-ADMIT_LOAD_SHARED = 0.84
+ADMIT_LOAD_SHARED = 0.8
 """Of engines with more threads than there are cores: with more, sessions were told of less (docs/performance.md)."""
 KERNELS_KEPT = {"ONEDNN_PRIMITIVE_CACHE_CAPACITY": "192", "LRU_CACHE_CAPACITY": "64"}
 """Compiled products that oneDNN keeps in an engine process, each of 0.6 MiB, and descriptions of such that torch keeps

@@ -19,7 +19,7 @@ from motiongen_ardy.checkpoint.config import (
 )
 from motiongen_ardy.checkpoint.config_writer import write_model_config, write_tokenizer_config
 from motiongen_ardy.checkpoint.files import CheckpointError, TensorFile, path_inside, read_yaml
-from motiongen_ardy.checkpoint.paces_file import PACES_FILE, read_paces
+from motiongen_ardy.checkpoint.paces_file import PACES_FILE, read_paces, write_paces
 from motiongen_ardy.checkpoint.sampling_file import SAMPLING_FILE, read_options, write_options
 from motiongen_ardy.checkpoint.stats import load_stats, save_stats
 from motiongen_ardy.core.problems import Problems
@@ -94,7 +94,10 @@ def load_tokenizer(
 
 
 def save_checkpoint(model: Model, folder: str | Path) -> None:
-    """Write a model as a checkpoint folder that `load_checkpoint`, and the public ARDY loader, can read."""
+    """Write a model as a checkpoint folder that `load_checkpoint`, and the public ARDY loader, can read.
+
+    The paces of prompts are written where the model has them; those of a folder that training writes to again stay.
+    """
     folder = Path(folder)
     _write_yaml(write_model_config(model.config), folder / CONFIG_FILE)
     denoiser = {
@@ -107,6 +110,8 @@ def save_checkpoint(model: Model, folder: str | Path) -> None:
         _write_yaml(write_options(model.sampling), folder / SAMPLING_FILE)
     else:
         (folder / SAMPLING_FILE).unlink(missing_ok=True)
+    if model.paces is not None:
+        write_paces(folder / PACES_FILE, model.paces)
     if model.tokenizer is not None:
         _write_tokenizer_files(model.tokenizer, folder)
 

@@ -13,7 +13,11 @@ CHECKPOINT_FILES = (
     *(f"stats/{part}/{name}.npy" for part in ("motion", "post_quantization", "pre_quantization")
       for name in ("mean", "std")),
 )  # fmt: skip
-COMPANIONS = ("MODEL_CARD.md", "README.md", "LICENSE*", "capabilities.yaml", "prompt_domain.safetensors")
+COMPANIONS = (
+    "MODEL_CARD.md", "README.md", "LICENSE*",
+    # How the weights want to be sampled, without which they are sampled as released ones; what they were trained for.
+    "sampling.yaml", "prompt_paces.safetensors", "capabilities.yaml", "prompt_domain.safetensors",
+)  # fmt: skip
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -28,8 +32,8 @@ def fetch_checkpoint(
 
     revision: commit, tag or branch; None is `main`. A commit that the cache holds needs no network; of a branch or tag
     the cached state is taken when the hub cannot be reached. cache: None is `$HF_HUB_CACHE`. Only the files of the
-    released layout and the card are fetched. Token, endpoint, proxy and offline mode are huggingface_hub's own:
-    `HF_TOKEN`, `HF_ENDPOINT`, `HTTPS_PROXY`, `HF_HUB_OFFLINE`. Raises HubError.
+    released layout and those that may lie beside them are fetched. Token, endpoint, proxy and offline mode are
+    huggingface_hub's own: `HF_TOKEN`, `HF_ENDPOINT`, `HTTPS_PROXY`, `HF_HUB_OFFLINE`. Raises HubError.
     """
     folder = fetch_files(repo_id, (*CHECKPOINT_FILES, *COMPANIONS), revision, cache, endpoint)
     missing = [name for name in CHECKPOINT_FILES if not (folder / name).is_file()]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,10 @@ import pytest
 from huggingface_hub import constants
 from huggingface_hub.utils import disable_progress_bars
 
-from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint, save_checkpoint
 from motiongen_ardy.checkpoint.hub import CHECKPOINT_FILES, HubError, fetch_checkpoint
 from motiongen_ardy.checkpoint.model_card import read_model_card
+from tests.ardy.checkpoint.test_paces_file import paces
 from tests.ardy.conftest import GOLDEN
 from tests.ardy.fake_hub import COMMIT, FakeHub, files_of, serving
 
@@ -53,6 +55,17 @@ def test_a_repository_becomes_a_folder_that_loads(hub: FakeHub, tmp_path: Path) 
 def test_only_the_checkpoint_and_its_card_are_fetched(hub: FakeHub, tmp_path: Path) -> None:
     fetch(hub, tmp_path)
     assert sorted(hub.downloads()) == sorted([*CHECKPOINT_FILES, "README.md"])
+
+
+def test_a_repository_of_ours_is_sampled_as_its_folder_is(hub: FakeHub, tmp_path: Path) -> None:
+    ours = load_checkpoint(TINY)
+    ours.sampling = replace(ours.sampling, project_root=True, fit_prompts=True)
+    ours.paces = paces()
+    save_checkpoint(ours, tmp_path / "ours")
+    hub.files |= files_of(tmp_path / "ours")
+    fetched = load_checkpoint(fetch(hub, tmp_path / "cache"))
+    assert fetched.sampling == ours.sampling
+    assert fetched.paces is not None
 
 
 def test_what_is_in_the_cache_is_not_fetched_again(hub: FakeHub, tmp_path: Path) -> None:

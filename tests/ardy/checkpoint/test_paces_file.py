@@ -11,7 +11,7 @@ import torch
 import yaml
 from torch import Tensor
 
-from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint, save_checkpoint
 from motiongen_ardy.checkpoint.files import CheckpointError
 from motiongen_ardy.checkpoint.paces_file import PACES_FILE, read_paces, write_paces
 from motiongen_ardy.checkpoint.sampling_file import SAMPLING_FILE
@@ -73,6 +73,15 @@ def test_another_file_is_refused(tmp_path: Path) -> None:
     save_file({"mean": torch.zeros(WIDTH)}, tmp_path / PACES_FILE)
     with pytest.raises(CheckpointError, match="directions"):
         read_paces(tmp_path / PACES_FILE, WIDTH)
+
+
+def test_a_model_that_needs_them_is_saved_with_them(tmp_path: Path) -> None:
+    model = load_checkpoint(TINY)
+    model.sampling, model.paces = replace(model.sampling, fit_prompts=True), paces()
+    save_checkpoint(model, tmp_path)
+    read = load_checkpoint(tmp_path).paces
+    assert read is not None
+    torch.testing.assert_close(read.gaits, paces().gaits)
 
 
 def test_a_checkpoint_has_them_where_the_file_lies(tmp_path: Path) -> None:

@@ -86,9 +86,15 @@ def read_yaml(path: Path) -> object:
     Raises CheckpointError for what is not YAML, for keys given twice, for a file that grows beyond MAX_CONFIG_NODES
     when its anchors are followed, and for one that contains itself.
     """
+    return parse_yaml(read_bytes(path, MAX_CONFIG_BYTES), path)
+
+
+def parse_yaml(text: str | bytes, path: Path) -> object:
+    """The content of YAML out of a file. Raises CheckpointError as `read_yaml` does, and above MAX_CONFIG_BYTES."""
     import yaml
 
-    text = read_bytes(path, MAX_CONFIG_BYTES)
+    if len(text) > MAX_CONFIG_BYTES:
+        raise CheckpointError(f"{path} has {len(text)} bytes of YAML; at most {MAX_CONFIG_BYTES} are read")
     try:
         loader = yaml.SafeLoader(text)
         try:

@@ -8,12 +8,15 @@ from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
+from motiongen_ardy.checkpoint.files import CheckpointError, parse_yaml
 from motiongen_ardy.checkpoint.hub import fetch_checkpoint
 from motiongen_ardy.checkpoint.released import NICKNAMES, RELEASED, RELEASED_BY
 
 CARD_FILES = ("MODEL_CARD.md", "README.md")
 MAX_NAME_CHARACTERS = 1024
 MAX_CARD_BYTES = 1 << 20
+MAX_SAID_CHARACTERS = 2000
+MAX_LISTED = 20
 BUILT_IN_MODEL = "motiongen-mini"
 CHECKPOINTS_DIR = "CHECKPOINTS_DIR"
 REPOSITORY = re.compile(r"[A-Za-z0-9][\w.-]{0,95}/[A-Za-z0-9][\w.-]{0,95}", re.ASCII)
@@ -50,8 +53,8 @@ def model_folder(name: str) -> Path:
         raise UnknownModel(f"a name of {len(name)} characters; give one of at most {MAX_NAME_CHARACTERS}")
     if name in built_in_models():
         return Path(str(resources.files("motiongen_ardy") / "pretrained" / name))
-    if name and (Path(name).expanduser() / "config.yaml").is_file():
-        return Path(name).expanduser()
+    if name and (_path(name) / "config.yaml").is_file():
+        return _path(name)
     given, at, revision = name.partition("@")
     full_name = NICKNAMES.get(given, given)
     local = None if at or not _is_one_name(full_name) else _local_checkpoint(full_name)
@@ -59,9 +62,17 @@ def model_folder(name: str) -> Path:
         return local
     repository = f"{RELEASED_BY}/{full_name}" if full_name in RELEASED else given
     fits = REPOSITORY.fullmatch(repository) and ".." not in repository
-    if not fits or (at and not REVISION.fullmatch(revision)) or Path(given).expanduser().exists():
+    if not fits or (at and not REVISION.fullmatch(revision)) or _path(given).exists():
         raise UnknownModel(_what_is_known(name))
     return fetch_checkpoint(repository, revision or None)
+
+
+def _path(name: str) -> Path:
+    """A path as a shell reads it; `~somebody` stands for itself where nobody has that name."""
+    try:
+        return Path(name).expanduser()
+    except RuntimeError:
+        return Path(name)
 
 
 def _is_one_name(name: str) -> bool:
@@ -71,12 +82,12 @@ def _is_one_name(name: str) -> bool:
 def _local_checkpoint(full_name: str) -> Path | None:
     """The folder of that name in `$CHECKPOINTS_DIR`; None where there is none."""
     home = os.environ.get(CHECKPOINTS_DIR)
-    folder = Path(home).expanduser() / full_name if home else None
+    folder = _path(home) / full_name if home else None
     return folder if folder is not None and (folder / "config.yaml").is_file() else None
 
 
 def _what_is_known(name: str) -> str:
-    folder = Path(name).expanduser() if name and "\0" not in name else None
+    folder = _path(name) if name and "\0" not in name else None
     if folder is not None and folder.is_dir():
         return f"the folder {name!r} holds no config.yaml; a checkpoint folder does"
     return (
@@ -89,12 +100,20 @@ def _what_is_known(name: str) -> str:
 def read_model_card(folder: Path) -> ModelCard:
     """What the front matter of a folder's card says; a folder without a card gets its own name and no licence."""
     front = next((front for name in CARD_FILES if (front := _front_matter(folder / name))), {})
-    licence = front.get("licence") or front.get("license_name") or front.get("license")
+    licence = _said(front, "licence") or _said(front, "license_name") or _said(front, "license")
     return ModelCard(
-        model_id=str(front.get("name") or _own_name(folder)),
-        licence=str(licence or "unknown"),
-        attribution=str(front.get("attribution", "")),
+        model_id=_said(front, "name") or _own_name(folder),
+        licence=licence or "unknown",
+        attribution=_said(front, "attribution"),
     )
+
+
+def _said(front: dict[str, object], key: str) -> str:
+    """The text under a key, or the texts of a list there, no longer than anybody reads; "" where there is none."""
+    value = front.get(key)
+    said = [one for one in value[:MAX_LISTED] if isinstance(one, str)] if isinstance(value, list) else [value]
+    texts = [str(one)[:MAX_SAID_CHARACTERS] for one in said if one is not None and not isinstance(one, dict | set)]
+    return ", ".join(texts)[:MAX_SAID_CHARACTERS]
 
 
 def _own_name(folder: Path) -> str:
@@ -108,13 +127,11 @@ def _own_name(folder: Path) -> str:
 
 def _front_matter(path: Path) -> dict[str, object]:
     """The YAML between the first two lines of dashes; empty where there is none that can be read."""
-    import yaml
-
     try:
         if not path.is_file() or path.stat().st_size > MAX_CARD_BYTES:
             return {}
         parts = path.read_text(encoding="utf-8").split("---", 2)
-        loaded = yaml.safe_load(parts[1]) if len(parts) == 3 and not parts[0].strip() else None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, ValueError, RecursionError):
+        loaded = parse_yaml(parts[1], path) if len(parts) == 3 and not parts[0].strip() else None
+    except (OSError, UnicodeDecodeError, CheckpointError):
         return {}
     return loaded if isinstance(loaded, dict) else {}

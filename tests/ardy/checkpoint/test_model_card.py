@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -87,7 +88,20 @@ def test_a_pinned_revision_is_never_a_folder_of_checkpoints_dir(
 
 @pytest.mark.parametrize(
     "name",
-    ["", "cor", "a/b/c", "../x", "/no/such/folder", "core@", "core@a b", "core@-x", "x\0y", "somebody/..", "a@b"],
+    [
+        "",
+        "cor",
+        "a/b/c",
+        "../x",
+        "/no/such/folder",
+        "core@",
+        "core@a b",
+        "core@-x",
+        "x\0y",
+        "somebody/..",
+        "a@b",
+        "~nobody-at-all/x",
+    ],
 )
 def test_a_name_that_stands_for_nothing_lists_what_does(
     asked: Asked, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -127,6 +141,10 @@ def test_our_card_names_model_licence_and_attribution() -> None:
         "---\n- a list\n---\n",
         "---\n{unclosed: [\n---\n",
         "text\n---\nlicense: mit\n---\n",
+        "---\nlicense: mit\nmade: !!timestamp yesterday\n---\n",
+        "---\na: &a [x, x, x, x, x, x, x, x, x]\n"
+        + "".join(f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]\n" for a, b in pairwise("abcde"))
+        + "license: *e\n---\n",
         "---\n",
     ],
 )
@@ -134,6 +152,14 @@ def test_a_card_that_says_nothing_leaves_the_licence_unknown(tmp_path: Path, car
     folder = checkpoint(tmp_path / "walker")
     (folder / "README.md").write_text(card)
     assert read_model_card(folder) == model_card.ModelCard("walker", "unknown", "")
+
+
+def test_a_card_says_no_more_than_anybody_reads(tmp_path: Path) -> None:
+    folder = checkpoint(tmp_path / "walker")
+    (folder / "README.md").write_text(f"---\nname: {'x' * 9000}\nlicense: [mit, {'y' * 9000}]\n---\n")
+    card = read_model_card(folder)
+    assert (len(card.model_id), len(card.licence)) == (2000, 2000)
+    assert card.licence.startswith("mit, y")
 
 
 def test_a_card_as_hubs_write_it_gives_the_licence(tmp_path: Path) -> None:

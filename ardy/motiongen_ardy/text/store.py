@@ -18,6 +18,8 @@ _log = logging.getLogger(__name__)
 SCHEMA = 1
 LOCK_WAIT_S = 2.0
 PRUNE_TO = 0.9
+COUNT_SHARE = 0.01
+"""Of what it may hold, the vectors written between two counts: SQLite counts by reading the whole file."""
 TOUCH_S = 3600.0
 """How exactly the time of the last use is known; noting each would make every reading a writing."""
 CREATE = (
@@ -51,10 +53,11 @@ class VectorStore:
     """
 
     def __init__(self, path: Path, identity: str, width: int, max_entries: int = 65_536) -> None:
-        """max_entries: of all encoders together; of more, the least recently used go."""
+        """max_entries: of all encoders together, and a hundredth more; of more, the least recently used go."""
         self._identity = identity
         self._width = width
         self._max_entries = max_entries
+        self._uncounted = 0
         self._path = path
         self._lock = threading.Lock()
         self._has_warned = False
@@ -125,14 +128,21 @@ class VectorStore:
             self._connection.execute(
                 "INSERT OR REPLACE INTO vectors VALUES (?, ?, ?, ?)", (self._identity, text, content, time.time())
             )
-            (count,) = self._connection.execute("SELECT count(*) FROM vectors").fetchone()
-            if count > self._max_entries:
-                surplus = count - int(PRUNE_TO * self._max_entries)
-                self._connection.execute(
-                    "DELETE FROM vectors WHERE (encoder, text) IN "
-                    "(SELECT encoder, text FROM vectors ORDER BY used_at LIMIT ?)",
-                    (surplus,),
-                )
+            self._uncounted -= 1
+            if self._uncounted <= 0:
+                self._prune(self._connection)
+
+    def _prune(self, connection: sqlite3.Connection) -> None:
+        """Count, let go of what is too much, and say when to count again: other processes may write here too."""
+        (count,) = connection.execute("SELECT count(*) FROM vectors").fetchone()
+        if count > self._max_entries:
+            surplus = count - int(PRUNE_TO * self._max_entries)
+            connection.execute(
+                "DELETE FROM vectors WHERE (encoder, text) IN "
+                "(SELECT encoder, text FROM vectors ORDER BY used_at LIMIT ?)",
+                (surplus,),
+            )
+        self._uncounted = int(COUNT_SHARE * self._max_entries)
 
     def _open(self) -> sqlite3.Connection | None:
         try:

@@ -6,6 +6,7 @@ import logging
 import sqlite3
 import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -69,6 +70,24 @@ def test_of_more_than_it_may_hold_the_least_recently_used_go(path: Path) -> None
         manager.put(f"prompt {number}", VECTOR)
     assert [number for number in range(11) if manager.get(f"prompt {number}") is None] == [0, 1]
     manager.close()
+
+
+def test_a_store_is_not_counted_anew_for_every_vector(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    connect = sqlite3.connect
+
+    def listened_to(*arguments: Any, **options: Any) -> sqlite3.Connection:
+        connection: sqlite3.Connection = connect(*arguments, **options)
+        connection.set_trace_callback(said.append)
+        return connection
+
+    monkeypatch.setattr(sqlite3, "connect", listened_to)
+    manager = store(path, most=1000)
+    for number in range(100):
+        manager.put(f"prompt {number}", VECTOR)
+    manager.close()
+    counts = [statement for statement in said if "count(*)" in statement]
+    assert 0 < len(counts) <= 10, "each reads the whole file, and who asks for a vector waits behind it"
 
 
 def test_two_processes_worth_of_stores_write_at_once(path: Path) -> None:

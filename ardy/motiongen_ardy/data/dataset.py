@@ -97,6 +97,14 @@ class MotionDataset:
     def num_frames(self) -> int:
         return sum(clip.num_frames for clip in self.clips)
 
+    def require(self, skeleton: str, fps: int) -> None:
+        """Raise DatasetError unless its motion is of a model's skeleton and frame rate, at which alone it is judged."""
+        if (self.skeleton.name, self.fps) != (skeleton, fps):
+            raise DatasetError(
+                f"the set is of {self.skeleton.name} at {self.fps:g} frames a second, the model of {skeleton} at {fps};"
+                f" build it with --skeleton {skeleton} --fps {fps}"
+            )
+
     @classmethod
     def load(cls, folder: Path, split: str | None = None) -> MotionDataset:
         """Read a set, or one split of it ("train", "validation", "test", "test_unseen"). Raises DatasetError.

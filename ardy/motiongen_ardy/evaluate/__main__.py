@@ -1,5 +1,6 @@
 """Judge a model by its motion: `python -m motiongen_ardy.evaluate MODEL DATA`; exit code 1 where a bound is missed.
 
+Exit code 2 where nothing could be judged: a model, a set, an encoder or a setting that cannot be used.
 Windows are made as the server makes them: 16 frames of history, the model's own guidance and corrections.
 """
 
@@ -9,7 +10,7 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -18,6 +19,7 @@ from rich.console import Console
 from motiongen_ardy.capabilities import LocomotionPreset, parse_capabilities, read_capabilities
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.checkpoint.files import CheckpointError, read_yaml
+from motiongen_ardy.checkpoint.hub import HubError
 from motiongen_ardy.checkpoint.model_card import UnknownModel, model_folder
 from motiongen_ardy.checkpoint.sampling_file import read_options
 from motiongen_ardy.data.dataset import DatasetError, MotionDataset
@@ -30,8 +32,19 @@ from motiongen_ardy.evaluate.take_files import write_takes
 from motiongen_ardy.model.config import ConfigError
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.text import load_text_encoder
+from motiongen_ardy.text import (
+    TextEncoder,
+    TextEncoderUnavailable,
+    TextWidthMismatch,
+    UnknownTextEncoder,
+    load_text_encoder,
+)
 from motiongen_ardy.train.feature_bank import natural_layout
+
+UNUSABLE = (
+    UnknownModel, HubError, DatasetError, ConfigError, CheckpointError,
+    UnknownTextEncoder, TextWidthMismatch, TextEncoderUnavailable,
+)  # fmt: skip
 
 
 def main() -> None:
@@ -40,21 +53,43 @@ def main() -> None:
     console = Console(stderr=True)
     torch.set_num_threads(arguments.threads)
     try:
-        folder = model_folder(arguments.model)
-        model, abilities = load_checkpoint(folder), read_capabilities(folder)
-        if arguments.capabilities is not None:
-            abilities = parse_capabilities(read_yaml(arguments.capabilities), str(arguments.capabilities))
-        if arguments.sampling is not None:
-            model.sampling = read_options(read_yaml(arguments.sampling), model.config.guidance)
-        dataset = MotionDataset.load(arguments.data, arguments.split)
-    except (UnknownModel, DatasetError, ConfigError, CheckpointError) as error:
-        sys.exit(f"python -m motiongen_ardy.evaluate: {error}")
-    reports = [_judge(model, abilities.locomotion, dataset, steps, arguments, console) for steps in arguments.steps]
+        subject = _subject(arguments)
+    except UNUSABLE as error:
+        print(f"python -m motiongen_ardy.evaluate: {error}", file=sys.stderr)
+        sys.exit(2)
+    reports = [_judge(subject, steps, arguments, console) for steps in arguments.steps]
     for report in reports:
         Console(width=190).print(report.table())
         if arguments.json is not None:
             report.write(_of_steps(arguments.json, report, len(reports)))
     sys.exit(1 if any(report.missed for report in reports) else 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """What is judged, and by which clips."""
+
+    model: Model
+    gaits: Sequence[LocomotionPreset]
+    encoder: TextEncoder
+    dataset: MotionDataset
+
+
+def _subject(arguments: argparse.Namespace) -> Subject:
+    """Everything that the command line names, loaded; raises one of UNUSABLE."""
+    folder = model_folder(arguments.model)
+    model, abilities = load_checkpoint(folder), read_capabilities(folder)
+    if arguments.capabilities is not None:
+        abilities = parse_capabilities(read_yaml(arguments.capabilities), str(arguments.capabilities))
+    if arguments.sampling is not None:
+        model.sampling = read_options(read_yaml(arguments.sampling), model.config.guidance)
+    for steps in arguments.steps:
+        if not 1 <= steps <= model.config.num_base_steps:
+            raise ConfigError(f"--steps has {steps}; this model takes 1 to {model.config.num_base_steps}")
+    dataset = MotionDataset.load(arguments.data, arguments.split)
+    dataset.require(model.config.skeleton, model.config.fps)
+    encoder = load_text_encoder(arguments.text_encoder, model.config.denoiser.text_dim)
+    return Subject(model, abilities.locomotion, encoder, dataset)
 
 
 def _arguments() -> argparse.Namespace:
@@ -109,18 +144,16 @@ def uncorrected(model: Model) -> None:
 
 
 def _judge(
-    model: Model,
-    gaits: Sequence[LocomotionPreset],
-    dataset: MotionDataset,
+    subject: Subject,
     steps: int,
     arguments: argparse.Namespace,
     console: Console,
 ) -> Report:
+    model, dataset = subject.model, subject.dataset
     if arguments.raw:
         uncorrected(model)
     weights = _weights(model, arguments)
-    encoder = load_text_encoder(arguments.text_encoder, model.config.denoiser.text_dim)
-    sampler = Sampler(model, encoder, Sampling(steps, weights), gaits)
+    sampler = Sampler(model, subject.encoder, Sampling(steps, weights), subject.gaits)
     layout = natural_layout(dataset.skeleton, model.config.fps)
     cases = load_cases(dataset, layout)
     size = QUICK if arguments.quick else replace(Size(), seeds=arguments.seeds)

@@ -77,6 +77,7 @@ def train_denoiser(
     with distributed() as (rank, num_processes):
         torch.manual_seed(settings.seed + rank)
         config = model.config
+        dataset.require(config.skeleton, config.fps)
         device = model.representation.stats.mean.device
         bank = build_feature_bank(dataset, natural_layout(dataset.skeleton, config.fps), device=device)
         embeddings = load_text_encoder(text_encoder, config.denoiser.text_dim).encode(bank.captions.texts)

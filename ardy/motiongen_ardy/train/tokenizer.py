@@ -163,6 +163,7 @@ def train_tokenizer(
     """Train on a data set's clips and return the finished trainer; its folder holds the result."""
     with distributed() as (rank, num_processes):
         torch.manual_seed(settings.seed)
+        dataset.require(dataset.skeleton.name, round(dataset.fps))  # models count in whole frames a second
         layout = natural_layout(dataset.skeleton, int(dataset.fps))
         bank = build_feature_bank(dataset, layout, device=device)
         # A run that goes on keeps the statistics it began with: its weights know no others.

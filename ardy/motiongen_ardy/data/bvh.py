@@ -19,6 +19,7 @@ from torch import Tensor
 POSITION_CHANNELS = ("Xposition", "Yposition", "Zposition")
 ROTATION_CHANNELS = ("Xrotation", "Yrotation", "Zrotation")
 MAX_JOINTS = 2_000
+MIN_FRAME_TIME_S = 1e-6
 
 
 class BvhError(ValueError):
@@ -252,8 +253,8 @@ class _Parser:
         if words[:2] != ["Frame", "Time:"]:
             raise self.error(f"expected 'Frame Time:' and seconds, found {' '.join(words)!r}")
         (frame_time_s,) = self.numbers(words[2:], 1, "Frame Time")
-        if frame_time_s <= 0:
-            raise self.error(f"Frame Time must be above 0, found {frame_time_s}")
+        if frame_time_s < MIN_FRAME_TIME_S:
+            raise self.error(f"Frame Time must be {MIN_FRAME_TIME_S:g} s or more, found {frame_time_s:g}")
         return num_frames, frame_time_s
 
     def read_values(self, num_frames: int) -> np.ndarray:

@@ -38,7 +38,7 @@ def read_labels(path: Path) -> tuple[Label, ...]:
     labels: list[Label] = []
     seen: set[str] = set()
     try:
-        with path.open(encoding="utf-8", newline="") as stream:
+        with path.open(encoding="utf-8-sig", newline="") as stream:
             reader = csv.DictReader(stream)
             missing = [column for column in _REQUIRED if column not in (reader.fieldnames or ())]
             if missing:
@@ -61,6 +61,8 @@ def _label(row: dict[str, str | None], place: str) -> Label:
     for column in _REQUIRED:
         if not cells[column]:
             raise LabelsError(f"{place}: column {column} is empty")
+    if not cells["texts"].strip("| "):
+        raise LabelsError(f"{place}: column texts has no text, only bars that part texts")
     if cells["split"] not in SPLITS:
         raise LabelsError(f"{place}: unknown split {cells['split']!r}; splits are {', '.join(SPLITS)}")
     return Label(

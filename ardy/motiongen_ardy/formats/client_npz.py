@@ -14,7 +14,7 @@ from motiongen_ardy.core.rotation import quaternion_to_matrix
 from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.formats.arrays import read_arrays
 from motiongen_ardy.formats.bounded import MAX_FRAMES
-from motiongen_ardy.formats.errors import FormatError
+from motiongen_ardy.formats.errors import FormatError, shortened
 from motiongen_ardy.formats.stored import StoredMotion, from_pose, skeleton_with, whole_fps
 
 MARK = "joint_rotation_quat_wxyz"  # the array that tells this form from ARDY's own
@@ -42,6 +42,9 @@ def read_client_npz(path: Path, skeleton: Skeleton | None = None) -> StoredMotio
         raise FormatError(path, f"{', '.join(missing)} missing", f"the client writes {', '.join(_READ)}")
     names = [str(name) for name in arrays["joint_names"]]
     skeleton = skeleton_with(path, names, skeleton)
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise FormatError(path, f"joint_names has {shortened(twice)} twice", "name each joint once")
     quaternions = torch.from_numpy(arrays[MARK].astype(np.float64))
     num_frames = len(quaternions)
     for name, shape in (

@@ -78,6 +78,7 @@ def test_two_channel_orders_of_one_rotation_differ() -> None:
         ("CHANNELS 3", "CHANNELS 4"),
         ("Zrotation Xrotation Yrotation", "Zrotation Xrotation Wrotation"),
         ("Frames: 2", "Frames: 3"),
+        ("Frame Time: 0.0333333", "Frame Time: 1e-310"),
         ("Frame Time: 0.0333333", "Frame Time: 0"),
         ("0 90 0 0 0 90 0 0 0", "0 90 0 0 0 90 0 0"),
         ("0 90 0 0 0 90 0 0 0", "0 90 0 0 0 nan 0 0 0"),

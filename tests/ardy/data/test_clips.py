@@ -13,6 +13,7 @@ from motiongen_ardy.core.rotation import matrix_from_6d, matrix_to_quaternion, q
 from motiongen_ardy.core.skeleton import forward_kinematics, load_skeleton
 from motiongen_ardy.data.captions import mirror_caption, mirror_content, paraphrases
 from motiongen_ardy.data.dataset import DatasetError, MotionDataset
+from motiongen_ardy.data.labels import LabelsError, read_labels
 from motiongen_ardy.data.mirror import mirror_clip
 from motiongen_ardy.data.resample import resample, resampled_length
 from motiongen_ardy.data.retarget_file import built_in_retargets, read_retarget
@@ -20,6 +21,30 @@ from motiongen_ardy.data.retarget_rules import RetargetError
 from tests.ardy.train.clips import swinging_dataset
 
 CORE = load_skeleton("core27")
+
+
+def labels_table(path: Path, texts: str, encoding: str = "utf-8") -> Path:
+    rows = f"id,file,content,style,texts,split\na,a.bvh,walk,normal,{texts},train\n"
+    path.write_text(rows, encoding=encoding)
+    return path
+
+
+def test_a_labels_table_is_read_as_spreadsheets_write_it(tmp_path: Path) -> None:
+    (label,) = read_labels(labels_table(tmp_path / "marked.csv", "he walks|she walks", "utf-8-sig"))
+    assert (label.id, label.texts) == ("a", ("he walks", "she walks"))
+
+
+def test_a_clip_without_a_text_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(LabelsError, match="line 2: column texts has no text"):
+        read_labels(labels_table(tmp_path / "bars.csv", "| |"))
+
+
+@pytest.mark.parametrize(("skeleton", "fps"), [("g134", 20), ("core27", 25)])
+def test_a_model_of_another_skeleton_or_frame_rate_is_refused(skeleton: str, fps: int) -> None:
+    dataset = swinging_dataset()
+    dataset.require("core27", 20)
+    with pytest.raises(DatasetError, match=rf"core27 at 20 frames a second, the model of {skeleton} at {fps}; build"):
+        dataset.require(skeleton, fps)
 
 
 @settings(max_examples=20, deadline=None)

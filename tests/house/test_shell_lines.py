@@ -17,6 +17,17 @@ from tests.house.shell_lines import Command, commands_in
 ROOT = Path(__file__).resolve().parents[2]
 TARGET = re.compile(r"^([a-z][a-z-]*):", re.MULTILINE)
 IN_TEXT = re.compile(r"`make ([a-z][a-z-]*)")
+IN_TREE = re.compile(r"`((?:ardy|client|compliance|deploy|docs|proto|server|tests)/[\w./-]+)`")
+MODULE = re.compile(r"python -m ([a-z][\w.]*\w)")
+PACKAGES = {
+    "motiongen_ardy",
+    "motiongen_client",
+    "motiongen_compliance",
+    "motiongen_server",
+    "motiongen_tools",
+    "tests",
+    "pip",
+}
 PARSERS = {"motiongen_tools": cli.parse, "motiongen_server": parse_config}
 """Of programs that read their arguments without doing anything yet."""
 
@@ -38,6 +49,21 @@ def test_targets_of_make_exist(pages: dict[str, str]) -> None:
     named |= {(page, target) for page, text in pages.items() for target in IN_TEXT.findall(text)}
     assert sorted((page, target) for page, target in named if target not in targets) == []
     assert len(named) > 30
+
+
+def test_modules_and_files_that_are_named_in_the_text_exist(pages: dict[str, str], repository: Any) -> None:
+    folders = {str(parent) for path in repository.files for parent in path.parents}
+    there = folders | {path.as_posix() for path in repository.files}
+    paths = {(page, path.rstrip("/")) for page, text in pages.items() for path in IN_TREE.findall(text)}
+    starts = {
+        page: ("", "tests/", f"{Path(page).parent.as_posix()}/", "client/cpp/include/motiongen/") for page in pages
+    }
+    missing = [(page, path) for page, path in paths if not any(f"{start}{path}" in there for start in starts[page])]
+    assert sorted(missing) == []
+    modules = {(page, module) for page, text in pages.items() for module in MODULE.findall(text)}
+    assert sorted((page, module) for page, module in modules if module.split(".")[0] not in PACKAGES) == []
+    assert len(paths) > 30
+    assert len(modules) > 30
 
 
 def test_programs_take_what_they_are_given(pages: dict[str, str]) -> None:

@@ -123,11 +123,12 @@ def main() -> None:
     parser.add_argument("--init", type=Path, help="checkpoint folder whose denoiser the training starts from")
     arguments = parser.parse_args()
     recipe = read_recipe(arguments.config)
-    tokenizer = load_tokenizer(arguments.tokenizer, arguments.device)
-    torch.manual_seed(arguments.seed)
-    model = starting_model(tokenizer, recipe, arguments.init)
-    dataset = MotionDataset.load(arguments.data, "train")
-    train_denoiser(model, dataset, arguments.text_encoder, loop_settings(arguments), arguments.batch, recipe)
+    with distributed():  # before anything is put on a device: "cuda" is the device that this process has by then
+        tokenizer = load_tokenizer(arguments.tokenizer, arguments.device)
+        torch.manual_seed(arguments.seed)
+        model = starting_model(tokenizer, recipe, arguments.init)
+        dataset = MotionDataset.load(arguments.data, "train")
+        train_denoiser(model, dataset, arguments.text_encoder, loop_settings(arguments), arguments.batch, recipe)
 
 
 if __name__ == "__main__":

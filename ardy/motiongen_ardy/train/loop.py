@@ -39,6 +39,10 @@ WARM_UP_UPDATES = 3
 AVERAGE_EVERY = 5
 
 
+STOP_EVERY = 10
+"""Steps between two times at which processes that train together agree whether to stop."""
+
+
 Batch = Any
 
 
@@ -214,7 +218,8 @@ class Trainer:
             with Progress(*columns, TimeRemainingColumn(), disable=self.rank != 0) as progress:
                 bar = progress.add_task("training", total=settings.steps, completed=self.step)
                 running: dict[str, Tensor] = {}
-                while self.step < settings.steps and not self.stopping:
+                is_over = False
+                while self.step < settings.steps and not is_over:
                     losses = self.train_step()
                     for name, value in losses.items():
                         running[name] = value.clone() if name not in running else running[name].lerp(value, 0.02)
@@ -228,7 +233,7 @@ class Trainer:
                     if now - saved > 60 * settings.save_minutes:
                         self.save()
                         saved = now
-                    self.stopping |= 0 < 60 * settings.minutes < now - started
+                    is_over = self.stops(started)
         except KeyboardInterrupt:
             self.stopping = True
         finally:
@@ -238,6 +243,22 @@ class Trainer:
         self.save()
         if torch.distributed.is_initialized():
             torch.distributed.barrier()  # whoever returns may rely on what the first process has written
+
+    def stops(self, started: float) -> bool:
+        """Whether to stop after this step, by the clock from `started` on or since somebody asked for it.
+
+        Processes that train together stop at the same step, whichever of them has to: one that stopped alone would
+        leave the others waiting for its gradients.
+        """
+        self.stopping |= 0 < 60 * self.settings.minutes < time.monotonic() - started
+        if not torch.distributed.is_initialized():
+            return self.stopping
+        if self.step % STOP_EVERY:
+            return False
+        anyone = torch.tensor(float(self.stopping), device=self.device)
+        torch.distributed.all_reduce(anyone, torch.distributed.ReduceOp.MAX)
+        self.stopping = bool(anyone)
+        return self.stopping
 
     def _log(self, writer: SummaryWriter, running: dict[str, Tensor]) -> None:
         for name, value in running.items():

@@ -5,11 +5,75 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
+from collections.abc import Hashable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import nn
 
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.train import denoiser
+from motiongen_ardy.train.loop import STOP_EVERY, Trainer
+from motiongen_ardy.train.loop_settings import LoopSettings
 
 ROOT = Path(__file__).resolve().parents[3]
+
+
+class OneWeight:
+    """A task of one weight, which is never trained here."""
+
+    def __init__(self) -> None:
+        self.module = nn.Linear(1, 1)
+
+    def kinds(self, progress: float) -> Sequence[tuple[Hashable, float]]:
+        raise NotImplementedError
+
+    def sample(self, kind: Hashable, generator: torch.Generator | None) -> Any:
+        raise NotImplementedError
+
+    def export(self, averaged: nn.Module, folder: Path) -> None:
+        raise NotImplementedError
+
+
+def test_processes_stop_at_the_same_step_whichever_of_them_has_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    others = torch.tensor(0.0)
+    monkeypatch.setattr(torch.distributed, "is_initialized", lambda: True)
+    monkeypatch.setattr(torch.distributed, "all_reduce", lambda told, _: told.clamp_(min=float(others)))
+    trainer = Trainer(OneWeight(), LoopSettings(tmp_path, steps=100, learning_rate=1e-3))
+    trainer.step, trainer.stopping = STOP_EVERY - 1, True
+    assert not trainer.stops(time.monotonic()), "the others would wait for its gradients"
+    trainer.step = STOP_EVERY
+    assert trainer.stops(time.monotonic())
+    trainer.step, trainer.stopping = 2 * STOP_EVERY, False
+    assert not trainer.stops(time.monotonic())
+    others.fill_(1)
+    assert trainer.stops(time.monotonic()), "another has to"
+
+
+def test_a_process_has_its_device_before_anything_is_put_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[str] = []
+
+    @contextmanager
+    def joined() -> Iterator[tuple[int, int]]:
+        done.append("joined")
+        yield 0, 1
+
+    def load(folder: Path, device: str) -> None:
+        done.append(f"put on {device}")
+        raise InterruptedError
+
+    monkeypatch.setattr(denoiser, "distributed", joined)
+    monkeypatch.setattr(denoiser, "load_tokenizer", load)
+    monkeypatch.setattr(sys, "argv", ["denoiser", "data", "out", "--tokenizer", "run", "--device", "cuda"])
+    with pytest.raises(InterruptedError):
+        denoiser.main()
+    assert done == ["joined", "put on cuda"], "else every process would put it on the first device"
 
 
 def test_two_processes_train_one_model(tmp_path: Path) -> None:

@@ -80,11 +80,11 @@ def too_fast(rate: float, retry_after_s: float) -> EventRefused:
     return EventRefused(code, "TOO_MANY_EVENTS", message, "event", f"{rate:g} a second", retry_after_s)
 
 
-def peer_sessions(most: int, kind: str) -> EventRefused:
+def peer_sessions(most: int, kind: str, field: str = "open") -> EventRefused:
     """Of all classes together."""
     message = f"your {kind} holds as many sessions as it may (quota session_weight)"
     allowed = f"sessions of one {kind} up to a weight of {most}, a HERO counting 4, a NEAR 2, others 1"
-    return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, "open", allowed)
+    return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, field, allowed)
 
 
 def peer_class(quota: str, most: int, priority: Priority, kind: str, field: str = "open.priority") -> EventRefused:
@@ -94,10 +94,10 @@ def peer_class(quota: str, most: int, priority: Priority, kind: str, field: str 
     return EventRefused(Code.RESOURCE_EXHAUSTED, "PEER_SESSION_LIMIT", message, field, allowed)
 
 
-def peer_steps(asked_hz: float, most_hz: float, kind: str) -> EventRefused:
+def peer_steps(asked_hz: float, most_hz: float, kind: str, field: str) -> EventRefused:
     message = f"with this session those of your {kind} would take {asked_hz:.3g} denoising steps a second to play on"
     allowed = f"up to {most_hz:.3g} a second of one {kind}; close a session, or ask for fewer steps"
-    return EventRefused(Code.RESOURCE_EXHAUSTED, "STEPS_QUOTA", message, "open.denoise_steps", allowed)
+    return EventRefused(Code.RESOURCE_EXHAUSTED, "STEPS_QUOTA", message, field, allowed)
 
 
 def peer_waiting(most: int, kind: str) -> EventRefused:

@@ -25,6 +25,8 @@ CLASS_QUOTAS = {
 }
 """The field of `PeerLimits` that says how many sessions of a class there may be."""
 _NUMBERS = itertools.count(1)
+_Held = tuple[Priority, float]
+_Asked = tuple[Priority | None, float | None]
 MOST_IDLE = 1024
 """Peers that have nothing open are remembered for what they owe, up to so many."""
 
@@ -111,22 +113,29 @@ class Peer:
         # What rounding has left goes with the last.
         self._steps_hz = self._steps_hz - steps_hz if self.num_sessions else 0.0
 
-    def begin_steps(self, steps_hz: float) -> None:
-        """Note what a session takes to play on. Raises EventRefused where that is more than may be."""
+    def begin_steps(self, steps_hz: float, field: str = "open.denoise_steps") -> None:
+        """Note what a session takes to play on. Raises EventRefused where that is more than may be.
+
+        field: which asks for that.
+        """
         most, asked = self.limits.steps_per_second, self._steps_hz + steps_hz
         if asked > most:
-            raise peer_steps(asked, most, self.kind)
+            raise peer_steps(asked, most, self.kind, field)
         self._steps_hz = asked
 
     def change(self, before: Priority, after: Priority, steps_hz: float) -> None:
-        """A session takes another class, and so many more steps a second. Raises EventRefused where it may not."""
+        """A session takes another class, and so many more steps a second. Raises EventRefused where it may not.
+
+        Who asks for no more than before is refused nothing, also where its quota was made smaller than what is open.
+        """
         limits, quota = self.limits, CLASS_QUOTAS[after]
         if after is not before and self._sessions[after] >= getattr(limits, quota):
             raise peer_class(quota, getattr(limits, quota), after, self.kind, "set_options.priority")
-        if self.session_weight + SESSION_WEIGHTS[after] - SESSION_WEIGHTS[before] > limits.session_weight:
-            raise peer_sessions(limits.session_weight, self.kind)
+        more = SESSION_WEIGHTS[after] - SESSION_WEIGHTS[before]
+        if more > 0 and self.session_weight + more > limits.session_weight:
+            raise peer_sessions(limits.session_weight, self.kind, "set_options.priority")
         if steps_hz > 0:
-            self.begin_steps(steps_hz)
+            self.begin_steps(steps_hz, "set_options.denoise_steps")
             steps_hz = 0.0
         self.take_back(before, after, steps_hz)
 
@@ -154,47 +163,65 @@ class Peer:
 
 
 class Place:
-    """A session's place among those of its peer."""
+    """A session's place among those of its peer.
 
-    __slots__ = ("_is_held", "_priority", "_steps_hz", "peer", "prompts")
+    Options may be asked for while the engine has not answered earlier ones; it answers in order.
+    """
+
+    __slots__ = ("_asked", "_is_held", "_settled", "peer", "prompts")
 
     def __init__(self, peer: Peer, priority: Priority, now: float) -> None:
         self.prompts = peer.prompts_share(now)
         self.peer = peer
-        self._priority = priority
-        self._steps_hz = 0.0
+        self._settled = priority, 0.0  # class, and denoising steps a second
+        self._asked: list[_Asked] = []
         self._is_held = True
 
     def begin_steps(self, steps_hz: float) -> None:
         """The session begins, and takes so many denoising steps a second to play on. Raises EventRefused."""
         if self._is_held:
             self.peer.begin_steps(steps_hz)
-            self._steps_hz = steps_hz
+            self._settled = self._settled[0], steps_hz
 
-    def change(self, priority: Priority | None, steps_hz: float | None) -> Callable[[], None]:
-        """The session is of another class, or takes other steps a second; None: as before. Returns what undoes it.
+    def change(self, priority: Priority | None, steps_hz: float | None) -> Callable[[bool], None]:
+        """The session is to be of another class, or to take other steps a second; None: as before.
 
-        Raises EventRefused where its peer may not have that.
+        Returns what is to be told whether the engine took that. Raises EventRefused where its peer may not have it.
         """
-        before, before_hz = self._priority, self._steps_hz
-        after, after_hz = before if priority is None else priority, before_hz if steps_hz is None else steps_hz
-        if not self._is_held:
-            return lambda: None
-        self.peer.change(before, after, after_hz - before_hz)
-        self._priority, self._steps_hz = after, after_hz
+        asked = priority, steps_hz
+        if self._is_held:
+            (before, before_hz), (after, after_hz) = self._present, _changed(self._present, asked)
+            self.peer.change(before, after, after_hz - before_hz)
+            self._asked.append(asked)
+        return lambda is_taken: self._settle(asked, is_taken)
 
-        def undo() -> None:
-            if self._is_held and (self._priority, self._steps_hz) == (after, after_hz):
-                self.peer.take_back(after, before, before_hz - after_hz)
-                self._priority, self._steps_hz = before, before_hz
+    @property
+    def _present(self) -> _Held:
+        """What the session counts for: also what the engine has not answered yet."""
+        held = self._settled
+        for asked in self._asked:
+            held = _changed(held, asked)
+        return held
 
-        return undo
+    def _settle(self, asked: _Asked, is_taken: bool) -> None:
+        if not self._is_held or asked not in self._asked:
+            return
+        before, before_hz = self._present
+        self._asked.remove(asked)
+        if is_taken:
+            self._settled = _changed(self._settled, asked)
+        after, after_hz = self._present
+        self.peer.take_back(before, after, after_hz - before_hz)
 
     def release(self) -> None:
         """The session is over. May be called again."""
         if self._is_held:
             self._is_held = False
-            self.peer.leave(self._priority, self._steps_hz)
+            self.peer.leave(*self._present)
+
+
+def _changed(held: _Held, asked: _Asked) -> _Held:
+    return held[0] if asked[0] is None else asked[0], held[1] if asked[1] is None else asked[1]
 
 
 class Peers:

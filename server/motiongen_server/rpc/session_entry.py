@@ -66,9 +66,9 @@ class SessionEntry:
     can be resumed, "" while it cannot. attempt: the last one to resume it; is_resuming: until the engine has taken that
     up, and nothing is told. opened, level, closed: the last of each kind that the engine has said. answers: outcomes
     that the client may not have heard, by number. asked_options: by event number, those that the engine has not
-    answered, and what gives their place back. coding: of its frames. reached: what became of constraints that the
-    client may not have heard of, oldest first. lease: to write its record in the store, None where nothing is kept of
-    it; durable: the last said of what is kept.
+    answered, and what their place is to be told then. coding: of its frames. reached: what became of constraints that
+    the client may not have heard of, oldest first. lease: to write its record in the store, None where nothing is kept
+    of it; durable: the last said of what is kept.
     """
 
     key: SessionKey
@@ -96,7 +96,7 @@ class SessionEntry:
     level: ServiceLevel | None = None
     closed: Closed | None = None
     answers: dict[int, Outcome] = field(default_factory=dict)
-    asked_options: dict[int, tuple[SetOptions, Callable[[], None]]] = field(default_factory=dict)
+    asked_options: dict[int, tuple[SetOptions, Callable[[bool], None]]] = field(default_factory=dict)
     coding: FrameCoding = PLAIN
     reached: deque[ConstraintReached] = field(default_factory=lambda: deque(maxlen=MAX_KEPT_ANSWERS))
     lease: Lease | None = None
@@ -171,12 +171,11 @@ class SessionEntry:
 
     def _hear_options(self, said: Outcome) -> None:
         """The engine may have answered options: keep what the session is now, or give back the place it was to have."""
-        options, undo = self.asked_options.pop(said.event_seq, (None, None))
-        if options is None or undo is None:
+        options, settle = self.asked_options.pop(said.event_seq, (None, None))
+        if options is None or settle is None:
             return
-        if said.code is not Code.OK:
-            undo()
-        elif self.opened is not None:
+        settle(said.code is Code.OK)
+        if said.code is Code.OK and self.opened is not None:
             lookahead, steps = options.lookahead or self.opened.lookahead, options.denoise_steps
             self.opened = replace(
                 self.opened, lookahead=lookahead, denoise_steps=self.opened.denoise_steps if steps is None else steps

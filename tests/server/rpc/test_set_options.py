@@ -106,14 +106,47 @@ def test_a_place_of_another_class_is_counted_there_and_given_back_where_the_engi
     peer = Peers(PeerLimits(heroes=1)).find("ipv4:10.0.0.1:5", 0.0)
     first, second = peer.place(Priority.NEAR, 0.0), peer.place(Priority.NEAR, 0.0)
     weight = peer.session_weight
-    undo = first.change(Priority.HERO, 40.0)
+    settle = first.change(Priority.HERO, 40.0)
     with pytest.raises(EventRefused) as refused:
         second.change(Priority.HERO, None)
     assert (refused.value.code, refused.value.field) == (Code.RESOURCE_EXHAUSTED, "set_options.priority")
-    undo()
+    settle(False)
     assert peer.session_weight == weight
     second.change(Priority.HERO, 40.0)
     first.release()
     second.release()
     assert peer.num_sessions == peer.session_weight == 0
     assert peer.is_idle(1e6)
+
+
+def test_options_that_are_refused_give_back_their_place_whatever_was_asked_for_since() -> None:
+    peer = Peers(PeerLimits(heroes=1)).find("ipv4:10.0.0.1:5", 0.0)
+    place = peer.place(Priority.NEAR, 0.0)
+    weight = peer.session_weight
+    first, second = place.change(Priority.HERO, 40.0), place.change(None, 80.0)
+    third = place.change(Priority.HERO, 90.0)
+    first(False)
+    second(True)
+    third(False)
+    assert peer.session_weight == weight
+    peer.place(Priority.HERO, 0.0).release()
+    place.release()
+    assert peer.session_weight == 0
+
+
+def test_who_asks_for_no_more_is_refused_nothing_where_the_quota_was_made_smaller_than_what_is_open() -> None:
+    peer = Peers(PeerLimits()).find("ipv4:10.0.0.1:5", 0.0)
+    places = [peer.place(Priority.NEAR, 0.0) for _ in range(3)]
+    peer.adopt(PeerLimits(session_weight=4), 0.0)
+    places[0].change(None, None)
+    places[0].change(Priority.CROWD, None)
+    with pytest.raises(EventRefused) as refused:
+        places[1].change(Priority.HERO, None)
+    assert (refused.value.reason, refused.value.field) == ("PEER_SESSION_LIMIT", "set_options.priority")
+
+
+def test_steps_that_a_tenant_may_not_have_are_refused_by_the_field_that_asks_for_them() -> None:
+    peer = Peers(PeerLimits(steps_per_second=10.0)).find("ipv4:10.0.0.1:5", 0.0)
+    with pytest.raises(EventRefused) as refused:
+        peer.place(Priority.NEAR, 0.0).change(None, 20.0)
+    assert (refused.value.reason, refused.value.field) == ("STEPS_QUOTA", "set_options.denoise_steps")

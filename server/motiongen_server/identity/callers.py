@@ -143,14 +143,15 @@ class Callers:
             for issuer in self._tenants.value.issuers.values():
                 self._rings.of(issuer.source).look()
 
-    def lapse(self, caller: Caller) -> StreamRefused | None:
-        """Why a caller may not go on, if so, by what is known since the last look."""
-        if caller.expires_at is not None and caller.expires_at <= self._wall():
+    def lapse(self, caller: Caller, role: Role = Role.MOTION) -> StreamRefused | None:
+        """Why a caller may not go on with what takes that role, if so, by what is known since the last look."""
+        remaining_s = self.remaining_s(caller)
+        if remaining_s is not None and remaining_s <= 0:
             return credentials_expired()
         if self._tenants is None or not caller.tenant:
             return None
         tenant = self._tenants.value.by_name.get(caller.tenant)
-        if tenant is None or caller.roles - tenant.roles:
+        if tenant is None or role not in tenant.roles:
             return credentials_revoked()
         if caller.signed_by is not None:
             return None if self._still_signs(tenant, *caller.signed_by) else credentials_revoked()
@@ -171,8 +172,13 @@ class Callers:
             return True
 
     def remaining_s(self, caller: Caller) -> float | None:
-        """Seconds until the caller's credentials expire; None where they do not."""
-        return None if caller.expires_at is None else caller.expires_at - self._wall()
+        """Seconds until the caller's credentials expire, of a token of the file as it says now; None: they do not."""
+        expires_at = caller.expires_at
+        kind, _, name = caller.credential.partition(" ")
+        if self._tenants is not None and kind == "token" and caller.signed_by is None:
+            _, token = self._tenants.value.by_token.get(name, (None, None))
+            expires_at = expires_at if token is None else token.expires_at
+        return None if expires_at is None else expires_at - self._wall()
 
 
 def _authorization(metadata: Metadata) -> str:

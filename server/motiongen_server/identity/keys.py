@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from http.client import HTTPException
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
@@ -196,9 +197,11 @@ def _answer(url: str, source: KeySource) -> Mapping[str, Any]:
     context = ssl.create_default_context(cafile=source.authority or None)
     client = PyJWKClient(url, cache_jwk_set=False, timeout=FETCH_TIMEOUT_S, ssl_context=context)
     try:
-        answer: Mapping[str, Any] = client.fetch_data()
-    except PyJWTError as error:
-        raise ValueError(str(error)) from error
+        answer: object = client.fetch_data()
+    except (PyJWTError, HTTPException) as error:  # the latter of an answer that breaks off, or is no HTTP
+        raise ValueError(f"{url} does not answer: {error!r}") from error
+    if not isinstance(answer, Mapping):
+        raise ValueError(f"{url} answers with no object of JSON")
     return answer
 
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 import logging
 import os
 import threading
+import time
 from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
 _log = logging.getLogger(__name__)
+
+RETRY_S = 1.0
+"""After which files that could not be read are tried again: they may name others, which have come since."""
 
 T = TypeVar("T")
 _Signature = tuple[tuple[int, int, int], ...]
@@ -29,6 +33,8 @@ class Watched(Generic[T]):
         self._lock = threading.Lock()
         self._seen: _Signature | None = None
         self._failed: _Signature | None = None
+        self._retry_at = 0.0
+        self._told = ""
         before = self._signature()
         self.value = read()
         self._seen = before
@@ -38,7 +44,7 @@ class Watched(Generic[T]):
         with self._lock:
             try:
                 signature = self._signature()
-                if signature in (self._seen, self._failed):
+                if signature == self._seen or (signature == self._failed and time.monotonic() < self._retry_at):
                     return False
                 value = self._read()
                 if self._signature() != signature:
@@ -46,7 +52,7 @@ class Watched(Generic[T]):
             except (ValueError, OSError) as error:
                 self._note_failure(error)
                 return False
-            self._seen, self._failed = signature, None
+            self._seen, self._failed, self._told = signature, None, ""
             self.value = value
         _log.info("%s: read anew", self._what)
         return True
@@ -56,8 +62,9 @@ class Watched(Generic[T]):
             failed = self._signature()
         except OSError:
             failed = ()
-        if failed != self._failed:
-            self._failed = failed
+        self._retry_at = time.monotonic() + RETRY_S
+        if failed != self._failed or str(error) != self._told:
+            self._failed, self._told = failed, str(error)
             _log.error("%s: cannot be read anew, and what was read before holds: %s", self._what, error)
 
     def _signature(self) -> _Signature:

@@ -113,3 +113,29 @@ def test_a_file_that_cannot_be_read_changes_nothing(tenants: TenantsFile, caplog
     assert [line.partition(" and what")[0] for line in caplog.messages] == ["tenants: cannot be read anew,"] * 2
     tenants.write("")
     assert lapse_of(callers, caller) == "CREDENTIALS_REVOKED"
+
+
+def test_an_expiry_that_is_changed_in_the_file_holds_for_who_is_there(tenants: TenantsFile) -> None:
+    token, kept = new_token()
+    entry = f'[tenants.studio]\ntokens = [{{ hash = "{kept}"%s }}]'
+    tenants.write(entry % "")
+    callers = tenants.callers()
+    caller = callers.identify(bearer(token), {})
+    assert callers.remaining_s(caller) is None
+    tenants.write(entry % f", expires = {EXPIRES}")
+    assert lapse_of(callers, caller) is None
+    assert callers.remaining_s(caller) == 10.0
+    tenants.wall = EXPIRES_AT
+    assert lapse_of(callers, caller) == "CREDENTIALS_EXPIRED"
+    tenants.write(entry % "")
+    assert lapse_of(callers, caller) is None
+
+
+def test_another_role_that_is_taken_away_ends_nothing(tenants: TenantsFile) -> None:
+    tenants.write("[tenants.a]\nroles = ['motion', 'metrics']\ncertificates = ['studio']")
+    callers = tenants.callers()
+    caller = callers.identify((), CERTIFICATE)
+    tenants.write("[tenants.a]\nroles = ['motion']\ncertificates = ['studio']")
+    assert lapse_of(callers, caller) is None
+    tenants.write("[tenants.a]\nroles = ['metrics']\ncertificates = ['studio']")
+    assert lapse_of(callers, caller) == "CREDENTIALS_REVOKED"

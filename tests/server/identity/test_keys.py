@@ -7,9 +7,11 @@ import logging
 import ssl
 from collections.abc import Callable
 from concurrent.futures import Future
+from http.client import IncompleteRead
 from pathlib import Path
 
 import pytest
+from jwt import PyJWKClient
 
 from motiongen_server.identity.issuers import DISCOVERY, KeySource
 from motiongen_server.identity.keys import (
@@ -197,3 +199,16 @@ def test_a_file_of_keys_must_be_there_and_be_one(tmp_path: Path) -> None:
     rings = KeyRings()
     assert rings.of(KeySource(str(path))).find("first") is not None
     assert rings.of(KeySource(str(path))) is rings.of(KeySource(str(path)))
+
+
+@pytest.mark.parametrize("answer", [[], "keys", IncompleteRead(b"{")])
+def test_an_answer_that_is_none_is_a_fetch_that_failed(answer: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fetch_data(_client: PyJWKClient) -> object:
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    monkeypatch.setattr(PyJWKClient, "fetch_data", fetch_data)
+    for is_discovery in (False, True):
+        with pytest.raises(ValueError, match=r"login\.example"):
+            fetched(KeySource("https://login.example/jwks", is_discovery=is_discovery))

@@ -1,0 +1,35 @@
+"""Files that are read anew: also where others that they name come later than they do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from motiongen_server.identity import watched
+from motiongen_server.identity.watched import Watched
+
+
+def test_what_could_not_be_read_for_another_file_is_read_once_that_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    path, named = tmp_path / "tenants.toml", tmp_path / "keys.json"
+    path.write_text("first")
+
+    def read() -> str:
+        text = path.read_text()
+        return text if text == "first" else f"{text} {named.read_text()}"
+
+    files = Watched("tenants", [str(path)], read)
+    path.write_text("names another")
+    assert not files.look()
+    named.write_text("keys")
+    assert not files.look(), "it is not tried at every look"
+    monkeypatch.setattr(watched, "RETRY_S", -1.0)
+    named.unlink()
+    path.write_text("names another, again")
+    assert not any(files.look() for _ in range(3))
+    assert len(caplog.messages) == 2, "each change is told once"
+    named.write_text("keys")
+    assert files.look()
+    assert files.value == "names another, again keys"

@@ -88,7 +88,9 @@ class ServerConfig:
     max_sessions: int = setting(2048, "open sessions on this server, if its capacity allows", 1, 100_000)
     max_sessions_per_stream: int = setting(512, "open sessions on one stream", 1, 100_000)
     max_streams: int = setting(2048, "streams open at once", 1, 100_000)
-    lookahead_frames: int = setting(0, "frames sent beyond the playhead; 0 = 40, or the horizon if longer", 0, 10_000)
+    lookahead_frames: int = setting(
+        0, "frames sent beyond the playhead; 0 = 40 or max_lookahead_frames, or the horizon if longer", 0, 10_000
+    )
     max_lookahead_frames: int = setting(80, "most that a session may ask for", 1, 10_000)
     max_prompt_characters: int = setting(1000, "length of a prompt", 1, 100_000)
     max_request_bytes: int = setting(1 << 20, "size of one message from a client", 1024, 1 << 30)
@@ -166,7 +168,7 @@ class ServerConfig:
 
     def lookahead_for(self, horizon: int) -> int:
         """Frames sent beyond the playhead of a session that does not say, of a model with that horizon."""
-        return self.lookahead_frames or max(DEFAULT_LOOKAHEAD_FRAMES, horizon)
+        return self.lookahead_frames or max(min(DEFAULT_LOOKAHEAD_FRAMES, self.max_lookahead_frames), horizon)
 
 
 def check_advertised(given: str) -> None:

@@ -124,6 +124,8 @@ def test_what_only_looks_a_little_like_it_is_refused(name: str) -> None:
 def test_the_lookahead_reaches_over_the_horizon_unless_it_is_set() -> None:
     assert [ServerConfig().lookahead_for(horizon) for horizon in (8, 40, 52)] == [40, 40, 52]
     assert ServerConfig(lookahead_frames=60).lookahead_for(52) == 60
+    most = ServerConfig(max_lookahead_frames=30)
+    assert [most.lookahead_for(horizon) for horizon in (8, 30)] == [30, 30], "who says nothing is not refused"
 
 
 @pytest.mark.parametrize("words", [["--model", "one", "--model", "two"], ["--model", "one, two"]])

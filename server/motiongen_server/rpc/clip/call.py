@@ -28,6 +28,8 @@ from motiongen_server.rpc.convert import residual_of, write_update
 from motiongen_server.rpc.convert.frames import FrameCoding
 from motiongen_server.rpc.session_entry import session_name
 
+OPEN_SEQ = 1
+
 
 class Call:
     """said: what the engine told of its samples, not looked at yet. under_way: the samples that are not complete."""
@@ -65,7 +67,9 @@ class Call:
         if isinstance(output, ConstraintReached):
             self._reached[sample].append(output)
             return []
-        if isinstance(output, Outcome):  # only an Open that is refused has one
+        if isinstance(output, Outcome):
+            if output.event_seq != OPEN_SEQ:  # of a Close that came after the sample's own end
+                return []
             self.under_way.discard(output.session)
             raise refused(output)
         if isinstance(output, Closed):

@@ -104,7 +104,9 @@ class ClipService:
             message = f"the clip failed inside the server, error id {error_id}"
             await context.abort_with_status(StreamRefused(grpc.StatusCode.INTERNAL, "INTERNAL", message).status())
         finally:
-            self._stream_metrics.end_clip(code, time.monotonic() - begun_at, request.sample_count or 1)
+            # Of one that is refused for its number, no more than may be: else one call outweighs all there ever were.
+            num_samples = min(request.sample_count or 1, self._models.limits.max_clip_samples)
+            self._stream_metrics.end_clip(code, time.monotonic() - begun_at, num_samples)
 
     async def _make(self, request: service_pb2.GenerateClipRequest, context: ClipContext, peer: Peer) -> None:
         model = self._models.find(request.open.model_id)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
@@ -55,6 +56,7 @@ class Ledger:
         self._closing: dict[SessionKey, Close] = {}
         self._refused: dict[SessionKey, Entry] = {}  # their Close is on its way, and the engine will answer it
         self._answered: set[tuple[SessionKey, int]] = set()  # here, before they were sent
+        self._told: Counter[tuple[SessionKey, int]] = Counter()  # here, after they were sent: the engine's is dropped
         self._number = 0
         self.num_clips = 0
 
@@ -124,6 +126,10 @@ class Ledger:
         """Enter what the engine has delivered, and answer before its session's end what a close has overtaken."""
         settled: list[Output] = []
         for output in outputs:
+            if self._told and isinstance(output, Outcome) and self._told[(output.session, output.event_seq)]:
+                self._told.subtract([(output.session, output.event_seq)])
+                self._told += Counter()  # forgets what none is left of
+                continue
             entry = self._entries.get(output.session)
             if entry is None:
                 if self._refused:
@@ -149,11 +155,13 @@ class Ledger:
         """The engine has refused an Open, and will refuse what has been sent after it: the answers to all else."""
         close = self._closing.get(key)
         self._forget(key)
-        if close is not None:
-            return self._cancelled(key, [*entry.held_back, close.event_seq])
-        if entry.close is not None:
+        if entry.close is not None and close is None:
             self._refused[key] = entry
-        return []
+            return []
+        # At once: the name may be used again before the engine comes to these, and they are not of the next session.
+        never_sent = entry.unsent.union(entry.held_back)
+        self._told.update((key, seq) for seq in entry.unanswered if seq not in never_sent)
+        return self._overtaken(key, entry) + self._cancelled(key, () if close is None else (close.event_seq,))
 
     def _after_refusal(self, output: Output) -> list[Output]:
         """The answers that are due before the one to the Close of a session that was refused."""
@@ -207,6 +215,7 @@ class Ledger:
         self._refused.clear()
         self._closing.clear()
         self._answered.clear()
+        self._told.clear()
         self._number = self.num_clips = 0
         return outputs
 

@@ -137,3 +137,17 @@ def test_a_session_after_a_lost_engine_begins_from_nothing() -> None:
     ledger.note(opening())
     assert ledger.number([opening()])[0] == 1
     assert ledger.settle([OPENED, closed()]) == [OPENED, closed()]
+
+
+def test_what_came_behind_a_refused_open_is_no_part_of_the_next_session_of_its_name() -> None:
+    """The engine may come to it only once a client has heard of the refusal and opened its handle again."""
+    ledger = noted(opening(), play(2))
+    ledger.note(play(3))  # which waits to be sent
+    settled = ledger.settle([outcome(1, Code.RESOURCE_EXHAUSTED)])
+    assert answers(settled) == [(1, "RESOURCE_EXHAUSTED"), (2, "CANCELLED"), (3, "CANCELLED")]
+    ledger.note(opening())
+    ledger.note(play(2))
+    _, sent = ledger.number([play(3), opening(), play(2)])
+    assert [event.event_seq for event in sent] == [1, 2]
+    assert answers(ledger.settle([outcome(2, Code.NOT_FOUND), OPENED])) == []
+    assert answers(ledger.settle([outcome(2)])) == [(2, "OK")]

@@ -49,6 +49,10 @@ class SharedStore(SqliteStore):
         self.names |= {lease.name for lease, _ in records}
         return answers
 
+    def read(self, name: str) -> bytes | None:
+        self._check()
+        return super().read(name)
+
     def take(self, name: str, holder: str) -> Held | None:
         self._check()
         return super().take(name, holder)

@@ -44,6 +44,10 @@ class LoadedModel:
         """The name that clients ask for it by."""
         return self.catalog.facts.model_id
 
+    def steps_hz(self, steps: int) -> float:
+        """Denoising steps a second that a session takes to play on, with so many a window."""
+        return steps * self.catalog.facts.fps / self.catalog.facts.horizon
+
 
 class ModelRegistry:
     """The models that sessions can be opened with, the default first; never empty. Used from the event loop only."""

@@ -77,22 +77,31 @@ class Durability:
         else:
             self.writer.drop(lease)
 
-    async def take_over(self, token: str, tenant: str) -> tuple[str, SessionRecord]:
-        """The token from now on and the record of a session that another server held. Raises NotKept."""
-        taken = asyncio.wrap_future(self.writer.take(lease_of(token).name))
+    async def take_over(
+        self, token: str, tenant: str, check: Callable[[SessionRecord], None]
+    ) -> tuple[str, SessionRecord]:
+        """The token from now on and the record of a session that another server held. Raises NotKept.
+
+        check: raises what else there is against it. Where anything is, the session stays with the server that has it.
+        """
+        name = lease_of(token).name
+
+        def read(data: bytes) -> SessionRecord:
+            record = _read(data, tenant)
+            check(record)
+            return record
+
         try:
-            held = await asyncio.wait_for(taken, TAKE_S)
+            async with asyncio.timeout(TAKE_S):
+                data = await asyncio.wrap_future(self.writer.read(name))
+                if data is not None:
+                    read(data)
+                held = None if data is None else await asyncio.wrap_future(self.writer.take(name))
         except (StoreFailed, TimeoutError) as error:
             raise NotKept(f"the store did not answer: {error}") from error
         if held is None:
             raise NotKept("the store has no such session")
-        try:
-            record = read_record(held.data)
-        except RecordRefused as error:
-            raise NotKept(str(error)) from error
-        if record.tenant != tenant:  # one tenant never learns of another's
-            raise NotKept("it is another tenant's session")
-        return token_of(token.rpartition(".")[0], held.epoch), record
+        return token_of(token.rpartition(".")[0], held.epoch), read(held.data)
 
     def adopt(self, entry: SessionEntry) -> None:
         """A session that was taken over is this server's now."""
@@ -150,6 +159,17 @@ class Durability:
         entry.durable = now
         entry.carrier.take(now)
         return True
+
+
+def _read(data: bytes, tenant: str) -> SessionRecord:
+    """The record of a tenant's session. Raises NotKept."""
+    try:
+        record = read_record(data)
+    except RecordRefused as error:
+        raise NotKept(str(error)) from error
+    if record.tenant != tenant:  # one tenant never learns of another's
+        raise NotKept("it is another tenant's session")
+    return record
 
 
 def _record_of(entry: SessionEntry, taken: SnapshotTaken) -> SessionRecord:

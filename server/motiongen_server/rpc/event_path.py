@@ -149,7 +149,7 @@ def _submit(entry: SessionEntry, message: session_pb2.SessionEvent, now: float, 
     event = engine_event(message, entry.key, now, embeddings, entry.model.catalog)
     if isinstance(event, SetOptions):
         steps = event.denoise_steps
-        steps_hz = None if steps is None else _steps_hz(steps, entry.model)
+        steps_hz = None if steps is None else entry.model.steps_hz(steps)
         entry.asked_options[message.event_seq] = event, entry.place.change(event.priority, steps_hz)
     warnings = warnings_of(message, event, entry.model.catalog)
     if warnings:
@@ -157,15 +157,9 @@ def _submit(entry: SessionEntry, message: session_pb2.SessionEvent, now: float, 
     entry.closing = isinstance(event, Close)
     if isinstance(event, Open):
         entry.coding = coding_of(message.open, entry.model.catalog)
-        entry.place.begin_steps(_steps_hz(event.spec.denoise_steps, entry.model))
+        entry.place.begin_steps(entry.model.steps_hz(event.spec.denoise_steps))
         event = replace(event, spec=replace(event.spec, owner=entry.place.peer.owner))
     entry.known_to_engine = True
     refusal = entry.model.engine.submit(event)
     if refusal is not None:
         entry.carrier.take_now(refusal)
-
-
-def _steps_hz(steps: int, model: LoadedModel) -> float:
-    """Denoising steps a second that a session takes to play on, with so many a window."""
-    facts = model.catalog.facts
-    return steps * facts.fps / facts.horizon

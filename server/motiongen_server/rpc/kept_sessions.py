@@ -48,6 +48,11 @@ class KeptSessions:
         """Sessions that wait for their client."""
         return len(self._timers)
 
+    @property
+    def can_resume(self) -> bool:
+        """Whether a session can be resumed at all: here after the loss of a transport, or out of the store."""
+        return bool(self.grace_s) or self.durability is not None
+
     def __contains__(self, key: SessionKey) -> bool:
         """Whether a session of this name lives elsewhere than on the stream that it was opened on."""
         return key in self._away

@@ -219,6 +219,7 @@ class MotionService:
             if reader.done() and not reader.exception():
                 # A lost transport, too, looks as if the client had finished; only what is written tells.
                 await asyncio.wait({stream.probe(), writer}, return_when=asyncio.FIRST_COMPLETED)
+                await stream.taken_over(writer)
             if reader.done():
                 stream.close_all(CloseReason.CLIENT)
                 stream.end()

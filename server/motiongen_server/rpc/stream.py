@@ -157,7 +157,7 @@ class Stream(StreamTakeOvers):
         asked = int(event.open.priority)
         place = self.peer.place(Priority(asked) if asked in tuple(Priority) else Priority.NEAR, now)
         entry = SessionEntry(key, model, event.open.request_id, bucket, self, handle, place)
-        entry.token = token_of(new_secret()) if self._kept.grace_s else ""
+        entry.token = token_of(new_secret()) if self._kept.can_resume else ""
         self._entries[handle] = self._by_key[key] = entry
         return entry
 

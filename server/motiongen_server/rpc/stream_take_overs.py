@@ -57,6 +57,11 @@ class StreamTakeOvers(StreamSessions):
         self._taking_over.add(task)
         task.add_done_callback(self._taking_over.discard)
 
+    async def taken_over(self, writer: asyncio.Task[None]) -> None:
+        """Wait, as long as there is a writer, until no session is on its way: who has finished is owed its answer."""
+        while self._taking_over and not writer.done():
+            await asyncio.wait({writer, *self._taking_over}, return_when=asyncio.FIRST_COMPLETED)
+
     async def _take_over(
         self, handle: int, opening: session_pb2.OpenSession, durability: Durability, now: float
     ) -> None:
@@ -65,8 +70,8 @@ class StreamTakeOvers(StreamSessions):
         try:
             if not self.accepts_opens:
                 raise draining()
-            token, record = await claimed(durability, opening, self.peer)
-            if not self.ended:  # else its client will come again, here or elsewhere
+            token, record = await claimed(durability, opening, self.peer, self._models)
+            if not self.ended:  # else its client has gone, and will come again, here or elsewhere
                 self._adopt(record, token, opening, key, durability, now)
         except EventRefused as refusal:
             self._stream_metrics.count_resume("refused")

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import GoingOn, Open, SessionKey
+from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import ModelRegistry
 from motiongen_server.rpc.convert.frames import FrameCoding
 from motiongen_server.rpc.durability import Durability, NotKept
@@ -19,19 +20,26 @@ from motiongen_server.snapshots.record import SessionRecord
 _log = logging.getLogger(__name__)
 
 
-async def claimed(durability: Durability, opening: session_pb2.OpenSession, peer: Peer) -> tuple[str, SessionRecord]:
+async def claimed(
+    durability: Durability, opening: session_pb2.OpenSession, peer: Peer, models: ModelRegistry
+) -> tuple[str, SessionRecord]:
     """The record that an OpenSession's token stands for, and the token from now on; no other server writes it any more.
 
     Raises EventRefused where there is none, or it lacks what the client knows of: acknowledged events are never lost.
+    A message that was under way for long, and a server without the model, take nothing from who serves the session.
     """
     point = opening.resume_point
+
+    def check(record: SessionRecord) -> None:
+        if point.attempt <= record.attempt:
+            raise resume_superseded(point.attempt, record.attempt)
+        models.find(record.snapshot.spec.model_id)
+
     try:
-        token, record = await durability.take_over(opening.resume_token, peer.tenant)
+        token, record = await durability.take_over(opening.resume_token, peer.tenant, check)
     except NotKept as error:
         _log.info("a session is not gone on with: %s", error)
         raise session_not_kept() from error
-    if point.attempt <= record.attempt:
-        raise resume_superseded(point.attempt, record.attempt)
     if record.taken_seq < point.answered_seq:
         raise events_not_saved(record.taken_seq, point.answered_seq)
     return token, record
@@ -51,12 +59,17 @@ def adopted(
 ) -> tuple[SessionEntry, Open]:
     """The books of a session on a stream, by the handle of the key, and what its engine is to be given.
 
-    Raises EventRefused where its model is not served, or its peer has no place for it.
+    Raises EventRefused where its model is not served, or its peer has no place or no steps for it.
     """
     snapshot, point = record.snapshot, opening.resume_point
     model = models.find(snapshot.spec.model_id)
-    spec = replace(snapshot.spec, session=key, gaits=model.catalog.gaits)
+    spec = replace(snapshot.spec, session=key, gaits=model.catalog.gaits, owner=peer.owner)
     place, bucket = peer.place(spec.priority, now), TokenBucket(events_per_second, now)
+    try:
+        place.begin_steps(model.steps_hz(spec.denoise_steps))
+    except EventRefused:
+        place.release()
+        raise
     entry = SessionEntry(key, model, record.request_id, bucket, carrier, key.handle, place)
     entry.token, entry.attempt = token, point.attempt
     entry.is_resuming = entry.known_to_engine = True

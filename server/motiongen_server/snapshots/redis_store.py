@@ -18,6 +18,7 @@ redis.call('HSET', KEYS[1], 'e', ARGV[1], 'd', ARGV[2])
 redis.call('PEXPIRE', KEYS[1], ARGV[3])
 return 1
 """
+_READ = "return redis.call('HGET', KEYS[1], 'd')"
 _TAKE = """
 local data = redis.call('HGET', KEYS[1], 'd')
 if not data then return false end
@@ -52,6 +53,11 @@ class RedisStore:
         """As in SnapshotStore: one round trip for all."""
         answers = self._all(_SAVE, [(lease.name, (lease.epoch, data, self._keep_ms)) for lease, data in records])
         return [answer == 1 for answer in answers]
+
+    def read(self, name: str) -> bytes | None:
+        """As in SnapshotStore."""
+        (answer,) = self._all(_READ, [(name, ())])
+        return None if answer is None else bytes(answer)
 
     def take(self, name: str, holder: str) -> Held | None:
         """As in SnapshotStore."""

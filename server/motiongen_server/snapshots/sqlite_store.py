@@ -30,6 +30,7 @@ _TAKE = """
     UPDATE sessions SET epoch = epoch + 1, holder = ?, expires_at = ? WHERE name = ? AND expires_at > ?
     RETURNING epoch, data
 """
+_READ = "SELECT data FROM sessions WHERE name = ? AND expires_at > ?"
 _DROP = "DELETE FROM sessions WHERE name = ? AND epoch = ?"
 _EXPIRE = "DELETE FROM sessions WHERE expires_at <= ?"
 
@@ -65,6 +66,11 @@ class SqliteStore:
                 connection.execute(_SAVE, (*lease, expires_at, data)).rowcount > 0 for lease, data in records
             ]
         )
+
+    def read(self, name: str) -> bytes | None:
+        """As in SnapshotStore."""
+        row = self._do(lambda connection: connection.execute(_READ, (name, self._clock())).fetchone())
+        return None if row is None else bytes(row[0])
 
     def take(self, name: str, holder: str) -> Held | None:
         """As in SnapshotStore."""

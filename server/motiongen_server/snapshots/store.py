@@ -45,6 +45,10 @@ class SnapshotStore(Protocol):
         """Put records in place of those before them. False, in the same order: fenced, another holds a higher epoch."""
         ...
 
+    def read(self, name: str) -> bytes | None:
+        """The record of a session, which stays with whoever holds it. None: there is no record."""
+        ...
+
     def take(self, name: str, holder: str) -> Held | None:
         """Take a session over: raise its epoch and return its record, as one step. None: there is no record."""
         ...

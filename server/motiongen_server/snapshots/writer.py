@@ -109,6 +109,10 @@ class SnapshotWriter:
         with self._lock:
             self._leases.discard(lease)
 
+    def read(self, name: str) -> Future[bytes | None]:
+        """The record of a session, whoever holds it. Its exception is StoreFailed."""
+        return self._takers.submit(self._store.read, name)
+
     def take(self, name: str) -> Future[Held | None]:
         """Take a session over from whoever held it. Its exception is StoreFailed."""
         return self._takers.submit(self._store.take, name, self._holder)

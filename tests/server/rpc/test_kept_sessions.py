@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import pytest
 
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Open, Outcome, Resume, SessionKey
+from motiongen_server.rpc.durability import Durability
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from tests.server.rpc.test_event_order import HANDLE, Engine, Line
+from tests.server.snapshots.test_writer import Store
 
 KEY = SessionKey(1, HANDLE)
 
@@ -71,3 +75,14 @@ async def test_nothing_is_left_of_one_that_is_refused_after_its_stream_has_gone(
     assert carrier is not None
     carrier.take(Outcome(KEY, 1, Code.RESOURCE_EXHAUSTED))
     assert not kept.has_away
+
+
+async def test_one_that_no_lost_transport_is_waited_for_can_still_be_saved() -> None:
+    """Its server may be lost, too; and without a token nothing of a session is saved."""
+    durability = Durability(Store(), asyncio.get_running_loop(), lambda _: None)
+    line = Line(kept=KeptSessions(0.0, durability=durability))
+    line.open()
+    assert token_of(line)
+    line.stream.lose()
+    assert line.engine.kinds() == [Open, Close], "it is closed at once all the same"
+    await asyncio.to_thread(durability.close)

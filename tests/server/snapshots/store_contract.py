@@ -17,8 +17,10 @@ class StoreContract:
         one, other = stores
         assert one.save([(Lease("a", 1), b"\x00one"), (Lease("b", 1), b"two")]) == [True, True]
         assert one.save([(Lease("a", 1), b"three\xff")]) == [True]
+        assert other.read("a") == b"three\xff"
+        assert one.renew([Lease("a", 1)]) == [Renewal.KEPT], "reading takes nothing"
         assert other.take("a", "other") == (2, b"three\xff")
-        assert other.take("c", "other") is None
+        assert other.take("c", "other") is other.read("c") is None
         assert one.save([]) == []
 
     def test_who_was_taken_from_writes_nothing_any_more(self, stores: Two) -> None:

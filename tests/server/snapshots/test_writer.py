@@ -40,6 +40,10 @@ class Store:
                 self.records[lease.name] = lease.epoch, data
         return answers
 
+    def read(self, name: str) -> bytes | None:
+        self._check()
+        return self.records[name][1] if name in self.records else None
+
     def take(self, name: str, holder: str) -> Held | None:
         self._check()
         return Held(2, b"") if name in self.records else None

@@ -1,0 +1,133 @@
+"""Sessions that other servers have: who may take them over, what it costs, and what a refusal leaves as it was."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from dataclasses import replace
+from pathlib import Path
+
+import grpc.aio
+import pytest
+
+from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
+from motiongen_server.engine.types import Guidance
+from motiongen_server.errors import EventRefused
+from motiongen_server.models.registry import LoadedModel, ModelRegistry
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.durability import Durability, lease_of
+from motiongen_server.rpc.limits import Limits, PeerLimits
+from motiongen_server.rpc.peers import Peer
+from motiongen_server.rpc.taking_over import adopted, claimed
+from motiongen_server.snapshots.record import write_record
+from motiongen_server.snapshots.sqlite_store import SqliteStore
+from motiongen_server.snapshots.store import Renewal
+from tests.contract.local import LocalServer
+from tests.server.engine.fakes import FACTS
+from tests.server.rpc.test_event_order import Engine, Prompts
+from tests.server.snapshots.records import KEY, a_record
+from tests.waiting import LIMIT_S
+
+TOKEN = "secret.1"
+RECORD = a_record()
+
+
+def of_model(model_id: str) -> ModelRegistry:
+    facts = replace(FACTS, model_id=model_id)
+    catalog = Catalog(facts, Limits(), Guidance(2.0, 2.0), "CC0-1.0", text_encoder="counted", history_frames=16)
+    return ModelRegistry(LoadedModel("fake", Engine(), Prompts(), catalog))  # type: ignore[arg-type]
+
+
+def resuming(attempt: int) -> session_pb2.OpenSession:
+    return session_pb2.OpenSession(resume_token=TOKEN, resume_point=session_pb2.ResumePoint(attempt=attempt))
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> SqliteStore:
+    """With a session that another server has."""
+    store = SqliteStore(tmp_path / "store.sqlite", 60.0)
+    store.save([(lease_of(TOKEN), write_record(RECORD))])
+    return store
+
+
+@pytest.fixture
+async def durability(store: SqliteStore) -> AsyncIterator[Durability]:
+    durability = Durability(store, asyncio.get_running_loop(), lambda _: None)
+    yield durability
+    await asyncio.to_thread(durability.close)
+
+
+@pytest.mark.parametrize(
+    ("tenant", "attempt", "model_id", "reason"),
+    [
+        ("thief", 9, "fake", "SESSION_NOT_KEPT"),
+        ("studio", RECORD.attempt, "fake", "RESUME_SUPERSEDED"),
+        ("studio", 9, "another", "UNKNOWN_MODEL"),
+    ],
+)
+async def test_who_may_not_take_a_session_over_takes_nothing_from_who_has_it(
+    durability: Durability, store: SqliteStore, tenant: str, attempt: int, model_id: str, reason: str
+) -> None:
+    peer = Peer(PeerLimits(), 0.0, tenant)
+    with pytest.raises(EventRefused) as refused:
+        await claimed(durability, resuming(attempt), peer, of_model(model_id))
+    assert refused.value.reason == reason
+    assert store.renew([lease_of(TOKEN)]) == [Renewal.KEPT]
+
+
+async def test_who_may_does(durability: Durability, store: SqliteStore) -> None:
+    peer = Peer(PeerLimits(), 0.0, "studio")
+    token, record = await claimed(durability, resuming(9), peer, of_model("fake"))
+    assert (token, record.taken_seq) == ("secret.2", RECORD.taken_seq)
+    assert store.renew([lease_of(TOKEN)]) == [Renewal.FENCED]
+
+
+def test_its_steps_count_for_its_tenant_as_those_of_any_session() -> None:
+    models = of_model("fake")
+    needed_hz = models.default.steps_hz(RECORD.snapshot.spec.denoise_steps)
+    peer = Peer(PeerLimits(steps_per_second=1.5 * needed_hz, share=3.0), 0.0, "studio", "tenant:studio")
+
+    def take_over() -> float:
+        entry, event = adopted(
+            RECORD,
+            TOKEN,
+            resuming(9),
+            KEY,
+            models=models,
+            peer=peer,
+            carrier=None,
+            events_per_second=50.0,
+            now=0.0,  # type: ignore[arg-type]
+        )
+        assert entry.place.peer is peer
+        return event.spec.owner.weight
+
+    assert take_over() == 3.0, "the share that its tenant has now"
+    with pytest.raises(EventRefused) as refused:
+        take_over()
+    assert refused.value.reason == "STEPS_QUOTA"
+    assert peer.num_sessions == 1
+
+
+class SlowStore(SqliteStore):
+    """Takes a while to say what it has."""
+
+    def read(self, name: str) -> bytes | None:
+        time.sleep(0.3)
+        return super().read(name)
+
+
+async def test_a_client_that_finishes_while_the_store_is_asked_has_its_answer(tmp_path: Path) -> None:
+    store = SlowStore(tmp_path / "store.sqlite", 60.0)
+    opening = session_pb2.SessionEvent(session=1, event_seq=1, open=resuming(1))
+    request = service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello(), events=[opening])
+    async with (
+        asyncio.timeout(LIMIT_S),
+        LocalServer(snapshots=store) as server,
+        grpc.aio.insecure_channel(server.address) as channel,
+    ):
+        call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion(iter([request]))
+        heard = [update async for response in call for update in response.updates]
+        assert await call.code() is grpc.StatusCode.OK
+    assert [update.outcome.reason for update in heard] == ["SESSION_NOT_KEPT"]

@@ -41,6 +41,13 @@ def invalid_event_seq(given: int) -> EventRefused:
     return EventRefused(Code.INVALID_ARGUMENT, "INVALID_EVENT_SEQ", f"event_seq is {given}", "event_seq", allowed)
 
 
+def handle_away(handle: int) -> EventRefused:
+    """Another stream goes on with the session that was opened here by that handle, which closed as TAKEN_OVER."""
+    message = f"another stream goes on with the session that was opened by handle {handle}"
+    allowed = "another handle, or this one after the SessionClosed of that session there"
+    return EventRefused(Code.ALREADY_EXISTS, "HANDLE_IN_USE", message, "session", allowed)
+
+
 def session_not_kept() -> EventRefused:
     """A resume came with a token of no session that lives here."""
     allowed = "the token of a session that lives; open it anew, with prior_frames"

@@ -24,6 +24,7 @@ from motiongen_server.rpc.budget import PATH_COST, REFUSAL_COST
 from motiongen_server.rpc.convert import check_resume, num_paths, playhead_of
 from motiongen_server.rpc.durability import new_secret, token_of
 from motiongen_server.rpc.event_errors import (
+    handle_away,
     invalid_event_seq,
     resume_superseded,
     sequence_gap,
@@ -141,8 +142,8 @@ class Stream(StreamTakeOvers):
                 return None  # the same open again
             raise handle_in_use(handle)
         key = SessionKey(self.number, handle)
-        if key in self._kept:  # another stream goes on with the session that was opened here by this handle
-            raise handle_in_use(handle)
+        if key in self._kept:
+            raise handle_away(handle)
         if event.event_seq != 1:
             raise sequence_gap(event.event_seq, 1)
         if len(self._entries) + len(self._held_back) >= limits.max_sessions_per_stream:

@@ -86,3 +86,16 @@ async def test_one_that_no_lost_transport_is_waited_for_can_still_be_saved() -> 
     line.stream.lose()
     assert line.engine.kinds() == [Open, Close], "it is closed at once all the same"
     await asyncio.to_thread(durability.close)
+
+
+async def test_the_handle_of_one_that_another_stream_goes_on_with_is_refused_with_what_is_so(
+    line: Line, kept: KeptSessions
+) -> None:
+    line.open()
+    other = resume(kept, line.engine, token_of(line))
+    line.send(1, open=session_pb2.OpenSession())
+    refused = next(update.outcome for update in line.updates() if update.HasField("outcome"))
+    assert (refused.reason, refused.allowed.partition(",")[0]) == ("HANDLE_IN_USE", "another handle")
+    other.stream.take(Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0))
+    line.send(1, open=session_pb2.OpenSession())
+    assert len(line.refusals()) == 1, "the session has ended"

@@ -22,7 +22,7 @@ from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.taking_over import adopted, claimed
 from motiongen_server.snapshots.record import write_record
 from motiongen_server.snapshots.sqlite_store import SqliteStore
-from motiongen_server.snapshots.store import Renewal
+from motiongen_server.snapshots.store import Held, Renewal
 from tests.contract.local import LocalServer
 from tests.server.engine.fakes import FACTS
 from tests.server.rpc.test_event_order import Engine, Prompts
@@ -116,6 +116,10 @@ class SlowStore(SqliteStore):
     def read(self, name: str) -> bytes | None:
         time.sleep(0.3)
         return super().read(name)
+
+    def take(self, name: str, holder: str) -> Held | None:
+        time.sleep(0.3)
+        return super().take(name, holder)
 
 
 async def test_a_client_that_finishes_while_the_store_is_asked_has_its_answer(tmp_path: Path) -> None:

@@ -3,14 +3,37 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import socket
 import ssl
+from typing import Any
 
 from starlette.applications import Starlette
 
 from motiongen_server.addresses import join_address
-from motiongen_server.ops.http import OpsServer
+from motiongen_server.ops.http import MOST_CONNECTIONS, OpsServer
 from motiongen_server.settings import SettingError
+
+
+class BoundedListener(socket.socket):
+    """Has so many connections at most, those among them that have not come to the end of their TLS handshake.
+
+    Of these a protocol hears nothing, and asyncio waits a minute for each: whoever only connects would take all
+    descriptors. The oldest has to go.
+    """
+
+    def __init__(self, listening: socket.socket) -> None:
+        super().__init__(fileno=listening.detach())
+        self._held: list[socket.socket] = []
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        connection, address = super().accept()
+        self._held = [held for held in self._held if held.fileno() >= 0]
+        self._held.append(connection)
+        if len(self._held) > MOST_CONNECTIONS:
+            with contextlib.suppress(OSError):  # its client has gone
+                self._held.pop(0).shutdown(socket.SHUT_RDWR)
+        return connection, address
 
 
 class OpsPort:
@@ -29,7 +52,7 @@ class OpsPort:
         try:
             # Bound here, because uvicorn ends the process when it cannot.
             family = socket.AF_INET6 if ":" in host else socket.AF_INET
-            listener = socket.create_server((host, self.port), family=family)
+            listener = BoundedListener(socket.create_server((host, self.port), family=family))
         except OSError as error:
             address = join_address(host, self.port)
             raise SettingError(f"cannot listen on {address} (ops); choose another port, or 0: {error}") from error

@@ -15,6 +15,8 @@ from motiongen_server.ops.port import OpsPort
 from tests.server.identity.files import CERTIFICATES
 from tests.waiting import LIMIT_S, until_true
 
+SOON_S = 20.0
+"""Less than the minute after which asyncio gives a handshake up."""
 PAIR = TlsFiles(str(CERTIFICATES / "server-1.pem"), str(CERTIFICATES / "server-1.key"))
 
 
@@ -38,6 +40,7 @@ async def test_who_only_connects_takes_no_more_than_there_are_places(by_tls: boo
                 connections.append(held.enter_context(socket.create_connection(("127.0.0.1", port.port))))
                 connections[-1].setblocking(False)
                 await asyncio.sleep(0.01)
-            await until_true(lambda: sum(map(is_held, connections)) <= MOST_CONNECTIONS)
+            async with asyncio.timeout(SOON_S):
+                await until_true(lambda: sum(map(is_held, connections)) <= MOST_CONNECTIONS)
             assert is_held(connections[-1]), "the oldest go"
         await port.stop()

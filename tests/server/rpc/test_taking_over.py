@@ -7,6 +7,7 @@ import time
 from collections.abc import AsyncIterator
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import grpc.aio
 import pytest
@@ -19,6 +20,7 @@ from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.durability import Durability, lease_of
 from motiongen_server.rpc.limits import Limits, PeerLimits
 from motiongen_server.rpc.peers import Peer
+from motiongen_server.rpc.session_entry import Carrier
 from motiongen_server.rpc.taking_over import adopted, claimed
 from motiongen_server.snapshots.record import write_record
 from motiongen_server.snapshots.sqlite_store import SqliteStore
@@ -30,6 +32,7 @@ from tests.server.snapshots.records import KEY, a_record
 from tests.waiting import LIMIT_S
 
 TOKEN = "secret.1"
+NOBODY = cast(Carrier, None)  # tells of it
 RECORD = a_record()
 
 
@@ -96,9 +99,9 @@ def test_its_steps_count_for_its_tenant_as_those_of_any_session() -> None:
             KEY,
             models=models,
             peer=peer,
-            carrier=None,
+            carrier=NOBODY,
             events_per_second=50.0,
-            now=0.0,  # type: ignore[arg-type]
+            now=0.0,
         )
         assert entry.place.peer is peer
         return event.spec.owner.weight

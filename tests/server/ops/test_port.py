@@ -39,7 +39,7 @@ async def test_who_only_connects_takes_no_more_than_there_are_places(by_tls: boo
             for _ in range(MOST_CONNECTIONS + 40):
                 connections.append(held.enter_context(socket.create_connection(("127.0.0.1", port.port))))
                 connections[-1].setblocking(False)
-                await asyncio.sleep(0.01)
+                await asyncio.sleep(0)
             async with asyncio.timeout(SOON_S):
                 await until_true(lambda: sum(map(is_held, connections)) <= MOST_CONNECTIONS)
             assert is_held(connections[-1]), "the oldest go"

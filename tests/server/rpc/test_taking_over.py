@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import time
+import threading
 from collections.abc import AsyncIterator
 from dataclasses import replace
 from pathlib import Path
@@ -114,27 +114,35 @@ def test_its_steps_count_for_its_tenant_as_those_of_any_session() -> None:
 
 
 class SlowStore(SqliteStore):
-    """Takes a while to say what it has."""
+    """Says what it has once its gate is open."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, 60.0)
+        self.gate = threading.Event()
 
     def read(self, name: str) -> bytes | None:
-        time.sleep(0.3)
+        self.gate.wait(LIMIT_S)
         return super().read(name)
 
     def take(self, name: str, holder: str) -> Held | None:
-        time.sleep(0.3)
+        self.gate.wait(LIMIT_S)
         return super().take(name, holder)
 
 
 async def test_a_client_that_finishes_while_the_store_is_asked_has_its_answer(tmp_path: Path) -> None:
-    store = SlowStore(tmp_path / "store.sqlite", 60.0)
+    store = SlowStore(tmp_path / "store.sqlite")
     opening = session_pb2.SessionEvent(session=1, event_seq=1, open=resuming(1))
     request = service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello(), events=[opening])
+    heard: list[session_pb2.SessionUpdate] = []
     async with (
         asyncio.timeout(LIMIT_S),
         LocalServer(snapshots=store) as server,
         grpc.aio.insecure_channel(server.address) as channel,
     ):
         call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion(iter([request]))
-        heard = [update async for response in call for update in response.updates]
+        async for response in call:
+            heard += response.updates
+            if not response.ByteSize():  # the server has seen that its client has finished
+                store.gate.set()
         assert await call.code() is grpc.StatusCode.OK
     assert [update.outcome.reason for update in heard] == ["SESSION_NOT_KEPT"]

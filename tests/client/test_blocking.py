@@ -41,7 +41,7 @@ def test_everything_a_character_can_be_told_can_be_told_here() -> None:
     def methods(kind: type) -> set[str]:
         return {name for name in dir(kind) if not name.startswith("_")}
 
-    for_streams = {"begin", "fail", "hear", "interrupt", "is_over", "is_reporting", "reattach", "report"}
+    for_streams = {"abandon", "begin", "fail", "hear", "interrupt", "is_over", "is_reporting", "reattach", "report"}
     only_there = for_streams | {"glance", "is_same", "is_waiting", "move", "wait_for_room"}
     assert methods(Asynchronous) - methods(Blocking) == only_there
 

@@ -83,6 +83,15 @@ async def test_a_key_that_leads_to_the_same_server_is_followed_once(server: Fake
     assert [len(each.received) for each in server.streams] == [1, 0], "it is not asked to open again"
 
 
+async def test_a_key_of_the_application_is_kept_where_its_server_is_full(server: FakeServer) -> None:
+    server.refuse = full(("", "0123456789abcdef"))
+    async with MotionClient(server.address, metadata=[("x-motiongen-key", "player-7")]) as client:
+        with pytest.raises(EventRefused):
+            await client.open("walk")
+    assert {each["x-motiongen-key"] for each in server.metadata} == {"player-7"}
+    assert len(server.streams) == 1
+
+
 async def test_servers_that_name_each_other_are_each_asked_once(server: FakeServer, other: FakeServer) -> None:
     server.refuse, other.refuse = full((other.address, "")), full((server.address, ""), (other.address, ""))
     async with MotionClient(server.address, other_addresses={server.address, other.address}) as client:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import math
 
+import grpc
 import pytest
 
 from motiongen.v1 import session_pb2
 from motiongen_client import (
     ConstraintReached,
+    EventRefused,
     HeadingTarget,
     InvalidInput,
     JointRotations,
@@ -99,3 +101,45 @@ def test_rotations_that_do_not_fit_their_joints_are_refused_here(joints: list[in
 def test_a_tolerance_that_cannot_be_is_refused_here(tolerance: dict[str, float]) -> None:
     with pytest.raises(InvalidInput, match="tolerance"):
         Waypoint(30, 1.0, 2.0, **tolerance)
+
+
+async def test_one_that_was_refused_is_not_waited_for(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    server.refuse = lambda event: "FRAME_COMMITTED" if event.HasField("edit_constraints") else ""
+    edit = session.add_waypoint(1.0, 2.0, frame=1)
+    for _ in range(2):  # who waits for the answer, and who asks later
+        with pytest.raises(EventRefused, match="FRAME_COMMITTED"):
+            await session.constraint_reached(edit.constraint_ids[0])
+
+
+async def test_what_became_of_one_stays_known_where_another_does_not_take_its_place(
+    client: MotionClient, server: FakeServer
+) -> None:
+    session = await client.open("a person walks")
+    edit = session.add_waypoint(1.0, 2.0, frame=30)
+    await edit
+    server.stream.push(session.handle, constraint_reached=told(30))
+    reached = await session.constraint_reached(edit.constraint_ids[0])
+    server.refuse = lambda event: "FRAME_COMMITTED" if event.HasField("edit_constraints") else ""
+    with pytest.raises(EventRefused):
+        await session.replace_constraint(reached.constraint_id, Waypoint(31, 1.0, 2.0))
+    async with asyncio.timeout(5):
+        assert await session.constraint_reached(reached.constraint_id) == reached
+
+
+async def test_one_whose_frames_passed_while_the_line_was_lost_is_not_waited_for(
+    client: MotionClient, server: FakeServer
+) -> None:
+    session = await client.open("a person walks")
+    early = session.add_waypoint(1.0, 2.0, frame=session.playback.playhead + 10)
+    late = session.add_waypoint(1.0, 2.0, frame=100_000)
+    await late
+    waiting = asyncio.ensure_future(session.constraint_reached(late.constraint_ids[0]))
+    server.stream.fail(grpc.StatusCode.UNAVAILABLE)  # and the server has kept nothing
+    with pytest.raises(EventRefused, match="its frames have passed"):
+        await session.constraint_reached(early.constraint_ids[0])
+    assert session.stats.reopenings == 1
+    assert not waiting.done()
+    await session.close()
+    with pytest.raises(SessionEnded):
+        await waiting

@@ -29,9 +29,13 @@ class Edit:
     def __init__(self, loop: BackgroundLoop, inner: edit.Edit) -> None:
         self._loop = loop
         self._inner = inner
-        self.event_seq = inner.event_seq
         self.constraint_ids = inner.constraint_ids
         self.prompt_id = inner.prompt_id
+
+    @property
+    def event_seq(self) -> int:
+        """Its number in the session; another one where the session had to be opened anew."""
+        return self._inner.event_seq
 
     def wait(self) -> Outcome:
         """The server's answer. Raises EventRefused, SessionEnded or StreamLost."""

@@ -128,9 +128,10 @@ class Call:
             failure = violation
             _log.error("%s; giving the stream up", violation)
         except asyncio.CancelledError:
-            if not self._is_closing and self._failure is None:
+            task = asyncio.current_task()
+            if task is not None and task.cancelling() and not self._is_closing and self._failure is None:
                 raise
-            failure = StreamLost("CANCELLED", "the stream was closed here")
+            failure = StreamLost("CANCELLED", "the stream was closed here")  # so grpc.aio tells it of a closed channel
         self._end(failure)
 
     async def _write(self, call: _Call, connecting: asyncio.Task[None], hello: service_pb2.ClientHello) -> None:

@@ -148,11 +148,13 @@ class Calls:
 
     async def _try_call(self) -> None:
         await self._drop_channel()
+        self._check_open()
         channel = self._channel = self._connect()
         call = Call(channel, self._take, self._lose, self._max_request_bytes)
         try:
             await call.greet(self._agent, self._address, self._policy.hello_timeout_s)
             await self._events.greeted(channel)
+            self._check_open()
         except BaseException:
             await call.close()
             raise
@@ -163,6 +165,11 @@ class Calls:
         self.reconnect_after_s, self.other_servers = 0.0, ()
         self._events.begun()
         self._tell()
+
+    def _check_open(self) -> None:
+        """Raise StreamLost where the stream was closed while a call was made."""
+        if self._closing:
+            raise StreamLost("CANCELLED", "the stream was closed here")
 
     async def _drop_channel(self) -> None:
         channel, self._channel = self._channel, None
@@ -209,6 +216,9 @@ class Calls:
             except MotiongenError as violation:
                 failure = violation
                 break
+            except Exception as fault:  # of what gives the token: its own line may be as lost as this one
+                _log.warning("no call to %s can be made: %s", self._address, fault)
+                failure = StreamLost("UNAVAILABLE", f"no call could be made: {fault}")
             if self._route is not None:
                 self._route.pass_over(is_starting=isinstance(failure, StreamLost) and failure.reason == STARTING)
         self._end(failure)

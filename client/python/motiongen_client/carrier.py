@@ -16,6 +16,10 @@ class Carrier(Protocol):
         """Rises with each call that takes the place of a lost one."""
 
     @property
+    def is_connected(self) -> bool:
+        """Whether there is a call at present."""
+
+    @property
     def draining(self) -> bool:
         """Whether the server has said goodbye."""
 

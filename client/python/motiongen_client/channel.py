@@ -137,19 +137,15 @@ class Route:
 
     def change(self) -> None:
         """Have the next channel lead elsewhere, where a proxy places calls by their key and it was drawn here."""
-        if self._has_drawn_key:
+        if has_drawn_key(self._settings):
             self._settings = self._settings.routed_by(drawn_key())
-
-    @property
-    def _has_drawn_key(self) -> bool:
-        return DRAWN_KEY.fullmatch(self._settings.routing_key) is not None
 
     def _way(self, server: OtherServer) -> ChannelSettings | None:
         """By the server's own address where that is allowed, else by its key; None where neither leads there."""
         if server.address and self._is_allowed(server.address):
             with suppress(InvalidInput):  # it is none
                 return replace(self._settings, address=server.address)
-        if server.routing_key and self._has_drawn_key:
+        if server.routing_key and has_drawn_key(self._settings):
             with suppress(InvalidInput):  # metadata cannot carry it
                 return replace(self._settings, address=self._own_address).routed_by(server.routing_key)
         return None
@@ -181,6 +177,11 @@ class _WithMetadata:
 def drawn_key() -> str:
     """A key for a client that has none."""
     return secrets.token_hex(8)
+
+
+def has_drawn_key(settings: ChannelSettings) -> bool:
+    """Whether its key is none that an application has chosen."""
+    return DRAWN_KEY.fullmatch(settings.routing_key) is not None
 
 
 def _host_of(address: str) -> str:

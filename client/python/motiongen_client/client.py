@@ -14,13 +14,13 @@ from motiongen.v1 import service_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_client import clip, convert
 from motiongen_client.backoff import Backoff
-from motiongen_client.channel import REPLICA_KEY, ChannelSettings, Option, Route, Token, drawn_key
+from motiongen_client.channel import REPLICA_KEY, ChannelSettings, Option, Route, Token, drawn_key, has_drawn_key
 from motiongen_client.elsewhere import Elsewhere
-from motiongen_client.errors import MotiongenError, ServerUnavailable
+from motiongen_client.errors import ServerUnavailable, StreamLost
 from motiongen_client.line_policy import LinePolicy
 from motiongen_client.prompts import Prompt
 from motiongen_client.session import Session
-from motiongen_client.status import NOT_ALLOWED, error_of
+from motiongen_client.status import NOT_ALLOWED, answer_of, error_of
 from motiongen_client.stream import Stream
 from motiongen_client.types import NO_PROMPTS, Catalog, Clip, Constraint, SessionOptions
 
@@ -60,8 +60,10 @@ class MotionClient:
         self._channel: grpc.aio.Channel | None = None
         self._stub: MotionServiceStub
         self._streams: list[Stream] = []
-        self._elsewhere = Elsewhere(self._stream, other_addresses)
+        takes_keys = has_drawn_key(self._settings)
+        self._elsewhere = Elsewhere(self._stream, other_addresses, takes_keys=takes_keys)
         self._own_stream: Stream | None = None
+        self._starting: asyncio.Task[Stream] | None = None  # of the client's own stream
 
     async def connect(self) -> MotionClient:
         """Wait for the server and fetch its catalogue. `async with` does it. Raises ServerUnavailable or NotAllowed."""
@@ -69,7 +71,7 @@ class MotionClient:
         self._stub = MotionServiceStub(self._channel)
         try:
             self.catalog = convert.catalog(await self._await_catalog())
-        except MotiongenError:
+        except BaseException:
             await self.close()
             raise
         return self
@@ -82,7 +84,8 @@ class MotionClient:
             left_s = ends_s - time()
             try:
                 request = service_pb2.GetCatalogRequest()
-                return await self._stub.GetCatalog(request, timeout=max(left_s, 0.001), wait_for_ready=True)
+                call = self._stub.GetCatalog(request, timeout=max(left_s, 0.001), wait_for_ready=True)
+                return await answer_of(call)
             except grpc.aio.AioRpcError as error:
                 failure = error
             if failure.code() in NOT_ALLOWED:
@@ -99,6 +102,7 @@ class MotionClient:
 
     def _stream(self, address: str, routing_key: str, report_hz: float = 4.0, *, moves: bool = True) -> Stream:
         """One to another address, or by another key, where these are given. moves: sessions may leave it for others."""
+        self._check_connected()
         settings = replace(self._settings, address=address or self.address)
         route = Route(settings.routed_by(routing_key) if routing_key else settings, self._elsewhere.is_allowed)
         stream = Stream(
@@ -111,8 +115,21 @@ class MotionClient:
             move=self._elsewhere.move if moves else None,
             route=route,
         )
+        self._streams = [each for each in self._streams if not each.is_over]
         self._streams.append(stream)
         return stream
+
+    async def _own(self) -> Stream:
+        """The stream that `open` uses; those who ask at once wait for the same one."""
+        if self._own_stream is not None and not self._own_stream.is_over:
+            return self._own_stream
+        if self._starting is None or self._starting.done():
+            self._starting = asyncio.create_task(self._start_own(), name="motiongen-start")
+        return await asyncio.shield(self._starting)  # one who gives up must not end it for the others
+
+    async def _start_own(self) -> Stream:
+        self._own_stream = await self._stream("", "").start()
+        return self._own_stream
 
     @property
     def is_connected(self) -> bool:
@@ -133,15 +150,14 @@ class MotionClient:
         Where the server has no room, one that it names is asked, on a stream of its own; so it is when the session is
         to go on after a loss.
         """
-        if self._own_stream is None or self._own_stream.is_over:
-            self._own_stream = await self._stream("", "").start()
+        own = await self._own()
 
         async def open_on(stream: Stream) -> Session:
             return await stream.open(
                 prompt, later_prompts=later_prompts, options=options, constraints=constraints, keep_s=keep_s
             )
 
-        return await self._elsewhere.open(self._own_stream, open_on)
+        return await self._elsewhere.open(own, open_on)
 
     async def generate_clip(
         self,
@@ -159,6 +175,7 @@ class MotionClient:
         later_prompts: by the frame they take over at. Sample n has the seed + n. timeout_s: after which the server
         stops working on it. Raises InvalidInput, EventRefused, DeadlineExceeded or ServerUnavailable.
         """
+        self._check_connected()
         return await clip.generate_clip(
             self._stub,
             self.address,
@@ -172,16 +189,20 @@ class MotionClient:
             timeout_s=timeout_s,
         )
 
+    def _check_connected(self) -> None:
+        if self._channel is None:
+            raise StreamLost("CANCELLED", "the client is closed, or was never connected")
+
     async def close(self) -> None:
         """End all streams and the connection. May be called again."""
+        channel, self._channel = self._channel, None  # from now on there are no new streams
         await self._elsewhere.close()
         for stream in self._streams:
             await stream.close()
         self._streams.clear()
         self._own_stream = None
-        if self._channel is not None:
-            await self._channel.close(None)
-            self._channel = None
+        if channel is not None:
+            await channel.close(None)
 
     async def __aenter__(self) -> MotionClient:
         return await self.connect()

@@ -16,7 +16,7 @@ from motiongen_client import convert
 from motiongen_client.errors import DeadlineExceeded, InvalidInput, ProtocolViolation
 from motiongen_client.motion import Float32, Motion, Rig
 from motiongen_client.prompts import Prompt
-from motiongen_client.status import error_of
+from motiongen_client.status import answer_of, error_of
 from motiongen_client.types import Catalog, Clip, Constraint, Opened, Priority, Residual, SessionOptions
 
 _log = logging.getLogger(__name__)
@@ -80,7 +80,8 @@ async def generate_clip(
     request = convert.generate_clip(convert.open_session(options, spans, targets), num_frames, num_samples)
     samples, reader = [_Sample() for _ in range(num_samples)], convert.FrameReader(rig, options.frame_format)
     try:
-        async for response in stub.GenerateClip(request, timeout=timeout_s):
+        call = stub.GenerateClip(request, timeout=timeout_s)
+        while isinstance(response := await answer_of(call.read()), service_pb2.GenerateClipResponse):
             if response.sample >= num_samples:
                 raise ProtocolViolation(f"sample {response.sample} came of {num_samples}")
             samples[response.sample].take(response, reader)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from motiongen.v1 import session_pb2
 from motiongen_client import convert
+from motiongen_client.callbacks import call_back
 from motiongen_client.carrier import Carrier
 from motiongen_client.direction import PRESENT_PROMPT_ID
 from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolation, SessionEnded, UnknownName
@@ -72,10 +73,20 @@ class Conversation(Recovery):
         self._send(session_pb2.SessionEvent(open=opening))
         await asyncio.shield(self._opening)
 
+    def abandon(self) -> None:
+        """Nobody waits for its opening any more: end it, on the server as soon as that hears of it."""
+        if self._failure is not None:
+            return
+        if self._carrier.is_connected:
+            self._send(session_pb2.SessionEvent(close=session_pb2.CloseSession()))
+        else:
+            self._finish(SessionEnd("client", "it was given up before it was opened", self._num_frames, 0))
+
     async def constraint_reached(self, constraint_id: int) -> ConstraintReached:
         """What became of a constraint, by an id of `Edit.constraint_ids`, once its last frame cannot change any more.
 
-        Raises what ends the session where that comes first; one that is removed is waited for until then.
+        Raises EventRefused where it was refused, or its frames passed while the line was lost, and what ends the
+        session where that comes first; one that is removed is waited for until then.
         """
         return await self._reached.of(constraint_id)
 
@@ -134,8 +145,8 @@ class Conversation(Recovery):
                 self._hear_outcome(update.outcome)
             case "constraint_reached":
                 reached = convert.constraint_reached(update.constraint_reached, self._offset)
-                if self._reached.note(reached) and self.on_constraint_reached is not None:
-                    self.on_constraint_reached(reached)
+                if self._reached.note(reached):
+                    call_back(self.on_constraint_reached, reached)
             case "durability":
                 self.durable_seq = max(update.durable_seq, self.durable_seq)
                 self._set_durable(update.durability.is_kept)
@@ -183,8 +194,7 @@ class Conversation(Recovery):
     def _set_level(self, level: ServiceLevel) -> None:
         if level != self.service_level:
             self.service_level = level
-            if self.on_service_level is not None:
-                self.on_service_level(level)
+            call_back(self.on_service_level, level)
 
     def _hear_outcome(self, message: session_pb2.EditOutcome) -> None:
         if message.event_seq == 1 and self._line is not Line.OPEN:

@@ -150,8 +150,12 @@ class Direction(Cuts):
         if not 0 < constraint_id < self._next_constraint_id:
             raise InvalidInput("constraint_id", constraint_id, "one of the constraint_ids of an earlier Edit")
         edit = session_pb2.EditConstraints(upsert=[convert.constraint(constraint_id, constraint)])
-        self._reached.forget(constraint_id)
-        return self._send_edit("a constraint", session_pb2.SessionEvent(edit_constraints=edit), (constraint_id,))
+        sent = self._send_edit("a constraint", session_pb2.SessionEvent(edit_constraints=edit), (constraint_id,))
+        before = self._reached.forget(constraint_id)
+        if before is not None:  # where the one before stays, so does what became of it
+            told = before
+            sent.when_refused(lambda _: self._reached.put_back(told))
+        return sent
 
     def add_heading(self, heading_rad: float, *, frame: int) -> Edit:
         """Face somewhere at a frame, radians about +Y from +Z, wherever the character is."""
@@ -220,7 +224,9 @@ class Direction(Cuts):
         ids = self._take_constraint_ids(len(targets))
         upsert = [convert.constraint(key, target) for key, target in zip(ids, targets, strict=True)]
         edit = session_pb2.EditConstraints(upsert=upsert, remove=remove, clear=clear)
-        return self._send_edit(what, session_pb2.SessionEvent(edit_constraints=edit), ids)
+        sent = self._send_edit(what, session_pb2.SessionEvent(edit_constraints=edit), ids)
+        sent.when_refused(lambda refusal: self._reached.refuse(ids, refusal))
+        return sent
 
     def _take_constraint_ids(self, count: int) -> tuple[int, ...]:
         first = self._next_constraint_id

@@ -9,6 +9,8 @@ from typing import Any
 from motiongen_client.errors import EventRefused, MotiongenError
 from motiongen_client.types import Outcome
 
+LOST_MEANWHILE = "the line was lost, and its frames have passed since"
+
 
 class Edit:
     """A change on its way to the server: `await` it for its Outcome, or leave it and go on.
@@ -60,6 +62,16 @@ class Edit:
         def look(answer: asyncio.Future[Outcome]) -> None:
             if not answer.cancelled() and answer.exception() is None:
                 act()
+
+        self._answer.add_done_callback(look)
+
+    def when_refused(self, act: Callable[[EventRefused], None]) -> None:
+        """For the session: call `act` where the change is refused, and never if it is not."""
+
+        def look(answer: asyncio.Future[Outcome]) -> None:
+            failure = None if answer.cancelled() else answer.exception()
+            if isinstance(failure, EventRefused):
+                act(failure)
 
         self._answer.add_done_callback(look)
 
@@ -123,8 +135,7 @@ class EditBook:
                 edit.event_seq = numbers[number]
                 self._unanswered[edit.event_seq] = edit
             else:
-                message = "the line was lost, and its frames have passed since"
-                edit.settle(EventRefused(edit.what, "FAILED_PRECONDITION", "FRAME_COMMITTED", message))
+                edit.settle(EventRefused(edit.what, "FAILED_PRECONDITION", "FRAME_COMMITTED", LOST_MEANWHILE))
 
     def fail(self, failure: MotiongenError) -> None:
         """Nothing more will be answered."""

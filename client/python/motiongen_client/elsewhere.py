@@ -22,10 +22,18 @@ class Elsewhere:
     """Made by `MotionClient`, whose stream is the first to be asked. is_allowed: whether an address may be gone to."""
 
     def __init__(
-        self, make_stream: Callable[[str, str], Stream], other_addresses: Collection[str] | Callable[[str], bool]
+        self,
+        make_stream: Callable[[str, str], Stream],
+        other_addresses: Collection[str] | Callable[[str], bool],
+        *,
+        takes_keys: bool = True,
     ) -> None:
-        """make_stream: to an address and by a routing key, each "" for the client's own."""
+        """make_stream: to an address and by a routing key, each "" for the client's own.
+
+        takes_keys: whether calls may carry another key than the client's: not where that is the application's.
+        """
         self._make_stream = make_stream
+        self._takes_keys = takes_keys
         self.is_allowed = other_addresses if callable(other_addresses) else frozenset(other_addresses).__contains__
         self._streams: dict[OtherServer, asyncio.Task[Stream]] = {}
         self._moving: set[asyncio.Task[None]] = set()
@@ -85,7 +93,7 @@ class Elsewhere:
         """How a server may be reached: by its own address where that is allowed, else by its key."""
         if server.address and self.is_allowed(server.address):
             return OtherServer(address=server.address)
-        return OtherServer(routing_key=server.routing_key) if server.routing_key else None
+        return OtherServer(routing_key=server.routing_key) if server.routing_key and self._takes_keys else None
 
     async def _stream(self, way: OtherServer) -> Stream:
         """Raises ServerUnavailable, StreamLost or InvalidInput."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Iterable
 
-from motiongen_client.errors import MotiongenError
+from motiongen_client.errors import EventRefused, MotiongenError
 from motiongen_client.types import ConstraintReached
 
 MOST_KEPT = 256
@@ -17,6 +18,7 @@ class ReachedBook:
     def __init__(self) -> None:
         self._told: dict[int, ConstraintReached] = {}
         self._awaited: dict[int, asyncio.Future[ConstraintReached]] = {}
+        self._refused: dict[int, EventRefused] = {}
         self._failure: MotiongenError | None = None
 
     def note(self, reached: ConstraintReached) -> bool:
@@ -33,14 +35,32 @@ class ReachedBook:
             waiting.set_result(reached)
         return True
 
-    def forget(self, constraint_id: int) -> None:
-        """Another constraint takes the id: what became of the one before is not told for it."""
-        self._told.pop(constraint_id, None)
+    def forget(self, constraint_id: int) -> ConstraintReached | None:
+        """Another constraint takes the id: what became of the one before is not told for it. Returns that."""
+        self._refused.pop(constraint_id, None)
+        return self._told.pop(constraint_id, None)
+
+    def put_back(self, reached: ConstraintReached) -> None:
+        """The other constraint was refused, so that what was forgotten still holds."""
+        if reached.constraint_id not in self._told:
+            self.note(reached)
+
+    def refuse(self, constraint_ids: Iterable[int], refusal: EventRefused) -> None:
+        """No server has these, and none will tell of them: who waits for one, now or later, is told why."""
+        for key in constraint_ids:
+            if key in self._told:
+                continue
+            self._refused[key] = refusal
+            if len(self._refused) > MOST_KEPT:
+                del self._refused[next(iter(self._refused))]
+            self._give_up(self._awaited.pop(key, None), refusal)
 
     async def of(self, constraint_id: int) -> ConstraintReached:
-        """What became of a constraint, once it is told. Raises what ended the session where it never will be."""
+        """What became of a constraint, once it is told. Raises why it never will be: a refusal, the session's end."""
         if constraint_id in self._told:
             return self._told[constraint_id]
+        if constraint_id in self._refused:
+            raise self._refused[constraint_id]
         if self._failure is not None:
             raise self._failure
         waiting = self._awaited.get(constraint_id)
@@ -52,6 +72,11 @@ class ReachedBook:
         """Nothing more will be told."""
         self._failure = failure
         for waiting in self._awaited.values():
-            waiting.set_exception(failure)
-            waiting.exception()
+            self._give_up(waiting, failure)
         self._awaited.clear()
+
+    @staticmethod
+    def _give_up(waiting: asyncio.Future[ConstraintReached] | None, failure: MotiongenError) -> None:
+        if waiting is not None:
+            waiting.set_exception(failure)
+            waiting.exception()  # marks it as seen, where nobody waits any more

@@ -18,9 +18,10 @@ import numpy as np
 from motiongen.v1 import session_pb2
 from motiongen_client import convert
 from motiongen_client.backoff import Backoff
+from motiongen_client.callbacks import call_back
 from motiongen_client.carrier import Carrier
 from motiongen_client.direction import PRESENT_PROMPT_ID, Direction
-from motiongen_client.edit import Edit
+from motiongen_client.edit import LOST_MEANWHILE, Edit
 from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolation, SessionEnded, UnknownName
 from motiongen_client.frame_shift import shifted
 from motiongen_client.motion import Motion
@@ -212,8 +213,7 @@ class Recovery(Direction):
     def _set_durable(self, is_durable: bool) -> None:
         if is_durable != self.is_durable:
             self.is_durable = is_durable
-            if self.on_durability is not None:
-                self.on_durability(is_durable)
+            call_back(self.on_durability, is_durable)
 
     def _hear_reopened(self, opened: Opened, token: str) -> None:
         """The session goes on: as it was, or as a new one."""
@@ -249,12 +249,13 @@ class Recovery(Direction):
             self._unanswered[self._next_seq] = event
             self._next_seq += 1
         self._edits.renumber(numbers)
+        passed = EventRefused("a constraint", "FAILED_PRECONDITION", "FRAME_COMMITTED", LOST_MEANWHILE)
+        self._reached.refuse(self._wishes.passed_at(self._offset), passed)
         self._send_unanswered()
         told = Reopened(self._offset, self._reason)
         self.reopenings = (*self.reopenings, told)
         _log.warning("session %d was opened anew at frame %d: %s", self.handle, told.frame, told.reason)
-        if self.on_reopened is not None:
-            self.on_reopened(told)
+        call_back(self.on_reopened, told)
 
     def _hear_refused_opening(self, refusal: EventRefused) -> None:
         if self._line is Line.OPENING:

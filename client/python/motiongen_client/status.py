@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Awaitable
+from typing import TypeVar
+
 import grpc
 import grpc.aio
 from google.rpc import error_details_pb2, status_pb2  # type: ignore[import-untyped]
 
-from motiongen_client.errors import EventRefused, MotiongenError, NotAllowed, ServerUnavailable
+from motiongen_client.errors import EventRefused, MotiongenError, NotAllowed, ServerUnavailable, StreamLost
+
+T = TypeVar("T")
 
 NOT_ALLOWED = (grpc.StatusCode.UNAUTHENTICATED, grpc.StatusCode.PERMISSION_DENIED)
 CREDENTIALS_EXPIRED = "CREDENTIALS_EXPIRED"
@@ -16,6 +22,20 @@ STATUS_LOST = "Internal error from Core"
 """Details that grpc.aio makes up for a call that ended while something was being written to it: what the server said of
 that end is nowhere to be had then."""
 _DETAILS = "grpc-status-details-bin"
+
+
+async def answer_of(call: Awaitable[T]) -> T:
+    """What a call returns. Raises StreamLost where its channel is closed meanwhile.
+
+    grpc.aio tells of that as if whoever waits had been cancelled, which would end him without a word.
+    """
+    try:
+        return await call
+    except asyncio.CancelledError:
+        task = asyncio.current_task()
+        if task is None or task.cancelling():
+            raise
+        raise StreamLost("CANCELLED", "the client was closed") from None
 
 
 def error_of(failure: grpc.aio.AioRpcError, event: str, address: str) -> MotiongenError:

@@ -17,6 +17,7 @@ from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError, 
 from motiongen_client.line_policy import LinePolicy
 from motiongen_client.prompts import Prompt
 from motiongen_client.session import Session
+from motiongen_client.status import answer_of
 from motiongen_client.types import NO_PROMPTS, Catalog, Constraint, SessionOptions
 
 _MIN_REPORT_GAP_S = 0.025  # 40 a second; servers allow 50 events of a session
@@ -131,7 +132,11 @@ class Stream:
         self._sessions[session.handle] = session
         try:
             await session.begin(options, prompt, later_prompts, constraints, keep_s)
-        except MotiongenError:
+        except asyncio.CancelledError:  # the server has been asked, and nobody is left who could end the session
+            session.abandon()
+            self._sweep()
+            raise
+        except BaseException:
             self._sessions.pop(session.handle, None)
             raise
         return session
@@ -142,7 +147,8 @@ class Stream:
             return
         request = service_pb2.GetCatalogRequest(catalog_etag=self._catalog.etag)
         try:
-            response = await MotionServiceStub(channel).GetCatalog(request, timeout=self._policy.hello_timeout_s)
+            call = MotionServiceStub(channel).GetCatalog(request, timeout=self._policy.hello_timeout_s)
+            response = await answer_of(call)
         except grpc.aio.AioRpcError as error:
             raise ServerUnavailable(self._address, f"{error.code().name}, {error.details()}") from None
         if response.models:  # else it is the one that we hold
@@ -152,7 +158,7 @@ class Stream:
         """Make the call and exchange hellos. `async with` does it. Raises ServerUnavailable or StreamLost."""
         try:
             await self._calls.start()
-        except MotiongenError:
+        except BaseException:
             await self.close()
             raise
         self._reporting = asyncio.create_task(self._report_playheads(), name="motiongen-report")

@@ -90,6 +90,10 @@ class Wishes:
         left = (self._left(key, frame) for key in self._constraints)
         return [target for target in left if target is not None]
 
+    def passed_at(self, frame: int) -> list[int]:
+        """The ids of those that a session which begins at a frame is not told of."""
+        return [key for key in self._constraints if self._left(key, frame) is None]
+
     def _left(self, constraint_id: int, frame: int) -> motion_pb2.Constraint | None:
         """What is left of a constraint for a session that begins at a frame; None where it has passed."""
         target, placement = self._constraints[constraint_id], self._placements.get(constraint_id)

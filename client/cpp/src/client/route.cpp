@@ -45,13 +45,13 @@ void Route::next() {
 
 bool Route::go_to(const std::vector<OtherServer>& servers) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  std::deque<Way> found = ways(servers, true);
+  std::deque<Way> found = ways(servers);
   return take_first(found);
 }
 
 bool Route::follow(const std::vector<OtherServer>& servers) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  named_ = ways(servers, has_drawn_key_);
+  named_ = ways(servers);
   return take_first(named_);
 }
 
@@ -62,15 +62,16 @@ void Route::pass_over(bool is_starting) {
   if (is_starting && has_drawn_key_) key_ = drawn_key();
 }
 
-// By a server's own address where that is one of the client's, else, at the client's own, by its key.
-std::deque<Route::Way> Route::ways(const std::vector<OtherServer>& servers, bool by_key) const {
+// By a server's own address where that is one of the client's, else, at the client's own, by its key, unless the
+// application has chosen one.
+std::deque<Route::Way> Route::ways(const std::vector<OtherServer>& servers) const {
   std::deque<Way> found;
   for (const OtherServer& each : servers) {
     const auto known = std::find(addresses_.begin(), addresses_.end(), each.address);
     const std::string& key = each.routing_key;
     if (known != addresses_.end()) {
       found.push_back({static_cast<std::size_t>(known - addresses_.begin()), ""});
-    } else if (by_key && !key.empty() && key.size() <= kMostKeyLength && is_key(key)) {
+    } else if (has_drawn_key_ && !key.empty() && key.size() <= kMostKeyLength && is_key(key)) {
       found.push_back({0, key});
     }
   }

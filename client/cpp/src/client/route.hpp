@@ -25,9 +25,10 @@ class Route {
 
   // To the next address.
   void next();
-  // To the first of these servers that the client may go to, for want of room at its own. False: there is none.
+  // To the first of these servers that the client may go to, for want of room at its own. An application's key stays.
+  // False: there is none.
   bool go_to(const std::vector<OtherServer>& servers);
-  // The same where its own goes away, and the others are for `pass_over`. An application's key stays.
+  // The same where its own goes away, and the others are for `pass_over`.
   bool follow(const std::vector<OtherServer>& servers);
   // To the next server that was named, since this one serves nobody; where none is left, to the next address, by
   // another key where the server there is only starting: what it had is gone from it, and a proxy may have others.
@@ -39,7 +40,7 @@ class Route {
     std::size_t server;
     std::string key;
   };
-  std::deque<Way> ways(const std::vector<OtherServer>& servers, bool by_key) const;
+  std::deque<Way> ways(const std::vector<OtherServer>& servers) const;
   bool take_first(std::deque<Way>& ways);
 
   const std::vector<std::string> addresses_;

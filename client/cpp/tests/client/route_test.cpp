@@ -70,6 +70,9 @@ TEST(Route, LeavesTheKeyOfAnApplicationToIt) {
   EXPECT_EQ(route.server(), 1U);
   route.pass_over(true);
   EXPECT_EQ(route.server(), 0U);
+  EXPECT_FALSE(route.go_to(Servers{{"", kKey}, {"stranger:1", kKey}})) << "full, too, it is no reason to take another";
+  EXPECT_TRUE(route.go_to(Servers{{"", kKey}, {"b:1", kKey}}));
+  EXPECT_EQ(route.server(), 1U);
   EXPECT_EQ(route.key(), "player-7");
 }
 

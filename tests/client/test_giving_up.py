@@ -1,0 +1,160 @@
+"""Who gives up waiting, closes a client that is busy, or fails at what it is asked: the others notice nothing."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Iterator
+
+import grpc
+import pytest
+
+from motiongen.v1 import service_pb2, session_pb2
+from motiongen_client import MotionClient, StreamLost
+from tests.client.fake_server import FakeServer
+from tests.client.synthetic import HORIZON, catalog
+from tests.client.waiting import received, until
+
+
+async def test_an_opening_that_is_given_up_leaves_no_session(client: MotionClient, server: FakeServer) -> None:
+    async with client.stream() as stream:
+        opening = asyncio.create_task(stream.open("a person walks"))
+        await until(lambda: stream.sessions)
+        opening.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await opening
+        await received(server, "close")
+        await until(lambda: not stream.sessions)
+        assert not server.stream.characters
+        assert (await stream.open("another")).opened.session_id
+
+
+async def test_an_opening_that_is_given_up_while_the_line_is_lost_is_never_made(
+    client: MotionClient, server: FakeServer
+) -> None:
+    async with client.stream() as stream:
+        server.refuse = lambda event: server.stream.fail(grpc.StatusCode.UNAVAILABLE) or ""  # type: ignore[func-returns-value]
+        opening = asyncio.create_task(stream.open("a person walks"))
+        await until(lambda: server.streams and server.stream.received and not stream.is_connected)
+        opening.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await opening
+        assert stream.sessions == ()
+
+
+async def test_those_who_open_at_once_share_a_stream(client: MotionClient, server: FakeServer) -> None:
+    sessions = await asyncio.gather(*(client.open(f"character {number}") for number in range(10)))
+    assert len(server.streams) == 1
+    assert sorted(session.handle for session in sessions) == list(range(1, 11))
+
+
+async def test_one_who_gives_up_leaves_the_stream_to_the_others(client: MotionClient, server: FakeServer) -> None:
+    first, second = (asyncio.create_task(client.open("walk")) for _ in range(2))
+    await asyncio.sleep(0)
+    first.cancel()
+    assert (await second).handle
+    assert first.cancelled()
+    assert len(server.streams) == 1
+
+
+async def test_a_client_keeps_no_streams_that_are_over(client: MotionClient) -> None:
+    for _ in range(3):
+        async with client.stream():
+            pass
+    async with client.stream() as last:
+        assert client._streams == [last]
+
+
+async def test_a_client_that_is_closed_says_so_to_who_opens(server: FakeServer) -> None:
+    for turns in (1, 3, 9):
+        client = await MotionClient(server.address).connect()
+        opening = asyncio.create_task(client.open("walk"))
+        for _ in range(turns):
+            await asyncio.sleep(0)
+        await client.close()
+        with pytest.raises(StreamLost, match=r"closed"):
+            await opening
+    before = len(server.streams)
+    with pytest.raises(StreamLost, match=r"the client is closed"):
+        await client.open("walk")
+    with pytest.raises(StreamLost, match=r"never connected"):
+        await MotionClient(server.address).generate_clip("walk", num_frames=8)
+    assert len(server.streams) == before
+
+
+@pytest.fixture
+def busy() -> Iterator[FakeServer]:
+    """A server whose clips take long."""
+
+    class Busy(FakeServer):
+        def GetCatalog(
+            self, request: service_pb2.GetCatalogRequest, context: grpc.ServicerContext
+        ) -> service_pb2.GetCatalogResponse:
+            offered = catalog(self.frame_rate)
+            offered.limits.max_clip_frames = offered.limits.max_clip_samples = HORIZON
+            return offered
+
+        def GenerateClip(
+            self, request: service_pb2.GenerateClipRequest, context: grpc.ServicerContext
+        ) -> Iterator[service_pb2.GenerateClipResponse]:
+            self.clips = 1
+            while context.is_active():
+                time.sleep(0.01)
+            return iter(())
+
+        clips = 0
+
+    with Busy() as running:
+        yield running
+
+
+async def test_a_clip_ends_with_its_client_and_nobody_is_cancelled(busy: FakeServer) -> None:
+    client = await MotionClient(busy.address).connect()
+    clip = asyncio.create_task(client.generate_clip("walk", num_frames=8))
+    await until(lambda: busy.clips)  # type: ignore[attr-defined]
+    await client.close()
+    with pytest.raises(StreamLost, match=r"the client was closed"):
+        await clip
+
+
+async def test_a_callback_that_fails_silences_no_session(
+    client: MotionClient, server: FakeServer, caplog: pytest.LogCaptureFixture
+) -> None:
+    session = await client.open("walk")
+
+    def fail(_: object) -> None:
+        raise RuntimeError("a mistake of the application")
+
+    session.on_service_level = session.on_constraint_reached = session.on_durability = fail
+    with caplog.at_level(logging.ERROR, "motiongen_client"):
+        level = session_pb2.ServiceLevel(tier=session_pb2.SERVICE_TIER_HOLD, denoise_steps=1)
+        server.stream.push(session.handle, service_level=level)
+        server.stream.push(session.handle, constraint_reached=session_pb2.ConstraintReached(constraint_id=1))
+        server.stream.push(session.handle, durability=session_pb2.SessionDurability(is_kept=True))
+        await session.set_prompt("answered behind all three")
+    assert caplog.text.count("RuntimeError: a mistake of the application") == 3
+    assert session.service_level.tier == "hold"
+    assert session.is_durable
+    assert len(server.streams) == 1
+
+
+async def test_a_token_that_cannot_be_had_is_asked_for_again(
+    server: FakeServer, caplog: pytest.LogCaptureFixture
+) -> None:
+    asked = []
+
+    def token() -> str:
+        asked.append(len(asked))
+        if len(asked) in (3, 4):  # once connected, with the line lost
+            raise ConnectionError("the issuer does not answer")
+        return "secret"
+
+    async with MotionClient(server.address, token=token) as client:
+        session = await client.open("walk")
+        assert len(asked) == 2
+        with caplog.at_level(logging.WARNING, "motiongen_client"):
+            server.stream.fail(grpc.StatusCode.UNAVAILABLE)
+            await until(lambda: len(server.streams) == 2 and not session.is_away)
+        assert caplog.text.count("the issuer does not answer") == 2
+        await session.set_prompt("run")

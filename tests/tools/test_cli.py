@@ -119,6 +119,40 @@ async def test_stream_writes_what_was_asked_for(
     assert "CC0-1.0" in printed
 
 
+async def test_the_end_is_no_frame_and_brackets_are_part_of_a_name(
+    server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "walk[b].bvh"
+    script = ["--prompt", "walk", "--waypoint", "1,2@0.999", "--seconds", "1"]
+    assert await command("stream", "--server", server.address, *script, "--out", str(out)) == 0
+    printed = capsys.readouterr().out
+    assert "at frame 99" in printed
+    assert f"wrote {out}" in printed
+
+
+@pytest.mark.parametrize("asked", ["stream --prompt walk --out {}.bvh", "generate walk --out {}.npz --samples 2"])
+def test_what_cannot_be_written_is_told_before_the_work(
+    asked: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("no folder")
+    command = asked.format(tmp_path / "file" / "walk").split()
+    assert run([*command, "--server", "127.0.0.1:1", "--connect-timeout", "0.2"]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: --out: ")
+    assert "a folder that can be made and written" in error
+
+
+def test_a_file_that_goes_wrong_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async def fill_the_disk(options: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("motiongen_tools.cli_catalog.catalog", fill_the_disk)
+    assert run(["catalog"]) == 1
+    assert capsys.readouterr().err == "error: [Errno 28] No space left on device\n"
+
+
 async def test_catalog_lists_models_rigs_and_limits(server: FakeServer, capsys: pytest.CaptureFixture[str]) -> None:
     assert await command("catalog", "--server", server.address) == 0
     printed = capsys.readouterr().out

@@ -138,3 +138,8 @@ def test_a_mistake_names_entry_and_field(content: str, named: str, tmp_path: Pat
     with pytest.raises(InvalidInput) as refused:
         read_constraints(tmp_path / "c.json", rig_of("core27"), 20)
     assert refused.value.field == named
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="a file that can be read"):
+        read_constraints(tmp_path / "none.json", rig_of("core27"), 20)

@@ -105,3 +105,15 @@ def test_a_picture_is_drawn_with_ink_in_every_row(stick_motion: Motion, tmp_path
 def test_a_picture_of_nothing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="0 panels"):
         write_picture(tmp_path / "no.png", [])
+
+
+@pytest.mark.parametrize("data", [b"", b"not numpy's", b"PK\x03\x04 cut off", None])
+def test_npz_that_is_something_else_is_named(data: bytes | None, tmp_path: Path) -> None:
+    path = tmp_path / "other.npz"
+    if data is None:
+        with path.open("wb") as file:
+            np.save(file, np.zeros(3))  # one array, under the name of several
+    else:
+        path.write_bytes(data)
+    with pytest.raises(InvalidInput, match="as write_npz makes it"):
+        read_npz(path)

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
+from pathlib import Path
+
+from motiongen_client.errors import InvalidInput
 
 
 def number_above_zero(text: str) -> float:
@@ -15,3 +19,21 @@ def number_above_zero(text: str) -> float:
     if not math.isfinite(number) or number <= 0:
         raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a number above 0")
     return number
+
+
+def check_file_to_write(option: str, path: Path) -> None:
+    """Find out before the work whether its file can be written; makes the folder. Raises InvalidInput."""
+    check_folder_to_write(option, path.parent)
+    if path.is_dir() or (path.exists() and not os.access(path, os.W_OK)):
+        raise InvalidInput(option, str(path), "a file that can be written")
+
+
+def check_folder_to_write(option: str, folder: Path) -> None:
+    """The same of a folder. Raises InvalidInput."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        allowed = f"a folder that can be made and written ({error.strerror})"
+        raise InvalidInput(option, str(folder), allowed) from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InvalidInput(option, str(folder), "a folder that can be written")

@@ -41,7 +41,7 @@ def run(arguments: Sequence[str]) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
-    except MotiongenError as error:
+    except (MotiongenError, OSError) as error:  # a disk that is full, a folder that is gone
         print(f"error: {error}", file=sys.stderr)
         return 1
     return result

@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from motiongen_client.errors import InvalidInput, MissingExtra
-from motiongen_tools.arguments import number_above_zero
+from motiongen_tools.arguments import check_folder_to_write, number_above_zero
 from motiongen_tools.bench import terminal
 from motiongen_tools.bench.load import Load
 from motiongen_tools.bench.report import write_report
@@ -136,7 +136,7 @@ async def bench(options: argparse.Namespace) -> int:
     if found is not None:
         console.print(terminal.describe_found(found), soft_wrap=True)
     for path in write_report(options.out, standard, result, found):
-        console.print(f"wrote {path}", soft_wrap=True)
+        console.print(f"wrote {path}", soft_wrap=True, markup=False)
     if found is not None:
         return VOID if found.limited_by_generator else 0
     return VOID if result is None or result.void_reasons() else 0
@@ -147,12 +147,7 @@ def _check_report(out: Path) -> None:
     for module, package in _NEEDED.items():
         if importlib.util.find_spec(module) is None:
             raise MissingExtra("motiongen bench", package, "bench")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InvalidInput("--out", str(out), f"a folder that can be made and written ({error.strerror})") from None
-    if not os.access(out, os.W_OK):
-        raise InvalidInput("--out", str(out), "a folder that can be written")
+    check_folder_to_write("--out", out)
 
 
 def _check_program(program: Path | None) -> None:

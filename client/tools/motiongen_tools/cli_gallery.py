@@ -8,6 +8,7 @@ from pathlib import Path
 
 from motiongen_client.client import MotionClient
 from motiongen_client.types import Model
+from motiongen_tools.arguments import check_file_to_write
 from motiongen_tools.connection import PLAIN, connection_of
 from motiongen_tools.console import make_console
 from motiongen_tools.gallery.asking import ask_all
@@ -41,6 +42,7 @@ async def gallery(options: argparse.Namespace) -> int:
     console = make_console()
     columns = [(model, steps) for model in options.models for steps in options.steps]
     names = [Path(model).name + ("" if steps is None else f", {steps} steps") for model, steps in columns]
+    check_file_to_write("--out", options.out)
     evaluated = [] if options.takes is None else read_takes(options.takes)  # a wrong folder is told before the work
     page = Gallery(" / ".join(Path(model).name for model in options.models), names)
     for model in options.models:
@@ -56,13 +58,14 @@ async def gallery(options: argparse.Namespace) -> int:
                 for column, (name, steps) in enumerate(columns):
                     if name == model:
                         await _fill(page, column, client, asked, steps, options.seed)
-                        console.print(f"{names[column]}: done", soft_wrap=True)
+                        console.print(f"{names[column]}: done", soft_wrap=True, markup=False)
     for part, title, animation in evaluated:
         page.add(f"Evaluation: {part}", title, 0, animation.shown())
     write_gallery(options.out, page)
     num_rows = sum(len(rows) for rows in page.parts.values())
     size = options.out.stat().st_size / (1 << 20)
-    console.print(f"wrote {options.out}: {num_rows} rows, {size:.1f} MiB; open it in a browser", soft_wrap=True)
+    told = f"wrote {options.out}: {num_rows} rows, {size:.1f} MiB; open it in a browser"
+    console.print(told, soft_wrap=True, markup=False)
     return 0
 
 

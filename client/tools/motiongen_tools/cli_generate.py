@@ -26,6 +26,7 @@ from motiongen_client.types import (
     SessionOptions,
 )
 from motiongen_tools.ardy_npz import read_ardy_npz, write_ardy_npz
+from motiongen_tools.arguments import check_file_to_write
 from motiongen_tools.bvh import write_bvh
 from motiongen_tools.cli_stream import parse_seconds, parse_waypoint
 from motiongen_tools.connection import client_of
@@ -74,6 +75,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 async def generate(options: argparse.Namespace) -> int:
     """Ask for the clip, write the files, print what came."""
     console = make_console()
+    outs = options.out or [Path("motion.npz")]
+    for out in outs:
+        for path in [out] if out.name.endswith(".json") else sample_paths(out, options.samples):
+            check_file_to_write("--out", path)
     with contextlib.ExitStack() as stack:
         address = options.server
         if options.start_server:
@@ -84,7 +89,7 @@ async def generate(options: argparse.Namespace) -> int:
             model = catalog.model(options.model) if options.model else catalog.models[0]
             rig = catalog.rig(model.rig_id)
             num_frames = max(1, rig.frames_in(options.seconds))
-            constraints: list[Constraint] = [waypoint.in_frames(rig) for waypoint in options.waypoint]
+            constraints: list[Constraint] = [waypoint.in_frames(rig, num_frames) for waypoint in options.waypoint]
             if options.constraints is not None:
                 longest = catalog.limits.max_trajectory_frames
                 constraints += read_constraints(options.constraints, rig, num_frames, longest)
@@ -101,9 +106,9 @@ async def generate(options: argparse.Namespace) -> int:
             )
             took_s = time.monotonic() - begun_s
     text = "; then ".join(prompts[frame] for frame in sorted(prompts))
-    for out in options.out or [Path("motion.npz")]:
+    for out in outs:
         for path, lines in write_clips(out, clips, constraints, text, options.rate_hz):
-            console.print("; ".join([f"wrote {path}", *lines]), soft_wrap=True)
+            console.print("; ".join([f"wrote {path}", *lines]), soft_wrap=True, markup=False)
     samples = f"{options.samples} samples" if options.samples > 1 else "1 sample"
     console.print(
         f"{samples} of {num_frames / rig.frame_rate_hz:g} s in {took_s:.2f} s, seed {clips[0].seed}, "

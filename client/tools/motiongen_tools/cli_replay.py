@@ -10,6 +10,7 @@ from motiongen_client.errors import EventRefused, InvalidInput
 from motiongen_client.motion import Motion
 from motiongen_client.session import Session
 from motiongen_client.types import StartPose
+from motiongen_tools.arguments import check_file_to_write
 from motiongen_tools.cli_generate import out_path, write_motion
 from motiongen_tools.connection import client_of
 from motiongen_tools.console import make_console
@@ -32,6 +33,9 @@ async def replay(options: argparse.Namespace) -> int:
     """Play it, write what came, and say which edits took effect at another frame than they did then."""
     session_file = read_session(options.file)
     console = make_console()
+    outs = options.out or [Path("replay.npz")]
+    for path in outs:
+        check_file_to_write("--out", path)
     async with client_of(options, options.server) as client:
         opening = session_file.opening
         prompt = read_prompt(opening) if opening.get("text") or opening.get("preset") else None
@@ -40,13 +44,13 @@ async def replay(options: argparse.Namespace) -> int:
             answers = await play(session, session_file)
         motion = session.motion(0, session_file.num_frames)
         await session.close()
-    for path in options.out or [Path("replay.npz")]:
+    for path in outs:
         for line in [f"wrote {path}", *_write(path, motion)]:
-            console.print(line, soft_wrap=True)
+            console.print(line, soft_wrap=True, markup=False)
     others = [f"{edit.message['op']} at frame {edit.at_frame}: {said}" for edit, said in answers if said]
     console.print(f"{len(answers)} edits, {len(others)} of them took effect otherwise than then", soft_wrap=True)
     for line in others:
-        console.print(f"  {line}", soft_wrap=True)
+        console.print(f"  {line}", soft_wrap=True, markup=False)
     return 0
 
 

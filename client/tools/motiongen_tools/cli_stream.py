@@ -12,6 +12,7 @@ import numpy as np
 from motiongen_client.motion import Motion, Rig
 from motiongen_client.session import Session
 from motiongen_client.types import SessionOptions, Waypoint
+from motiongen_tools.arguments import check_file_to_write
 from motiongen_tools.bvh import write_bvh
 from motiongen_tools.connection import client_of
 from motiongen_tools.console import make_console, make_progress, make_table
@@ -28,8 +29,10 @@ class TimedWaypoint:
     z_m: float
     heading_rad: float | None = None
 
-    def in_frames(self, rig: Rig) -> Waypoint:
-        return Waypoint(rig.frames_in(self.at_s), self.x_m, self.z_m, self.heading_rad)
+    def in_frames(self, rig: Rig, num_frames: int) -> Waypoint:
+        """Of num_frames frames: a time just before the end is nearest to a frame that there is not."""
+        frame = min(rig.frames_in(self.at_s), num_frames - 1)
+        return Waypoint(frame, self.x_m, self.z_m, self.heading_rad)
 
 
 def parse_seconds(text: str) -> float:
@@ -61,11 +64,15 @@ def parse_waypoint(text: str) -> TimedWaypoint:
 async def stream(options: argparse.Namespace) -> int:
     """Generate, write the files, print what was done."""
     console = make_console()
+    suffixes = {".bvh": True, ".npz": options.npz, ".png": options.png}
+    for path in [options.out.with_suffix(suffix) for suffix, is_wanted in suffixes.items() if is_wanted]:
+        check_file_to_write("--out", path)
     async with client_of(options, options.server) as client:
         catalog = client.catalog
         model = catalog.model(options.model) if options.model else catalog.models[0]
         rig = catalog.rig(model.rig_id)
-        waypoints = [waypoint.in_frames(rig) for waypoint in options.waypoint]
+        num_frames = max(1, rig.frames_in(options.seconds))
+        waypoints = [waypoint.in_frames(rig, num_frames) for waypoint in options.waypoint]
         prompts = {rig.frames_in(at_s): text for at_s, text in options.script.prompts}
         session = await client.open(
             prompts.get(0),
@@ -76,7 +83,7 @@ async def stream(options: argparse.Namespace) -> int:
         )
         with make_progress(console) as progress:
             bar = progress.add_task("generating", total=options.seconds, state="")
-            async for frame in session.frames(options.seconds, realtime=options.realtime):
+            async for frame in session.frames(num_frames / rig.frame_rate_hz, realtime=options.realtime):
                 done_s = frame.time_s + 1 / rig.frame_rate_hz
                 progress.update(bar, completed=done_s, state=f"{done_s:.1f} of {options.seconds:g} s")
         await session.close()
@@ -84,7 +91,7 @@ async def stream(options: argparse.Namespace) -> int:
     title = "; then ".join(prompts[frame] for frame in sorted(prompts)) or "no prompt"
     notes = [(frame, text) for frame, text in prompts.items() if frame > 0]
     for path in write_files(options.out, Panel(title, motion, waypoints, notes), npz=options.npz, png=options.png):
-        console.print(f"wrote {path}", soft_wrap=True)
+        console.print(f"wrote {path}", soft_wrap=True, markup=False)
     report = make_table("", "measured", "value")
     for name, value in measurements(session, motion, waypoints):
         report.add_row(name, value)

@@ -37,10 +37,12 @@ def read_constraints(path: Path | str, rig: Rig, num_frames: int, max_path_frame
 
     max_path_frames: of one Trajectory, as Limits.max_trajectory_frames; longer ones become several.
     """
-    if Path(path).stat().st_size > MAX_BYTES:
-        raise InvalidInput("path", str(path), f"a file of at most {MAX_BYTES} bytes")
     try:
+        if Path(path).stat().st_size > MAX_BYTES:
+            raise InvalidInput("path", str(path), f"a file of at most {MAX_BYTES} bytes")
         entries = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InvalidInput("path", str(path), f"a file that can be read ({error.strerror})") from None
     except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
         raise InvalidInput("path", str(path), f"a JSON list of constraints: {error}") from None
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -41,10 +43,20 @@ def write_npz(path: Path | str, motion: Motion) -> None:
 
 
 def read_npz(path: Path | str) -> Motion:
-    """Read what `write_npz` wrote. Raises InvalidInput when the file is something else."""
-    with np.load(path, allow_pickle=False) as data:
+    """Read what `write_npz` wrote. Raises InvalidInput when it is something else, OSError where it is not there."""
+    allowed = f"a file of format {_FORMAT}, as write_npz makes it"
+    try:
+        return _read(path, allowed)
+    except InvalidInput:
+        raise
+    except (ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise InvalidInput("path", str(path), f"{allowed}: {error}") from None
+
+
+def _read(path: Path | str, allowed: str) -> Motion:
+    with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
         if "format" not in data or str(data["format"]) != _FORMAT:
-            raise InvalidInput("path", str(path), f"a file of format {_FORMAT}, as write_npz makes it")
+            raise InvalidInput("path", str(path), allowed)
         widths = [int(width) for width in data["block_widths"]]
         rig = Rig(
             rig_id=str(data["rig_id"]),

@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 
 import pytest
 
+from motiongen.v1 import session_pb2
 from motiongen_client import EventRefused, MotionClient, StartPose
-from motiongen_client.errors import InvalidInput
+from motiongen_client.errors import InvalidInput, UnknownName
 from motiongen_tools.view.bridge import MOST_ROOMS, Bridge
 from motiongen_tools.view.line import Line
 from motiongen_tools.view.room import IDLE_S, SPACING_M, Room, place_of, session_options
 from tests.client.fake_server import FakeServer
 from tests.waiting import LIMIT_S
+
+
+class Looker:
+    """A viewer who only looks."""
+
+    def rewind(self, character: int, frame: int) -> None: ...
+
+    def forget(self, character: int) -> None: ...
 
 
 def test_nobody_stands_in_another() -> None:
@@ -44,15 +54,44 @@ async def test_characters_pause_while_nobody_looks(bridge: Bridge, monkeypatch: 
     room.tick()
     assert all(character.session.is_paused for character in room.characters.values())
 
-    class Looker:
-        def rewind(self, character: int, frame: int) -> None: ...
-
-        def forget(self, character: int) -> None: ...
-
     room.viewers.add(Looker())
     room.tick()
     assert not room.characters[1].session.is_paused
     assert room.characters[2].session.is_paused, "it was paused by somebody, not for want of viewers"
+
+
+async def test_a_character_that_ended_while_nobody_looked_keeps_no_other_from_going_on(
+    bridge: Bridge, server: FakeServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    room = bridge.room("quiet")
+    await room.add({"count": 2})
+    now_s = room.clock()
+    monkeypatch.setattr(room, "clock", lambda: now_s + IDLE_S + 1)
+    room.tick()
+    ended, other = (character.session for character in room.characters.values())
+    idle = session_pb2.SessionClosed(reason=session_pb2.CLOSE_REASON_IDLE)
+    server.stream.push(ended.handle, closed=idle)
+    async with asyncio.timeout(LIMIT_S):
+        while ended.end is None:
+            await bridge.beat()
+    room.viewers.add(Looker())
+    room.tick()
+    assert not other.is_paused
+    async with asyncio.timeout(LIMIT_S):
+        while not room.characters[1].failure:
+            await bridge.beat()
+    assert "idle" in room.characters[1].failure
+    assert not room.characters[2].failure
+
+
+async def test_one_that_cannot_be_shown_is_not_left_on_the_server(room: Room, server: FakeServer) -> None:
+    with pytest.raises(InvalidInput, match="name"):
+        await room.add({"name": 5})
+    client = room._line.client
+    client.catalog = dataclasses.replace(client.catalog, models=())  # what is served was loaded since
+    with pytest.raises(UnknownName):
+        await room.add({"model": "synthetic"})
+    assert not any(stream.characters for stream in server.streams)
 
 
 async def test_rooms_have_names_and_a_limit(bridge: Bridge) -> None:

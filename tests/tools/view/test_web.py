@@ -73,6 +73,13 @@ def test_every_module_that_a_module_names_is_there() -> None:
                 assert named.resolve().is_file(), f"{module.name}: {line}"
 
 
+def test_another_site_posts_nothing(open_site: TestClient) -> None:
+    for address in ("/session/main", "/motion?name=walk.bvh", "/constraints/main/1"):
+        posted = open_site.post(address, content=b"{}", headers={"origin": "http://evil.example"})
+        assert (posted.status_code, posted.text) == (403, "the page is another site's")
+        assert open_site.post(address, content=b"{}", headers={"origin": LOCAL}).status_code == 400
+
+
 def test_other_names_for_this_machine_are_not_served(open_site: TestClient) -> None:
     assert open_site.get("/", headers={"host": "evil.example"}).status_code == 421
     with pytest.raises(WebSocketDisconnect), open_site.websocket_connect("/ws", headers={"host": "evil.example"}):

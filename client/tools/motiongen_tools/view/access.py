@@ -47,7 +47,10 @@ class Access:
 
 
 def is_own_page(origin: str | None, host: str) -> bool:
-    """Whether a WebSocket was opened by our page, or by a program, which sends no origin."""
+    """Whether something was asked by our page, or by a program, which sends no origin.
+
+    A browser lets any site open WebSockets here, and post what needs no leave of ours; only reading is kept from it.
+    """
     return origin is None or urlsplit(origin).netloc.lower() == host.lower()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import deque
 from typing import Any
 
@@ -153,7 +154,8 @@ class Character:
             self._rehearsal.told(then, told.edit)
         if playhead >= self._rehearsal.end_frame - 1:
             self._rehearsal = None
-            self.session.pause()
+            with contextlib.suppress(MotiongenError):  # it has ended, which `poll` tells when its frames are over
+                self.session.pause()
             self.revision += 1
 
     def history(self, first_frame: int, end_frame: int) -> tuple[int, list[Float32]]:

@@ -44,7 +44,7 @@ def _read_own(source: Path) -> Motion | None:
     """None where it is an NPZ of other tools."""
     try:
         return read_npz(source)
-    except (InvalidInput, ValueError, KeyError, OSError):
+    except InvalidInput:
         return None
 
 

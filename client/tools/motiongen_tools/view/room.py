@@ -80,9 +80,13 @@ class Room:
         has_prompt = message.get("text") or message.get("preset")
         prompt = read_prompt(message) if has_prompt else None
         options = session_options(message, place_of(number))
-        session = await self._line.client.open(prompt, options=options, keep_s=KEEP_S)
         name = fields.text(message, "name", "") or f"character {number}"
-        model = self._line.client.catalog.model(session.opened.model_id)
+        session = await self._line.client.open(prompt, options=options, keep_s=KEEP_S)
+        try:
+            model = self._line.client.catalog.model(session.opened.model_id)
+        except MotiongenError:  # it was loaded since, and the page does not know it
+            await session.close()
+            raise
         self.characters[number] = Character(
             number, name[:60], session, options=options, model=model, opening=message, rehearsal=rehearsal
         )
@@ -137,14 +141,16 @@ class Room:
         """Characters that nobody looks at pause, and go on when somebody does."""
         if self.viewers:
             self._watched_at_s = self.clock()
-            for number in self._idle:
-                self.characters[number].session.resume()
-            self._idle.clear()
+            idle, self._idle = self._idle, set()
+            for number in idle:
+                with contextlib.suppress(MotiongenError):  # it has ended meanwhile, which its next ticks find out
+                    self.characters[number].session.resume()
         elif self.clock() - self._watched_at_s > IDLE_S:
             for character in self.characters.values():
                 if not character.session.is_paused and not character.failure:
-                    character.session.pause()
                     self._idle.add(character.number)
+                    with contextlib.suppress(MotiongenError):
+                        character.session.pause()
 
     def listed(self) -> dict[str, Any]:
         """Who is there."""

@@ -85,6 +85,8 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
 
     def guarded(answer: Callable[[Request], Awaitable[Response]], *roles: Role) -> Callable[..., Awaitable[Response]]:
         async def check(request: Request) -> Response:
+            if not is_own_page(request.headers.get("origin"), request.headers.get("host", "")):
+                return PlainTextResponse("the page is another site's", status_code=403)
             token = request.headers.get("authorization", "").removeprefix("Bearer ")
             if access.role_of(token) not in roles:
                 return PlainTextResponse("the token is missing, or for spectators only", status_code=401)

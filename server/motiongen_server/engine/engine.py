@@ -215,6 +215,8 @@ class Engine:
             self._report.opens.append(self._refuse(event, failed))
             return
         self.sessions.add(state)
+        if event.going_on is not None:  # it has had its first window elsewhere
+            self.admission.note_begun(state.key)
         self._send_queue += first_words(state, event, now, self._report)
         self._report.opens.append(Code.OK)
         if spec.is_clip:  # it gets all it asked for, late if need be, and says nothing until it ends

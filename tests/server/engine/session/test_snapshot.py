@@ -110,6 +110,16 @@ def test_another_engine_goes_on_with_the_frames_and_conditions_of_the_first() ->
     assert other.runner.breaches == []
 
 
+def test_one_that_is_gone_on_with_does_not_count_as_one_that_has_just_begun() -> None:
+    stage = Stage(SAVING)
+    viewer = stage.open(prompts=(prompt(1),))
+    stage.run(2.0)
+    other, _ = go_on(snapshots(stage)[-1], viewer)
+    other.run(5.0)
+    assert other.engine.num_sessions == 1
+    assert other.engine.admission.num_beginning == 0
+
+
 def test_an_edit_without_an_answer_is_answered_by_the_other_engine() -> None:
     stage = Stage(SAVING)
     viewer = stage.open(prompts=(prompt(1),))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.edit_refusals import passed, too_many, too_many_frames, unknown
 from motiongen_server.engine.session.placing import Anchor, placed
 from motiongen_server.engine.types import Asked, Constraint, Placement, RootTrajectory, SetConstraints, Unplaced
+
+Named = TypeVar("Named", Asked, Constraint, Placement)
 
 
 def edit_constraints(
@@ -43,7 +46,22 @@ def edit_constraints(
         raise too_many("constraints", len(constraints), limit)
     if (frames := sum(map(_trajectory_frames, constraints.values()))) > most_frames:
         raise too_many_frames(frames, most_frames, "edit_constraints.upsert")
-    return replace(held, constraints=tuple(constraints.values())), tuple(changed), placements
+    return replace(held, constraints=tuple(constraints.values())), tuple(changed), of_last(placements, event.upsert)
+
+
+def by_last(items: Iterable[Named]) -> tuple[Named, ...]:
+    """Those that hold of items with ids, in the order in which they came: of several with one id the last."""
+    held: dict[int, Named] = {}
+    for item in items:
+        held.pop(item.constraint_id, None)
+        held[item.constraint_id] = item
+    return tuple(held.values())
+
+
+def of_last(placements: Iterable[Placement], asked: Iterable[Asked]) -> tuple[Placement, ...]:
+    """The placements of what holds of all that was asked for."""
+    left_open = {item.constraint_id for item in by_last(asked) if isinstance(item, Unplaced)}
+    return tuple(each for each in by_last(placements) if each.constraint_id in left_open)
 
 
 def place_all(

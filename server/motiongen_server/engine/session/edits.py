@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeAlias
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.locomotion import gait_of
 from motiongen_server.engine.session.conditions import Conditions
-from motiongen_server.engine.session.constraint_edits import edit_constraints
+from motiongen_server.engine.session.constraint_edits import by_last, edit_constraints
 from motiongen_server.engine.session.placing import Anchor
 from motiongen_server.engine.session.prompt_edits import edit_prompts
 from motiongen_server.engine.session.velocity import changed_velocity
@@ -99,7 +99,8 @@ def edited(
             first = min((item.first_frame for item in changed if item.last_frame >= floor), default=None)
             dirty_from = None if first is None else max(floor, first - reach + 1)
             by_id = {item.constraint_id: item for item in conditions.constraints}
-            asked = [item for item in event.upsert if isinstance(item, Unplaced)]
+            # Of several with one id the last holds, and only that one may be put elsewhere later.
+            asked = [item for item in by_last(event.upsert) if isinstance(item, Unplaced)]
             left_open = tuple((item, by_id[item.constraint_id]) for item in asked)
             return Edited(conditions, "constraints", dirty_from, placements, left_open)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.session.conditions import Conditions
-from motiongen_server.engine.session.constraint_edits import place_all
+from motiongen_server.engine.session.constraint_edits import by_last, of_last, place_all
 from motiongen_server.engine.session.delivery import Delivery
 from motiongen_server.engine.session.drift import DriftGuard, DriftState
 from motiongen_server.engine.session.edits import EditQueue
@@ -54,6 +54,8 @@ def open_session(
         "open.constraints",
         config.max_held_trajectory_frames,
     )
+    if not spec.is_clip:  # which answers each of its constraints, also those that share an id
+        constraints, placements = by_last(constraints), of_last(placements, spec.constraints)
     clock = PlaybackClock(facts.fps, rate=config.playback_rate, slack=spec.lookahead)
     stride = spread(opening.ordinal) * (config.stride_jitter // facts.patch + 1)
     jitter = math.floor(stride % 1.0 * (config.continue_jitter + 1))

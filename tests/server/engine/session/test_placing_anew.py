@@ -64,6 +64,35 @@ def test_a_way_that_has_become_too_long_stays_where_it_was_put() -> None:
     assert renewed.placements == edit.placements
 
 
+IN_30 = Unplaced(Waypoint(3, 30, 5.0, 0.0), frames_from_effect=True)
+
+
+@pytest.mark.parametrize("last", [replace(IN_30, target=Waypoint(3, 30, -7.0, 0.0)), Waypoint(3, 200, -7.0, 0.0)])
+def test_of_several_with_one_id_the_last_is_put_there(last: Unplaced | Waypoint) -> None:
+    stage = Stage()
+    viewer = stage.open(1)
+    stage.run(2.0)
+    stage.set_prompts(viewer, prompt(2))  # the next replan may not start for a while
+    stage.run(0.06)
+    seq = stage.set_constraints(viewer, IN_30, last)
+    notice = notice_for(stage, viewer, seq)
+    (held,) = stage.engine.sessions[viewer.key].conditions.constraints
+    assert isinstance(held, Waypoint)
+    assert held.x == -7.0
+    told = [placement.anchor_frame for placement in viewer.outcomes[seq].placements]
+    assert told == ([notice.valid_from] if isinstance(last, Unplaced) else [])
+
+
+def test_a_session_is_opened_with_the_last_of_several_with_one_id() -> None:
+    stage = Stage()
+    viewer = stage.open(1, constraints=(IN_30, Waypoint(4, 50, 1.0, 0.0), Waypoint(3, 60, 2.0, 0.0)))
+    stage.step()
+    held = stage.engine.sessions[viewer.key].conditions.constraints
+    assert [(item.constraint_id, item.first_frame) for item in held] == [(4, 50), (3, 60)]
+    assert viewer.opened is not None
+    assert viewer.opened.placements == ()
+
+
 def notice_for(stage: Stage, viewer: Viewer, seq: int) -> PlanNotice:
     stage.run_until(lambda: seq in viewer.outcomes)
     return next(notice for notice in viewer.notices if seq in notice.event_seqs)

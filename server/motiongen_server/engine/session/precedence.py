@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 
 import numpy as np
 
@@ -12,25 +13,66 @@ from motiongen_server.engine.types import Constraint, JointTargets, Keyframe, Ro
 FASTEST_M_S = 4.0
 """Nobody is asked to run faster from the place of one constraint to that of another."""
 _NEAR_M = 0.05
+_ANGLES = np.arange(32) * (2 * np.pi / 32)
+_DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 
 
 def in_force(constraints: Sequence[Constraint], window: range, fps: int) -> tuple[Constraint, ...]:
     """The constraints of a window in the order in which they are laid on one another: the lighter first, then as set.
 
-    One whose place nobody could come to from that of a heavier one, or go to it from there, is left out.
+    One whose place nobody could come to from that of a heavier one, or go to it from there, is left out. It takes time
+    in proportion to their number: a client may send hundreds, each of its own weight, and every window asks anew.
     """
     if len({item.weight for item in constraints}) < 2:
         return tuple(constraints)
-    kept: list[Constraint] = []
-    heavier: list[tuple[float, Float64]] = []
-    for index in sorted(range(len(constraints)), key=lambda index: (constraints[index].weight, index), reverse=True):
-        item = constraints[index]
-        places = _places(item, window)
-        if any(weight > item.weight and _is_too_far(places, other, fps) for weight, other in heavier):
-            continue
-        kept.append(item)
-        heavier.append((item.weight, places))
-    return tuple(reversed(kept))
+    places = [_places(item, window) for item in constraints]
+    heavier = _HeavierPlaces(np.unique(np.concatenate([each[:, 0] for each in places])), FASTEST_M_S / fps)
+    order = sorted(range(len(constraints)), key=lambda index: (constraints[index].weight, index), reverse=True)
+    kept: list[int] = []
+    for _, equal in groupby(order, key=lambda index: constraints[index].weight):
+        of_weight = [index for index in equal if not heavier.are_too_far_from(places[index])]
+        for index in of_weight:
+            heavier.add(places[index])
+        kept += of_weight
+    return tuple(constraints[index] for index in reversed(kept))
+
+
+class _HeavierPlaces:
+    """Ground places at frames, and whether a person who keeps to one place can have been at all others.
+
+    What is farthest is looked for in _DIRECTIONS: a distance counts for up to half a percent less than it is.
+    """
+
+    def __init__(self, frames: Float64, step_m: float) -> None:
+        """frames: (F) all that will be asked for, rising. step_m: as far as a person comes from one to the next."""
+        self._frames = frames
+        self._run_m = ((frames - frames[0]) * step_m)[:, None] if len(frames) else np.empty((0, 1))
+        self._farthest = np.full((len(frames), len(_DIRECTIONS)), -np.inf)  # (F, D) of the places at each frame
+        self._needed: Float64 | None = None
+
+    def add(self, places: Float64) -> None:
+        """places: (K, 3) frame, x, z, each frame once."""
+        at = np.searchsorted(self._frames, places[:, 0])
+        self._farthest[at] = np.maximum(self._farthest[at], places[:, 1:] @ _DIRECTIONS.T)
+        self._needed = None
+
+    def are_too_far_from(self, places: Float64) -> bool:
+        """Whether a person would have to be too fast anywhere. At one frame the weight says which holds."""
+        if not len(places):
+            return False
+        if self._needed is None:
+            self._needed = self._least_along()
+        at = np.searchsorted(self._frames, places[:, 0])
+        return bool((self._needed[at] - places[:, 1:] @ _DIRECTIONS.T > _NEAR_M).any())
+
+    def _least_along(self) -> Float64:
+        """(F, D) how far along each direction one has to be at a frame to come to, and from, the places at others."""
+        needed = np.full_like(self._farthest, -np.inf)
+        before = np.maximum.accumulate(self._farthest + self._run_m)
+        after = np.maximum.accumulate((self._farthest - self._run_m)[::-1])[::-1]
+        needed[1:] = before[:-1] - self._run_m[1:]
+        needed[:-1] = np.maximum(needed[:-1], after[1:] + self._run_m[:-1])
+        return needed
 
 
 def _places(item: Constraint, window: range) -> Float64:
@@ -48,12 +90,3 @@ def _places(item: Constraint, window: range) -> Float64:
             root = item.positions[item.joints.index(0)]
             return np.array([[item.frame, root[0], root[2]]], np.float64)
     return np.empty((0, 3))
-
-
-def _is_too_far(places: Float64, others: Float64, fps: int) -> bool:
-    """Whether a person would have to be faster than FASTEST_M_S anywhere. At one frame the weight says which holds."""
-    if not len(places) or not len(others):
-        return False
-    frames = np.abs(places[:, None, 0] - others[None, :, 0])
-    apart = np.hypot(*np.moveaxis(places[:, None, 1:] - others[None, :, 1:], -1, 0))
-    return bool(np.any((frames > 0) & (apart > FASTEST_M_S * frames / fps + _NEAR_M)))

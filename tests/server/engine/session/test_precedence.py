@@ -1,5 +1,7 @@
 """Of constraints that contradict each other the heavier one holds, and of equal ones the later one."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -48,3 +50,43 @@ def test_of_a_path_the_frames_of_the_window_count() -> None:
     there = Waypoint(1, 380, 40.0, 0.0)
     assert path in in_force((there, path), range(0, 200), 20)
     assert path not in in_force((there, path), range(200, 400), 20)
+
+
+@pytest.mark.parametrize("frames", [1, 93, 200])
+def test_as_many_as_a_session_may_hold_of_as_many_weights_take_no_more_than_a_moment(frames: int) -> None:
+    places = np.zeros((frames, 2), np.float32)
+    held = [
+        Waypoint(number + 1, number % 200, 0.0, 0.0, weight=1.0 + number / 100)
+        if frames == 1
+        else RootTrajectory(number + 1, 0, places, weight=1.0 + number / 100)
+        for number in range(min(256, 24_000 // frames))
+    ]
+    begun_s = time.process_time()
+    assert in_force(held, WINDOW, 20) == tuple(held)
+    assert time.process_time() - begun_s < 0.3, "every window of theirs holds up all other characters for as long"
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_one_is_left_out_for_the_same_heavier_ones_as_when_each_pair_is_looked_at(seed: int) -> None:
+    numbers = np.random.default_rng(seed)
+    held = [
+        Waypoint(number, int(frame), float(x), float(z), weight=float(weight))
+        for number, (frame, x, z, weight) in enumerate(
+            zip(
+                numbers.integers(0, 200, 8),
+                *numbers.uniform(-12, 12, (2, 8)),
+                numbers.choice((0.5, 1.0, 2.0), 8),
+                strict=True,
+            )
+        )
+    ]
+    kept: list[Waypoint] = []
+    for item in sorted(held, key=lambda each: (each.weight, each.constraint_id), reverse=True):
+        heavier = [other for other in kept if other.weight > item.weight and other.frame != item.frame]
+        if all(_apart(item, other) <= 0.2 * abs(item.frame - other.frame) + 0.05 for other in heavier):
+            kept.append(item)
+    assert in_force(held, WINDOW, 20) == tuple(kept[::-1])
+
+
+def _apart(one: Waypoint, other: Waypoint) -> float:
+    return float(np.hypot(one.x - other.x, one.z - other.z))

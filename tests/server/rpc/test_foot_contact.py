@@ -10,6 +10,7 @@ import pytest
 
 from motiongen.v1 import motion_pb2
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_server.engine.session.kinematics import Posed
 from motiongen_server.engine.session.residuals import Residual, nearest_frame
 from motiongen_server.engine.types import JointTargets, RigLayout
 from motiongen_server.errors import EventRefused
@@ -67,16 +68,16 @@ def test_it_is_met_where_the_foot_is_there_and_on_the_ground(rig: RigLayout) -> 
     ankle = np.sum([rig.neutral_offsets[joint] for joint in chain(rig, "LeftFoot")], axis=0)
     target = asked(rig, x=float(ankle[0]), z=float(ankle[2]))
     residual = Residual()
-    residual.add(rig, target, 30, rows[:1])
+    residual.add(target, 30, Posed(rig, rows[:1]))
     assert residual.position_m is not None
     assert residual.position_m.worst < 0.02
     assert not residual.is_within(target.tolerance)
     rows[2, -4] = 1.0  # the left heel is on the ground
-    assert nearest_frame(rig, target, 30, rows).frame == 32
-    found = nearest_frame(rig, target, 30, rows)
+    assert nearest_frame(target, 30, Posed(rig, rows)).frame == 32
+    found = nearest_frame(target, 30, Posed(rig, rows))
     assert found.residual.is_within(target.tolerance)
     rows[2, -4], rows[2, -2] = 0.0, 1.0  # the right one is
-    assert not nearest_frame(rig, target, 30, rows).residual.is_within(target.tolerance)
+    assert not nearest_frame(target, 30, Posed(rig, rows)).residual.is_within(target.tolerance)
 
 
 def chain(rig: RigLayout, name: str) -> list[int]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from motiongen_ardy.locomotion.velocity import RootState, lead_by
 from motiongen_ardy.locomotion.way import WALK_M_S
+from motiongen_server.engine.session.kinematics import Posed
 from motiongen_server.engine.session.placing import Anchor, goal_of, root_for
 from motiongen_server.engine.session.residuals import nearest_frame
 from motiongen_server.engine.session.timeline import Timeline
@@ -44,19 +45,20 @@ class Aiming:
         One whose frame has passed and that may be met later is aimed at the next frame at which a person is there.
         """
         found: list[Constraint] = []
+        root: RootState | None = None
+        first, start = self.timeline.first, self.window.start
+        posed = Posed(self.rig, self.timeline.rows_between(first, start))
         for item in constraints:
-            if isinstance(item, RootTrajectory) or item.span is None or item.frame >= self.window.start:
+            if isinstance(item, RootTrajectory) or item.span is None or item.frame >= start:
                 found.append(item)
-            elif not self._is_met(item):
-                root = self.root_before(self.window.start)
-                anchor = Anchor(self.window.start, root, self.fps, self.rig, item.span.last)
-                found.append(replace(item, frame=anchor.first_possible(*goal_of(item, root, self.rig))))
+                continue
+            begin = max(item.first_frame, first)
+            if begin < start and nearest_frame(item, begin, posed.part(begin - first, start - first)).excess <= 1.0:
+                continue  # it is met
+            root = root or self.root_before(start)
+            anchor = Anchor(start, root, self.fps, self.rig, item.span.last)
+            found.append(replace(item, frame=anchor.first_possible(*goal_of(item, root, self.rig))))
         return tuple(found)
-
-    def _is_met(self, item: Constraint) -> bool:
-        begin = max(item.first_frame, self.timeline.first)
-        rows = self.timeline.rows_between(begin, self.window.start)
-        return bool(len(rows)) and nearest_frame(self.rig, item, begin, rows).excess <= 1.0
 
     def lead(self, constraints: Iterable[Constraint], end: int) -> RootTrajectory | None:
         """The way, up to a frame, to the first of the places that are to be walked to and lie beyond the window."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,55 +13,79 @@ Float64 = NDArray[np.float64]
 
 
 class Posed:
-    """Rows as poses: world positions and rotations of the joints that are asked for, and of those they hang from.
+    """Rows as poses. Where joints are is worked out once, when it is first asked for.
 
-    positions: (T, 3) metres by joint; rotations: (T, 3, 3) by joint.
+    Many constraints are measured on the same frames, of which each part (`part`) knows what the whole does.
     """
 
-    def __init__(self, rig: RigLayout, rows: Float32Array, joints: Iterable[int]) -> None:
-        """rows: (T, row_width). joints: which are asked for; the root always is."""
-        self._rig = rig
-        columns, start = {}, 0
-        for block in rig.blocks:
-            columns[block.name] = start
-            start += block.width
-        needed = {0}
-        for joint in joints:
-            while joint not in needed:
-                needed.add(joint)
-                joint = rig.parents[joint]
-        order = sorted(needed)  # parents precede their children
-        quaternions = rows[:, columns[ROTATION_BLOCK] :].astype(np.float64)
-        local = rotation_matrices(np.stack([quaternions[:, 4 * joint : 4 * joint + 4] for joint in order]))
-        root = columns[ROOT_BLOCK]
-        self.positions: dict[int, Float64] = {0: rows[:, root : root + 3].astype(np.float64)}
-        self.rotations: dict[int, Float64] = {0: local[0]}
-        for index, joint in enumerate(order[1:], 1):
-            parent = rig.parents[joint]
-            self.rotations[joint] = self.rotations[parent] @ local[index]
+    def __init__(self, rig: RigLayout, rows: Float32Array) -> None:
+        """rows: (T, row_width)."""
+        self.rig = rig
+        self._rows = rows
+        self._joints: tuple[Float64, Float64] | None = None
+        self._whole: tuple[Posed, slice] | None = None
+
+    def __len__(self) -> int:
+        """How many frames there are."""
+        return len(self._rows)
+
+    def part(self, begin: int, end: int) -> Posed:
+        """The frames from `begin` up to, not including, `end`, counted from the first of these."""
+        part = Posed(self.rig, self._rows[begin:end])
+        part._whole = self, slice(begin, end)
+        return part
+
+    def root(self) -> Float64:
+        """(T, 3) metres: where the root is."""
+        start = _column(self.rig, ROOT_BLOCK)
+        return self._rows[:, start : start + 3].astype(np.float64)
+
+    def joints(self) -> tuple[Float64, Float64]:
+        """Positions (T, J, 3), metres, and rotations (T, J, 3, 3) of all joints, in the world."""
+        if self._joints is None:
+            self._joints = self._forward() if self._whole is None else self._of_whole(*self._whole)
+        return self._joints
+
+    @staticmethod
+    def _of_whole(whole: Posed, frames: slice) -> tuple[Float64, Float64]:
+        positions, rotations = whole.joints()
+        return positions[frames], rotations[frames]
+
+    def _forward(self) -> tuple[Float64, Float64]:
+        rig = self.rig
+        start, joints = _column(rig, ROTATION_BLOCK), len(rig.joint_names)
+        quaternions = self._rows[:, start : start + 4 * joints].astype(np.float64)
+        rotations = rotation_matrices(quaternions.reshape(len(self), joints, 4))
+        positions = np.empty((len(self), joints, 3))
+        positions[:, 0] = self.root()
+        for joint, parent in enumerate(rig.parents[1:], 1):  # parents precede their children
             offset = rig.neutral_offsets[joint].astype(np.float64)
-            self.positions[joint] = self.positions[parent] + self.rotations[parent] @ offset
+            positions[:, joint] = positions[:, parent] + rotations[:, parent] @ offset
+            rotations[:, joint] = rotations[:, parent] @ rotations[:, joint]
+        return positions, rotations
 
     def heading(self) -> Float64:
-        """(T) radians about the up axis, 0 toward +Z: from the line of the hips, or the root's rotation without them.
+        """(T) radians about the up axis, 0 toward +Z: from the line of the hips, or of the root."""
+        positions, rotations = self.joints()
+        if self.rig.hip_joints is None:
+            return np.arctan2(rotations[:, 0, 0, 2], rotations[:, 0, 2, 2])
+        right, left = self.rig.hip_joints
+        return heading_across(positions[:, right], positions[:, left])
 
-        The hips must be among the joints that were asked for.
-        """
-        if self._rig.hip_joints is None:
-            turn = self.rotations[0]
-            return np.arctan2(turn[:, 0, 2], turn[:, 2, 2])
-        right, left = self._rig.hip_joints
-        return heading_across(self.positions[right], self.positions[left])
+    def contacts(self) -> Float32Array:
+        """The contact block (T, 4)."""
+        start = _column(self.rig, CONTACT_BLOCK)
+        return self._rows[:, start : start + 4]
 
 
-def contacts_of(rig: RigLayout, rows: Float32Array) -> Float32Array:
-    """The contact block (T, 4) of rows (T, row_width)."""
+def _column(rig: RigLayout, name: str) -> int:
+    """Where a block begins in a row."""
     start = 0
     for block in rig.blocks:
-        if block.name == CONTACT_BLOCK:
+        if block.name == name:
             break
         start += block.width
-    return rows[:, start : start + block.width]
+    return start
 
 
 def heading_across(right: Float64, left: Float64) -> Float64:
@@ -78,11 +100,7 @@ def continued(rig: RigLayout, rows: Float32Array, before: Float32Array) -> Float
     q and -q are one rotation; who interpolates the numbers needs neighbours to be near. Within the rows each joint is
     of one sign already, so that it is turned in all of them or in none.
     """
-    start = 0
-    for block in rig.blocks:
-        if block.name == ROTATION_BLOCK:
-            break
-        start += block.width
+    start = _column(rig, ROTATION_BLOCK)
     columns = slice(start, start + 4 * len(rig.joint_names))
     first, last = rows[0, columns].reshape(-1, 4), before[columns].reshape(-1, 4)
     signs = np.where((first * last).sum(axis=-1) < 0, np.float32(-1), np.float32(1))

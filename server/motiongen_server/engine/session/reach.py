@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from motiongen_server.engine.session.conditions import Conditions
+from motiongen_server.engine.session.kinematics import Posed
 from motiongen_server.engine.session.residuals import Nearest, Residual, nearest_frame
 from motiongen_server.engine.session.timeline import Timeline
 from motiongen_server.engine.types import Constraint, ConstraintReached, RigLayout, RootTrajectory, SessionKey
@@ -37,14 +38,15 @@ class ReachWatch:
         if not conditions.constraints or committed_to <= begin:
             return []
         seen = conditions.constraints_within(begin, committed_to)
-        told = [*self._ended(rig, seen, timeline, begin, committed_to), *self._met(rig, seen, timeline, begin)]
+        posed = Posed(rig, timeline.rows_between(begin, committed_to))
+        told = [*self._ended(seen, posed, begin, committed_to), *self._met(seen, posed, begin)]
         told.sort(key=lambda each: each[0].last_frame)
         return told
 
     def _ended(
-        self, rig: RigLayout, seen: tuple[Constraint, ...], timeline: Timeline, begin: int, committed_to: int
+        self, seen: tuple[Constraint, ...], posed: Posed, begin: int, committed_to: int
     ) -> Iterator[tuple[Constraint, ConstraintReached]]:
-        """Those of whose frames each counts."""
+        """Those of whose frames each counts. posed: the frames from begin up to committed_to."""
         before, self.partial = self.partial, []
         for constraint in seen:
             if _is_of_any_frame(constraint):
@@ -52,22 +54,22 @@ class ReachWatch:
             # By identity, not by id: one that took the place of another is measured anew.
             residual = next((errors for held, errors in before if held is constraint), None) or Residual()
             first, end = max(constraint.first_frame, begin), min(constraint.last_frame + 1, committed_to)
-            residual.add(rig, constraint, first, timeline.rows_between(first, end))
+            residual.add(constraint, first, posed.part(first - begin, end - begin))
             if constraint.last_frame < committed_to:
                 yield constraint, self._told(constraint, residual, constraint.last_frame)
             else:
                 self.partial.append((constraint, residual))
 
     def _met(
-        self, rig: RigLayout, seen: tuple[Constraint, ...], timeline: Timeline, begin: int
+        self, seen: tuple[Constraint, ...], posed: Posed, begin: int
     ) -> Iterator[tuple[Constraint, ConstraintReached]]:
-        """Those of whose frames one is enough."""
+        """Those of whose frames one is enough. posed: as for the others."""
         before, self.nearest = self.nearest, []
         for constraint in seen:
             if isinstance(constraint, RootTrajectory) or constraint.span is None:
                 continue
             first, end = max(constraint.first_frame, begin), min(constraint.last_frame + 1, self.measured_to)
-            now = nearest_frame(rig, constraint, first, timeline.rows_between(first, end))
+            now = nearest_frame(constraint, first, posed.part(first - begin, end - begin))
             held = next((each for held, each in before if held is constraint), now)
             best = now if now.excess < held.excess else held
             is_over = constraint.last_frame < self.measured_to

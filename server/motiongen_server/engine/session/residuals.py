@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from motiongen_server.engine.session.kinematics import Float64, Posed, contacts_of, heading_across
+from motiongen_server.engine.session.kinematics import Float64, Posed, heading_across
 from motiongen_server.engine.types import (
     Constraint,
     Deviation,
@@ -16,7 +16,6 @@ from motiongen_server.engine.types import (
     JointRotations,
     JointTargets,
     Keyframe,
-    RigLayout,
     RootTrajectory,
     Tolerance,
     Waypoint,
@@ -41,53 +40,56 @@ class Residual:
     rotations: list[Float64] = field(default_factory=list)
     lifted: list[NDArray[np.bool_]] = field(default_factory=list)
 
-    def add(self, rig: RigLayout, constraint: Constraint, first_frame: int, rows: Float32Array) -> None:
-        """Measure rows (T, row_width) of the frames from first_frame on, all of which the constraint asks for."""
-        self.num_frames += len(rows)
+    def add(self, constraint: Constraint, first_frame: int, posed: Posed) -> None:
+        """Measure the frames from first_frame on, all of which the constraint asks for."""
+        self.num_frames += len(posed)
         match constraint:
             case Waypoint():
-                posed = Posed(rig, rows, () if constraint.heading is None else rig.hip_joints or ())
                 goal = np.array([[constraint.x, constraint.z]])
                 self._off_ground(posed, goal)
                 if constraint.heading is not None:
                     self.headings.append(_turned(posed.heading(), np.array([constraint.heading])))
             case RootTrajectory():
-                posed = Posed(rig, rows, () if constraint.heading is None else rig.hip_joints or ())
-                there = slice(first_frame - constraint.first_frame, first_frame - constraint.first_frame + len(rows))
+                there = slice(first_frame - constraint.first_frame, first_frame - constraint.first_frame + len(posed))
                 self._off_ground(posed, constraint.xz[there])
                 if constraint.heading is not None:
                     self.headings.append(_turned(posed.heading(), constraint.heading[there]))
             case JointTargets():
-                posed = Posed(rig, rows, constraint.joints)
                 self._off_points(posed, constraint.joints, constraint.positions)
                 if constraint.rotations is not None and (turns := constraint.turns):
                     turned = tuple(constraint.joints[turn] for turn in turns)
                     self._off_rotations(posed, turned, constraint.rotations[turns])
                 if constraint.contacts:
-                    self.lifted.append(contacts_of(rig, rows)[:, constraint.contacts].max(axis=1) <= 0.5)
+                    self.lifted.append(posed.contacts()[:, constraint.contacts].max(axis=1) <= 0.5)
             case JointRotations():
-                self._off_rotations(Posed(rig, rows, constraint.joints), constraint.joints, constraint.rotations)
+                self._off_rotations(posed, constraint.joints, constraint.rotations)
             case HeadingTarget():
-                facing = Posed(rig, rows, rig.hip_joints or ()).heading()
-                self.headings.append(_turned(facing, np.array([constraint.heading])))
+                self.headings.append(_turned(posed.heading(), np.array([constraint.heading])))
             case Keyframe():
+                rig = posed.rig
                 joints = tuple(range(len(rig.joint_names)))
-                posed = Posed(rig, rows, joints)
                 self._off_points(posed, joints, constraint.positions)
                 if rig.hip_joints is not None:  # else a pose of positions alone does not say where it faces
                     right, left = constraint.positions[list(rig.hip_joints)].astype(np.float64)
                     self.headings.append(_turned(posed.heading(), heading_across(right, left)))
 
     def _off_ground(self, posed: Posed, goal: NDArray[np.floating]) -> None:
-        self.positions.append(np.linalg.norm(posed.positions[0][:, _GROUND] - goal, axis=-1))
+        self.positions.append(np.linalg.norm(posed.root()[:, _GROUND] - goal, axis=-1))
 
     def _off_points(self, posed: Posed, joints: tuple[int, ...], goals: Float32Array) -> None:
-        found = np.stack([posed.positions[joint] for joint in joints], axis=1)
+        found = posed.joints()[0][:, joints]
         self.positions.append(np.linalg.norm(found - goals, axis=-1))
 
     def _off_rotations(self, posed: Posed, joints: tuple[int, ...], goals: Float32Array) -> None:
-        found = np.stack([posed.rotations[joint] for joint in joints], axis=1)
+        found = posed.joints()[1][:, joints]
         self.rotations.append(_angles(found, goals))
+
+    def at(self, index: int) -> Residual:
+        """The errors of one frame, of what a single call of `add` has measured."""
+        here = slice(index, index + 1)
+        kinds = (self.positions, self.headings, self.rotations)
+        positions, headings, rotations = ([each[here] for each in kind] for kind in kinds)
+        return Residual(1, positions, headings, rotations, [each[here] for each in self.lifted])
 
     def is_within(self, tolerance: Tolerance) -> bool:
         """Whether every error is within the tolerance of its kind."""
@@ -122,26 +124,24 @@ class Nearest:
     residual: Residual
 
 
-def nearest_frame(rig: RigLayout, constraint: Constraint, first_frame: int, rows: Float32Array) -> Nearest:
-    """Of rows (T, row_width), T at least 1, of the frames from first_frame on, the one that comes nearest."""
+def nearest_frame(constraint: Constraint, first_frame: int, posed: Posed) -> Nearest:
+    """Of the frames from first_frame on, one at least, the one that comes nearest."""
     every, tolerance = Residual(), constraint.tolerance
-    every.add(rig, constraint, first_frame, rows)
-    excess = np.zeros(len(rows))
+    every.add(constraint, first_frame, posed)
+    excess = np.zeros(len(posed))
     for errors, most in (
         (every.positions, tolerance.position_m),
         (every.headings, tolerance.angle_rad),
         (every.rotations, tolerance.angle_rad),
     ):
         for each in errors:
-            worst = np.broadcast_to(each.reshape(len(each), -1).max(axis=1), len(rows))
+            worst = each.reshape(len(each), -1).max(axis=1)
             # No error is within a tolerance of none.
             excess = np.maximum(excess, np.where(worst <= most, worst / max(most, 1e-9), 1.0 + worst - most))
     for lifted in every.lifted:
         excess = np.where(lifted, np.maximum(excess, 1.0) + _LIFTED_EXCESS, excess)
     best = int(excess.argmin())
-    residual = Residual()
-    residual.add(rig, constraint, first_frame + best, rows[best : best + 1])
-    return Nearest(first_frame + best, float(excess[best]), residual)
+    return Nearest(first_frame + best, float(excess[best]), every.at(best))
 
 
 def _turned(found: Float64, asked: NDArray[np.floating]) -> Float64:

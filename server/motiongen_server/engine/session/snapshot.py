@@ -8,6 +8,7 @@ import numpy as np
 
 from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.edits import PendingEdit
+from motiongen_server.engine.session.kinematics import Posed
 from motiongen_server.engine.session.opening import Opening, open_session
 from motiongen_server.engine.session.plan_log import PlanLog
 from motiongen_server.engine.session.residuals import Residual, nearest_frame
@@ -24,7 +25,6 @@ from motiongen_server.engine.types import (
     HeldVelocity,
     ModelFacts,
     Open,
-    RigLayout,
     SessionSnapshot,
     SnapshotTaken,
     UnansweredEdit,
@@ -138,21 +138,21 @@ def going_on(event: Open, asked: GoingOn, opening: Opening, features: Float32Arr
     delivery.clock.set_state(held.play_state, now, end)
     state.reach.measured_to = held.measured_to
     begun = [each for each in held.constraints if each.first_frame < held.measured_to <= each.last_frame]
-    state.reach.partial = [(each, _measured(each, held, facts.rig)) for each in begun]
+    posed = Posed(facts.rig, held.rows)
+    state.reach.partial = [(each, _measured(each, held, posed)) for each in begun]
     state.reach.nearest = []
     for each in begun:
         first = max(each.first_frame, held.first_frame)
         if first < held.measured_to:
-            rows = held.rows[first - held.first_frame : held.measured_to - held.first_frame]
-            state.reach.nearest.append((each, nearest_frame(facts.rig, each, first, rows)))
+            part = posed.part(first - held.first_frame, held.measured_to - held.first_frame)
+            state.reach.nearest.append((each, nearest_frame(each, first, part)))
     return state
 
 
-def _measured(constraint: Constraint, held: SessionSnapshot, rig: RigLayout) -> Residual:
-    """How far a constraint that has begun was missed so far, as far as its frames are held."""
+def _measured(constraint: Constraint, held: SessionSnapshot, posed: Posed) -> Residual:
+    """How far a constraint that has begun was missed so far, as far as its frames are held. posed: all of these."""
     residual = Residual()
     first = max(constraint.first_frame, held.first_frame)
     if first < held.measured_to:
-        rows = held.rows[first - held.first_frame : held.measured_to - held.first_frame]
-        residual.add(rig, constraint, first, rows)
+        residual.add(constraint, first, posed.part(first - held.first_frame, held.measured_to - held.first_frame))
     return residual

@@ -5,8 +5,22 @@ import math
 import numpy as np
 import pytest
 
-from motiongen_server.engine.types import Keyframe, RootTrajectory, Tolerance, Waypoint, WindowJob
-from tests.server.engine.fakes import SPEED
+from motiongen_ardy.locomotion.velocity import RootState
+from motiongen_server.engine.session.aiming import Aiming
+from motiongen_server.engine.session.conditions import Conditions
+from motiongen_server.engine.session.kinematics import Posed
+from motiongen_server.engine.session.reach import ReachWatch
+from motiongen_server.engine.types import (
+    JointRotations,
+    Keyframe,
+    RootTrajectory,
+    SessionKey,
+    Span,
+    Tolerance,
+    Waypoint,
+    WindowJob,
+)
+from tests.server.engine.fakes import FACTS, SPEED
 from tests.server.engine.session.playing import playing
 from tests.server.engine.stage import Stage
 
@@ -102,3 +116,24 @@ def test_a_clip_tells_of_every_constraint_before_it_ends() -> None:
     stage.run(5.0)
     assert viewer.closed is not None
     assert [reached.constraint_id for reached in viewer.reached] == [4, 3, 2, 1]  # in the order of their frames
+
+
+def test_however_many_are_measured_where_the_joints_are_is_worked_out_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage, viewer = playing()
+    timeline = stage.engine.sessions[viewer.key].timeline
+    turned = np.diag([1.0, -1.0, -1.0]).astype(np.float32)[None]
+    held = tuple(JointRotations(each, 5, (0,), turned, span=Span(0, 1 << 50)) for each in range(1, 257))
+    forward = Posed._forward
+    worked_out: list[int] = []
+
+    def noted(posed: Posed) -> tuple[np.ndarray, np.ndarray]:
+        worked_out.append(len(posed))
+        return forward(posed)
+
+    monkeypatch.setattr(Posed, "_forward", noted)
+    assert ReachWatch(SessionKey(1, 1)).reached(FACTS.rig, Conditions((), held), timeline, 20) == []
+    assert worked_out == [20], "every chunk of theirs holds up all other characters for as long"
+    window = range(30, 100)
+    aiming = Aiming(FACTS.rig, FACTS.fps, timeline, window, lambda frame: RootState(0.0, 0.0, 0.0, 0.0, 0.0))
+    assert len(aiming.aimed(held)) == len(held)
+    assert worked_out == [20, 30]

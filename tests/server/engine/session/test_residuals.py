@@ -13,6 +13,7 @@ from motiongen_ardy.core.motion import Motion
 from motiongen_ardy.core.residuals import residuals as library_residuals
 from motiongen_ardy.core.rotation import matrix_to_quaternion, quaternion_to_matrix
 from motiongen_ardy.core.skeleton import load_skeleton
+from motiongen_server.engine.session.kinematics import Posed
 from motiongen_server.engine.session.residuals import Residual
 from motiongen_server.engine.types import (
     ChannelBlock,
@@ -79,7 +80,7 @@ def measured_in_parts(skeleton: Any, constraint: Any, rows: Any) -> Residual:
     """The residual, measured frame after frame as they are committed."""
     residual = Residual()
     for frame in range(constraint.first_frame, min(constraint.last_frame + 1, NUM_FRAMES)):
-        residual.add(layout_of(skeleton), constraint, frame, rows[frame : frame + 1])
+        residual.add(constraint, frame, Posed(layout_of(skeleton), rows[frame : frame + 1]))
     return residual
 
 

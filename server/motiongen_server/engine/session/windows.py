@@ -166,8 +166,11 @@ def history_crop(spec: SessionSpec, config: EngineConfig) -> int:
 
 
 def history_frames(frame: int, timeline: Timeline, crop: int, patch: int) -> int:
-    """Frames of history of a window that starts at `frame`: whole patches, at most `crop`."""
-    return min(crop, (frame - timeline.motion_from) // patch * patch)
+    """Frames of history of a window that starts at `frame`: whole patches, at most `crop`.
+
+    Less than that is held where a session has only just asked for a longer one.
+    """
+    return min(crop, (frame - max(timeline.motion_from, timeline.first)) // patch * patch)
 
 
 def guidance_at(level: Level, asked: Guidance, has_constraints: bool, facts: ModelFacts) -> Guidance:

@@ -5,7 +5,7 @@ import pytest
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.types import Code, Guidance, PlayState, Priority
 from tests.server.engine.session.playing import playing
-from tests.server.engine.stage import Stage
+from tests.server.engine.stage import Stage, prompt
 
 
 def test_steps_guidance_and_history_hold_from_the_next_window_on() -> None:
@@ -64,3 +64,20 @@ def test_more_than_there_is_room_for_is_refused_and_changes_nothing() -> None:
     assert (outcome.reason, outcome.field) == ("OVERLOADED", "set_options")
     assert outcome.retry_after_s is not None
     assert {job.num_steps for job in stage.runner.prepared[before:]} <= {2}
+
+
+@pytest.mark.parametrize("rewind_s", [0.0, 2.0])
+def test_a_longer_history_is_what_is_held_of_it_and_grows(rewind_s: float) -> None:
+    stage, viewer = playing(EngineConfig(rewind_s=rewind_s), history_frames=4)
+    stage.run(15.0)
+    stage.set_options(viewer, history_frames=160)
+    before = len(stage.runner.prepared)
+    for marker in range(2, 5):
+        stage.set_prompts(viewer, prompt(marker))
+        stage.run(1.0)
+    stage.run(20.0)
+    later = stage.runner.prepared[before:]
+    for job in later:
+        assert [row[0] for row in job.history] == list(range(job.first_frame - len(job.history), job.first_frame))
+    assert 0 < len(later[0].history) < 160 == len(later[-1].history)
+    assert stage.runner.breaches == []

@@ -70,6 +70,7 @@ class SnapshotWriter:
         self._waiting: dict[Lease, tuple[SessionRecord, float]] = {}
         self._dropped: list[Lease] = []
         self._leases: set[Lease] = set()
+        self._untold: dict[Lease, int] = {}  # written while the store was in doubt, and up to which event
         self._is_closing = False
         self._is_failing = False
         self._renew_at = clock() + RENEW_EVERY_S
@@ -108,6 +109,7 @@ class SnapshotWriter:
         """The session has ended here, and may go on elsewhere: its record stays, and what waits is still written."""
         with self._lock:
             self._leases.discard(lease)
+            self._untold.pop(lease, None)
 
     def read(self, name: str) -> Future[bytes | None]:
         """The record of a session, whoever holds it. Its exception is StoreFailed."""
@@ -173,7 +175,10 @@ class SnapshotWriter:
                 written.append(Written(lease, record.taken_seq))
             else:
                 fenced.append(lease)
-        if written and not self._is_failing:
+        if self._is_failing:
+            with self._lock:
+                self._untold.update(each for each in written if each.lease in self._leases)
+        elif written:
             self._listener.written(written)
         self._give_up(fenced)
 
@@ -198,6 +203,11 @@ class SnapshotWriter:
             self._is_failing = False
             _log.warning("sessions are saved again, in %s", self._store)
             self._listener.renewed(of[Renewal.KEPT])
+            with self._lock:
+                untold, self._untold = self._untold, {}
+            kept = set(of[Renewal.KEPT])
+            if written := [Written(lease, seq) for lease, seq in untold.items() if lease in kept]:
+                self._listener.written(written)
         if of[Renewal.GONE]:
             self._listener.lost(of[Renewal.GONE])
         self._give_up(of[Renewal.FENCED])
@@ -212,6 +222,7 @@ class SnapshotWriter:
 
     def _forget(self, lease: Lease) -> None:
         self._waiting.pop(lease, None)
+        self._untold.pop(lease, None)
         self._leases.discard(lease)
 
     def _fail(self, error: StoreFailed, dropped: list[Lease]) -> None:

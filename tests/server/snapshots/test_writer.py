@@ -157,6 +157,18 @@ def test_a_store_that_fails_is_told_of_once_and_when_it_is_well_again(
     assert read_record(store.records["a"][1]).taken_seq == 2, "what waited was written"
 
 
+def test_what_was_written_too_late_to_be_relied_upon_is_told_once_the_store_is_well(
+    store: Store, heard: Heard, saving: SnapshotWriter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    saving.save(A, a_record(3))
+    until(lambda: heard.said)
+    monkeypatch.setattr(writer, "MAX_LAG_S", -1.0)
+    saving.save(A, a_record(5))
+    until(lambda: "failed" in heard.said)
+    until(lambda: Written(A, 5) in heard.said)
+    assert heard.said == [Written(A, 3), "failed", ("renewed", A), Written(A, 5)]
+
+
 def test_who_is_fenced_is_told_with_a_write_or_soon_without_one(
     store: Store, heard: Heard, saving: SnapshotWriter
 ) -> None:

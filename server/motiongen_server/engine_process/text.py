@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import logging
 import threading
 from collections.abc import Sequence
 from concurrent.futures import Future
@@ -11,6 +12,8 @@ from motiongen_server.engine.types import Float32Array
 from motiongen_server.engine_process.messages import Encoded, EncoderReady, EncodeTexts, LoadEncoder
 from motiongen_server.engine_process.process import EngineProcess
 from motiongen_server.settings import SettingError
+
+_log = logging.getLogger(__name__)
 
 
 class EncoderLost(ConnectionError):
@@ -31,6 +34,7 @@ class EngineTextEncoder:
         self._lock = threading.Lock()
         self._waiting: dict[int, Future[Float32Array]] = {}
         self._ready: Future[EncoderReady] = Future()
+        self._is_missing = False  # the engine process that there is now could not load it
         process.serve_text(self._take, lambda: (LoadEncoder(width),), self._lose)
         self.identity = self._ready.result().identity
 
@@ -38,6 +42,8 @@ class EngineTextEncoder:
         """(len(texts), width). Raises EncoderLost where the engine process cannot answer now."""
         if self._process.failure is not None:
             raise EncoderLost("the text encoder has failed")
+        if self._is_missing:
+            raise EncoderLost("the text encoder could not be loaded again")
         number, answer = next(self._numbers), Future[Float32Array]()
         with self._lock:
             self._waiting[number] = answer
@@ -54,12 +60,7 @@ class EngineTextEncoder:
 
     def _take(self, message: EncoderReady | Encoded) -> None:
         if isinstance(message, EncoderReady):
-            if self._ready.done():
-                return
-            if message.error:
-                self._ready.set_exception(SettingError(message.error))
-            else:
-                self._ready.set_result(message)
+            self._take_ready(message)
             return
         with self._lock:
             answer = self._waiting.pop(message.number, None)
@@ -70,11 +71,27 @@ class EngineTextEncoder:
         else:
             answer.set_result(message.vectors)
 
+    def _take_ready(self, message: EncoderReady) -> None:
+        if not self._ready.done():
+            if message.error:
+                self._ready.set_exception(SettingError(message.error))
+            else:
+                self._ready.set_result(message)
+        elif message.error:
+            # The engines go on: presets, embeddings and prompts that were used before take no encoder.
+            self._is_missing = True
+            _log.error("prompts cannot be encoded until the engine process is started anew: %s", message.error)
+            self._break_off("the text encoder could not be loaded again")
+
     def _lose(self) -> None:
         """The engine process is gone; the next one loads the encoder again."""
+        self._is_missing = False
+        self._break_off("the text encoder is being started anew")
+        if not self._ready.done():
+            self._ready.set_exception(SettingError("the engine process was lost while it loaded the text encoder"))
+
+    def _break_off(self, why: str) -> None:
         with self._lock:
             waiting, self._waiting = self._waiting, {}
         for answer in waiting.values():
-            answer.set_exception(EncoderLost("the text encoder is being started anew"))
-        if not self._ready.done():
-            self._ready.set_exception(SettingError("the engine process was lost while it loaded the text encoder"))
+            answer.set_exception(EncoderLost(why))

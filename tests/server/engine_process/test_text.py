@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import cast
+
+import numpy as np
 import pytest
 
+from motiongen_server.engine_process.messages import Encoded, EncoderReady, EncodeTexts, ToEngine
+from motiongen_server.engine_process.process import EngineProcess, TakeText
 from motiongen_server.engine_process.text import EncoderLost, EngineTextEncoder
 from motiongen_server.settings import SettingError
 from tests.server.engine_process.audience import LIMIT_S, pool_of
@@ -37,3 +43,31 @@ def test_one_that_takes_too_long_is_not_waited_for() -> None:
 def test_one_that_cannot_be_loaded_is_a_wrong_setting() -> None:
     with pool_of("settings") as (pool, _), pytest.raises(SettingError, match="no such encoder"):
         EngineTextEncoder(pool.processes[0], 2, LIMIT_S)
+
+
+class Process:
+    """Stands for an engine process that says what a test has it say."""
+
+    failure = None
+
+    def serve_text(
+        self, take: TakeText, on_begin: Callable[[], Sequence[ToEngine]], on_loss: Callable[[], None]
+    ) -> None:
+        self.say, self.is_lost = take, on_loss
+        take(EncoderReady("length-1", 2, ""))
+
+    def tell(self, message: ToEngine) -> None:
+        assert isinstance(message, EncodeTexts)
+        self.say(Encoded(message.number, np.ones((1, 2), np.float32), ""))
+
+
+def test_one_that_cannot_be_loaded_again_says_so_at_once_and_comes_back_with_the_next_process() -> None:
+    process = Process()
+    encoder = EngineTextEncoder(cast(EngineProcess, process), 2, LIMIT_S)
+    process.is_lost()
+    process.say(EncoderReady("", 0, "its folder is gone"))
+    with pytest.raises(EncoderLost, match="could not be loaded again"):
+        encoder.encode(["abc"])
+    process.is_lost()
+    process.say(EncoderReady("length-1", 2, ""))
+    assert encoder.encode(["abc"]).tolist() == [[1.0, 1.0]]

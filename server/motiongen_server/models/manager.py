@@ -131,9 +131,9 @@ class ModelManager:
         """
         old = self._find(model_id)
         self._check_free(old, grace_s)
-        refusal = old.refusal
+        before, reloading = old.refusal, model_reloading(model_id)
         if grace_s is None:
-            old.refusal = model_reloading(model_id)
+            old.refusal = reloading
         try:
             kept = await self._load(old.source)
             if kept.model_id != model_id:
@@ -143,7 +143,8 @@ class ModelManager:
                 message = f"{old.source!r} holds {kept.model_id} by now, not {model_id}; load it by itself"
                 raise CannotKeep(Code.FAILED_PRECONDITION, "ANOTHER_MODEL", message)
         except CannotKeep:
-            old.refusal = refusal
+            if old.refusal is reloading:  # else its engine has failed meanwhile
+                old.refusal = before
             raise
         self._kept[self._kept.index(old)] = kept
         self.models.put(kept)

@@ -88,6 +88,26 @@ async def test_an_engine_that_fails_takes_no_other_with_it_and_can_be_reloaded(s
     await serving
 
 
+async def test_a_model_that_fails_while_it_is_loaded_again_in_vain_is_refused(stage: Stage) -> None:
+    def observe(report: object) -> None:
+        raise RuntimeError("the books do not fit together")
+
+    talk = await stage.talk()
+    serving = asyncio.ensure_future(stage.application.serve())
+    stage.shop.broken["two"] = SettingError("cannot serve model 'two': the folder is gone")
+    stage.shop.go.clear()
+    reloading = asyncio.ensure_future(stage.admin.ReloadModel(reload("two")))
+    await stage.until(lambda models: models[-1].state == admin_pb2.MODEL_STATE_LOADING)
+    stage.application.metrics.of_engine("two", ENGINE).observe = observe  # type: ignore[method-assign]
+    await stage.until(lambda models: models[1].state == admin_pb2.MODEL_STATE_FAILED)
+    stage.shop.go.set()
+    assert (await refusal(reloading))[1] == "CANNOT_LOAD"
+    await talk.ask_open(1, model_id="two")
+    assert (await talk.answer(1, 1)).reason == "MODEL_FAILED"
+    stage.application.ask_to_stop()
+    await serving
+
+
 async def test_what_is_unloaded_is_freed_though_what_is_loaded_is_left_out_of_collection(stage: Stage) -> None:
     talk = await stage.talk()
     with settled_objects():

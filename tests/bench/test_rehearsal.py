@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from motiongen_server.devices import ADMIT_LOAD_SHARED
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.types import Priority
 from motiongen_tools.bench.scenario import BUILT_IN, load_scenario
@@ -40,13 +41,7 @@ def test_a_stick_is_followed_as_often_as_it_speaks() -> None:
 
 
 @pytest.mark.parametrize(
-    ("machine", "could"),
-    [
-        (Machine(0.7, quota=True), 104),
-        (Machine(1.0, quota=True, engines=2), 132),
-        (Machine(1.5, quota=True), 220),
-        (Machine(1.0), 152),
-    ],
+    ("machine", "could"), [(Machine(0.7, quota=True), 104), (Machine(1.5, quota=True), 220), (Machine(1.0), 152)]
 )
 def test_under_a_quota_too_nine_tenths_of_what_could_be_served_is_let_in_and_served_in_full(
     machine: Machine, could: int
@@ -54,5 +49,15 @@ def test_under_a_quota_too_nine_tenths_of_what_could_be_served_is_let_in_and_ser
     """could: what `python -m tests.bench.admission` finds, give or take the steps of its search."""
     count, degraded, found = let_in(machine, load_scenario("crowd"), 2 * could, 10)
     assert 0.88 * could <= count <= could
+    assert degraded == 0
+    assert missed(found) < FULL_MISS
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_engines_that_share_a_core_are_filled_less_and_serve_whom_they_let_in_in_full(seed: int) -> None:
+    """132 could be served. With nine tenths everybody of one engine was told of less, by one seed in three."""
+    machine = Machine(1.0, seed, quota=True, engines=2)
+    count, degraded, found = let_in(machine, load_scenario("crowd"), 264, 10, ADMIT_LOAD_SHARED)
+    assert 0.82 * 132 <= count <= 132
     assert degraded == 0
     assert missed(found) < FULL_MISS

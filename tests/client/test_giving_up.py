@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import time
+import threading
 from collections.abc import Iterator
 
 import grpc
@@ -15,6 +15,7 @@ from motiongen_client import MotionClient, StreamLost
 from tests.client.fake_server import FakeServer
 from tests.client.synthetic import HORIZON, catalog
 from tests.client.waiting import received, until
+from tests.waiting import LIMIT_S
 
 
 async def test_an_opening_that_is_given_up_leaves_no_session(client: MotionClient, server: FakeServer) -> None:
@@ -99,8 +100,9 @@ def busy() -> Iterator[FakeServer]:
             self, request: service_pb2.GenerateClipRequest, context: grpc.ServicerContext
         ) -> Iterator[service_pb2.GenerateClipResponse]:
             self.clips = 1
-            while context.is_active():
-                time.sleep(0.01)
+            gone = threading.Event()
+            if context.add_callback(gone.set):
+                gone.wait(LIMIT_S)
             return iter(())
 
         clips = 0

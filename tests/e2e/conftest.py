@@ -24,9 +24,15 @@ def short_delays(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def received(monkeypatch: pytest.MonkeyPatch) -> dict[Playback, Received]:
-    """By playback; committed frames that came again otherwise are noted."""
+    """By playback; committed frames that came again otherwise are noted; what a later plan drops is forgotten."""
     heard: dict[Playback, Received] = defaultdict(Received)
-    add_chunk = Playback.add_chunk
+    add_chunk, announce_plan = Playback.add_chunk, Playback.announce_plan
+
+    def dropping(self: Playback, plan: int, valid_from: int, *, is_cut: bool = False) -> int:
+        num_dropped, book = announce_plan(self, plan, valid_from, is_cut=is_cut), heard[self]
+        for frame in [frame for frame in book.rows if frame >= self.buffered_to]:
+            del book.rows[frame]
+        return num_dropped
 
     def noting(self: Playback, plan: int, first_frame: int, rows: np.ndarray, committed_to: int) -> None:
         promised, book = self.committed_to, heard[self]
@@ -37,4 +43,5 @@ def received(monkeypatch: pytest.MonkeyPatch) -> dict[Playback, Received]:
             book.rows[frame] = row
 
     monkeypatch.setattr(Playback, "add_chunk", noting)
+    monkeypatch.setattr(Playback, "announce_plan", dropping)
     return heard

@@ -55,7 +55,7 @@ async def proxied(
 
 @dataclass
 class Received:
-    """What one playback was given: the last row of each frame, whatever replaced it."""
+    """What one playback was given: the last row of each frame that it holds, or has shown."""
 
     rows: dict[int, np.ndarray] = field(default_factory=dict)
     changed: list[int] = field(default_factory=list)

@@ -10,6 +10,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
+from motiongen_server.engine_process import signals
+
 END_S = 5.0
 """How long an engine process that has said its last may take to end."""
 
@@ -44,13 +46,14 @@ class FreshChild:
         """environment: what it finds besides this process's. Raises OSError where it cannot be started."""
         self._death, held_open = os.pipe()
         try:
-            self._process = subprocess.Popen(
-                [*command, str(folder)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                env={**os.environ, **environment},
-                pass_fds=(held_open,),
-            )
+            with signals.held_back():
+                self._process = subprocess.Popen(
+                    [*command, str(folder)],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.DEVNULL,
+                    env={**os.environ, **environment},
+                    pass_fds=(held_open,),
+                )
         except OSError:
             os.close(self._death)
             raise

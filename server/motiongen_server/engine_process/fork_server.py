@@ -20,6 +20,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from motiongen_server.engine_process import signals
+
 _log = logging.getLogger(__name__)
 
 REQUEST_BYTES = 1 << 16
@@ -117,9 +119,7 @@ class ForkServer:
 
 def main() -> None:
     """Import all that an engine process needs, then serve."""
-    # As in engine processes: it is the gateway that drains and ends them.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    signals.ignore()
 
     from motiongen_server.engine_process.main import run
     from motiongen_server.engine_process.model_loading import import_libraries, prepare

@@ -14,6 +14,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from motiongen_server.engine_process import signals
 from motiongen_server.engine_process.child import how_it_ended
 from motiongen_server.engine_process.fork_server import NUMBER_BYTES
 
@@ -112,9 +113,10 @@ class ForkServerLink:
         with theirs:
             # One thread: more would wait in it for work that never comes, and would be missing in what is forked.
             environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-            self._process = subprocess.Popen(
-                self._command, stdin=theirs.fileno(), stdout=subprocess.DEVNULL, env=environment
-            )
+            with signals.held_back():
+                self._process = subprocess.Popen(
+                    self._command, stdin=theirs.fileno(), stdout=subprocess.DEVNULL, env=environment
+                )
         return self._requests
 
     def stop(self) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import signal
 import sys
 import threading
 import time
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import zmq
 
+from motiongen_server.engine_process import signals
 from motiongen_server.engine_process.codec import CodecError
 from motiongen_server.engine_process.host import EngineHost, LoadText
 from motiongen_server.engine_process.messages import GREETING, SCHEMA, TO_ENGINE, Begin, Ended, Greeting, Joined
@@ -33,10 +33,7 @@ Prepare = Callable[[Begin], tuple[BuildEngine, LoadText]]
 
 def run(folder: Path, prepare: Prepare) -> int:
     """Serve the gateway that listens in the folder. Returns the exit code: 0 after Stop, 1 for a failure."""
-    # A terminal's Ctrl-C and a service manager's SIGTERM reach every process of the group, but it is the gateway that
-    # drains; this process ends when the gateway tells it to, and at once when the gateway is gone.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    signals.ignore()
     threading.Thread(target=_end_with_gateway, name="lifeline", daemon=True).start()
     end = EngineEnd(folder)
     end.back.send(GREETING.encode(Greeting(SCHEMA, time.monotonic())))

@@ -108,9 +108,10 @@ class Line:
         self.stream = Stream(self.number, models, kept=self.kept)
         self.heard: list[session_pb2.SessionUpdate] = []
 
-    def send(self, event_seq: int, **event: object) -> None:
+    def send(self, event_seq: int, at: float | None = None, **event: object) -> None:
+        """at: when it comes, in monotonic seconds; None: now."""
         message = session_pb2.SessionEvent(session=HANDLE, event_seq=event_seq, **event)  # type: ignore[arg-type]
-        self.stream.receive(message, time.monotonic())
+        self.stream.receive(message, time.monotonic() if at is None else at)
 
     def open(self) -> None:
         """Open a session, and let the engine say so."""
@@ -176,8 +177,9 @@ async def test_a_playhead_with_a_number_is_refused_and_the_session_lives(line: L
 async def test_an_event_that_comes_too_fast_uses_up_its_number() -> None:
     line = Line(make_catalog(events_per_second=3.0))
     line.open()
+    now = time.monotonic()  # all of them come at this moment, so that none is allowed again between two
     for event_seq in range(2, 6):
-        line.send(event_seq, set_play_state=PAUSE)
+        line.send(event_seq, at=now, set_play_state=PAUSE)
     assert {reason for _, reason in line.refusals()} == {"TOO_MANY_EVENTS"}
     assert [event.event_seq for event in line.engine.events] + [seq for seq, _ in line.refusals()] == [1, 2, 3, 4, 5]
 

@@ -11,7 +11,6 @@ from motiongen.v1 import service_pb2, session_pb2
 from motiongen_server.engine.types import Code, Outcome, SessionKey
 from motiongen_server.rpc.stream_output import MAX_WAITING_REPLIES
 from tests.server.rpc.test_event_order import Line, make_catalog
-from tests.waiting import LIMIT_S
 
 PONG = service_pb2.StreamMotionResponse(pong=service_pb2.Pong(client_time_ns=1))
 ROUNDS = 10
@@ -59,13 +58,17 @@ async def test_the_end_of_the_stream_ends_the_wait(line: Line) -> None:
     assert not await is_waiting(reading)
 
 
-async def test_a_stream_that_owes_is_not_read_until_it_has_paid() -> None:
-    line = Line(make_catalog(stream_events_per_second=2_000.0))
-    line.stream.budget.charge(2_100.0, time.monotonic())
+async def test_a_stream_that_owes_is_not_read_until_it_has_paid(monkeypatch: pytest.MonkeyPatch) -> None:
+    monotonic, leapt_s = time.monotonic, [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: monotonic() + leapt_s[0])  # the event loop's time too
+    line = Line(make_catalog(stream_events_per_second=1.0))
+    line.stream.budget.charge(3601.0, time.monotonic())  # an hour, and the second that it may use at once
     reading = asyncio.create_task(line.stream.room())
     assert await is_waiting(reading)
-    async with asyncio.timeout(LIMIT_S):
-        await reading
+    leapt_s[0] += 1800.0
+    assert await is_waiting(reading), "half of it is paid"
+    leapt_s[0] += 1800.0
+    assert not await is_waiting(reading)
 
 
 async def test_a_refusal_costs_more_than_what_is_taken() -> None:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
+
+import pytest
+
 from motiongen.v1 import session_pb2
 from motiongen_compliance.messages import waypoint
 from motiongen_compliance.target import Target, connect
@@ -26,8 +30,13 @@ async def test_a_session_that_ended_meanwhile_tells_its_end(local_server: LocalS
     await second.open(1)
 
 
-async def test_sessions_that_wait_for_their_client_count_and_are_closed_after_the_grace() -> None:
-    async with LocalServer(Limits(resume_grace_s=0.3), EngineConfig(max_sessions=2)) as server:
+async def test_sessions_that_wait_for_their_client_count_and_are_closed_after_the_grace(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    grace_s, leapt_s = 3600.0, [0.0]  # over when the test says so
+    loop_time = asyncio.get_running_loop().time
+    monkeypatch.setattr(asyncio.get_running_loop(), "time", lambda: loop_time() + leapt_s[0])
+    async with LocalServer(Limits(resume_grace_s=grace_s), EngineConfig(max_sessions=2)) as server:
         async for target in connect(server.address):
             first, other = await target.talk(), await target.talk()
             heard = await first.open(1, constraints=[waypoint(60, x=1)])
@@ -39,6 +48,8 @@ async def test_sessions_that_wait_for_their_client_count_and_are_closed_after_th
                 await other.ping(number)
             await other.ask_open(2)
             assert (await other.answer(2, 1)).reason == "SESSION_LIMIT"
+            assert (server.service.num_parked, server.engine.num_sessions) == (1, 2)
+            leapt_s[0] = grace_s
             while server.engine.num_sessions > 1:
                 number += 1
                 await other.ping(number)

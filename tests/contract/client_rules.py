@@ -12,6 +12,17 @@ RESUMING = frozenset({"request_id", "resume_token", "resume_point"})
 
 
 @dataclass
+class Cut:
+    """Frames up to `end` had been sent when a plan replaced some of them. A report may cross that plan on its way.
+
+    answered_seq: of the first answer behind the plan: who has heard that has heard the plan. 0: none has come yet.
+    """
+
+    end: int
+    answered_seq: int = 0
+
+
+@dataclass
 class Told:
     """One session: what its client has said and what it has been sent. It outlives a stream by its token."""
 
@@ -23,6 +34,7 @@ class Told:
     token: str = ""
     attempt: int = 0
     end: int = 0  # of the frames that it was sent
+    cuts: list[Cut] = field(default_factory=list)  # that it may not have heard of
     playhead: int = 0
     answered: set[int] = field(default_factory=set)
     kinds: list[str] = field(default_factory=list)
@@ -47,10 +59,16 @@ class Told:
             self.heard.sent_seq = event.event_seq
         self.is_closing = kind == "close"
 
+    def held(self, answered_seq: int) -> int:
+        """How many frames one can hold at most who has heard the answers up to that one."""
+        self.cuts = [cut for cut in self.cuts if not 0 < cut.answered_seq <= answered_seq]
+        return max(self.end, *(cut.end for cut in self.cuts), 0)
+
     def _report(self, report: session_pb2.Playhead) -> None:
+        end = self.held(report.answered_seq)
         require(report.frame >= self.playhead, f"a playhead never falls: {report.frame} after {self.playhead}")
-        require(report.frame <= max(self.end - 1, 0), f"frame {report.frame} is shown, but {self.end} were sent")
-        require(report.buffered_to <= self.end, f"{report.buffered_to} frames are held, but {self.end} were sent")
+        require(report.frame <= max(end - 1, 0), f"frame {report.frame} is shown, but {end} were sent")
+        require(report.buffered_to <= end, f"{report.buffered_to} frames are held, but {end} were sent")
         require(report.answered_seq <= self.most_sent, "no event is answered that was not sent")
         missing = [number for number in range(2, report.answered_seq + 1) if number not in self.answered]
         require(not missing, f"{missing} are said to be answered, and were not")
@@ -66,11 +84,15 @@ class Told:
             case "opened":
                 self.token = update.opened.session_token
             case "plan":
+                if update.plan.valid_from < self.end:
+                    self.cuts.append(Cut(self.end))
                 self.end = min(self.end, update.plan.valid_from)
             case "chunk":
                 self.end = update.chunk.first_frame + update.chunk.frame_count
             case "outcome":
                 self.answered.add(update.outcome.event_seq)
+                for cut in self.cuts:
+                    cut.answered_seq = cut.answered_seq or update.outcome.event_seq
                 self.is_over = self.is_over or (update.outcome.event_seq == 1 and update.outcome.code != 0)
             case "closed":
                 self.is_over = True
@@ -116,9 +138,11 @@ class StreamRules:
         self.sessions[event.session] = told
         point = event.open.resume_point
         require(point.attempt > told.attempt, "each attempt to resume has a higher number")
-        require(point.next_frame <= told.end, f"{point.next_frame} frames are held, but {told.end} were sent")
+        end = told.held(point.answered_seq)
+        require(point.next_frame <= end, f"{point.next_frame} frames are held, but {end} were sent")
         require(point.answered_seq <= told.most_sent, "no event is answered that was not sent")
         told.attempt, told.heard, told.end = point.attempt, None, point.next_frame
+        told.cuts = []
         told.sent_seq = point.answered_seq  # what was not answered is said again, with its numbers
 
     def hear(self, response: service_pb2.StreamMotionResponse) -> None:

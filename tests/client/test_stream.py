@@ -110,17 +110,21 @@ async def test_report_rates_out_of_range_are_refused(client: MotionClient, repor
 
 
 async def test_the_round_trip_is_measured(client: MotionClient) -> None:
+    time = asyncio.get_running_loop().time
+    began_s = time()
     async with client.stream() as stream:
-        assert 0 < await until(lambda: stream.round_trip_s) < 5
+        assert 0 < await until(lambda: stream.round_trip_s) <= time() - began_s
 
 
 async def test_the_round_trip_is_told_to_the_server_as_soon_as_it_is_known(
     client: MotionClient, server: FakeServer
 ) -> None:
+    time = asyncio.get_running_loop().time
+    began_s = time()
     async with client.stream():
         first, second = (await until(lambda: server.stream.pings if len(server.stream.pings) > 1 else None))[:2]
     assert not first.HasField("round_trip")
-    assert 0 < second.round_trip.ToTimedelta().total_seconds() < 5
+    assert 0 < second.round_trip.ToTimedelta().total_seconds() <= time() - began_s
 
 
 async def test_frames_before_the_session_is_opened_break_the_rules(client: MotionClient, server: FakeServer) -> None:

@@ -21,6 +21,7 @@ from tests.waiting import LIMIT_S
 
 Program = Callable[[str], Path]
 PATIENCE_S = 200.0
+NOTICES_SILENCE = {"MOTIONGEN_PING_S": "0.4"}  # a server that says nothing for a second is given up
 
 
 def test_the_parts_of_the_client_pass_their_unit_tests(program: Program, tmp_path: Path) -> None:
@@ -111,8 +112,13 @@ class Character:
 
 @contextmanager
 def character(program: Program, address: str, **variables: str) -> Iterator[Character]:
-    """variables: what the program connects with, MOTIONGEN_TOKEN and others."""
-    command, environment = [str(program("told_events")), address], {**os.environ, **variables}
+    """variables: what the program connects with, MOTIONGEN_TOKEN and others.
+
+    It gives nobody up for silence unless it is told to: a busy machine is silent for a second now and then, and lines
+    are lost when a test loses them.
+    """
+    command = [str(program("told_events")), address]
+    environment = {**os.environ, "MOTIONGEN_PING_S": "60", **variables}
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
     assert process.stdin is not None
     assert process.stdout is not None
@@ -196,7 +202,10 @@ def test_a_paused_character_that_was_never_played_is_recovered_too(program: Prog
 
 
 def test_a_server_that_freezes_is_noticed(program: Program, live_server: LiveServer) -> None:
-    with BlockingLine(live_server.address) as proxy, character(program, proxy.address) as walker:
+    with (
+        BlockingLine(live_server.address) as proxy,
+        character(program, proxy.address, **NOTICES_SILENCE) as walker,
+    ):
         walker.tell("wait 4")
         walker.hear("frame")
         proxy.freeze()

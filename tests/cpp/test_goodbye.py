@@ -30,9 +30,9 @@ def num_streams(servers: Sequence[FakeServer]) -> list[int]:
     return [len(each.streams) for each in servers]
 
 
-def patient(program: Program, address: str, others: Sequence[str] = ()) -> AbstractContextManager[Character]:
-    """One that gives nobody up for silence: on a busy machine it makes no more streams than the test has it make."""
-    return character(program, address, MOTIONGEN_OTHER=",".join(others), MOTIONGEN_PING_S="60")
+def led(program: Program, address: str, others: Sequence[str] = ()) -> AbstractContextManager[Character]:
+    """One that may go to other addresses too."""
+    return character(program, address, MOTIONGEN_OTHER=",".join(others))
 
 
 def play(walker: Character) -> None:
@@ -57,7 +57,7 @@ def test_a_server_that_goes_away_names_one_that_goes_on_with_its_sessions(
     program: Program, servers: Sequence[FakeServer]
 ) -> None:
     own, following, other = servers
-    with patient(program, own.address, [following.address, other.address]) as walker:
+    with led(program, own.address, [following.address, other.address]) as walker:
         play(walker)
         go_away(walker, own, ("elsewhere:1", ""), (other.address, ""))
         assert num_streams(servers) == [1, 0, 1]
@@ -70,7 +70,7 @@ def test_where_nobody_answers_that_was_named_it_goes_to_the_next_and_then_on_in_
     program: Program, servers: Sequence[FakeServer]
 ) -> None:
     own, following, other = servers
-    with patient(program, own.address, [NOBODY, following.address, other.address]) as walker:
+    with led(program, own.address, [NOBODY, following.address, other.address]) as walker:
         play(walker)
         go_away(walker, own, (NOBODY, ""), (other.address, ""))
         assert num_streams(servers) == [1, 0, 1]
@@ -82,7 +82,7 @@ def test_an_address_that_the_application_has_not_named_is_not_called(
     program: Program, servers: Sequence[FakeServer]
 ) -> None:
     own, following, other = servers
-    with patient(program, own.address, [following.address]) as walker:
+    with led(program, own.address, [following.address]) as walker:
         play(walker)
         go_away(walker, own, (other.address, ""))
         assert num_streams(servers) == [1, 1, 0]
@@ -91,7 +91,7 @@ def test_an_address_that_the_application_has_not_named_is_not_called(
 
 def test_a_server_that_goes_away_names_the_key_of_another(program: Program, servers: Sequence[FakeServer]) -> None:
     own = servers[0]
-    with patient(program, own.address) as walker:
+    with led(program, own.address) as walker:
         play(walker)
         go_away(walker, own, ("elsewhere:1", KEY))
         assert num_streams(servers) == [2, 0, 0]
@@ -114,7 +114,7 @@ def test_a_character_that_a_draining_server_refuses_is_opened_by_the_next(
         return outcome  # the stream has ended: nobody hears it a second time
 
     own.refuse = refuse
-    with patient(program, own.address) as walker:
+    with led(program, own.address) as walker:
         walker.hear("opened")
         play(walker)
     assert num_streams(servers) == [2, 0, 0]
@@ -125,6 +125,6 @@ def test_connecting_asks_the_next_address_where_the_first_turns_streams_away(
 ) -> None:
     own, following, _ = servers
     own.turned_away = [StreamRefused(grpc.StatusCode.UNAVAILABLE, "STARTING", "it loads").status()] * 1000
-    with patient(program, own.address, [following.address]) as walker:
+    with led(program, own.address, [following.address]) as walker:
         walker.hear("opened")
         assert num_streams(servers) == [0, 1, 0]

@@ -11,7 +11,7 @@ import pytest
 from motiongen.v1 import service_pb2, session_pb2
 from tests.client import test_hostile_server as hostile
 from tests.client.fake_server import FakeServer, FakeStream
-from tests.cpp.test_client import Character, character
+from tests.cpp.test_client import NOTICES_SILENCE, Character, character
 
 Program = Callable[[str], Path]
 
@@ -148,7 +148,7 @@ def test_a_server_that_falls_silent_is_given_up_and_what_is_held_is_played(
         waiting.put(service_pb2.StreamMotionResponse())  # whoever waits for this waits for the other from now on
 
     play_up(server, fall_silent)
-    with character(program, server.address) as walker:
+    with character(program, server.address, **NOTICES_SILENCE) as walker:
         walker.tell("wait 60")
         walker.hear("frame")
         walker.tell("velocity 0 1")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from motiongen.v1 import session_pb2
 from motiongen_client import MotionClient
 from motiongen_client.errors import InvalidInput
 from motiongen_tools.cli_replay import play
@@ -53,7 +54,9 @@ def test_a_wrong_file_is_refused(tmp_path: Path, text: str, field: str) -> None:
     assert refused.value.field == field
 
 
-async def test_what_a_character_was_told_is_written_down(page: Page, room: Room) -> None:
+async def test_what_a_character_was_told_is_written_down(page: Page, room: Room, server: FakeServer) -> None:
+    at_73 = session_pb2.EditOutcome(effective_frame=73)  # wherever the character is when it is told
+    server.refuse = lambda event: at_73 if event.HasField("edit_prompts") else ""
     await page.ask(op="add", text="a person stands", steps=4)
     await page.ask(op="set_prompt", character=1, text="a person runs")
     await page.until(lambda: [e for e in page.last("character")["edits"] if e["state"] == "accepted"])
@@ -61,7 +64,7 @@ async def test_what_a_character_was_told_is_written_down(page: Page, room: Room)
     assert written.opening["text"] == "a person stands"
     assert written.opening["seed"] == "7"
     (edit,) = written.edits
-    assert (edit.message, edit.effective_frame) == ({"op": "set_prompt", "text": "a person runs"}, 50)
+    assert (edit.message, edit.effective_frame) == ({"op": "set_prompt", "text": "a person runs"}, 73)
 
 
 async def test_a_session_is_played_again(server: FakeServer) -> None:

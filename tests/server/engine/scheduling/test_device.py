@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 
 import pytest
 
@@ -17,6 +18,20 @@ from tests.server.engine.engine_thread import EngineThread
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
 from tests.server.engine.stage import spec
 from tests.waiting import LIMIT_S
+
+
+class CountedDevice(Device):
+    """Counts the turns that were taken, and those that were ended."""
+
+    num_taken = num_ended = 0
+
+    def take(self) -> None:
+        super().take()
+        self.num_taken += 1
+
+    def pass_on(self) -> None:
+        self.num_ended += 1
+        super().pass_on()
 
 
 def test_turns_are_given_in_the_order_they_were_asked_for() -> None:
@@ -117,19 +132,18 @@ def test_an_engine_steps_in_its_turns_only_and_leaves_at_its_end() -> None:
 
 
 def test_what_is_measured_beside_the_engines_takes_a_turn_for_each_call() -> None:
-    device = Device()
-    runner = FakeRunner(FakeClock())
+    device, under_way, calls = CountedDevice(), list[int](), list[tuple[str, int]]()
+
+    def note(call: str, _: Sequence[int]) -> bool:
+        under_way.append(device.num_taken - device.num_ended)
+        calls.append((call, device.num_taken))
+        return False
+
+    runner = FakeRunner(FakeClock(), fails=note)
     measured = InTurns(runner, device.lease())
-    thread = threading.Thread(target=lambda: profile(measured, runner.clock, max_rows=1, history_frames=16))
-    device.take()
-    thread.start()
-    turns = 0
-    while thread.is_alive():
-        if device.num_waiting:
-            turns += 1
-            device.pass_on()  # one call
-            device.take()
-        thread.join(0.001)
-    device.pass_on()
-    assert turns >= 3  # to prepare, to step, to decode
+    profile(measured, runner.clock, max_rows=1, history_frames=16)
+    assert set(under_way) == {1}
+    assert {call for call, _ in calls} == {"prepare", "denoise", "decode"}
+    assert len({turn for _, turn in calls}) == len(calls), "two calls in one turn"
+    assert device.num_taken == device.num_ended
     assert (measured.facts, runner.jobs) == (FACTS, {})

@@ -8,6 +8,7 @@ import pytest
 
 from motiongen_server.identity import watched
 from motiongen_server.identity.watched import Watched
+from tests.waiting import LIMIT_S
 
 
 def test_what_could_not_be_read_for_another_file_is_read_once_that_is_there(
@@ -20,12 +21,13 @@ def test_what_could_not_be_read_for_another_file_is_read_once_that_is_there(
         text = path.read_text()
         return text if text == "first" else f"{text} {named.read_text()}"
 
+    monkeypatch.setattr(watched, "RETRY_S", LIMIT_S)
     files = Watched("tenants", [str(path)], read)
     path.write_text("names another")
     assert not files.look()
     named.write_text("keys")
     assert not files.look(), "it is not tried at every look"
-    monkeypatch.setattr(watched, "RETRY_S", -1.0)
+    monkeypatch.setattr(watched, "RETRY_S", -1.0)  # for what fails from now on
     named.unlink()
     path.write_text("names another, again")
     assert not any(files.look() for _ in range(3))

@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,7 +34,7 @@ from motiongen_server.engine.types import PlayState as State
 from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine_process.group import EngineGroup
 from motiongen_server.engine_process.pool import EnginePool
-from tests.waiting import LIMIT_S
+from tests.waiting import LIMIT_S, until
 
 KEY = SessionKey(1, 1)
 
@@ -103,14 +103,12 @@ class Remote:
 
     @contextmanager
     def stopped(self) -> Iterator[None]:
-        """The first engine process stands still meanwhile."""
-        pid = self.pid()
-        assert pid is not None
-        os.kill(pid, signal.SIGSTOP)
-        try:
+        """All engine processes stand still meanwhile."""
+        with ExitStack() as standing:
+            for process in self.pool.processes:
+                assert process.pid is not None
+                standing.enter_context(stopped(process.pid))
             yield
-        finally:
-            os.kill(pid, signal.SIGCONT)
 
 
 @contextmanager
@@ -159,10 +157,30 @@ def close(seq: int, key: SessionKey = KEY) -> Close:
     return Close(key, seq, time.monotonic())
 
 
+def _state(stat: Path) -> str:
+    """Of a process or a thread, as the kernel tells it by a letter."""
+    return stat.read_text(encoding="ascii").rpartition(")")[2].split()[0]
+
+
 def is_gone(pid: int) -> bool:
     """Whether a process has ended; one that nobody has waited for yet counts as ended."""
     try:
-        state = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
+        return _state(Path(f"/proc/{pid}/stat")) == "Z"
     except FileNotFoundError:
         return True
-    return state == "Z"
+
+
+def stop(pid: int) -> None:
+    """SIGSTOP. Its threads go on until one of them has taken the signal, and each until it has heard of that."""
+    os.kill(pid, signal.SIGSTOP)
+    until(lambda: all(_state(stat) == "T" for stat in Path(f"/proc/{pid}/task").glob("*/stat")))
+
+
+@contextmanager
+def stopped(pid: int) -> Iterator[None]:
+    """A process stands still meanwhile."""
+    stop(pid)
+    try:
+        yield
+    finally:
+        os.kill(pid, signal.SIGCONT)

@@ -19,7 +19,7 @@ import pytest
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_compliance.talk import Talk
 from tests.conftest import ROOT, TINY_MODEL
-from tests.server.engine_process.audience import is_gone
+from tests.server.engine_process.audience import is_gone, stopped
 from tests.waiting import LIMIT_S, try_again, until_true
 
 SETTINGS = ("--model", str(TINY_MODEL), "--text-encoder", "hashed", "--profile-s", "0",
@@ -104,15 +104,20 @@ async def test_with_two_engines_half_of_the_sessions_notice_nothing() -> None:
         stub = service_pb2_grpc.MotionServiceStub(channel)
         talk = Talk(stub, await stub.GetCatalog(service_pb2.GetCatalogRequest()))  # type: ignore[arg-type, misc]
         await talk.hello()
-        heard = {handle: await talk.open(handle) for handle in range(1, 5)}
-        metrics = (await ops.get("/metrics")).text
-        for name in ("0", "1"):
-            assert f'motiongen_engine_up{{engine="{name}"}} 1.0' in metrics
-            assert f'engine="{name}",model="{heard[1].opened.model_id}"' in metrics
         (fork_server,) = psutil.Process(process.pid).children()
         assert fork_server.num_threads() == 1, "what another thread holds, a forked process waits for for ever"
         engines = fork_server.children()
         assert len(engines) == 2
+        # They tell no load meanwhile, of which a busy machine makes more for one of them.
+        with stopped(engines[0].pid), stopped(engines[1].pid):
+            heard = {handle: await talk.ask_open(handle) for handle in range(1, 5)}
+            await talk.ping(1)  # the gateway has given each to one of them
+        await talk.until(lambda: all(each.chunks for each in heard.values()))
+        assert heard[1].opened is not None
+        metrics = (await ops.get("/metrics")).text
+        for name in ("0", "1"):
+            assert f'motiongen_engine_up{{engine="{name}"}} 1.0' in metrics
+            assert f'engine="{name}",model="{heard[1].opened.model_id}"' in metrics
         os.kill(engines[0].pid, signal.SIGKILL)
         await talk.until(lambda: sum(each.closed is not None for each in heard.values()) == 2)
         for handle in [handle for handle, each in heard.items() if each.closed is None]:

@@ -12,7 +12,7 @@ from motiongen_server.engine_process.messages import Encoded, EncoderReady, Enco
 from motiongen_server.engine_process.process import EngineProcess, TakeText
 from motiongen_server.engine_process.text import EncoderLost, EngineTextEncoder
 from motiongen_server.settings import SettingError
-from tests.server.engine_process.audience import LIMIT_S, pool_of
+from tests.server.engine_process.audience import LIMIT_S, pool_of, stopped
 
 
 def test_prompts_are_encoded_there_and_what_cannot_be_is_said() -> None:
@@ -35,8 +35,10 @@ def test_a_lost_engine_process_breaks_off_what_is_encoded_and_the_next_encodes_a
 
 def test_one_that_takes_too_long_is_not_waited_for() -> None:
     with pool_of() as (pool, _):
-        encoder = EngineTextEncoder(pool.processes[0], 2, timeout_s=0.0)
-        with pytest.raises(EncoderLost, match="longer than 0 s"):
+        encoder = EngineTextEncoder(pool.processes[0], 2, timeout_s=0.01)
+        pid = pool.processes[0].pid
+        assert pid is not None
+        with stopped(pid), pytest.raises(EncoderLost, match=r"longer than 0\.01 s"):
             encoder.encode(["abc"])
 
 

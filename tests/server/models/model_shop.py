@@ -20,6 +20,7 @@ from motiongen_compliance.talk import Talk
 from motiongen_server.app import Application
 from motiongen_server.config import ServerConfig
 from tests.contract.local import LengthEncoder, RealTime
+from tests.server.application import config
 from tests.server.engine.fakes import FACTS, FakeRunner
 from tests.server.in_process import in_process
 from tests.waiting import LIMIT_S
@@ -79,10 +80,7 @@ class Stage:
 
 @asynccontextmanager
 async def running(shop: Shop, model: str = "one,two") -> AsyncIterator[Stage]:
-    settings = ServerConfig(
-        port=0, ops_port=0, drain_wait_s=0, drain_grace_s=0, profile_s=0, model=model, admin_listen="127.0.0.1:0"
-    )
-    application = Application(settings, in_process(shop, LengthEncoder()))
+    application = Application(config(model=model, admin_listen="127.0.0.1:0"), in_process(shop, LengthEncoder()))
     await application.start()
     stage = Stage(application, shop)
     try:

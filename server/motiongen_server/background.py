@@ -21,12 +21,14 @@ def start_in_background(work: Callable[[], T], name: str) -> asyncio.Future[T]:
             loop.call_soon_threadsafe(lambda: None if outcome.done() else act())
 
     def run_work() -> None:
+        nonlocal work
         try:
             result = work()
         except Exception as error:
             failure = error  # outlives the except clause
             settle(lambda: outcome.set_exception(failure))
         else:
+            del work  # or it would hold what it is about for a moment after it was told to be done
             settle(lambda: outcome.set_result(result))
 
     threading.Thread(target=run_work, name=name, daemon=True).start()

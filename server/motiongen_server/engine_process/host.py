@@ -68,7 +68,7 @@ class EngineHost:
         self._build = build
         self._load_text = load_text
         self._slots: dict[int, Slot] = {}
-        self._jobs: queue.SimpleQueue[Load | LoadEncoder | Stop | BaseException] = queue.SimpleQueue()
+        self._jobs: queue.SimpleQueue[Load | LoadEncoder | Slot | Stop | BaseException] = queue.SimpleQueue()
         self._texts: queue.SimpleQueue[EncodeTexts] = queue.SimpleQueue()
         self._bell = Bell()
         self._freed = FreedMemory()
@@ -110,6 +110,10 @@ class EngineHost:
                 self._load(job)
             elif isinstance(job, LoadEncoder):
                 self._load_encoder(job)
+            elif isinstance(job, Slot):
+                job.join()
+                del job  # nobody holds its engine any more
+                settle_again()
             else:
                 return None if isinstance(job, Stop) else job
 
@@ -158,7 +162,7 @@ class EngineHost:
         else:
             self._wire.say(Unloaded(slot.number))
             if not self._is_stopping:
-                settle_again()
+                self._jobs.put(slot)  # its engine is held here: what is settled now would be kept
 
     # ---- the reader's thread ----------------------------------------------------------------------------------------
 

@@ -138,9 +138,15 @@ class Process:
                 heard += [output.first_frame for output in message.outputs if isinstance(output, Chunk)]
         return heard
 
-    def load(self) -> None:
-        self.tell(Load(1, "fake"))
-        assert isinstance(self.hear(), Ready)
+    def load(self, slot: int = 1) -> None:
+        self.tell(Load(slot, "fake"))
+        self.hear_of(Ready)
+
+    def hear_of(self, kind: type) -> object:
+        """The next message of that kind."""
+        while not isinstance(message := self.hear(), kind):
+            assert message is not None
+        return message
 
     def ended(self) -> BaseException | None:
         self.thread.join(WAIT_MS / 1000)

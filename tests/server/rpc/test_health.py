@@ -95,9 +95,10 @@ class Stuck:
 class Late(Stuck):
     """One that takes what is written to it some time after that was begun."""
 
-    async def write(self, _message: object) -> None:
-        await asyncio.sleep(2 * health.STUCK_S)  # begins after the wait that it outlasts, however late that begins
-        self.has_taken = True
+    async def write(self, message: object) -> None:
+        # Begins after the wait that it outlasts, however late that begins.
+        asyncio.get_running_loop().call_later(2 * health.STUCK_S, self.takes.set)
+        await super().write(message)
 
 
 async def test_a_watcher_that_takes_nothing_keeps_no_change_from_being_told_and_is_ended(

@@ -22,6 +22,7 @@ class SlowLine:
     """A call's context whose first response is on its way until the call's time is over."""
 
     def __init__(self) -> None:
+        self.sent = asyncio.Event()
         self.is_writing = False
         self.told: list[tuple[grpc.StatusCode, bool]] = []
 
@@ -30,7 +31,9 @@ class SlowLine:
 
     async def write(self, response: service_pb2.GenerateClipResponse) -> None:
         self.is_writing = True
-        await asyncio.sleep(2 * MOST_S)  # begins after the call's time has begun, however late that is
+        # Begins after the call's time has begun, however late that is.
+        asyncio.get_running_loop().call_later(2 * MOST_S, self.sent.set)
+        await self.sent.wait()
         self.is_writing = False
 
     async def abort_with_status(self, status: grpc.Status) -> None:

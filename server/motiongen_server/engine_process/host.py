@@ -160,9 +160,10 @@ class EngineHost:
         if failure is not None:
             self._jobs.put(failure)
         else:
-            self._wire.say(Unloaded(slot.number))
             if not self._is_stopping:
-                self._jobs.put(slot)  # its engine is held here: what is settled now would be kept
+                # Its engine is held here: what is settled now would be kept. Before anybody asks for the next load.
+                self._jobs.put(slot)
+            self._wire.say(Unloaded(slot.number))
 
     # ---- the reader's thread ----------------------------------------------------------------------------------------
 

@@ -65,8 +65,8 @@ def test_an_exit_code_and_a_signal_are_told(start: Callable[..., ForkedChild]) -
     assert start(code=0).end(PATIENCE_S) == "ended with exit code 0"
     assert start(code=7).end(PATIENCE_S) == "ended with exit code 7"
     child = start()
-    os.kill(child.pid, signal.SIGHUP)
-    assert child.end(PATIENCE_S) == "killed by SIGHUP"
+    os.kill(child.pid, signal.SIGUSR1)
+    assert child.end(PATIENCE_S) == "killed by SIGUSR1"
 
 
 def test_who_does_not_end_in_time_is_killed(start: Callable[..., ForkedChild]) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sqlite3
 import threading
 import time
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TypeVar
 
@@ -46,8 +46,9 @@ class SqliteStore:
         self._keep_s = keep_s
         self._clock = clock
         self._local = threading.local()
-        self._connections: list[sqlite3.Connection] = []
         self._lock = threading.Lock()
+        self._at_rest: set[sqlite3.Connection] = set()  # those that no thread is within
+        self._is_closed = False
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.touch(mode=0o600)  # what people asked their characters to do is nobody else's business
@@ -95,22 +96,39 @@ class SqliteStore:
         self._do(lambda connection: connection.executemany(_DROP, leases))
 
     def close(self) -> None:
-        """As in SnapshotStore."""
+        """As in SnapshotStore. A call that is at work in another thread is not waited for: it ends as it would."""
         with self._lock:
-            for connection in self._connections:
-                connection.close()
-            self._connections.clear()
+            self._is_closed = True
+            while self._at_rest:  # to close one that a thread is within crashes the process
+                self._at_rest.pop().close()
 
     def _do(self, work: Callable[[sqlite3.Connection], Result]) -> Result:
         """Do the work as one transaction that writes. Raises StoreFailed."""
         try:
-            connection = self.connection()
-            with closing(connection.cursor()) as cursor:
-                cursor.execute("BEGIN IMMEDIATE")
-            with connection:
-                return work(connection)
+            with self._used(self.connection()) as connection:
+                with closing(connection.cursor()) as cursor:
+                    cursor.execute("BEGIN IMMEDIATE")
+                with connection:
+                    return work(connection)
         except sqlite3.Error as error:
             raise StoreFailed(f"{self._path}: {error}") from error
+
+    @contextmanager
+    def _used(self, connection: sqlite3.Connection) -> Iterator[sqlite3.Connection]:
+        """Keep a connection open meanwhile; close it then where the store has been closed. Raises StoreFailed."""
+        with self._lock:
+            self._at_rest.discard(connection)
+            is_closed = self._is_closed
+        try:
+            if is_closed:
+                raise StoreFailed(f"{self._path} has been closed")
+            yield connection
+        finally:
+            with self._lock:
+                if self._is_closed:
+                    connection.close()
+                else:
+                    self._at_rest.add(connection)
 
     def connection(self) -> sqlite3.Connection:
         """This thread's, opened when it is first asked for."""
@@ -121,8 +139,6 @@ class SqliteStore:
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = NORMAL")
             self._local.connection = connection
-            with self._lock:
-                self._connections.append(connection)
         return connection
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import threading
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,6 +15,7 @@ from motiongen_server.snapshots.sqlite_store import SqliteStore
 from motiongen_server.snapshots.store import Lease, Renewal, StoreFailed
 from motiongen_server.snapshots.stores import is_for_several_servers, open_snapshot_store, state_folder
 from tests.server.snapshots.store_contract import StoreContract, Two
+from tests.waiting import LIMIT_S
 
 KEEP_S = 60.0
 
@@ -62,6 +66,36 @@ def test_a_full_disk_fails_and_is_written_again_once_there_is_room(tmp_path: Pat
         store.save([(Lease("a", 1), bytes(100_000))])
     connection.execute("PRAGMA max_page_count = 100000")
     assert store.save([(Lease("a", 1), bytes(100_000))]) == [True]
+
+
+class Held(Sequence[tuple[Lease, bytes]]):
+    """Records that a call has begun to read and goes on with when it is let."""
+
+    def __init__(self, *records: tuple[Lease, bytes]) -> None:
+        self._records = records
+        self.is_begun, self.may_go_on = threading.Event(), threading.Event()
+
+    def __len__(self) -> int:
+        return len(self._records)
+
+    def __getitem__(self, index: Any) -> Any:
+        self.is_begun.set()
+        assert self.may_go_on.wait(LIMIT_S)
+        return self._records[index]
+
+
+def test_a_call_that_is_at_work_when_the_store_is_closed_ends_as_it_would(tmp_path: Path) -> None:
+    """A server that ends waits for its last writes a moment only; the process crashed where one was still at work."""
+    store, records = SqliteStore(tmp_path / "a.sqlite", KEEP_S), Held((Lease("a", 1), b"x"))
+    with ThreadPoolExecutor(1) as pool:
+        saving = pool.submit(store.save, records)
+        assert records.is_begun.wait(LIMIT_S)
+        store.close()
+        records.may_go_on.set()
+        assert saving.result(LIMIT_S) == [True]
+        for late in (pool.submit(store.read, "a"), pool.submit(store.save, [(Lease("a", 2), b"y")])):
+            assert isinstance(late.exception(LIMIT_S), StoreFailed)
+    assert SqliteStore(tmp_path / "a.sqlite", KEEP_S).read("a") == b"x"
 
 
 @pytest.mark.parametrize("asked", ["file.sqlite", "http://localhost", "redis://localhost:port"])

@@ -120,9 +120,14 @@ class Application:
         self._snapshots = snapshots
         if snapshots is None:
             config = replace(config, snapshot_store=NONE)  # engines take snapshots only where they are kept
-        make = partial(self._make_engines, config, self._deliver, self.metrics)
         self._loop = asyncio.get_running_loop()
-        self._engines = await self._unless_stopped(start_in_background(make, "starting"))
+        making = start_in_background(partial(self._make_engines, config, self._deliver, self.metrics), "starting")
+        try:
+            self._engines = await self._unless_stopped(asyncio.shield(making))
+        except StoppedEarly:  # processes that are being started would be left behind
+            with contextlib.suppress(TimeoutError, SettingError, OSError):
+                self._engines = await asyncio.wait_for(making, STOP_GRACE_S)
+            raise
         self._factory.use(self._engines)
         for source in config.models:
             model = await self._unless_stopped(asyncio.ensure_future(self._factory.load(source)))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import threading
+from typing import Any
 
 import grpc
 import grpc.aio
@@ -12,11 +14,12 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_compliance.talk import Talk
-from motiongen_server.app import SERVICE_NAME, StoppedEarly
+from motiongen_server.app import SERVICE_NAME, Application, StoppedEarly
 from motiongen_server.settings import SettingError
-from tests.server.application import NOT_SERVING, SERVING, SlowLoad, application_of, config, get
+from tests.contract.local import LengthEncoder
+from tests.server.application import NOT_SERVING, SERVING, SlowLoad, application_of, config, get, load
 from tests.server.engine.fakes import FACTS
-from tests.server.in_process import ENGINE
+from tests.server.in_process import ENGINE, InProcessEngines
 from tests.waiting import LIMIT_S, until_true
 
 
@@ -59,6 +62,43 @@ async def test_asked_to_stop_while_it_loads_it_ends_without_waiting_for_the_mode
         assert refused.value.code() is grpc.StatusCode.UNAVAILABLE
         await application.stop_ops()
     slow.may_end.set()
+
+
+class SlowlyMade(InProcessEngines):
+    """Engines that are made when the test lets them, and end what they are asked to end."""
+
+    def __init__(self, *given: Any) -> None:
+        begun, may_end, self._log = given[-3:]
+        super().__init__(*given[:-3])
+        begun()
+        assert may_end.wait(LIMIT_S)
+
+    def stop(self) -> None:
+        self._log.append("stop")
+
+    def join(self) -> bool:
+        self._log.append("join")
+        return True
+
+
+async def test_engines_that_are_being_made_when_it_is_asked_to_stop_are_ended_too() -> None:
+    loop, begun, may_end, log = asyncio.get_running_loop(), asyncio.Event(), threading.Event(), list[str]()
+
+    def make(*given: Any) -> SlowlyMade:
+        return SlowlyMade(*given, load, LengthEncoder(), lambda: loop.call_soon_threadsafe(begun.set), may_end, log)
+
+    async with asyncio.timeout(LIMIT_S):
+        application = Application(config(), make)
+        starting = asyncio.create_task(application.start())
+        await begun.wait()
+        application.ask_to_stop()
+        for _ in range(20):
+            await asyncio.sleep(0)  # until it has been heard
+        may_end.set()
+        with pytest.raises(StoppedEarly):
+            await starting
+        await application.stop_ops()
+    assert log == ["stop", "join"]
 
 
 async def test_a_client_that_does_not_read_does_not_hold_up_the_end() -> None:

@@ -15,7 +15,7 @@ from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, Pass, batch_passes, guided_prediction, needed_passes
 from motiongen_ardy.model.model import Model, build_model
 from motiongen_ardy.model.packed import PackedDenoiser, RowConditions, RowRequest
-from motiongen_ardy.model.packed.linear import Activation, PackedLinear
+from motiongen_ardy.model.packed.linear import PackedLinear, least_agreeing
 from motiongen_ardy.model.window import Window
 from tests.ardy.variants import VARIANTS, varied
 
@@ -166,18 +166,30 @@ def test_an_unknown_activation_is_refused() -> None:
         PackedLinear.of(nn.Linear(2, 2), torch.float32, torch.tanh)
 
 
-class _Moody(PackedLinear):
-    """Its kernel for fewer than 16 vectors rounds otherwise."""
+def test_the_least_size_is_the_one_from_which_on_all_agree() -> None:
+    values = torch.randn(64, 3)
 
-    def _product(self, values: torch.Tensor, activation: Activation | None) -> torch.Tensor:
-        few = values.shape[:-1].numel() < max(16, self.least_vectors)
-        return super()._product(values, activation) * (1.0 + 1e-4 * few)
+    def product(count: int) -> Tensor:
+        return values[:count] + 1e-4 * (count in (4, 16))
+
+    assert least_agreeing(product, [1, 2, 4, 8, 16, 32, 64]) == 32
+    assert least_agreeing(lambda count: values[:count], [1, 2, 4]) == 1
 
 
-def test_few_vectors_are_filled_up_where_their_kernel_rounds_otherwise() -> None:
-    layer = nn.Linear(8, 4)
-    packed = _Moody.of(layer, torch.float32)
-    assert packed.least_vectors == 16 or not packed.onednn
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+@pytest.mark.parametrize(("width", "outputs"), [(256, 768), (512, 256), (1024, 512), (2620, 256), (325, 32)])
+def test_a_vector_gets_the_same_in_any_company(width: int, outputs: int, dtype: torch.dtype) -> None:
+    """Of sums that are all rounding, in which another order shows at once."""
+    halves = torch.randn(600, width // 2)
+    values = torch.cat([halves, -halves, torch.zeros(600, width % 2)], dim=1).to(dtype)
+    layer = nn.Linear(width, outputs)
+    with torch.inference_mode():
+        layer.weight[:, width // 2 : 2 * (width // 2)] = layer.weight[:, : width // 2]
+        packed = PackedLinear.of(layer, dtype)
+        if packed.onednn:
+            among_all = packed(values)
+            for count in (1, 7, 20, 48, 130, 225, 300, 500):
+                assert torch.equal(packed(values[:count]), among_all[:count]), count
 
 
 @pytest.mark.parametrize("shape", [(3, 8), (2, 5, 8), (1, 0, 8)])

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-# A kernel for few vectors may add in another order than the one for many; from so many on there is but one.
-_MANY = 256
+# A kernel for few vectors may add in another order than those for many; from so many on there is but one.
+_MANY = {torch.float32: 256, torch.bfloat16: 768}
 # Below so many vectors, sizes are rounded up to a power of two; above, there are so many sizes to every doubling.
 _FEW, _SIZES_A_DOUBLING = 16, 4
 
@@ -42,6 +43,40 @@ def filled_size(vectors: int) -> int:
     return -(-vectors // step) * step
 
 
+def least_agreeing(product: Callable[[int], Tensor], sizes: Sequence[int]) -> int:
+    """The least size from which on all of the sizes give their vectors the same as the last one does.
+
+    product: of the first so many of some vectors, (n, out). sizes: ascending.
+    """
+    among_most, least = product(sizes[-1]), sizes[-1]
+    for size in reversed(sizes):
+        if not torch.equal(product(size), among_most[:size]):
+            break
+        least = size
+    return least
+
+
+@lru_cache(maxsize=256)
+@torch.inference_mode()
+def _least_vectors(outputs: int, inputs: int, dtype: torch.dtype) -> int:
+    """From how many vectors on kernels for a matrix (outputs, inputs) add in the same order.
+
+    With AMX and bfloat16 those of 512 by 256 do from 256 on; from 48 to 224 they add in another. The second half of
+    each sum takes away what the first was: what is left tells the order. Rounded to bfloat16, the sums of usual
+    vectors show it in one number of many thousands.
+    """
+    many, random, half = _MANY[dtype], torch.Generator().manual_seed(0), -(-inputs // 2)
+    rows, columns = torch.randn(many, half, generator=random), torch.randn(outputs, half, generator=random)
+    values = torch.cat([rows, -rows], dim=1)[:, :inputs].to(dtype)
+    weight = torch.cat([columns, columns], dim=1)[:, :inputs].to(dtype).contiguous()
+    weight, bias = torch.ops.mkldnn._reorder_linear_weight(weight), torch.zeros(outputs, dtype=dtype)
+    operator = torch.ops.mkldnn._linear_pointwise
+    return least_agreeing(
+        lambda count: operator(values[:count], weight, bias, "none", [], "none"),
+        sorted({filled_size(count) for count in range(1, many + 1)}),
+    )
+
+
 class PackedLinear:
     """x W^T + b in the precision of a copied weight, with an optional activation or an optional addend.
 
@@ -60,8 +95,7 @@ class PackedLinear:
         self.least_vectors = 1
         if self.onednn:
             self._weight = torch.ops.mkldnn._reorder_linear_weight(self._weight)
-            numbers = torch.arange(_MANY * weight.shape[1], dtype=torch.float32)
-            self.least_vectors = self._least_vectors(numbers.sin().view(_MANY, -1).to(dtype))
+            self.least_vectors = _least_vectors(*weight.shape, dtype)
 
     @classmethod
     def of(cls, layer: nn.Linear, dtype: torch.dtype, activation: Activation | None = None) -> PackedLinear:
@@ -100,11 +134,3 @@ class PackedLinear:
             return result
         result = functional.linear(values, self._weight, self._bias)
         return result if activation is None else activation(result)
-
-    @torch.inference_mode()
-    def _least_vectors(self, probe: Tensor) -> int:
-        """From how many vectors on one gets what it gets among the many of a probe (_MANY, in)."""
-        among_many, count = self._product(probe, None), len(probe)
-        while count > 1 and torch.equal(self._product(probe[: count // 2], None), among_many[: count // 2]):
-            count //= 2
-        return count

@@ -34,7 +34,8 @@ class SequenceSlot:
 class PackedBatch:
     """Sequences of one evaluation. Only `inputs` is written to between steps, in the slots.
 
-    rows: (Q) each sequence's row among those of the step; weight: (Q, 1, 1). inputs: by stage, (P, width).
+    rows: (Q) each sequence's row among those of the step; weight: (Q, 1, 1). inputs: by stage, (P, width), sequences
+    one behind another and zeros behind the last. num_vectors: those of sequences.
     horizon: (S, Q, G, width), what is added to the horizon's vectors. last: (Q, 1, 20 + L), last history tokens.
     projection: of every sequence, None where no row has one.
     told: (C), the sequences that see constraints, with their observed root and its mask (C, G, 20); None for none.
@@ -46,8 +47,12 @@ class PackedBatch:
         sequences: Sequence[tuple[int, int]],
         horizon_of: Callable[[int], Tensor],
         step_position: int,
+        filled: Callable[[int], int] = lambda vectors: vectors,
     ) -> None:
-        """sequences: (row, pass) pairs, like shapes side by side. horizon_of: positions (S, G, width) for a history."""
+        """sequences: (row, pass) pairs, like shapes side by side. horizon_of: positions (S, G, width) for a history.
+
+        filled: P for so many vectors of sequences.
+        """
         device = rows[0].prefix.device
         self.num_tokens = horizon_of(0).shape[1]
         self.rows = torch.tensor([row for row, _ in sequences], device=device)
@@ -55,7 +60,7 @@ class PackedBatch:
             :, None, None
         ]
         self.last = torch.stack([rows[row].last for row, _ in sequences])[:, None]
-        self._lay_out(rows, sequences, horizon_of, step_position)
+        self._lay_out(rows, sequences, horizon_of, step_position, filled)
         self._note_goals(rows, sequences)
         self.projection = _projection_of([rows[row].projection for row, _ in sequences])
 
@@ -65,11 +70,13 @@ class PackedBatch:
         sequences: Sequence[tuple[int, int]],
         horizon_of: Callable[[int], Tensor],
         step_position: int,
+        filled: Callable[[int], int],
     ) -> None:
         shapes = [(rows[row].history_tokens, rows[row].future_tokens(index)) for row, index in sequences]
         num_stages, _, num_prefix, width = rows[0].prefix.shape
         lengths = [num_prefix + history + self.num_tokens + future for history, future in shapes]
-        inputs = rows[0].prefix.new_empty(num_stages, sum(lengths), width)
+        self.num_vectors = sum(lengths)
+        inputs = rows[0].prefix.new_zeros(num_stages, filled(self.num_vectors), width)
         added = []
         self.groups: list[Group] = []
         self.slots: list[SequenceSlot] = []
@@ -124,11 +131,6 @@ class PackedBatch:
                 torch.stack([goals.root for _, goals in known]),
                 torch.stack([goals.root_mask for _, goals in known]),
             )
-
-    @property
-    def num_vectors(self) -> int:
-        """How many vectors a layer works on."""
-        return self.groups[-1].end
 
     def encoded_horizon(self, encoded: Tensor) -> Tensor:
         """The horizon's part (Q, G, width) of encoded sequences (P, width)."""

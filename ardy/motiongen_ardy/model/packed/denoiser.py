@@ -81,6 +81,7 @@ class PackedDenoiser:
         self._stacks: list[Stack] = [
             stage.stack if recorder is None else GraphedStack(stage.stack, recorder) for stage in self.stages
         ]
+        self._is_recorded = recorder is not None
         self._step_vectors = torch.stack([stage.step_vectors for stage in self.stages])
         self._horizon_positions: dict[int, Tensor] = {}
 
@@ -165,7 +166,9 @@ class PackedDenoiser:
         """Lay the rows out for any number of steps; sequences of one shape stand side by side."""
         sequences = [(row, index) for row, conditions in enumerate(rows) for index in range(len(conditions.passes))]
         sequences.sort(key=lambda pair: (rows[pair[0]].history_tokens, rows[pair[0]].future_tokens(pair[1])))
-        return PackedBatch(rows, sequences, self._horizon_of, self.stages[0].step_position)
+        # A recorder fills up by itself.
+        filled = (lambda vectors: vectors) if self._is_recorded else self.stages[0].stack.filled
+        return PackedBatch(rows, sequences, self._horizon_of, self.stages[0].step_position, filled)
 
     def _horizon_of(self, history_tokens: int) -> Tensor:
         """(S, G, width): the positions of the horizon's tokens."""

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from motiongen_ardy.model.packed.linear import PackedLinear
+from motiongen_ardy.model.packed.linear import PackedLinear, filled_size
 from motiongen_ardy.model.transformer import TransformerLayer, TransformerStack
 
 
@@ -48,7 +48,7 @@ class PackedLayer:
         self.narrow = PackedLinear.of(layer.linear2, dtype)
 
     def _attention(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
-        """What each vector takes from its sequence, before the output projection."""
+        """What each vector takes from its sequence, before the output projection; zeros behind the last sequence."""
         packed = self.mix_in(vectors.to(self.dtype))
         parts = []
         for group in groups:
@@ -56,6 +56,8 @@ class PackedLayer:
             query, key, value = heads.unbind(0)
             mixed = functional.scaled_dot_product_attention(query, key, value)
             parts.append(mixed.transpose(1, 2).reshape(group.num_sequences * group.length, -1))
+        if behind := len(packed) - groups[-1].end:
+            parts.append(parts[0].new_zeros(behind, parts[0].shape[-1]))
         return parts[0] if len(parts) == 1 else torch.cat(parts)
 
     def __call__(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
@@ -74,6 +76,15 @@ class PackedStack:
     def __init__(self, stack: TransformerStack, dtype: torch.dtype) -> None:
         self._originals = [layer for layer in stack.layers if isinstance(layer, TransformerLayer)]
         self.layers = [PackedLayer(layer, dtype) for layer in self._originals]
+        self._fills = dtype == torch.float32 and any(layer.mix_in.onednn for layer in self.layers)
+
+    def filled(self, vectors: int) -> int:
+        """How many vectors to fill so many up to, once, where otherwise each product would fill up its own.
+
+        Then the residual is added within the product. In bfloat16 it never is, and norms of what fills up cost more
+        than products gain.
+        """
+        return filled_size(vectors) if self._fills else vectors
 
     def release_originals(self) -> None:
         """Free the matrices that the layers here are copies of; the stack they were made from is of no more use."""
@@ -88,7 +99,10 @@ class PackedStack:
                 matrix.data = matrix.new_empty(0)
 
     def __call__(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
-        """vectors: (P, width) float32, the groups one behind another. The argument is not changed."""
+        """vectors: (P, width) float32, the groups one behind another, and maybe more, which are not looked at.
+
+        The argument is not changed.
+        """
         for layer in self.layers:
             vectors = layer(vectors, groups)
         return vectors

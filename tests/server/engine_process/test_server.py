@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 import grpc.aio
@@ -161,7 +161,8 @@ async def test_sigterm_while_it_loads_ends_it_with_0_and_nothing_stays(devices: 
         if when == "with engines forked":
             below += await until_true(below[0].children)
         for each in below:
-            each.send_signal(signal.SIGTERM)  # as a service manager does, to every process of the group
+            with suppress(psutil.NoSuchProcess):  # libraries ask programs of the system while they are imported
+                each.send_signal(signal.SIGTERM)  # as a service manager does, to every process of the group
         process.send_signal(signal.SIGTERM)
         _, err = await process.communicate()
         assert (process.returncode, b"Traceback" in err, b"abort" in err.lower()) == (0, False, False)

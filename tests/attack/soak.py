@@ -35,6 +35,8 @@ from tests.server.identity.files import AUTHORITY, TenantsFile, copy_pair
 SAMPLE_S = 5.0
 REST_S = 20.0
 """In which everything that a part of the load has opened must have gone."""
+SETTLED_S = 6.0
+"""Then, until gateway and engine have given back what they keep for the next: they look every two seconds."""
 MIB = 1 << 20
 SCENARIO = Path(__file__).with_name("soak.yaml")
 
@@ -125,14 +127,15 @@ async def soak(options: argparse.Namespace, journal: Journal, folder: Path) -> i
 
 
 async def at_rest(server: Server) -> Reading:
-    """Once nothing is open, or how it is after a while in which that did not come."""
+    """Once nothing is open and all that is kept for the next has been given back; or after a while without that."""
     reading = server.read()
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(REST_S):
             while not reading.rest:  # no event tells it from another process
                 await asyncio.sleep(1)
                 reading = server.read()
-    return reading
+    await asyncio.sleep(SETTLED_S)
+    return server.read()
 
 
 def report(journal: Journal) -> int:

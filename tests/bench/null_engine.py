@@ -24,7 +24,7 @@ def prepare(begin: Begin) -> tuple[BuildEngine, LoadText]:
     def load_text(width: int) -> TextEncoder:
         return NullEncoder()
 
-    return build, load_text
+    return build, load_text, lambda: None
 
 
 if __name__ == "__main__":

@@ -53,6 +53,8 @@ class TextEncoder(Protocol):
     def encode(self, texts: Sequence[str]) -> Float32Array: ...
 
 
+FreeUnused = Callable[[], None]
+"""Frees what is kept for the next windows only, when no session is open. On the main thread, in milliseconds."""
 LoadText = Callable[[int], TextEncoder]
 """Loads the configured text encoder for a width. Raises SettingError."""
 
@@ -62,9 +64,12 @@ class EngineHost:
     process is being ended), one reads the sockets, and each model's engine has one.
     """
 
-    def __init__(self, end: EngineEnd, wire: Wire, build: BuildEngine, load_text: LoadText) -> None:
+    def __init__(
+        self, end: EngineEnd, wire: Wire, build: BuildEngine, load_text: LoadText, free_unused: FreeUnused
+    ) -> None:
         self._end = end
         self._wire = wire
+        self._free_unused = free_unused
         self._build = build
         self._load_text = load_text
         self._slots: dict[int, Slot] = {}
@@ -103,6 +108,7 @@ class EngineHost:
                 is_busy = any(slot.is_busy for slot in tuple(self._slots.values()))
                 if self._freed.is_due(is_busy=is_busy):
                     if not is_busy:
+                        self._free_unused()
                         free_garbage()
                     give_back_freed_memory()
                 continue

@@ -14,7 +14,7 @@ import zmq
 
 from motiongen_server.engine_process import signals
 from motiongen_server.engine_process.codec import CodecError
-from motiongen_server.engine_process.host import EngineHost, LoadText
+from motiongen_server.engine_process.host import EngineHost, FreeUnused, LoadText
 from motiongen_server.engine_process.messages import GREETING, SCHEMA, TO_ENGINE, Begin, Ended, Greeting, Joined
 from motiongen_server.engine_process.outlet import Wire
 from motiongen_server.engine_process.slot import BuildEngine
@@ -27,8 +27,8 @@ _log = logging.getLogger(__name__)
 GATEWAY_GONE = 3
 """The exit code of an engine process that has lost its gateway."""
 
-Prepare = Callable[[Begin], tuple[BuildEngine, LoadText]]
-"""What an engine process loads models and a text encoder with."""
+Prepare = Callable[[Begin], tuple[BuildEngine, LoadText, FreeUnused]]
+"""What an engine process loads models and a text encoder with, and frees what they keep."""
 
 
 def run(folder: Path, prepare: Prepare) -> int:

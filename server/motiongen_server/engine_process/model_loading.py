@@ -15,7 +15,7 @@ from motiongen_server.engine.scheduling.device import Device, InTurns
 from motiongen_server.engine.scheduling.profile import profile
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.types import ModelFacts
-from motiongen_server.engine_process.host import LoadText, TextEncoder
+from motiongen_server.engine_process.host import FreeUnused, LoadText, TextEncoder
 from motiongen_server.engine_process.messages import Begin
 from motiongen_server.engine_process.slot import BuildEngine, Built
 from motiongen_server.models.repertoire import as_abilities
@@ -39,8 +39,8 @@ class RunnerOfModel:
     abilities: Abilities = NOTHING_CLAIMED
 
 
-def prepare(begin: Begin) -> tuple[BuildEngine, LoadText]:
-    """The loaders of an engine process. Models that it holds take turns on its device."""
+def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
+    """The loaders of an engine process, and what frees its kernels. Models that it holds take turns on its device."""
     device = Device()
 
     def build(source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
@@ -58,7 +58,12 @@ def prepare(begin: Begin) -> tuple[BuildEngine, LoadText]:
         except (ValueError, RuntimeError, ConnectionError) as error:
             raise SettingError(f"cannot serve text encoder {config.text_encoder!r}: {error}") from error
 
-    return build, load_text
+    def free_unused() -> None:
+        from motiongen_server.runner.kernels import free_kernels
+
+        free_kernels()
+
+    return build, load_text, free_unused
 
 
 def import_libraries() -> None:
@@ -70,7 +75,7 @@ def import_libraries() -> None:
 
     import motiongen_ardy.capabilities
     import motiongen_ardy.checkpoint.model_card
-    import motiongen_server.runner
+    import motiongen_server.runner.kernels
 
     del torch, motiongen_ardy, motiongen_server
 

@@ -120,7 +120,7 @@ def main(how: str, folder: Path) -> int:
                 raise SettingError("there is no such encoder")
             return Stutterer()
 
-        return building, load_text
+        return building, load_text, lambda: None
 
     return run(folder, prepare)
 

@@ -6,6 +6,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 from motiongen_server.devices import KERNELS_KEPT
 
 # Batches of all sizes, histories of all lengths, and way points at all distances, in an order that mixes them.
@@ -84,6 +86,26 @@ for widths in (range(8, 40), range(40, 72)):
 """
 KEPT_MIB = 8.0
 
+# The same product before and after all have been freed.
+FREEING = """
+import torch
+from torch import nn
+from motiongen_ardy.model.packed.linear import PackedLinear
+from motiongen_server.runner.kernels import free_kernels
+
+layer = PackedLinear.of(nn.Linear(24, 16), torch.float32)
+with torch.inference_mode():
+    layer(torch.ones(8, 24))
+print("loaded", flush=True)
+with torch.inference_mode():
+    layer(torch.ones(8, 24))
+print("again", flush=True)
+free_kernels()
+print("freed", flush=True)
+with torch.inference_mode():
+    layer(torch.ones(8, 24))
+"""
+
 
 def told_by(program: str, **more: str) -> str:
     """What a program prints in an engine's environment, and more."""
@@ -115,3 +137,16 @@ def test_what_is_kept_of_products_comes_to_an_end() -> None:
     first, then = ([int(number) for number in line.split()] for line in told_by(KEEPING).splitlines())
     assert first[1] > int(KERNELS_KEPT["ONEDNN_PRIMITIVE_CACHE_CAPACITY"])
     assert then[0] - first[0] < KEPT_MIB * (1 << 20)
+
+
+@pytest.mark.parametrize("places", [KERNELS_KEPT["ONEDNN_PRIMITIVE_CACHE_CAPACITY"], ""])
+def test_what_is_kept_of_products_can_be_freed(places: str) -> None:
+    """As oneDNN tells it: a product is found that was made before, and made anew after all have been freed.
+
+    Torch itself keeps nothing here, which would be found in place of oneDNN's.
+    """
+    more = {"ONEDNN_VERBOSE": "profile_create", "ONEDNN_PRIMITIVE_CACHE_CAPACITY": places, "LRU_CACHE_CAPACITY": "1"}
+    again, freed = told_by(FREEING, **more).split("loaded\n")[1].split("again\n")
+    anew = freed.split("freed\n")[1]
+    assert "create:cache_hit,cpu,inner_product" in again
+    assert "create:cache_miss,cpu,inner_product" in anew

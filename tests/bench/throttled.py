@@ -14,6 +14,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 from motiongen_tools.bench.bracket import Bracket
 from motiongen_tools.bench.load import Load
@@ -61,17 +62,22 @@ class Machine:
 
 @dataclass(frozen=True)
 class Effort:
-    """scenario: its name. seconds: measured in each run. times: as many ask as could be served."""
+    """scenario: its name. seconds: measured in each run. times: as many ask as could be served.
+
+    program: a motiongen-load that plays instead of Python, which takes half a core for a hundred characters.
+    """
 
     scenario: str
     seconds: int
     seed: int
     times: float
     max_lag_ms: float
+    program: Path | None = None
 
 
 async def play(server: ServerProcess, characters: int, effort: Effort) -> Result:
-    load = Load(server.address, load_scenario(effort.scenario), characters, effort.seconds, effort.seed)
+    scenario = load_scenario(effort.scenario)
+    load = Load(server.address, scenario, characters, effort.seconds, effort.seed, program=effort.program)
     result = await run_load(load, lambda _: None, Standard(max_lag_ms=effort.max_lag_ms), server.pid)
     missed, use = result.figures().miss_ratio, result.server_use
     used = "" if use is None else f", {use.cores:.2f} cores"
@@ -129,6 +135,7 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     )
     parser.add_argument("--could", type=int, help="be served, where it is known already: only the crowd is played")
     parser.add_argument("--max-lag-ms", type=float, default=5.0, help="later loads are void (default: %(default)g)")
+    parser.add_argument("--program", type=Path, metavar="PATH", help="of motiongen-load, to play in place of Python")
     parser.add_argument("--shares", type=int, default=1024, help="weight of the quota's group against others")
     return parser.parse_args(arguments)
 
@@ -138,7 +145,7 @@ def main() -> int:
     for line in HEADER:
         print(line, flush=True)
     for name in options.scenario:
-        effort = Effort(name, options.seconds, options.seed, options.times, options.max_lag_ms)
+        effort = Effort(name, options.seconds, options.seed, options.times, options.max_lag_ms, options.program)
         for cores in options.cores:
             for engines in options.engines:
                 machine = Machine(cores, engines, tuple(options.server), options.shares)

@@ -15,7 +15,6 @@ from motiongen_server.engine.ports import Deliver, Inbox, Observe
 from motiongen_server.engine.scheduling.device import Device
 from motiongen_server.engine.types import Chunk, Close, Code, Event, Outcome, Playhead
 from motiongen_server.engine.types.report import StepReport
-from motiongen_server.engine_process import host as host_module
 from motiongen_server.engine_process.codec import CodecError
 from motiongen_server.engine_process.host import EngineHost
 from motiongen_server.engine_process.messages import (
@@ -41,7 +40,6 @@ from motiongen_server.engine_process.messages import (
 from motiongen_server.engine_process.outlet import Outlet, Wire
 from motiongen_server.engine_process.slot import Built
 from motiongen_server.engine_process.sockets import BACK_MESSAGES, EngineEnd, GatewayEnd
-from motiongen_server.ops.memory import FreedMemory
 from motiongen_server.settings import SettingError
 from tests.server.engine.fakes import FACTS
 from tests.server.engine_process.audience import KEY, close, opening, play, playhead
@@ -208,29 +206,6 @@ def test_slots_are_loaded_and_unloaded_and_what_comes_late_for_one_is_dropped(pr
     process.tell(Stop())
     assert process.ended() is None
     assert process.engine.taken == []
-
-
-def test_what_is_kept_for_the_next_windows_is_freed_once_no_session_is_open(
-    monkeypatch: pytest.MonkeyPatch, process: Process
-) -> None:
-    looked = threading.Semaphore(0)
-    is_due = FreedMemory.is_due
-
-    def looking(memory: FreedMemory, *, is_busy: bool) -> bool:
-        try:
-            return is_due(memory, is_busy=is_busy)
-        finally:
-            looked.release()
-
-    monkeypatch.setattr(FreedMemory, "is_due", looking)
-    monkeypatch.setattr(host_module, "FREED_EVERY_S", 0.01)
-    process.engine.num_sessions = 1
-    process.load()
-    for _ in range(3):
-        assert looked.acquire(timeout=LIMIT_S)
-    assert not process.freed.is_set()
-    process.engine.num_sessions = 0
-    assert process.freed.wait(LIMIT_S)
 
 
 def test_texts_are_encoded_and_one_that_cannot_be_is_answered_too(process: Process) -> None:

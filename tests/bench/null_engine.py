@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from motiongen_server.engine.ports import Deliver, Inbox, Observe
-from motiongen_server.engine_process.host import LoadText, TextEncoder
+from motiongen_server.engine_process.host import FreeUnused, LoadText, TextEncoder
 from motiongen_server.engine_process.main import run
 from motiongen_server.engine_process.messages import Begin
 from motiongen_server.engine_process.model_loading import build_engine
@@ -16,7 +16,7 @@ from motiongen_server.ops.memory import keep_freed_memory
 from tests.bench.null_runner import STEP_S, NullEncoder, NullRunner
 
 
-def prepare(begin: Begin) -> tuple[BuildEngine, LoadText]:
+def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
     def build(source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
         runner = NullRunner(STEP_S)
         return Built(build_engine(begin.config, runner, deliver, observe, inbox), runner.facts, "none")

@@ -65,7 +65,7 @@ def main() -> int:
     sent, data = TO_GATEWAY.encode(message), write_record(record)
     batches = max(1, options.records // BATCH)
     with tempfile.TemporaryDirectory(prefix="snapshot-cost-") as folder:
-        store = open_snapshot_store(options.store or f"sqlite:{Path(folder) / 'snapshots.sqlite'}", 600.0)
+        store = open_snapshot_store(options.store or "auto", 600.0, Path(folder))
         assert store is not None
         leases = [Lease(f"{number:064x}", 1) for number in range(BATCH)]
         steps = {

@@ -24,7 +24,7 @@ from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.ports import Deliver, DeviceLost, Inbox, Observe
 from motiongen_server.engine.types import Float32Array, RowStatus
 from motiongen_server.engine_process import main as main_of_process
-from motiongen_server.engine_process.host import LoadText
+from motiongen_server.engine_process.host import FreeUnused, LoadText
 from motiongen_server.engine_process.main import run
 from motiongen_server.engine_process.messages import Begin, Outputs, ToGateway
 from motiongen_server.engine_process.outlet import Wire
@@ -111,7 +111,7 @@ def main(how: str, folder: Path) -> int:
     if how == "garbage":
         babble_after_outputs()
 
-    def prepare(begin: Begin) -> tuple[BuildEngine, LoadText]:
+    def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
         def building(source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
             return build(begin, how, source, deliver, observe, inbox)
 

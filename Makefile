@@ -134,7 +134,7 @@ fmt: $(READY) ## format, and mend what can be mended
 	$(CLANG_FORMAT) -i $(CPP_FILES)
 
 .PHONY: types
-types: $(READY) ## check types: mypy strict on server, contract and client
+types: $(READY) ## check types: mypy, strict on server, contract and clients
 	$(PYTHON) -m mypy
 
 .PHONY: proto

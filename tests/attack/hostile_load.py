@@ -120,7 +120,7 @@ async def watches(address: str) -> None:
 
     async def connection() -> None:
         async with channel_to(address) as channel:
-            stub = health_pb2_grpc.HealthStub(channel)
+            stub: Any = health_pb2_grpc.HealthStub(channel)  # its stubs name no methods
             calls = [stub.Watch(health_pb2.HealthCheckRequest()) for _ in range(250)]
             await asyncio.gather(*(call.read() for call in calls), return_exceptions=True)
             await asyncio.sleep(RETRY_S)
@@ -133,7 +133,7 @@ async def health_checks(address: str) -> None:
 
     async def connection() -> None:
         async with channel_to(address) as channel:
-            stub = health_pb2_grpc.HealthStub(channel)
+            stub: Any = health_pb2_grpc.HealthStub(channel)  # its stubs name no methods
             await many(32, lambda: stub.Check(health_pb2.HealthCheckRequest()))
 
     await many(STREAMS, connection)

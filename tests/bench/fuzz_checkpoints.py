@@ -18,9 +18,9 @@ from typing import Any
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
-from motiongen_ardy.checkpoint.checkpoint import CheckpointError, load_checkpoint
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.checkpoint.config import read_model_config
-from motiongen_ardy.checkpoint.files import TensorFile, read_yaml
+from motiongen_ardy.checkpoint.files import CheckpointError, TensorFile, read_yaml
 from motiongen_ardy.checkpoint.npy import NpyError, read_npy
 from motiongen_ardy.model.config import ConfigError
 from tests.ardy.broken_checkpoints import (

@@ -87,11 +87,22 @@ def test_the_quota_of_a_container_counts(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_engines_that_share_cores_are_filled_less(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("motiongen_server.devices.usable_cores", lambda: 2)
+    monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
+    monkeypatch.setattr("motiongen_server.devices.quota_cores", lambda: math.inf)
     for given in ("cpu:2", "cpu:1x2", "cpu:1,cuda:0", "cuda:0,cuda:1,cuda:2"):
         assert admit_load_for(devices_of(given, lambda: 3)) == ADMIT_LOAD
     for given in ("cpu:3", "cpu:2x2", "cpu:2,cpu:1x1"):
         assert admit_load_for(devices_of(given, lambda: 0)) == ADMIT_LOAD_SHARED
+
+
+def test_engines_that_share_a_quota_with_the_gateway_are_filled_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
+    for quota, engines, load in (
+        (1.5, 1, ADMIT_LOAD), (1.5, 2, ADMIT_LOAD_SHARED), (1.0, 1, ADMIT_LOAD_SHARED), (0.7, 1, ADMIT_LOAD_SHARED),
+        (2.0, 1, ADMIT_LOAD), (8.0, 2, ADMIT_LOAD),
+    ):  # fmt: skip
+        monkeypatch.setattr("motiongen_server.devices.quota_cores", lambda quota=quota: quota)
+        assert admit_load_for(devices_of(f"cpu:{engines}", lambda: 0)) == load
 
 
 def test_without_a_driver_torch_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from motiongen_server.settings import SettingError
@@ -12,6 +14,7 @@ from tests.server.engine_process.audience import pool_of
 def test_engines_know_up_to_where_they_are_filled(
     engines: int, given: float | None, load: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("motiongen_server.devices.usable_cores", lambda: 2)
+    monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
+    monkeypatch.setattr("motiongen_server.devices.quota_cores", lambda: math.inf)
     with pool_of("tell_load", engines, admit_load=given) as (pool, _), pytest.raises(SettingError, match=load):
         pool.load("one")

@@ -21,7 +21,8 @@ MOST_THREADS = 256
 FORMS = "cuda:0,cuda:1 (these), cuda:all, cpu:2 (two engines of a thread each), cpu:2x4 (two of four threads)"
 ADMIT_LOAD = 0.9
 ADMIT_LOAD_SHARED = 0.8
-"""Of engines with more threads than there are cores, or under a quota that leaves none for the gateway: with more,
+ADMIT_LOAD_THROTTLED = 0.7
+"""Of engines with more threads than there are cores, or as many as a quota has; and with more than that. With more,
 sessions were told of less (docs/performance.md).
 """
 KERNELS_KEPT = {"ONEDNN_PRIMITIVE_CACHE_CAPACITY": "192", "LRU_CACHE_CAPACITY": "64"}
@@ -109,11 +110,13 @@ def _parsed(given: str, count_cuda: Callable[[], int]) -> tuple[EngineDevice, ..
 def admit_load_for(devices: Sequence[EngineDevice]) -> float:
     """The share of what was measured up to which sessions are let in where nobody says.
 
-    Engines that share cores stand still for each other, longer than their margin where they are nearly full. So do
-    all of them under a quota that the gateway uses too.
+    Engines that share cores stand still for each other, longer than their margin where they are nearly full. Under a
+    quota all processes do, the gateway too.
     """
-    threads = sum(device.threads for device in devices if device.kind == "cpu")
-    return ADMIT_LOAD if threads <= len(os.sched_getaffinity(0)) and threads < quota_cores() else ADMIT_LOAD_SHARED
+    threads, quota = sum(device.threads for device in devices if device.kind == "cpu"), quota_cores()
+    if threads > quota:
+        return ADMIT_LOAD_THROTTLED
+    return ADMIT_LOAD_SHARED if threads == quota or threads > len(os.sched_getaffinity(0)) else ADMIT_LOAD
 
 
 def usable_cores() -> int:

@@ -9,6 +9,7 @@ import pytest
 from motiongen_server.devices import (
     ADMIT_LOAD,
     ADMIT_LOAD_SHARED,
+    ADMIT_LOAD_THROTTLED,
     KERNELS_KEPT,
     EngineDevice,
     admit_load_for,
@@ -98,8 +99,8 @@ def test_engines_that_share_cores_are_filled_less(monkeypatch: pytest.MonkeyPatc
 def test_engines_that_share_a_quota_with_the_gateway_are_filled_less(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
     for quota, engines, load in (
-        (1.5, 1, ADMIT_LOAD), (1.5, 2, ADMIT_LOAD_SHARED), (1.0, 1, ADMIT_LOAD_SHARED), (0.7, 1, ADMIT_LOAD_SHARED),
-        (2.0, 1, ADMIT_LOAD), (8.0, 2, ADMIT_LOAD),
+        (1.5, 1, ADMIT_LOAD), (2.0, 1, ADMIT_LOAD), (8.0, 2, ADMIT_LOAD), (1.0, 1, ADMIT_LOAD_SHARED),
+        (1.5, 2, ADMIT_LOAD_THROTTLED), (0.7, 1, ADMIT_LOAD_THROTTLED),
     ):  # fmt: skip
         monkeypatch.setattr("motiongen_server.devices.quota_cores", lambda quota=quota: quota)
         assert admit_load_for(devices_of(f"cpu:{engines}", lambda: 0)) == load

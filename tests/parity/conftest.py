@@ -34,7 +34,7 @@ def make_job(job_id: int, model: Model, random: np.random.Generator) -> WindowJo
     dim = model.representation.feature_dim
     history_len = int(random.choice([0, 4, 8, 16]))
     first_frame = 100 if history_len else 0
-    constraints = ()
+    constraints: tuple[Waypoint, ...] = ()
     if random.random() < 0.5:
         frame = first_frame + int(random.integers(4, 70))
         constraints = (Waypoint(1, frame, float(random.normal()), float(random.normal()), 0.3),)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from motiongen_server.processor_quota import quota_cores
+from motiongen_server.processor_quota import quota_cores, quota_use
 from motiongen_server.settings import SettingError
 
 MOST_BY_DEFAULT = 8
@@ -22,8 +22,8 @@ FORMS = "cuda:0,cuda:1 (these), cuda:all, cpu:2 (two engines of a thread each), 
 ADMIT_LOAD = 0.9
 ADMIT_LOAD_SHARED = 0.8
 ADMIT_LOAD_THROTTLED = 0.7
-"""Of engines with more threads than there are cores, or as many as a quota has; and with more than that. With more,
-sessions were told of less (docs/performance.md).
+"""Of engines with more threads than there are cores; and of those under a quota of which nobody knows what is used of
+it. With more, sessions were told of less (docs/performance.md).
 """
 KERNELS_KEPT = {"ONEDNN_PRIMITIVE_CACHE_CAPACITY": "192", "LRU_CACHE_CAPACITY": "64"}
 """Compiled products that oneDNN keeps in an engine process, each of 0.6 MiB, and descriptions of such that torch keeps
@@ -111,12 +111,12 @@ def admit_load_for(devices: Sequence[EngineDevice]) -> float:
     """The share of what was measured up to which sessions are let in where nobody says.
 
     Engines that share cores stand still for each other, longer than their margin where they are nearly full. Under a
-    quota all processes do, the gateway too.
+    quota all processes do, the gateway too; engines count what it uses where that is told (`quota_use`).
     """
     threads, quota = sum(device.threads for device in devices if device.kind == "cpu"), quota_cores()
-    if threads > quota:
-        return ADMIT_LOAD_THROTTLED
-    return ADMIT_LOAD_SHARED if threads == quota or threads > len(os.sched_getaffinity(0)) else ADMIT_LOAD
+    if threads >= quota and quota_use() is None:
+        return ADMIT_LOAD_THROTTLED if threads > quota else ADMIT_LOAD_SHARED
+    return ADMIT_LOAD_SHARED if threads > usable_cores() else ADMIT_LOAD
 
 
 def usable_cores() -> int:

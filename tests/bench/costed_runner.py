@@ -43,6 +43,11 @@ class VirtualQuota:
     def __init__(self, cores: float, period_s: float = 0.1) -> None:
         self._cores, self._period_s = cores, period_s
         self._period, self._left_s = -1, 0.0
+        self._used_s = 0.0
+
+    def used_s(self) -> float:
+        """Seconds of the quota that were used so far."""
+        return self._used_s / self._cores
 
     def ends_at(self, now: float, processor_s: float) -> float:
         """When a call that begins now ends, which takes so much of a processor."""
@@ -53,6 +58,7 @@ class VirtualQuota:
             next_at = (period + 1) * self._period_s
             runs_s = min(processor_s, self._left_s, next_at - now)
             self._left_s -= runs_s
+            self._used_s += runs_s
             processor_s -= runs_s
             if processor_s <= 0.0:
                 return now + runs_s

@@ -35,6 +35,10 @@ class CpuQuota:
         self._is_second = "cpu" in _words(root / "cgroup.controllers")
         self._parent = root if self._is_second else root / "cpu"
         self._group = self._parent / f"motiongen-quota-{os.getpid()}-{time.monotonic_ns()}"
+        # What the processes have used is accounted elsewhere in the first version, where containers get both.
+        apart = root / "cpuacct"
+        is_apart = not self._is_second and apart.is_dir() and not apart.samefile(self._parent)
+        self._accounts = [apart / self._group.name] if is_apart else []
         self._shares = shares
 
     def __enter__(self) -> CpuQuota:
@@ -43,7 +47,8 @@ class CpuQuota:
         try:
             if self._is_second and "cpu" not in _words(self._parent / "cgroup.subtree_control"):
                 (self._parent / "cgroup.subtree_control").write_text("+cpu")
-            self._group.mkdir()
+            for group in (self._group, *self._accounts):
+                group.mkdir()
             if self._is_second:
                 (self._group / "cpu.max").write_text(f"{quota_us} {PERIOD_US}")
                 (self._group / "cpu.weight").write_text(f"{max(1, self._shares * 100 // 1024)}")
@@ -52,8 +57,9 @@ class CpuQuota:
                 (self._group / "cpu.cfs_quota_us").write_text(f"{quota_us}")
                 (self._group / "cpu.shares").write_text(f"{self._shares}")
         except OSError as error:
-            with contextlib.suppress(OSError):
-                self._group.rmdir()
+            for group in (self._group, *self._accounts):
+                with contextlib.suppress(OSError):
+                    group.rmdir()
             raise NoQuota(f"no control group can be made in {self._parent}: {error}; run as root on Linux") from error
         return self
 
@@ -62,25 +68,29 @@ class CpuQuota:
         give_up_at = time.monotonic() + _GONE_WITHIN_S
         while _words(self._group / "cgroup.procs") and time.monotonic() < give_up_at:
             time.sleep(0.05)
-        self._group.rmdir()
+        for group in (self._group, *self._accounts):
+            group.rmdir()
 
     @contextlib.contextmanager
     def joined(self) -> Iterator[None]:
         """What this process starts meanwhile stays in the group; this process itself leaves it again."""
-        home = self._home()
-        (self._group / "cgroup.procs").write_text(f"{os.getpid()}")
+        groups = (self._group, *self._accounts)
+        homes = [self._home(group.parent) for group in groups]
         try:
+            for group in groups:
+                (group / "cgroup.procs").write_text(f"{os.getpid()}")
             yield
         finally:
-            (home / "cgroup.procs").write_text(f"{os.getpid()}")
+            for home in homes:
+                (home / "cgroup.procs").write_text(f"{os.getpid()}")
 
-    def _home(self) -> Path:
-        """The group that this process is in."""
+    def _home(self, mount: Path) -> Path:
+        """The group that this process is in, of the hierarchy that is mounted there."""
         for line in Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines():
             _, controllers, path = line.split(":", 2)
-            if (controllers == "") if self._is_second else ("cpu" in controllers.split(",")):
-                return self._parent / path.lstrip("/")
-        return self._parent
+            if (controllers == "") if self._is_second else (mount.name in controllers.split(",")):
+                return mount / path.lstrip("/")
+        return mount
 
 
 def _words(path: Path) -> list[str]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.scheduling.device import Device
 from motiongen_server.engine.scheduling.profile import profile
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.types import Priority
@@ -63,11 +64,13 @@ def rehearse(
     for index in range(engines):
         clock = VirtualClock()
         table = profile(CostedRunner(clock, costs), clock, 64, 16, 60.0).costs
-        runner = CostedRunner(clock, costs, None if quota is None else VirtualQuota(min(1.0, quota / engines)))
+        share = None if quota is None else VirtualQuota(min(1.0, quota / engines))
+        runner = CostedRunner(clock, costs, share)
+        device = Device(None if share is None else share.used_s)
         numbers = [plan.number for plan in schedule.characters if plan.number % engines == index]
         script = Script(scenario, schedule, numbers, clock)
         scheduler = Scheduler(table, 64, max_step_s=config.max_step_s)
-        engine = Engine(runner, clock, script.deliver, config, inbox=script, scheduler=scheduler)
+        engine = Engine(runner, clock, script.deliver, config, inbox=script, scheduler=scheduler, lease=device.lease())
         while clock.now() < script.began_at + end:
             before = clock.now()
             report = engine.step()

@@ -22,6 +22,20 @@ def test_a_group_of_the_first_version(tmp_path: Path) -> None:
     assert (made / "cpu.cfs_period_us").read_text() == "100000"
 
 
+def test_what_is_used_is_accounted_where_that_is_a_hierarchy_of_its_own(tmp_path: Path) -> None:
+    for name in ("cpu", "cpuacct"):
+        (tmp_path / name).mkdir()
+    CpuQuota(0.7, root=tmp_path).__enter__()
+    assert group(tmp_path / "cpuacct").name == group(tmp_path / "cpu").name
+
+
+def test_accounts_that_are_kept_with_the_quota_need_no_group(tmp_path: Path) -> None:
+    (tmp_path / "cpu").mkdir()
+    (tmp_path / "cpuacct").symlink_to(tmp_path / "cpu")
+    CpuQuota(0.7, root=tmp_path).__enter__()
+    assert group(tmp_path / "cpu").is_dir()
+
+
 def test_a_group_of_the_second_version(tmp_path: Path) -> None:
     (tmp_path / "cgroup.controllers").write_text("cpuset cpu io")
     (tmp_path / "cgroup.subtree_control").write_text("io")

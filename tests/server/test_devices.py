@@ -96,11 +96,23 @@ def test_engines_that_share_cores_are_filled_less(monkeypatch: pytest.MonkeyPatc
         assert admit_load_for(devices_of(given, lambda: 0)) == ADMIT_LOAD_SHARED
 
 
-def test_engines_that_share_a_quota_with_the_gateway_are_filled_less(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_does_not_know_what_is_used_of_a_quota_fills_it_less(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
+    monkeypatch.setattr("motiongen_server.devices.quota_use", lambda: None)
     for quota, engines, load in (
         (1.5, 1, ADMIT_LOAD), (2.0, 1, ADMIT_LOAD), (8.0, 2, ADMIT_LOAD), (1.0, 1, ADMIT_LOAD_SHARED),
         (1.5, 2, ADMIT_LOAD_THROTTLED), (0.7, 1, ADMIT_LOAD_THROTTLED),
+    ):  # fmt: skip
+        monkeypatch.setattr("motiongen_server.devices.quota_cores", lambda quota=quota: quota)
+        assert admit_load_for(devices_of(f"cpu:{engines}", lambda: 0)) == load
+
+
+def test_what_is_used_of_a_quota_is_counted_and_needs_no_margin(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
+    monkeypatch.setattr("motiongen_server.devices.quota_use", lambda: lambda: 0.0)
+    for quota, engines, load in (
+        (1.5, 1, ADMIT_LOAD), (2.0, 2, ADMIT_LOAD), (1.0, 1, ADMIT_LOAD), (1.5, 2, ADMIT_LOAD), (0.7, 1, ADMIT_LOAD),
+        (1.0, 2, ADMIT_LOAD_SHARED), (0.7, 2, ADMIT_LOAD_SHARED),
     ):  # fmt: skip
         monkeypatch.setattr("motiongen_server.devices.quota_cores", lambda quota=quota: quota)
         assert admit_load_for(devices_of(f"cpu:{engines}", lambda: 0)) == load

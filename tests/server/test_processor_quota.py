@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from motiongen_server.processor_quota import quota_cores
+from motiongen_server.processor_quota import quota_cores, quota_use
 
 
 def membership(tmp_path: Path, text: str) -> Path:
@@ -51,3 +51,73 @@ def test_a_container_is_told_a_path_that_it_does_not_see(tmp_path: Path) -> None
 
 def test_without_control_groups_there_is_none(tmp_path: Path) -> None:
     assert quota_cores(tmp_path, tmp_path / "nothing") == math.inf
+
+
+def write(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+
+
+def test_what_is_used_of_a_quota_of_the_second_version(tmp_path: Path) -> None:
+    groups = tmp_path / "groups"
+    write(groups / "cpu.max", "max 100000")
+    write(groups / "pod/cpu.max", "150000 100000")
+    write(groups / "pod/one/cpu.max", "200000 100000")
+    write(groups / "pod/one/cpu.stat", "usage_usec 1\n")
+    write(groups / "pod/cpu.stat", "usage_usec 3000000\nuser_usec 2000000\nsystem_usec 1000000\n")
+    used_s = quota_use(groups, membership(tmp_path, "0::/pod/one\n"))
+    assert used_s is not None
+    assert used_s() == pytest.approx(2.0)  # of the group that has the least
+    write(groups / "pod/cpu.stat", "usage_usec 4500000\n")
+    assert used_s() == pytest.approx(3.0)
+
+
+def test_an_account_that_has_gone_says_what_it_said_last(tmp_path: Path) -> None:
+    groups = tmp_path / "groups"
+    write(groups / "cpu.max", "50000 100000")
+    write(groups / "cpu.stat", "usage_usec 1000000\n")
+    used_s = quota_use(groups, membership(tmp_path, "0::/\n"))
+    assert used_s is not None
+    assert used_s() == pytest.approx(2.0)
+    (groups / "cpu.stat").unlink()
+    assert used_s() == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("controllers", ["cpu,cpuacct", "cpu"])
+def test_what_is_used_of_a_quota_of_the_first_version(tmp_path: Path, controllers: str) -> None:
+    groups = tmp_path / "groups"
+    for name, text in (
+        ("cpu.cfs_quota_us", "50000\n"),
+        ("cpu.cfs_period_us", "100000\n"),
+        ("cpu.stat", "nr_periods 0\n"),
+    ):
+        write(groups / "cpu/docker/1234" / name, text)
+    apart = controllers == "cpu"
+    write(groups / ("cpuacct" if apart else "cpu") / "docker/1234/cpuacct.usage", "2000000000\n")
+    lines = "4:cpu:/docker/1234\n3:cpuacct:/docker/1234\n0::/\n" if apart else "4:cpu,cpuacct:/docker/1234\n0::/\n"
+    used_s = quota_use(groups, membership(tmp_path, lines))
+    assert used_s is not None
+    assert used_s() == pytest.approx(4.0)
+
+
+def test_the_account_of_another_group_does_not_count(tmp_path: Path) -> None:
+    groups = tmp_path / "groups"
+    for name, text in (("cpu.cfs_quota_us", "50000\n"), ("cpu.cfs_period_us", "100000\n")):
+        write(groups / "cpu/limited" / name, text)
+    write(groups / "cpuacct/cpuacct.usage", "2000000000\n")
+    assert quota_use(groups, membership(tmp_path, "4:cpu:/limited\n3:cpuacct:/\n")) is None
+
+
+def test_a_process_in_the_root_of_all_hierarchies(tmp_path: Path) -> None:
+    (tmp_path / "cpu").mkdir()
+    told = membership(tmp_path, "4:cpu:/\n3:cpuacct:/\n0::/\n")
+    assert quota_use(tmp_path, told) is None
+    assert quota_cores(tmp_path, told) == math.inf
+
+
+def test_without_a_quota_nothing_is_told_of_its_use(tmp_path: Path) -> None:
+    groups = tmp_path / "groups"
+    write(groups / "cpu.max", "max 100000")
+    write(groups / "cpu.stat", "usage_usec 1000000\n")
+    assert quota_use(groups, membership(tmp_path, "0::/\n")) is None
+    assert quota_use(tmp_path, tmp_path / "nothing") is None

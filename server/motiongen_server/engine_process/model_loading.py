@@ -19,6 +19,7 @@ from motiongen_server.engine_process.host import FreeUnused, LoadText, TextEncod
 from motiongen_server.engine_process.messages import Begin
 from motiongen_server.engine_process.slot import BuildEngine, Built
 from motiongen_server.models.repertoire import as_abilities
+from motiongen_server.processor_quota import quota_use
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.settings import SettingError
 
@@ -41,7 +42,7 @@ class RunnerOfModel:
 
 def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
     """The loaders of an engine process, and what frees its kernels. Models that it holds take turns on its device."""
-    device = Device()
+    device = Device(quota_use() if begin.kind == "cpu" else None)
 
     def build(source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
         model = load_model(begin.config, source, begin.kind, begin.threads)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import TracebackType
 
 from motiongen_server.engine.ports import Runner
@@ -14,7 +14,9 @@ from motiongen_server.engine.types import Float32Array, ModelFacts, RowStatus, W
 class Device:
     """Gives turns in the order in which they were asked for: an engine waits for one step of each other at most."""
 
-    def __init__(self) -> None:
+    def __init__(self, quota_used_s: Callable[[], float] | None = None) -> None:
+        """quota_used_s: seconds of a quota that all processes in it have used; None: there is none, or none is told."""
+        self.quota_used_s = quota_used_s
         self._lock = threading.Lock()
         self._taken = False
         self._waiting: deque[threading.Lock] = deque()
@@ -85,6 +87,11 @@ class DeviceLease:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._device.pass_on()
+
+    @property
+    def quota_used_s(self) -> Callable[[], float] | None:
+        """As of the device."""
+        return self._device.quota_used_s
 
     @property
     def elsewhere(self) -> float:

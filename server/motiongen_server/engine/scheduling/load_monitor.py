@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from motiongen_server.engine.scheduling.admission import Admission, Prices
 from motiongen_server.engine.scheduling.degradation import FULL, Degradation, Level, levels_of
 from motiongen_server.engine.scheduling.device import DeviceLease
+from motiongen_server.engine.scheduling.quota_share import QuotaShare
 from motiongen_server.engine.scheduling.window_rates import WindowRates
 from motiongen_server.engine.types import ModelFacts, Priority
 
@@ -25,6 +26,7 @@ class LoadMonitor:
         self._lease = lease
         self._degradation = Degradation(levels_of(facts), now) if degrade else None
         self._rates = WindowRates(facts.fps / facts.horizon)
+        self._quota = None if lease.quota_used_s is None else QuotaShare(lease.quota_used_s)
         self._measured = 0.0
         self._work_s = self._busy_s = 0.0
         self._busy = 0.0
@@ -73,9 +75,13 @@ class LoadMonitor:
             weight = min(1.0, elapsed_s / _MEASURED_OVER_S)
             self._measured += weight * ((work_s - self._work_s) / elapsed_s - self._measured)
             self._busy += weight * ((busy_s - self._busy_s) / elapsed_s - self._busy)
+            if self._quota is not None:
+                self._quota.update(elapsed_s, self._busy + self._lease.elsewhere)
         self._work_s, self._busy_s, self._at = work_s, busy_s, now
         self._lease.load = self._measured
-        self._admission.set_prices(prices, self._measured, self._lease.elsewhere, self._rates)
+        times = 1.0 if self._quota is None else self._quota.factor
+        prices = Prices(times * prices.step_s, times * prices.window_s)
+        self._admission.set_prices(prices, times * self._measured, times * self._lease.elsewhere, self._rates)
         if self._degradation is None:
             return ()
         return self._degradation.update(now, self.load, present, self._busy + self._lease.elsewhere)

@@ -14,7 +14,9 @@ from motiongen_server.rpc.abilities import Abilities
 
 STALE_S = 5.0
 LOAD_STEPS = 20
-"""Loads that differ by less than one of so many steps are held to be equal: then the number of sessions decides."""
+"""What is asked of engines that differs by less than one of so many steps is held to be equal: then the number of
+sessions decides.
+"""
 
 
 class EngineGroup:
@@ -150,4 +152,4 @@ class EngineGroup:
 def _taken(process: EngineProcess, link: ModelLink, by_clips: bool) -> tuple[int, int, int]:
     """How little room an engine process has. Clips do not show in the load: they take what sessions leave."""
     num_clips = link.num_clips if by_clips else 0
-    return num_clips, round(LOAD_STEPS * process.load), process.num_sessions
+    return num_clips, round(LOAD_STEPS * process.asked), process.num_sessions

@@ -53,7 +53,7 @@ class ModelLink:
         self._has_events = False
         self._is_up = False
         self._facts = b""
-        self._load = 0.0
+        self._load = self._asked = 0.0
         self._opens_since = 0  # the load was told
         self.heartbeat_at = time.monotonic()
 
@@ -77,8 +77,20 @@ class ModelLink:
     @property
     def load(self) -> float:
         """The share of the device that is in use, as last told, and what sessions opened since will add to it."""
+        return self._load * self._growth
+
+    @property
+    def asked(self) -> float:
+        """The share of the device that its sessions are expected to ask for, those opened since it was told too.
+
+        Steadier than the load, which is what they took in the last seconds.
+        """
+        return self._asked * self._growth
+
+    @property
+    def _growth(self) -> float:
         settled = self.num_sessions - self._opens_since
-        return self._load * (1 + self._opens_since / settled) if settled > 0 else self._load
+        return 1 + self._opens_since / settled if settled > 0 else 1.0
 
     def holds(self, session: SessionKey) -> bool:
         """Whether events of the session belong here."""
@@ -130,6 +142,8 @@ class ModelLink:
                 self.full = frozenset(report.full)
             if report.load is not None:
                 self._load, self._opens_since = report.load, 0
+            if report.asked is not None:
+                self._asked = report.asked
             if self.observe is not None:
                 self.observe(report)
         taken = tuple(each for report in pulse.reports for each in report.quota_steps)
@@ -162,7 +176,7 @@ class ModelLink:
             self._is_up = False
             self._mailbox = Mailbox(MAX_PENDING)
             self._has_events = False
-            self._load, self._opens_since = 0.0, 0
+            self._load, self._asked, self._opens_since = 0.0, 0.0, 0
             self.full = frozenset()
             outputs = self._ledger.end_all(reason, message)
         if outputs:

@@ -86,8 +86,7 @@ class EngineProcess:
     @property
     def pid(self) -> int | None:
         """The engine process's number, None while there is none."""
-        connection = self._connection
-        return None if connection is None else connection.pid
+        return None if (connection := self._connection) is None else connection.pid
 
     @property
     def num_restarts(self) -> int:
@@ -97,13 +96,17 @@ class EngineProcess:
     @property
     def rss_bytes(self) -> int:
         """Memory of the engine process, 0 where that is not known."""
-        pid = self.pid
-        return 0 if pid is None else resident_bytes(pid)
+        return 0 if (pid := self.pid) is None else resident_bytes(pid)
 
     @property
     def load(self) -> float:
         """The share of the device in use, of all models."""
         return max((link.load for link in self._control), default=0.0)
+
+    @property
+    def asked(self) -> float:
+        """The share of the device that the sessions of all models ask for."""
+        return sum(link.asked for link in self._control)
 
     @property
     def num_sessions(self) -> int:
@@ -173,8 +176,7 @@ class EngineProcess:
         error: Exception | None = None
         while not self._stopping.is_set():
             try:
-                self._begin()
-                self._serve()
+                self._serve(self._begin())
                 break
             except Stopped:
                 self._close()
@@ -191,18 +193,17 @@ class EngineProcess:
         for link in self._control.close():
             link.end(error or EngineLost("the server is going away"))
 
-    def _begin(self) -> None:
+    def _begin(self) -> Connection:
         connection = Connection(self._start_child, self._bell, self._stopping.is_set, self.device.environment())
         self._connection = connection
         connection.begin(Begin(self._config, self.device.kind, self.device.threads))
         for link in self._control.begin():
             link.end()
+        return connection
 
-    def _serve(self) -> None:
+    def _serve(self, connection: Connection) -> None:
         """Carry events there and outputs back. Returns after Stop; raises EngineLost when the process is lost."""
-        connection, looked_at = self._connection, time.monotonic()
-        if connection is None:
-            raise EngineLost("there is no engine process")
+        looked_at = time.monotonic()
         while True:
             connection.wait(TICK_S, for_room=self._send(connection))
             self._bell.quiet()

@@ -20,8 +20,10 @@ from motiongen_server.engine.spread import spread
 from motiongen_server.engine.types import Code, EventRefused, ModelFacts, Outcome, Priority, SessionKey, SessionSpec
 from motiongen_server.engine.types.refusals import draining, session_limit
 
-# First windows that have not been made count as if they had to be within so long.
+# First windows that have not been made count as if they had to be within so long. They may take what is kept free of
+# those who play: they have no moment at which they must be there, and wait for windows that have.
 _BEGIN_S = 2.0
+_MOST_WITH_RUSH = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,10 +193,13 @@ class Admission:
         if self._num_sessions >= config.max_sessions:
             return session_limit(config.max_sessions, self._retry_after_s())
         most = config.admit_load[spec.priority - 1]
-        load = max(self.load, self._elsewhere + self.asked + self._rush)
-        load += self._share(spec.priority, spec.denoise_steps, 1)
-        if load <= most or (not self._num_sessions and self._elsewhere <= most):
+        share = self._share(spec.priority, spec.denoise_steps, 1)
+        load, beside = self.load + share, self._elsewhere + self.asked + self._rush + share
+        if (load <= most and beside <= max(most, _MOST_WITH_RUSH)) or (
+            not self._num_sessions and self._elsewhere <= most
+        ):
             return None
+        load = max(load, beside)
         return self._full(
             "OVERLOADED",
             f"the machine would be {load:.0%} busy with this session; try again later, or ask for fewer steps",

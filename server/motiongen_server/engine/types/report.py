@@ -28,7 +28,8 @@ class StepReport:
     steps_discarded: those done for windows that were restarted or came too late. soft_resets: windows that righted a
     character. frames_held: frames that repeat a pose for want of a window. quota_steps: begun of late, by owners that
     have a quota.
-    Where they were taken: sessions, how many there are; load, the share of the machine in use; tiers, what each class
+    Where they were taken: sessions, how many there are; load, the share of the machine in use; asked, the share that
+    sessions are expected to ask for; tiers, what each class
     gets; full, the classes of which not the least session would be let in.
     """
 
@@ -59,5 +60,6 @@ class StepReport:
     closes: list[CloseReason] = field(default_factory=list)
     sessions: Mapping[tuple[Priority, PlayState], int] | None = None
     load: float | None = None
+    asked: float | None = None
     tiers: Mapping[Priority, ServiceTier] | None = None
     full: list[Priority] | None = None

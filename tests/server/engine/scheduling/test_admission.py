@@ -122,6 +122,18 @@ def test_a_rush_is_let_in_as_fast_as_those_who_play_can_bear() -> None:
     assert _fill(admission, first=1000) > 0
 
 
+def test_first_windows_may_take_what_is_kept_free_of_those_who_play() -> None:
+    admission, limit = _admission(), CONFIG.admit_load[Priority.NEAR - 1]
+    playing = int(0.9 * limit / EACH[Priority.NEAR])
+    for number in range(playing):
+        assert admission.reserve(spec(SessionKey(1, number)), 1) is None
+        admission.note_begun(SessionKey(1, number))
+    at_once = 0
+    while admission.reserve(spec(SessionKey(1, playing + at_once)), 1) is None:
+        at_once += 1
+    assert playing + at_once == int(limit / EACH[Priority.NEAR]), "as many as would be let in one after the other"
+
+
 def test_who_leaves_before_it_has_begun_holds_nobody_up() -> None:
     admission = _admission()
     for number in range(10_000):

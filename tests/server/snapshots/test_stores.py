@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import sqlite3
 import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from motiongen_server.settings import SettingError
-from motiongen_server.snapshots.sqlite_store import SqliteStore
+from motiongen_server.snapshots.sqlite_store import PAGE_BYTES, SqliteStore
 from motiongen_server.snapshots.store import Lease, Renewal, StoreFailed
 from motiongen_server.snapshots.stores import is_for_several_servers, open_snapshot_store, state_folder
 from tests.server.snapshots.store_contract import StoreContract, Two
@@ -43,6 +45,27 @@ def test_records_that_nobody_renews_expire(tmp_path: Path) -> None:
     assert store.take("b", "other") == (2, b"y")
     store.renew([])
     assert store.renew([Lease("a", 1)]) == [Renewal.GONE]
+
+
+def test_a_file_of_a_server_before_this_one_is_gone_on_with(tmp_path: Path) -> None:
+    with closing(sqlite3.connect(tmp_path / "a.sqlite")) as before:
+        before.execute(
+            "CREATE TABLE sessions (name TEXT PRIMARY KEY, epoch INTEGER NOT NULL, holder TEXT NOT NULL, "
+            "expires_at REAL NOT NULL, data BLOB) WITHOUT ROWID"
+        )
+        before.execute("INSERT INTO sessions VALUES ('a', 1, '', 1e12, x'78')")
+        before.commit()
+    store = SqliteStore(tmp_path / "a.sqlite", KEEP_S)
+    assert store.save([(Lease("b", 1), b"y")]) == [True]
+    assert store.take("a", "other") == (2, b"x")
+    assert store.take("b", "other") == (2, b"y")
+    store.close()
+
+
+def test_a_new_file_has_pages_that_a_record_fills(tmp_path: Path) -> None:
+    SqliteStore(tmp_path / "a.sqlite", KEEP_S).close()
+    with closing(sqlite3.connect(tmp_path / "a.sqlite")) as made:
+        assert made.execute("PRAGMA page_size").fetchone() == (PAGE_BYTES,)
 
 
 def test_a_file_of_sessions_is_for_its_owner_only(tmp_path: Path) -> None:

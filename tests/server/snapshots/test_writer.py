@@ -28,6 +28,7 @@ class Store:
         self.others: dict[str, int] = {}
         self.num_saves = 0
         self.dropped: list[Lease] = []
+        self.renewed: list[Lease] = []
         self.is_closed = False
 
     def save(self, records: Sequence[tuple[Lease, bytes]]) -> list[bool]:
@@ -50,6 +51,7 @@ class Store:
 
     def renew(self, leases: Sequence[Lease]) -> list[Renewal]:
         self._check()
+        self.renewed += leases
         fenced = [self.others.get(lease.name, 0) > lease.epoch for lease in leases]
         there = [lease.name in self.records for lease in leases]
         kept = [Renewal.KEPT if each else Renewal.GONE for each in there]
@@ -143,6 +145,16 @@ def test_a_slow_store_is_given_only_the_newest_of_each_session(
     store.gate.set()
     until(lambda: len(heard.said) == 3)
     assert heard.said == [Written(A, 1), Written(A, 49), Written(B, 49)]
+
+
+@pytest.mark.usefixtures("rare_renewals")
+def test_who_was_written_since_the_last_renewal_needs_none(store: Store, heard: Heard, saving: SnapshotWriter) -> None:
+    saving.save(A, a_record(1))
+    until(lambda: heard.said)
+    saving._renew()
+    assert store.renewed == []
+    saving._renew()
+    assert store.renewed == [A]
 
 
 @pytest.mark.usefixtures("rare_renewals")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -49,18 +51,31 @@ class NullServer:
 
 @contextmanager
 def server_process(module: str, *arguments: str, revision: Revision | None = None) -> Iterator[NullServer]:
-    """revision: whose server it is; of the tree at hand, as this process knows it, where it is left out."""
+    """revision: whose server it is; of the tree at hand, as this process knows it, where it is left out.
+
+    Its state folder is its own: what the user's holds, or what runs before have left there, would be measured too.
+    """
     command = [sys.executable, "-m", module, *arguments]
-    tree, environment = (ROOT, None) if revision is None else (revision.tree, revision.environment)
-    process = subprocess.Popen(command, cwd=tree, env=environment, stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
+    tree, environment = (ROOT, dict(os.environ)) if revision is None else (revision.tree, revision.environment)
+    with tempfile.TemporaryDirectory(prefix="motiongen-null-") as state:
+        environment["XDG_STATE_HOME"] = state
+        process = subprocess.Popen(command, cwd=tree, env=environment, stdout=subprocess.PIPE, text=True)
+        with ended(process):
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            if not line:
+                raise RuntimeError(f"the server did not start, exit code {process.wait()}")
+            told = json.loads(line)
+            yield NullServer(process.pid, f"127.0.0.1:{told['grpc_port']}", told["threads"])
+
+
+@contextmanager
+def ended(process: subprocess.Popen[str]) -> Iterator[None]:
+    """It is, at the end."""
     try:
-        line = process.stdout.readline()
-        if not line:
-            raise RuntimeError(f"the server did not start, exit code {process.wait()}")
-        told = json.loads(line)
-        yield NullServer(process.pid, f"127.0.0.1:{told['grpc_port']}", told["threads"])
+        yield
     finally:
         process.send_signal(signal.SIGTERM)
         process.wait(30)
-        process.stdout.close()
+        if process.stdout is not None:
+            process.stdout.close()

@@ -84,6 +84,7 @@ def test_both_play_the_same_load_and_tell_it_alike(
         for group, summary in latencies.items():
             theirs = in_python["latencies_ms"][what][group]
             assert not (summary["count"] and theirs["count"]) or list(summary) == list(theirs)
+    assert min(each["round_trip_ms"]["count"] for each in (in_cpp, in_python)) > 0
     # how fast it went is the machine's affair: as much, within what others leave of it
     for what in ("open_to_first_frame", "event_to_first_frame", "event_to_answer"):
         counts = [each["latencies_ms"][what]["all"]["count"] for each in (in_cpp, in_python)]

@@ -16,9 +16,10 @@ namespace motiongen::load {
 namespace {
 
 constexpr double kTickS = 0.025;
+constexpr std::size_t kMostTurns = 25;  // of a tick: streams have it in turns, as clients do that know of no other
 constexpr double kLeastSleepS = 0.001;  // several events of one millisecond share a wake-up
 constexpr double kProbeS = 0.01;        // how often the loop looks at how late it wakes, at least
-constexpr double kPingPeriodS = 2;
+constexpr std::size_t kPingTicks = 80;  // a stream is pinged every so many ticks, each in its own: 2 s
 constexpr double kProgressPeriodS = 1;
 constexpr double kHelloTimeoutS = 15;
 constexpr std::uint32_t kHandlesFrom = 1;
@@ -35,6 +36,7 @@ Player::Player(const Load& load) : load_(load), recorder_(load), run_{load, reco
   stage_.now_s = [this] { return now_s(); };
   make_streams();
   draw_up();
+  take_turns();
 }
 
 double Player::now_s() const { return monotonic_s() - start_at_s_; }
@@ -49,15 +51,12 @@ void Player::make_streams() {
   }
   const auto count = static_cast<std::uint32_t>(load_.characters_size());
   by_number_.assign(count, nullptr);
-  num_slices_ = static_cast<std::size_t>(std::max(1.0, std::nearbyint(1 / (load_.report_hz() * kTickS))));
-  slices_.resize(num_slices_);
   for (std::uint32_t number = 0; number < count; ++number) {
     if (number % load_.num_streams() % load_.num_processes() != load_.process()) continue;
     const std::uint32_t handle = kHandlesFrom + number / load_.num_streams();
     characters_.emplace_back(run_, handle, load_.characters(static_cast<int>(number)));
     by_number_[number] = &characters_.back();
     stream_of(number).adopt(characters_.back());
-    slices_[number % num_slices_].push_back(number);
   }
 }
 
@@ -77,6 +76,21 @@ void Player::draw_up() {
   std::sort(intents_.begin(), intents_.end(), [](const Intent& a, const Intent& b) {
     return std::tie(a.at_s, a.character, a.rule, a.value) < std::tie(b.at_s, b.character, b.rule, b.value);
   });
+}
+
+void Player::take_turns() {
+  num_turns_ = std::clamp(streams_.size(), std::size_t{1}, kMostTurns);
+  const auto num_slices = static_cast<std::size_t>(std::max(1.0, std::nearbyint(1 / (load_.report_hz() * kTickS))));
+  reports_.resize(num_slices * num_turns_);
+  pings_.resize(kPingTicks * num_turns_);
+  for (std::size_t index = 0; index < streams_.size(); ++index) {
+    // Seven: in all turns, and of one stream not always in that in which it reports.
+    pings_[index * 7 % pings_.size()].push_back(streams_[index].get());
+  }
+  for (std::uint32_t number = 0; number < by_number_.size(); ++number) {
+    if (by_number_[number] == nullptr) continue;
+    reports_[number % num_slices * num_turns_ + stream_index(number) % num_turns_].push_back(number);
+  }
 }
 
 std::string Player::connect() {
@@ -119,16 +133,18 @@ double Player::act(double now) {
   for (; next_intent_ < intents_.size() && intents_[next_intent_].at_s <= now; ++next_intent_) {
     act_on(intents_[next_intent_], now);
   }
-  if (now >= static_cast<double>(ticks_) * kTickS) {
-    ticks_ = std::max(ticks_ + 1, static_cast<std::size_t>(now / kTickS));  // a tick that was missed is not made up for
-    report(now);
+  const double turn_s = kTickS / static_cast<double>(num_turns_);
+  if (now >= static_cast<double>(next_turn_) * turn_s) {
+    const std::size_t last = std::max(next_turn_, static_cast<std::size_t>(now / turn_s));
+    // A tick that was missed is not made up for.
+    for (std::size_t turn = std::max(next_turn_ + num_turns_, last + 1) - num_turns_; turn <= last; ++turn) {
+      report(reports_[turn % reports_.size()], now);
+      for (Stream* stream : pings_[turn % pings_.size()]) stream->put_ping();
+    }
+    next_turn_ = last + 1;
     note_cpu(now);
   }
-  if (now >= next_ping_s_) {
-    next_ping_s_ = now + kPingPeriodS;
-    for (const auto& stream : streams_) stream->put_ping();
-  }
-  double next_s = std::min(static_cast<double>(ticks_) * kTickS, now + kProbeS);
+  double next_s = std::min(static_cast<double>(next_turn_) * turn_s, now + kProbeS);
   if (next_intent_ < intents_.size()) next_s = std::min(next_s, intents_[next_intent_].at_s);
   next_probe_s_ = std::max(next_s, now + kLeastSleepS);
   return next_s;
@@ -157,8 +173,8 @@ void Player::act_on(const Intent& intent, double now) {
   note_lag(Lag::send, now, now - intent.at_s);
 }
 
-void Player::report(double now) {
-  for (const std::uint32_t number : slices_[ticks_ % num_slices_]) {
+void Player::report(const std::vector<std::uint32_t>& numbers, double now) {
+  for (const std::uint32_t number : numbers) {
     PlayedCharacter& character = *by_number_[number];
     if (!character.is_playing()) continue;
     character.look(now);

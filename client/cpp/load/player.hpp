@@ -39,13 +39,14 @@ class Player {
 
   void make_streams();
   void draw_up();
+  void take_turns();
   Stream& stream_of(std::uint32_t character) { return *streams_[stream_index(character)]; }
   std::size_t stream_index(std::uint32_t character) const;
   double now_s() const;
   // Do what is due. Returns when something is again.
   double act(double now_s);
   void act_on(const Intent& intent, double now_s);
-  void report(double now_s);
+  void report(const std::vector<std::uint32_t>& numbers, double now_s);
   void note_lag(Lag what, double now_s, double lag_s);
   void note_cpu(double now_s);
   Progress progress(double now_s) const;
@@ -59,12 +60,12 @@ class Player {
   std::vector<PlayedCharacter*> by_number_;  // nullptr: another process's
   std::vector<Intent> intents_;
   std::size_t next_intent_ = 0;
-  std::size_t num_slices_ = 1;  // playheads are reported a slice a tick
-  std::vector<std::vector<std::uint32_t>> slices_;
+  std::size_t num_turns_ = 1;                        // of a tick, which streams have in turns
+  std::vector<std::vector<std::uint32_t>> reports_;  // which playheads are reported in which turn
+  std::vector<std::vector<Stream*>> pings_;
   std::atomic<double> start_at_s_{0};
-  std::size_t ticks_ = 0;
+  std::size_t next_turn_ = 0;
   double next_probe_s_ = 0;
-  double next_ping_s_ = 0;
   double cpu_from_s_ = -1;
   double cpu_to_s_ = -1;
 };

@@ -14,6 +14,8 @@ constexpr std::array<const char*, 6> kLatencies = {"open_to_first_frame", "event
 constexpr std::array<const char*, 3> kLags = {"send_lag", "loop_lag", "write_wait"};
 constexpr std::array<const char*, 7> kFigures = {"frames", "due", "missed", "underruns", "edits", "opens", "refused"};
 constexpr char kGenerator[] = "generator";
+constexpr char kRoundTrip[] = "round_trip";
+constexpr char kStreams[] = "streams";
 
 }  // namespace
 
@@ -98,6 +100,7 @@ void Recorder::write(const Load& load, Book& to) const {
     }
   }
   for (std::size_t what = 0; what < kLags.size(); ++what) put(kLags[what], kGenerator, lags_[what]);
+  put(kRoundTrip, kStreams, round_trips_);
   for (const auto& [name, count] : counts_) (*to.mutable_counts())[name] = count;
 }
 

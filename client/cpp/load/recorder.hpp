@@ -32,6 +32,8 @@ class Recorder {
 
   void record(Latency what, std::size_t group, double seconds);
   void record(Lag what, double seconds);
+  // From a ping to its pong.
+  void record_round_trip(double seconds) { round_trips_.record(seconds); }
   void add_lags(Lag what, const Histogram& lags);
   // Something that happened at a moment.
   void add(Figure what, std::size_t group, double at_s, double amount = 1);
@@ -52,6 +54,7 @@ class Recorder {
   std::vector<std::vector<double>> rows_;
   std::vector<Histogram> latencies_;
   std::vector<Histogram> lags_;
+  Histogram round_trips_;
   std::map<std::string, std::uint64_t> counts_;
 };
 

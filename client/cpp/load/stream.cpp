@@ -135,6 +135,7 @@ bool Stream::take_stream_event(std::uint32_t field, double now_s) {
     v1::Pong pong;
     if (!pong.ParseFromString(scratch_)) return false;
     round_trip_s_ = now_s - static_cast<double>(pong.client_time_ns()) / 1e9;
+    if (run_.measures(now_s)) run_.recorder.record_round_trip(round_trip_s_);
   } else if (field == v1::StreamMotionResponse::kGoodbyeFieldNumber) {
     run_.recorder.count("goodbyes");
   }

@@ -15,13 +15,14 @@ from motiongen_tools.bench import edits
 from motiongen_tools.bench.character import Character, make_jitter
 from motiongen_tools.bench.clock import LoadClock, RealTime
 from motiongen_tools.bench.load import Load, Progress, Report
-from motiongen_tools.bench.recorder import GENERATOR, LOOP_LAG, SEND_LAG
+from motiongen_tools.bench.recorder import GENERATOR, LOOP_LAG, ROUND_TRIP, SEND_LAG, STREAMS
 from motiongen_tools.bench.stream_client import StreamClient, report
 
 _TICK_S = 0.025
+_MOST_TURNS = 25  # of a tick: streams have it in turns, as clients that know nothing of each other do
 _LEAST_SLEEP_S = 0.001  # several events of one millisecond share a wake-up
 _PROBE_S = 0.01
-_PING_PERIOD_S = 2.0
+_PING_TICKS = 80  # a stream is pinged every so many, each in its own: 2 s
 _HANDLES_FROM = 1
 
 
@@ -52,7 +53,9 @@ class Generator:
         self._lane_of: dict[int, StreamClient] = {}
         self._character_of: dict[int, Character] = {}
         for index in range(self._process, num_lanes, load.processes):
-            stream_client = StreamClient(load.address, max_bytes, self._now_s, self._recorder, load.connection)
+            stream_client = StreamClient(
+                load.address, max_bytes, self._now_s, self._recorder, load.connection, self._note_round_trip
+            )
             self._lanes.append(stream_client)
             members = []
             for plan in schedule.characters[index::num_lanes]:
@@ -64,11 +67,22 @@ class Generator:
                 self._lane_of[plan.number], self._character_of[plan.number] = stream_client, character
                 members.append((character, group))
             stream_client.adopt(members)
-        self._num_slices = max(1, round(1 / (load.scenario.report_hz * _TICK_S)))
-        self._slices: list[list[tuple[StreamClient, Character]]] = [[] for _ in range(self._num_slices)]
-        for number, character in self._character_of.items():
-            self._slices[number % self._num_slices].append((self._lane_of[number], character))
         self._intents = self._draw_up()
+        self._take_turns()
+
+    def _take_turns(self) -> None:
+        """Which playheads are reported, and which streams pinged, in which turn of which tick."""
+        self._num_turns = turns = min(len(self._lanes), _MOST_TURNS)
+        num_slices = max(1, round(1 / (self._load.scenario.report_hz * _TICK_S)))
+        self._reports: list[list[tuple[StreamClient, Character]]] = [[] for _ in range(num_slices * turns)]
+        self._pings: list[list[StreamClient]] = [[] for _ in range(_PING_TICKS * turns)]
+        for index, lane in enumerate(self._lanes):
+            # Seven: in all turns, and of one stream not always in that in which it reports.
+            self._pings[index * 7 % len(self._pings)].append(lane)
+        turn_of = {lane: index % turns for index, lane in enumerate(self._lanes)}
+        for number, character in self._character_of.items():
+            lane = self._lane_of[number]
+            self._reports[number % num_slices * turns + turn_of[lane]].append((lane, character))
 
     def _draw_up(self) -> list[tuple[float, int, int, int]]:
         """(at_s, character, rule, value) of all that this process is to send; rule -1 opens, -2 closes."""
@@ -122,20 +136,21 @@ class Generator:
 
     async def _drive(self, tell: Callable[[Progress], None]) -> None:
         intents, position = self._intents, 0
-        ticks, next_tell_s, next_ping_s = 0, 0.0, 0.0
+        turn_s, next_turn, next_tell_s = _TICK_S / self._num_turns, 0, 0.0
         while True:
             now_s = self._now_s()
             while position < len(intents) and intents[position][0] <= now_s:
                 self._act(*intents[position])
                 position += 1
-            if now_s >= ticks * _TICK_S:
-                ticks = max(ticks + 1, int(now_s / _TICK_S))  # a tick that was missed is not made up for
-                self._report_playheads(self._slices[ticks % self._num_slices], now_s)
-                self._note_cpu(now_s)
-                if now_s >= next_ping_s:
-                    next_ping_s = now_s + _PING_PERIOD_S
-                    for stream_client in self._lanes:
+            if now_s >= next_turn * turn_s:
+                last = max(next_turn, int(now_s / turn_s))
+                # A tick that was missed is not made up for.
+                for turn in range(max(next_turn, last - self._num_turns + 1), last + 1):
+                    self._report_playheads(self._reports[turn % len(self._reports)], now_s)
+                    for stream_client in self._pings[turn % len(self._pings)]:
                         stream_client.put_ping()
+                next_turn = last + 1
+                self._note_cpu(now_s)
                 if now_s >= next_tell_s:
                     next_tell_s = now_s + 1.0
                     tell(self._progress(now_s))
@@ -143,7 +158,7 @@ class Generator:
                 stream_client.flush()
             if now_s >= self._phases.end_s:
                 return
-            next_s = min(ticks * _TICK_S, intents[position][0] if position < len(intents) else math.inf)
+            next_s = min(next_turn * turn_s, intents[position][0] if position < len(intents) else math.inf)
             await self._clock.sleep(max(next_s - self._now_s(), _LEAST_SLEEP_S))
 
     def _act(self, intended_s: float, number: int, rule: int, value: int) -> None:
@@ -186,6 +201,10 @@ class Generator:
             await self._clock.sleep(_PROBE_S)
             now_s = self._now_s()
             self._record_lag(LOOP_LAG, now_s, now_s - due_s)
+
+    def _note_round_trip(self, now_s: float, seconds: float) -> None:
+        if self._phases.measure_from_s <= now_s < self._phases.measure_to_s:
+            self._recorder.record(ROUND_TRIP, STREAMS, seconds)
 
     def _record_lag(self, what: str, now_s: float, lag_s: float) -> None:
         if self._phases.measure_from_s <= now_s < self._phases.measure_to_s:

@@ -21,6 +21,9 @@ SEND_LAG, LOOP_LAG, WRITE_WAIT = "send_lag", "loop_lag", "write_wait"
 GENERATOR_LAGS = (SEND_LAG, LOOP_LAG, WRITE_WAIT)
 VOIDING_LAGS = (SEND_LAG, LOOP_LAG)
 GENERATOR = "generator"
+# of a stream, under the owner STREAMS: from a ping to its pong
+ROUND_TRIP = "round_trip"
+STREAMS = "streams"
 ALL = "all"
 
 PERCENTILES = {"p50": 50.0, "p90": 90.0, "p95": 95.0, "p99": 99.0, "p99_9": 99.9}

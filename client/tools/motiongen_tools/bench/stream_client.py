@@ -44,7 +44,9 @@ class StreamClient:
         clock: Callable[[], float],
         recorder: Recorder,
         connection: Connection = PLAIN,
+        note_round_trip: Callable[[float, float], None] = lambda now_s, seconds: None,
     ) -> None:
+        """note_round_trip: told of each pong, when it came and after how long."""
         self._address = address
         self._connection = connection
         self._max_bytes = max_request_bytes * 9 // 10
@@ -58,6 +60,7 @@ class StreamClient:
         self._filled = asyncio.Event()
         self._greeted = asyncio.Event()
         self._ending = False
+        self._note_round_trip = note_round_trip
         self._round_trip_s: float | None = None
         self.lost = ""
 
@@ -181,6 +184,7 @@ class StreamClient:
                 self._greeted.set()
             case "pong":
                 self._round_trip_s = now_s - response.pong.client_time_ns / 1e9
+                self._note_round_trip(now_s, self._round_trip_s)
             case "goodbye":
                 counts["goodbyes"] += 1
         for update in response.updates:

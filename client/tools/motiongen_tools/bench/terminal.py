@@ -7,7 +7,17 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from motiongen_tools.bench.load import Load, Progress
-from motiongen_tools.bench.recorder import ALL, ANSWER, EVENT, GENERATOR, GENERATOR_LAGS, OPEN, SCREEN
+from motiongen_tools.bench.recorder import (
+    ALL,
+    ANSWER,
+    EVENT,
+    GENERATOR,
+    GENERATOR_LAGS,
+    OPEN,
+    ROUND_TRIP,
+    SCREEN,
+    STREAMS,
+)
 from motiongen_tools.bench.result import Result
 from motiongen_tools.bench.search import Found, Trial
 from motiongen_tools.console import make_progress, make_table
@@ -120,7 +130,8 @@ def latency_rows(result: Result) -> list[tuple[str, ...]]:
             row = _latency_row(name if group == ALL else f"{name}, {group}", result.latency_ms(what, group))
             if row:
                 rows.append(row)
-    return rows
+    row = _latency_row("ping to pong of a stream", result.latency_ms(ROUND_TRIP, STREAMS))
+    return [*rows, row] if row else rows
 
 
 def generator_rows(result: Result) -> list[tuple[str, ...]]:

@@ -13,7 +13,7 @@ from motiongen_server.engine_process.process import EngineProcess
 from motiongen_server.rpc.abilities import Abilities
 
 STALE_S = 5.0
-LOAD_STEPS = 20
+ASKED_STEPS = 20
 """What is asked of engines that differs by less than one of so many steps is held to be equal: then the number of
 sessions decides.
 """
@@ -150,6 +150,6 @@ class EngineGroup:
 
 
 def _taken(process: EngineProcess, link: ModelLink, by_clips: bool) -> tuple[int, int, int]:
-    """How little room an engine process has. Clips do not show in the load: they take what sessions leave."""
+    """How little room an engine process has. Clips are not asked for: they take what sessions leave."""
     num_clips = link.num_clips if by_clips else 0
-    return num_clips, round(LOAD_STEPS * process.asked), process.num_sessions
+    return num_clips, round(ASKED_STEPS * process.asked), process.num_sessions

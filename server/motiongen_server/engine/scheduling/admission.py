@@ -20,10 +20,10 @@ from motiongen_server.engine.spread import spread
 from motiongen_server.engine.types import Code, EventRefused, ModelFacts, Outcome, Priority, SessionKey, SessionSpec
 from motiongen_server.engine.types.refusals import draining, session_limit
 
-# First windows that have not been made count as if they had to be within so long. They may take what is kept free of
-# those who play: they have no moment at which they must be there, and wait for windows that have.
+# First windows that have not been made count as if they had to be within so long. With them the load may be so many
+# times what it may be without: they have no moment at which they must be there, and wait for windows that have.
 _BEGIN_S = 2.0
-_MOST_WITH_RUSH = 1.0
+_BEYOND_WITH_RUSH = 1.125
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,9 +195,8 @@ class Admission:
         most = config.admit_load[spec.priority - 1]
         share = self._share(spec.priority, spec.denoise_steps, 1)
         load, beside = self.load + share, self._elsewhere + self.asked + self._rush + share
-        if (load <= most and beside <= max(most, _MOST_WITH_RUSH)) or (
-            not self._num_sessions and self._elsewhere <= most
-        ):
+        is_alone = not self._num_sessions and self._elsewhere <= most
+        if is_alone or (load <= most and beside <= _BEYOND_WITH_RUSH * most):
             return None
         load = max(load, beside)
         return self._full(

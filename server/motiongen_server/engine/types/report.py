@@ -29,8 +29,8 @@ class StepReport:
     character. frames_held: frames that repeat a pose for want of a window. quota_steps: begun of late, by owners that
     have a quota.
     Where they were taken: sessions, how many there are; load, the share of the machine in use; asked, the share that
-    sessions are expected to ask for; tiers, what each class
-    gets; full, the classes of which not the least session would be let in.
+    sessions are expected to ask for; tiers, what each class gets; full, the classes of which not the least session
+    would be let in.
     """
 
     rows: int = 0

@@ -10,6 +10,7 @@ import contextlib
 import logging
 import os
 import secrets
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -249,7 +250,8 @@ class SnapshotWriter:
 
 
 def _yield_to_others() -> None:
-    """Lower the priority of this thread alone, which Linux can and others refuse."""
-    with contextlib.suppress(OSError, AttributeError):
+    """Lower the priority of this thread alone, which only Linux can."""
+    if sys.platform == "linux":
         own = threading.get_native_id()
-        os.setpriority(os.PRIO_PROCESS, own, os.getpriority(os.PRIO_PROCESS, own) + NICENESS)
+        with contextlib.suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, own, os.getpriority(os.PRIO_PROCESS, own) + NICENESS)

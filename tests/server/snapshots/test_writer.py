@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Iterator, Sequence
 
@@ -145,6 +146,13 @@ def test_a_slow_store_is_given_only_the_newest_of_each_session(
     store.gate.set()
     until(lambda: len(heard.said) == 3)
     assert heard.said == [Written(A, 1), Written(A, 49), Written(B, 49)]
+
+
+def test_the_thread_that_writes_lets_others_go_first(saving: SnapshotWriter) -> None:
+    writes, own = saving._thread.native_id, threading.get_native_id()
+    assert writes is not None
+    least = min(19, os.getpriority(os.PRIO_PROCESS, own) + writer.NICENESS)
+    until(lambda: os.getpriority(os.PRIO_PROCESS, writes) == least)
 
 
 @pytest.mark.usefixtures("rare_renewals")

@@ -21,7 +21,8 @@ from motiongen_server.engine.types import Code, EventRefused, ModelFacts, Outcom
 from motiongen_server.engine.types.refusals import draining, session_limit
 
 # First windows that have not been made count as if they had to be within so long. With them the load may be so many
-# times what it may be without: they have no moment at which they must be there, and wait for windows that have.
+# times what it may be without: they have no moment at which they must be there, and wait for windows that have. Not
+# under a quota: once that is used up, all stand still.
 _BEGIN_S = 2.0
 _BEYOND_WITH_RUSH = 1.125
 
@@ -37,10 +38,12 @@ class Prices:
 class Admission:
     """Holds a place for every session from `reserve` to `release`."""
 
-    def __init__(self, facts: ModelFacts, config: EngineConfig) -> None:
+    def __init__(self, facts: ModelFacts, config: EngineConfig, *, under_quota: bool = False) -> None:
+        """under_quota: of processor time, all of which others use too."""
         self._config = config
         self._rates = WindowRates(facts.fps / facts.horizon)
         self._least_steps, self._default_steps = facts.min_steps, facts.default_steps
+        self._beyond_with_rush = 1.0 if under_quota else _BEYOND_WITH_RUSH
         self._prices = Prices()
         self._measured = self._elsewhere = 0.0
         self._lock = threading.Lock()
@@ -196,7 +199,7 @@ class Admission:
         share = self._share(spec.priority, spec.denoise_steps, 1)
         load, beside = self.load + share, self._elsewhere + self.asked + self._rush + share
         is_alone = not self._num_sessions and self._elsewhere <= most
-        if is_alone or (load <= most and beside <= _BEYOND_WITH_RUSH * most):
+        if is_alone or (load <= most and beside <= self._beyond_with_rush * most):
             return None
         load = max(load, beside)
         return self._full(

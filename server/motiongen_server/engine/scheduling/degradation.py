@@ -1,7 +1,8 @@
 """Degradation: what sessions give up when the machine cannot keep up, least urgent class first, one level at a time.
 
 Pure: time comes in as an argument. A class goes down while too many of its windows are late or the load is too high,
-and up again only after it has been well for some time, so that it does not go up and down.
+and up again only after it has been well for some time, so that it does not go up and down. When nobody is left, those who
+come next are served in full.
 """
 
 from __future__ import annotations
@@ -147,6 +148,9 @@ class Degradation:
         if pressed or load > limits.low_load:
             self._well_since = now
         self.shed = False
+        if not any(present.values()):
+            self._forget(now)
+            return ()
         if pressed and settled and now - self._unpressed_at >= limits.pressed_s:
             self._learn_patience(now)
             self._settled_at = now
@@ -159,6 +163,13 @@ class Degradation:
             self._wait_s = max(limits.well_s, self._wait_s / 2)  # if this one holds, the next comes sooner
             return self._up(present)
         return ()
+
+    def _forget(self, now: float) -> None:
+        """Nobody is there: what was too much for the machine has gone."""
+        self._made, self._wait_s = 0, self._limits.well_s
+        self._settled_at = self._unpressed_at = now
+        self._noted.clear()
+        self._windows, self._late = 0, 0.0
 
     def _learn_patience(self, now: float) -> None:
         """The last level up did not hold for long: wait longer before the next, and so stop going up and down."""

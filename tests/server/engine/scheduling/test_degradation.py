@@ -152,3 +152,14 @@ def test_windows_that_are_a_moment_late_cost_nobody_anything() -> None:
         day.now += EVERY_S
         day.degradation.note_windows(day.now, 20, 3 * 0.05)  # three of twenty, by a twentieth of their time each
         assert day.degradation.update(day.now, 0.7, ALL) == ()
+
+
+def test_when_nobody_is_left_those_who_come_next_are_served_in_full() -> None:
+    day = Day()
+    day.pass_time(20.0, load=1.5)
+    assert max(day.levels()) > 1
+    day.present = dict.fromkeys(Priority, 0)
+    day.pass_time(EVERY_S)
+    assert day.levels() == [0, 0, 0, 0]
+    day.present = ALL
+    assert day.pass_time(1.0, load=0.97) == [], "what pressed before says nothing of who is there now"

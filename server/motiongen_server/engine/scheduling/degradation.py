@@ -1,8 +1,8 @@
 """Degradation: what sessions give up when the machine cannot keep up, least urgent class first, one level at a time.
 
 Pure: time comes in as an argument. A class goes down while too many of its windows are late or the load is too high,
-and up again only after it has been well for some time, so that it does not go up and down. When nobody is left, those who
-come next are served in full.
+and up again only after it has been well for some time, so that it does not go up and down. When nobody is left, those
+who come next are served in full.
 """
 
 from __future__ import annotations

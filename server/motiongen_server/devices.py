@@ -20,10 +20,11 @@ MOST_ENGINES = 64
 MOST_THREADS = 256
 FORMS = "cuda:0,cuda:1 (these), cuda:all, cpu:2 (two engines of a thread each), cpu:2x4 (two of four threads)"
 ADMIT_LOAD = 0.9
+ADMIT_LOAD_QUOTA = 0.85
 ADMIT_LOAD_SHARED = 0.8
 ADMIT_LOAD_THROTTLED = 0.7
-"""Of engines with more threads than there are cores; and of those under a quota of which nobody knows what is used of
-it. With more, sessions were told of less (docs/performance.md).
+"""Of engines with as many threads as a quota has cores, or more; with more threads than there are cores; and under a
+quota of which nobody knows what is used of it. With more, sessions were told of less (docs/performance.md).
 """
 KERNELS_KEPT = {"ONEDNN_PRIMITIVE_CACHE_CAPACITY": "192", "LRU_CACHE_CAPACITY": "64"}
 """Compiled products that oneDNN keeps in an engine process, each of 0.6 MiB, and descriptions of such that torch keeps
@@ -116,7 +117,9 @@ def admit_load_for(devices: Sequence[EngineDevice]) -> float:
     threads, quota = sum(device.threads for device in devices if device.kind == "cpu"), quota_cores()
     if threads >= quota and quota_use() is None:
         return ADMIT_LOAD_THROTTLED if threads > quota else ADMIT_LOAD_SHARED
-    return ADMIT_LOAD_SHARED if threads > usable_cores() else ADMIT_LOAD
+    if threads > usable_cores():
+        return ADMIT_LOAD_SHARED
+    return ADMIT_LOAD_QUOTA if threads >= quota else ADMIT_LOAD
 
 
 def usable_cores() -> int:

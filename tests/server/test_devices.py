@@ -8,6 +8,7 @@ import pytest
 
 from motiongen_server.devices import (
     ADMIT_LOAD,
+    ADMIT_LOAD_QUOTA,
     ADMIT_LOAD_SHARED,
     ADMIT_LOAD_THROTTLED,
     KERNELS_KEPT,
@@ -107,11 +108,12 @@ def test_who_does_not_know_what_is_used_of_a_quota_fills_it_less(monkeypatch: py
         assert admit_load_for(devices_of(f"cpu:{engines}", lambda: 0)) == load
 
 
-def test_what_is_used_of_a_quota_is_counted_and_needs_no_margin(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_used_of_a_quota_is_counted_and_needs_less_of_a_margin(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
     monkeypatch.setattr("motiongen_server.devices.quota_use", lambda: lambda: 0.0)
     for quota, engines, load in (
-        (1.5, 1, ADMIT_LOAD), (2.0, 2, ADMIT_LOAD), (1.0, 1, ADMIT_LOAD), (1.5, 2, ADMIT_LOAD), (0.7, 1, ADMIT_LOAD),
+        (1.5, 1, ADMIT_LOAD), (2.0, 2, ADMIT_LOAD_QUOTA), (1.0, 1, ADMIT_LOAD_QUOTA), (1.5, 2, ADMIT_LOAD_QUOTA),
+        (0.7, 1, ADMIT_LOAD_QUOTA),
         (1.0, 2, ADMIT_LOAD_SHARED), (0.7, 2, ADMIT_LOAD_SHARED),
     ):  # fmt: skip
         monkeypatch.setattr("motiongen_server.devices.quota_cores", lambda quota=quota: quota)

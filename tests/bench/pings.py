@@ -19,11 +19,12 @@ from motiongen_tools.bench.recorder import EVENT, GENERATOR, ROUND_TRIP, SEND_LA
 from motiongen_tools.bench.result import Result, Standard
 from motiongen_tools.bench.run import run_load
 from motiongen_tools.bench.scenario import load_scenario
-from tests.bench.machine import ROOT, busy_share, machine_facts
+from tests.bench.machine import busy_share, machine_facts
 from tests.bench.null_process import NULL_SERVER, SETTINGS, server_process
 from tests.bench.revision import Revision, commit_tree
+from tests.bench.service_cost import FLUSH_MS
+from tests.bench.service_turns import TREE
 
-FLUSH_MS = 20.0
 HEADER = (
     "| revision | streams | ping p50 / p99 / max, ms | edits p50 / p99, ms | the load's lag p99, ms | server's cores "
     "| load's cores | void |",
@@ -72,7 +73,7 @@ def main() -> int:
     with ExitStack() as stack:
         revisions = [stack.enter_context(commit_tree(commit)) for commit in options.before]
         for _ in range(options.rounds):
-            for revision in (*revisions, Revision("the tree", ROOT)):
+            for revision in (*revisions, TREE):
                 print(row(revision.name, play(revision, options)), flush=True)
     facts = machine_facts() | {"others used": f"{share():.0%} of the machine", "command": " ".join(sys.argv[1:])}
     print("", *(f"- {name}: {value}" for name, value in facts.items()), sep="\n")

@@ -203,12 +203,15 @@ class Generator:
             self._record_lag(LOOP_LAG, now_s, now_s - due_s)
 
     def _note_round_trip(self, now_s: float, seconds: float) -> None:
-        if self._phases.measure_from_s <= now_s < self._phases.measure_to_s:
-            self._recorder.record(ROUND_TRIP, STREAMS, seconds)
+        self._record(ROUND_TRIP, STREAMS, now_s, seconds)
 
     def _record_lag(self, what: str, now_s: float, lag_s: float) -> None:
+        self._record(what, GENERATOR, now_s, max(lag_s, 0.0))
+
+    def _record(self, what: str, owner: str, now_s: float, seconds: float) -> None:
+        """What is seen at now_s, where that is measured."""
         if self._phases.measure_from_s <= now_s < self._phases.measure_to_s:
-            self._recorder.record(what, GENERATOR, max(lag_s, 0.0))
+            self._recorder.record(what, owner, seconds)
 
     def _note_cpu(self, now_s: float) -> None:
         if self._cpu_from_s is None and now_s >= self._phases.measure_from_s:

@@ -154,9 +154,7 @@ class Degradation:
         if pressed and settled and now - self._unpressed_at >= limits.pressed_s:
             self._learn_patience(now)
             self._settled_at = now
-            # What was late before says nothing about the level that comes.
-            self._noted.clear()
-            self._windows, self._late = 0, 0.0
+            self._forget_windows()  # what was late before says nothing about the level that comes
             return self._down(present)
         if self._made and now - max(self._well_since, self._settled_at) >= self._wait_s:
             self._settled_at = self._went_up_at = now
@@ -168,6 +166,9 @@ class Degradation:
         """Nobody is there: what was too much for the machine has gone."""
         self._made, self._wait_s = 0, self._limits.well_s
         self._settled_at = self._unpressed_at = now
+        self._forget_windows()
+
+    def _forget_windows(self) -> None:
         self._noted.clear()
         self._windows, self._late = 0, 0.0
 

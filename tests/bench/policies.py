@@ -33,6 +33,10 @@ class Queue:
     def remove(self, job_id: int) -> None:
         del self._jobs[job_id]
 
+    def exchange(self, job: WindowJob, passes: int) -> None:
+        held = self._jobs[job.job_id]
+        held.job, held.passes = job, passes
+
     @property
     def largest_step(self) -> int:
         """Evaluations: of one window, unless more are done at once."""
@@ -47,6 +51,10 @@ class Queue:
 
     def commit(self, statuses: Iterable[RowStatus]) -> list[int]:
         return [status.job_id for status in statuses if self._jobs[status.job_id].note(status)]
+
+    def left_s(self, held: ScheduledJob) -> float:
+        jobs = min(len(self._jobs), max(1, self.largest_step // _MOST_PASSES))
+        return self._window_s(held.job.num_steps - held.steps_done, jobs, held.job.num_steps, held.passes)
 
     def _window_s(self, rounds: int, rows: int, num_steps: int, passes: int) -> float:
         """So many rounds of `rows` windows like one with these steps and passes."""

@@ -49,7 +49,12 @@ class RunningWindows:
         self._begun_replans: list[tuple[Priority, float]] = []
         self._job_ids = itertools.count(1)
         self._executor = StepExecutor(
-            runner, scheduler, clock, max_rows, lambda job_id, why: failed(self._owners[job_id], why)
+            runner,
+            scheduler,
+            clock,
+            max_rows,
+            failed=lambda job_id, why: failed(self._owners[job_id], why),
+            begins=self._begin_elsewhere,
         )
 
     def __len__(self) -> int:
@@ -108,6 +113,9 @@ class RunningWindows:
         if job.cause is not PlanCause.CONTINUE and not job.background:
             self._replans[job.job_id] = replan = job.priority, job.num_steps / state.spec.denoise_steps
             self._begun_replans.append(replan)
+
+    def _begin_elsewhere(self, job_id: int, left_s: float) -> WindowJob | None:
+        return planning.begin_elsewhere(self._owners[job_id], self._now(), left_s * self._lease.stretch)
 
     def take_replans(self) -> list[tuple[Priority, float]]:
         """The windows begun since this was last asked that change what would be shown, each with its share of a whole

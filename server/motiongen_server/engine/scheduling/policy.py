@@ -34,6 +34,10 @@ class SchedulingPolicy(Protocol):
         """Let go of a job that is held, at any stage."""
         ...
 
+    def exchange(self, job: WindowJob, passes: int) -> None:
+        """Hold a job in place of the one with its number, which is not prepared, and due when this one is."""
+        ...
+
     def schedule(self, now: float) -> Sequence[ScheduledJob]:
         """The jobs of the next step, most urgent first. Empty: none before `wake_at`, unless more comes."""
         ...
@@ -57,4 +61,8 @@ class SchedulingPolicy(Protocol):
 
     def predict_s(self, priority: Priority, deadline: float, num_steps: int, passes: int) -> float:
         """Seconds until a job that is added now would be finished, as things stand."""
+        ...
+
+    def left_s(self, held: ScheduledJob) -> float:
+        """Seconds until a job that is in the next step will be finished, as things stand."""
         ...

@@ -77,6 +77,7 @@ class Scheduler:
         self._played: list[tuple[float, int]] = []
         self._evaluations = [0 for _ in Priority]
         self._background = 0  # evaluations of those
+        self._cap = self._max_evaluations  # of the step that was last given out
         self._owed: OwedRows[Priority] = OwedRows()
         self._owners = OwnerShares()
 
@@ -103,10 +104,17 @@ class Scheduler:
         self._evaluations[held.job.priority - 1] -= held.passes
         self._background -= held.passes if held.job.background else 0
 
+    def exchange(self, job: WindowJob, passes: int) -> None:
+        held = self._jobs[job.job_id]
+        self._evaluations[job.priority - 1] += passes - held.passes
+        self._background += passes - held.passes if job.background else 0
+        held.job, held.passes = job, passes
+
     def schedule(self, now: float) -> list[ScheduledJob]:
         """The jobs of the next step, most urgent first."""
         strained = self._strained(now)
         budget_s, most, least = inf, self._step_cap(strained), self._least_evaluations(strained)
+        self._cap = most
         chosen = self._reserved(most, strained)
         evaluations = sum(held.passes for held in chosen.values())
         room_s: float | None = None  # for the step, once jobs in the background are looked at
@@ -267,3 +275,10 @@ class Scheduler:
         rows = min(len(self._jobs) + 1, self._max_rows)
         rounds = ceil(num_steps * max(1.0, ahead / cap))
         return self.costs.window_s(num_steps, rounds, evaluations, rows)
+
+    def left_s(self, held: ScheduledJob) -> float:
+        foreground = max(held.passes, sum(self._evaluations) - self._background)
+        each = foreground / len(self._jobs)
+        rows = max(1, min(len(self._jobs), self._max_rows, int(self._cap / each)))
+        num_steps = held.job.num_steps
+        return self.costs.window_s(num_steps, num_steps - held.steps_done, ceil(rows * each), rows)

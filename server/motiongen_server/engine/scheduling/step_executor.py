@@ -33,6 +33,7 @@ class StepExecutor:
     """Takes jobs through the runner, as the policy says.
 
     failed: told of every job that the model cannot do, and why, in words for the client; it is to call `discard`.
+    begins: asked of every job before it is prepared, with the seconds that it will take, for one to take its place.
     """
 
     def __init__(
@@ -42,11 +43,13 @@ class StepExecutor:
         clock: Clock,
         max_rows: int,
         failed: Callable[[int, str], None],
+        begins: Callable[[int, float], WindowJob | None],
     ) -> None:
         self._runner = runner
         self._policy = policy
         self._now = clock.now
         self._failed = failed
+        self._begins = begins
         self._default_steps = runner.facts.default_steps
         self._report = StepReport()
         self._prepares: BatchRetry[ScheduledJob, int] = BatchRetry(
@@ -98,6 +101,7 @@ class StepExecutor:
         new = [held for held in batch if not held.prepared]
         if new:
             report.queue_waits += [begun_at - held.job.created_at for held in new]
+            self._settle_starts(new)
             self._policy.mark_prepared(self._prepares(new))
             batch = [held for held in batch if held.prepared]
             report.prepare_seconds = self._now() - begun_at
@@ -112,6 +116,13 @@ class StepExecutor:
         report.step_seconds = self._now() - begun_at - report.prepare_seconds
         self._stream_metrics(report)
         return statuses, finished
+
+    def _settle_starts(self, new: Sequence[ScheduledJob]) -> None:
+        """Only now is it known who goes along, so how long jobs will take; some do better from another frame on."""
+        for held in new:
+            job = self._begins(held.job.job_id, self._policy.left_s(held))
+            if job is not None:
+                self._policy.exchange(job, self._runner.num_passes(job))
 
     def decode(self, finished: Sequence[int], report: StepReport) -> list[WindowResult]:
         """The windows of jobs that have done all their steps, each to be finished or discarded."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 from motiongen_server.engine.session.kinematics import continued
 from motiongen_server.engine.session.placing_anew import placed_anew
 from motiongen_server.engine.session.state import SessionState, anchor_at
-from motiongen_server.engine.session.windows import RunningWindow, WindowSite
+from motiongen_server.engine.session.windows import Due, RunningWindow, WindowSite
 from motiongen_server.engine.types import (
     Output,
     PlanCause,
@@ -53,6 +53,38 @@ def next_window(state: SessionState, now: float, predicted_s: float, job_id: int
     """Start the window that is due. predicted_s: how long it will take from now."""
     assert window_due(state, now)
     first_frame, cause = _next_start(state, now, predicted_s)
+    due = Due(job_id, now, deadline(state, now), runs_out_at(state, now))
+    if state.replan_wanted:
+        replans_hz = state.config.replans_hz[state.spec.priority - 1] * state.level.replan_cap_scale
+        state.edits.space_replans(now, replans_hz)
+    state.predicted_s = predicted_s
+    return _begin(state, first_frame, cause, due)
+
+
+def begin_elsewhere(state: SessionState, now: float, predicted_s: float) -> WindowJob | None:
+    """The running window, from another frame on, where that is better now that it is known how long it will take.
+
+    For windows of edits, before their first step. One that would be too late begins later, and one that may be there
+    sooner by a patch begins sooner. None where it stays as it is.
+    """
+    running = state.running
+    assert running is not None and not running.steps_done
+    if not running.answers:
+        return None
+    job, waiting = running.job, state.edits.waiting
+    state.edits.waiting = (*running.answers, *waiting)
+    first_frame, cause = _next_start(state, now, predicted_s)
+    if 0 <= running.first_frame - first_frame < state.facts.patch:
+        state.edits.waiting = waiting
+        return None
+    state.running, state.cut = None, running.cut
+    state.drift_state.correction = running.correction
+    state.predicted_s = predicted_s
+    return _begin(state, first_frame, cause, Due(job.job_id, job.created_at, job.deadline, job.runs_out_at))
+
+
+def _begin(state: SessionState, first_frame: int, cause: PlanCause, due: Due) -> WindowJob:
+    """Have a window from first_frame on run, for all edits that wait."""
     if state.edits.are_left_open and state.cut is None:
         here = anchor_at(state, first_frame)
         state.conditions, state.edits.waiting = placed_anew(state.conditions, state.edits.waiting, here)
@@ -61,21 +93,7 @@ def next_window(state: SessionState, now: float, predicted_s: float, job_id: int
         cause, spec = PlanCause.CUT, replace(spec, start_pose=cut.start_pose)
         timeline, state.drift_state.correction = cut.timeline_at(first_frame, state.facts), None
     site = WindowSite(spec, state.facts, state.config, state.drift_state.guard, state.level, state.conditions, timeline)
-    state.predicted_s = predicted_s
-    correction = state.drift_state.correction_from(first_frame)
-    job = site.job(
-        first_frame,
-        correction,
-        job_id=job_id,
-        plan=state.plan + 1,
-        cause=cause,
-        now=now,
-        deadline=deadline(state, now),
-        runs_out_at=runs_out_at(state, now),
-    )
-    if state.replan_wanted:
-        replans_hz = state.config.replans_hz[state.spec.priority - 1] * state.level.replan_cap_scale
-        state.edits.space_replans(now, replans_hz)
+    job = site.job(first_frame, state.drift_state.correction_from(first_frame), state.plan + 1, cause, due)
     end = first_frame + state.facts.horizon
     if cause is PlanCause.CONTINUE and state.clock.running:
         end, state.cut_frames = end - state.cut_frames, 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from motiongen_ardy.locomotion.velocity import STATE_FRAMES, RootState, root_state
 from motiongen_server.engine.config import EngineConfig
@@ -59,6 +60,15 @@ class RunningWindow:
         return self.job.start_pose is not None or self.cut is not None
 
 
+class Due(NamedTuple):
+    """A window's number, and when it is to be done; as in `WindowJob`."""
+
+    job_id: int
+    created_at: float
+    deadline: float
+    runs_out_at: float
+
+
 @dataclass(frozen=True, slots=True)
 class WindowSite:
     """What a session's next window is made from."""
@@ -72,16 +82,7 @@ class WindowSite:
     timeline: Timeline
 
     def job(
-        self,
-        first_frame: int,
-        correction: Correction | None,
-        *,
-        job_id: int,
-        plan: int,
-        cause: PlanCause,
-        now: float,
-        deadline: float,
-        runs_out_at: float,
+        self, first_frame: int, correction: Correction | None, plan: int, cause: PlanCause, due: Due
     ) -> WindowJob:
         """The job of a window from first_frame on."""
         start_pose = self._start_pose(first_frame, correction)
@@ -93,7 +94,7 @@ class WindowSite:
         path = self._velocity_path(first_frame)
         constraints = self._constraints(first_frame, length, path)
         return WindowJob(
-            job_id=job_id,
+            job_id=due.job_id,
             session=self.spec.session,
             plan=plan,
             first_frame=first_frame,
@@ -104,16 +105,16 @@ class WindowSite:
             seed=self.spec.seed,
             num_steps=steps_at(self.level, self.spec, self.facts),
             guidance=guidance_at(self.level, self.spec.guidance, bool(constraints), self.facts),
-            deadline=deadline,
+            deadline=due.deadline,
             priority=self.spec.priority,
             cause=cause,
-            created_at=now,
+            created_at=due.created_at,
             history_tokens=self.timeline.tokens_before(first_frame, length) if self.config.reuse_tokens else None,
             background=self.spec.is_clip,
             # a velocity has chosen its prompt already
             keep_prompt=self.spec.keep_prompts or any(each is path for each in constraints),
             owner=self.spec.owner,
-            runs_out_at=runs_out_at,
+            runs_out_at=due.runs_out_at,
         )
 
     def _start_pose(self, first_frame: int, correction: Correction | None) -> StartPose | None:

@@ -3,10 +3,10 @@
 import itertools
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.types import Code, PlanCause
+from motiongen_server.engine.types import Code, PlanCause, Priority
 from tests.server.engine.fakes import PLAN, PROMPT
 from tests.server.engine.session.playing import PLAYS_FROM, markers, playing, start_job
-from tests.server.engine.stage import Stage, prompt
+from tests.server.engine.stage import Stage, crowd, prompt
 
 
 def test_a_window_that_lands_too_late_is_discarded_and_tried_with_a_longer_lead() -> None:
@@ -123,3 +123,38 @@ def test_a_server_too_slow_for_real_time_still_makes_motion_and_counts_the_misse
     assert viewer.closed is not None
     assert viewer.closed.late_frames > 0
     stage.check_finished()
+
+
+def test_windows_that_all_ask_for_at_once_begin_where_they_can_be_in_time() -> None:
+    stage, viewers = crowd(24, prompts=(prompt(1),))
+    stage.runner.step_s = lambda rows: 0.005 + 0.005 * rows
+    stage.run(6.0)  # what steps cost is known by now
+    asked = {viewer.key: stage.set_prompts(viewer, prompt(2)) for viewer in viewers}
+    stage.run(4.0)
+    assert stage.total("windows_discarded") == 0
+    for viewer in viewers:
+        outcome = viewer.outcomes[asked[viewer.key]]
+        assert outcome.code is Code.OK
+        assert markers(viewer, outcome.effective_frame or 0, viewer.buffered_to) == {2}
+    stage.check_finished()
+
+
+def test_a_window_that_need_not_wait_for_others_after_all_begins_sooner() -> None:
+    stage, heroes = crowd(24, prompts=(prompt(1),), priority=Priority.HERO)
+    last = stage.open(25, prompts=(prompt(1),), priority=Priority.CROWD)
+    stage.runner.step_s = lambda rows: 0.005 + 0.005 * rows
+    stage.run(6.0)
+    for hero in heroes:
+        stage.set_prompts(hero, prompt(2))
+    seq = stage.set_prompts(last, prompt(2))
+    stage.run(0.03)
+    state = stage.engine.sessions.get(last.key)
+    assert state is not None
+    assert state.running is not None
+    meant = state.running.first_frame
+    for hero in heroes:
+        stage.close(hero)
+    stage.run(2.0)
+    effective = last.outcomes[seq].effective_frame
+    assert effective is not None
+    assert effective <= meant - 4

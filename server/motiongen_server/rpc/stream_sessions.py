@@ -64,14 +64,19 @@ class StreamSessions(StreamOutput):
         self.urgent.set()
 
     def take_all(self, outputs: Sequence[Output]) -> None:
-        """Take outputs for this stream's client, in order, and keep the books of their sessions."""
-        entries = self._by_key
+        """Take outputs for this stream's client, in order, and keep the books of their sessions.
+
+        A plan that answers edits does not wait for the flush interval, nor do the frames that come with it: whoever
+        steers waits for them.
+        """
+        entries, answers_edits = self._by_key, False
         for said in without_needless_refusals(outputs, entries.get):
             entry = entries.get(said.session)
             if isinstance(said, _FRAMES_AND_PLANS):
                 if entry is None or entry.muted or entry.is_resuming:
                     continue
                 self._put(said, entry)
+                answers_edits |= isinstance(said, PlanNotice) and bool(said.event_seqs)
             elif isinstance(said, SnapshotTaken):
                 if entry is not None:
                     self._kept.save(entry, said)
@@ -82,6 +87,8 @@ class StreamSessions(StreamOutput):
             else:
                 self._book(said, entry)
         self._check_backlog()
+        if answers_edits:
+            self.urgent.set()
         self.ready.set()
 
     def _put(self, said: Output, entry: SessionEntry) -> None:

@@ -1,0 +1,75 @@
+"""What waits for the flush interval, and what does not."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import numpy as np
+
+from motiongen.v1 import service_pb2, session_pb2
+from motiongen_server.engine.types import Chunk, PlanCause, PlanNotice, SessionKey
+from motiongen_server.rpc import stream_writer
+from tests.server.rpc.test_event_order import Line
+
+ENDLESS_S = 1e6
+SOON_S = 30.0
+ROW_WIDTH = 11
+
+
+class Context:
+    """A client that reads everything at once. messages: what was written to it."""
+
+    def __init__(self) -> None:
+        self.messages: asyncio.Queue[bytes] = asyncio.Queue()
+
+    async def write(self, message: bytes) -> None:
+        self.messages.put_nowait(message)
+
+    async def next_updates(self) -> list[session_pb2.SessionUpdate]:
+        message = await asyncio.wait_for(self.messages.get(), SOON_S)
+        return list(service_pb2.StreamMotionResponse.FromString(message).updates)
+
+    async def is_silent(self) -> bool:
+        """Whether nothing comes though the loop goes round."""
+        for _ in range(50):
+            await asyncio.sleep(0)
+        return self.messages.empty()
+
+
+@asynccontextmanager
+async def written() -> AsyncIterator[tuple[Line, SessionKey, Context]]:
+    """A line to a client that was told something just now, and has an endless flush interval."""
+    line, context = Line(), Context()
+    line.stream.flush_s = ENDLESS_S
+    writer = asyncio.create_task(stream_writer.write(line.stream, context))  # type: ignore[arg-type]
+    line.open()
+    assert await context.next_updates()
+    yield line, line.engine.events[0].session, context
+    writer.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await writer
+
+
+def chunk(key: SessionKey, plan: int) -> Chunk:
+    return Chunk(key, plan, 0, np.zeros((8, ROW_WIDTH), np.float32), 0)
+
+
+async def test_frames_wait_for_the_flush_interval() -> None:
+    async with written() as (line, key, context):
+        line.stream.take(PlanNotice(key, 2, 0, PlanCause.CONTINUE, ()), chunk(key, 2))
+        assert await context.is_silent()
+
+
+async def test_a_plan_that_answers_an_edit_goes_at_once_with_its_frames_and_what_waits() -> None:
+    async with written() as (line, key, context):
+        line.stream.take(chunk(key, 1))
+        assert await context.is_silent()
+        line.stream.take(PlanNotice(key, 2, 8, PlanCause.EDIT, (2,)), chunk(key, 2))
+        said = [update.WhichOneof("update") for update in await context.next_updates()]
+        assert said.count("plan") == 1
+        assert "chunk" in said[said.index("plan") :]
+        line.stream.take(PlanNotice(key, 3, 8, PlanCause.CONTINUE, ()), chunk(key, 3))
+        assert await context.is_silent()

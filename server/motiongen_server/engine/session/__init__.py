@@ -7,6 +7,7 @@ and what they count in the StepReport. The rules:
 - Frames below `committed_to` never change, and it never falls.
 - A window starts at a commit frame, which the client cannot have played when the window lands, or at the end of the
   plan. One that lands too late is discarded, and its edits are tried again with a longer lead.
+- Where a window of an edit starts is settled when the runner takes it: who goes along says how long it will be.
 - All edits that wait when a window starts are answered by that window. One that arrives while a window runs cuts the
   window (a prompt that starts inside it), joins it (it has not begun), restarts it (it answers no edit, and less than
   half of its steps are done), or follows it.

@@ -68,7 +68,8 @@ def begin_elsewhere(state: SessionState, now: float, predicted_s: float) -> Wind
     sooner by a patch begins sooner. None where it stays as it is.
     """
     running = state.running
-    assert running is not None and not running.steps_done
+    assert running is not None
+    assert not running.steps_done
     if not running.answers:
         return None
     job, waiting = running.job, state.edits.waiting

@@ -81,9 +81,7 @@ class WindowSite:
     conditions: Conditions
     timeline: Timeline
 
-    def job(
-        self, first_frame: int, correction: Correction | None, plan: int, cause: PlanCause, due: Due
-    ) -> WindowJob:
+    def job(self, first_frame: int, correction: Correction | None, plan: int, cause: PlanCause, due: Due) -> WindowJob:
         """The job of a window from first_frame on."""
         start_pose = self._start_pose(first_frame, correction)
         crop = history_crop(self.spec, self.config)

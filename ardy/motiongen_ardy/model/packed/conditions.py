@@ -16,7 +16,8 @@ class RowRequest:
     """B rows that share history length and window length.
 
     history: (B, N_h, 20 + L), recentred. text: (B, n, W), zeros for no text; heading: (B) radians, of the first frame.
-    observed, mask: (B, 4N, D), constraints in the window's own frame, zero in the history; None for none at all.
+    observed, mask: (B, 4N, D), constraints in the window's own frame, zero in the history, and observed zero where the
+    mask is; None for none at all.
     projection: what the rows' roots are brought onto in their last steps; None for nothing.
     passes: what each row's guidance needs.
     """

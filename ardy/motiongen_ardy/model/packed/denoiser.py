@@ -12,11 +12,12 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH, ROOT_WIDTH
+from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH
 from motiongen_ardy.model.denoiser.base import Denoiser
 from motiongen_ardy.model.denoiser.two_stage import TwoStageDenoiser
 from motiongen_ardy.model.packed.batch import PackedBatch
 from motiongen_ardy.model.packed.conditions import RowConditions, RowGoals, RowRequest
+from motiongen_ardy.model.packed.goal_layers import GoalLayer, TokenGoals
 from motiongen_ardy.model.packed.graphs import GraphedStack, GraphRecorder, Stack
 from motiongen_ardy.model.packed.linear import PackedLinear
 from motiongen_ardy.model.packed.stage import PackedStage
@@ -26,22 +27,22 @@ from motiongen_ardy.model.tokenizer.model import by_token, root_from_tokens
 class Projection:
     """A linear layer from tokens, and from constraints beside them, to a stage's input vectors."""
 
-    def __init__(self, plain: nn.Linear, told: nn.Linear | None, order: Tensor) -> None:
+    def __init__(self, plain: nn.Linear, told: nn.Linear | None, order: Tensor, patch: int) -> None:
         """order: which columns of `told` belong to the columns of a token; the others are the constraints'."""
         noisy = plain if told is None else told
         columns = torch.arange(plain.weight.shape[1], device=order.device) if told is None else order
         self.plain = PackedLinear.of(plain, torch.float32)
         self.noisy = PackedLinear(noisy.weight[:, columns], noisy.bias, torch.float32)
-        self._goals: PackedLinear | None = None
+        self._goals: GoalLayer | None = None
         if told is not None:
             weight = told.weight[:, plain.weight.shape[1] :]
-            self._goals = PackedLinear(weight, torch.zeros_like(told.bias), torch.float32)
+            self._goals = GoalLayer(weight, torch.zeros_like(told.bias), patch, reads_root=False)
 
-    def added_by(self, body: Tensor, mask: Tensor) -> Tensor:
-        """What observed body (..., P(D-5)) and mask (..., PD) add to the vectors of noisy tokens."""
+    def added_by(self, goals: TokenGoals) -> Tensor:
+        """What observed body and mask of tokens (n) add to the vectors (n, width) of noisy ones."""
         if self._goals is None:
             raise ValueError("this model was built without goal inputs")
-        return self._goals(torch.cat([body, mask], dim=-1))
+        return self._goals(goals)
 
 
 class PackedDenoiser:
@@ -70,14 +71,14 @@ class PackedDenoiser:
         # The released layer that is told constraints takes the latent before the root; tokens have the root first.
         order = torch.cat([torch.arange(self._root_width) + latent_dim, torch.arange(latent_dim)]).to(device)
         told = denoiser.global_root_hybrid_constraints_proj
-        self._projections = [Projection(denoiser.global_root_hybrid_proj, told, order)]
+        self._projections = [Projection(denoiser.global_root_hybrid_proj, told, order, self._patch)]
         if isinstance(denoiser, TwoStageDenoiser):
             self.stages.append(PackedStage(denoiser.body_model, num_base_steps, dtype))
             order = torch.arange(LOCAL_ROOT_WIDTH * self._patch + latent_dim, device=device)
             told = denoiser.local_root_hybrid_constraints_proj
-            self._projections.append(Projection(denoiser.local_root_hybrid_proj, told, order))
+            self._projections.append(Projection(denoiser.local_root_hybrid_proj, told, order, self._patch))
         future = denoiser.future_constraints_proj
-        self._future = None if future is None else PackedLinear.of(future, torch.float32)
+        self._future = None if future is None else GoalLayer.of(future, self._patch)
         self._stacks: list[Stack] = [
             stage.stack if recorder is None else GraphedStack(stage.stack, recorder) for stage in self.stages
         ]
@@ -135,15 +136,12 @@ class PackedDenoiser:
         future = self._future
         if request.observed is None or request.mask is None or future is None:
             return [None] * len(request.passes)
-        patch, mask = self._patch, by_token(request.mask, self._patch)
-        rows, numbers = (mask != 0).any(-1).nonzero(as_tuple=True)  # the tokens with goals: few, and the rest add zero
-        mask = mask[rows, numbers]
-        root = by_token(request.observed[..., :ROOT_WIDTH], patch)[rows, numbers]
-        body = by_token(request.observed[..., ROOT_WIDTH:], patch)[rows, numbers]
-        root_mask = by_token(request.mask[..., :ROOT_WIDTH], patch)[rows, numbers]
-        root = root * root_mask
+        mask, observed = (part.unflatten(1, (-1, self._patch)) for part in (request.mask, request.observed))
+        rows, numbers = (mask != 0).flatten(2).any(-1).nonzero(as_tuple=True)  # few; the other tokens add zero
+        told = TokenGoals.of(observed[rows, numbers], mask[rows, numbers])
         end = history_tokens + self._num_tokens
         here, ahead = numbers < end, numbers >= end
+        within = told.at(here)
         at = rows[here], numbers[here] - history_tokens
         num_rows = len(request.passes)
 
@@ -152,11 +150,11 @@ class PackedDenoiser:
             whole[at] = values
             return whole
 
-        added = torch.stack([over_horizon(one.added_by(body[here], mask[here])) for one in self._projections])
-        vectors = future(torch.cat([root, body, mask], dim=-1)[ahead])
+        added = torch.stack([over_horizon(one.added_by(within)) for one in self._projections])
+        vectors = future(told.at(ahead))
         placed = torch.stack([stage.placed_at(vectors, history_tokens, numbers[ahead]) for stage in self.stages])
         visible = placed.split(torch.bincount(rows[ahead], minlength=num_rows).tolist(), dim=1)
-        root, root_mask = over_horizon(root[here]), over_horizon(root_mask[here])
+        root, root_mask = over_horizon(within.root), over_horizon(within.root_mask)
         return [RowGoals(added[:, row], visible[row], root[row], root_mask[row]) for row in range(num_rows)]
 
     # ---- once a change of the batch ---------------------------------------------------------------------------------

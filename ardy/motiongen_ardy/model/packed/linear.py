@@ -95,6 +95,7 @@ class PackedLinear:
         self.least_vectors = 1
         if self.onednn:
             self._weight = torch.ops.mkldnn._reorder_linear_weight(self._weight)
+            self._operator = torch.ops.mkldnn._linear_pointwise.default
             self.least_vectors = _least_vectors(*weight.shape, dtype)
 
     @classmethod
@@ -112,7 +113,8 @@ class PackedLinear:
         A float32 addend to a product in another precision is added in float32.
         """
         if addend.dtype != self._weight.dtype or not self.onednn or self._missing(values):
-            return addend + self._product(values, None)
+            # Converted and then added in place: a sum of two precisions takes up to twice as long.
+            return self._product(values, None).to(addend.dtype).add_(addend)
         operators = torch.ops.mkldnn._linear_pointwise
         result: Tensor = operators.binary(values, addend, self._weight, self._bias, "add")
         return result
@@ -123,14 +125,16 @@ class PackedLinear:
         return max(filled_size(count) if self.onednn else count, self.least_vectors) - count
 
     def _product(self, values: Tensor, activation: Activation | None) -> Tensor:
+        if not self.onednn:
+            result = functional.linear(values, self._weight, self._bias)
+            return result if activation is None else activation(result)
         missing = self._missing(values)
         if missing:
-            filled = functional.pad(values.reshape(-1, values.shape[-1]), (0, 0, 0, missing))
-            return self._product(filled, activation)[: len(filled) - missing].view(*values.shape[:-1], len(self._bias))
-        if self.onednn:
-            result: Tensor = torch.ops.mkldnn._linear_pointwise(
-                values, self._weight, self._bias, _POINTWISE[activation], [], "none"
-            )
-            return result
-        result = functional.linear(values, self._weight, self._bias)
-        return result if activation is None else activation(result)
+            # `functional.pad` would write zeros everywhere first, which in bfloat16 is slow.
+            flat = values.reshape(-1, values.shape[-1])
+            filled = flat.new_empty(len(flat) + missing, flat.shape[1])
+            filled[: len(flat)] = flat
+            filled[len(flat) :].zero_()
+            return self._product(filled, activation)[: len(flat)].view(*values.shape[:-1], len(self._bias))
+        result: Tensor = self._operator(values, self._weight, self._bias, _POINTWISE[activation], [], "none")
+        return result

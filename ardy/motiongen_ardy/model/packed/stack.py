@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn import functional
 
 from motiongen_ardy.model.packed.linear import PackedLinear, filled_size
@@ -33,6 +33,16 @@ class Group(NamedTuple):
         return packed[self.start : self.end].view(self.num_sequences, self.length, -1)
 
 
+class Norm:
+    """A layer norm, called without what a module does about its calls."""
+
+    def __init__(self, layer: nn.LayerNorm) -> None:
+        self._arguments = layer.normalized_shape, layer.weight, layer.bias, layer.eps
+
+    def __call__(self, vectors: Tensor) -> Tensor:
+        return torch.layer_norm(vectors, *self._arguments)
+
+
 class PackedLayer:
     """One transformer layer; its weights are copies in the precision that it computes in."""
 
@@ -41,7 +51,7 @@ class PackedLayer:
         self.dtype = dtype
         self.num_heads = attention.num_heads
         self.norm_first = layer.norm_first
-        self.norms = (layer.norm1, layer.norm2)
+        self._norms = (Norm(layer.norm1), Norm(layer.norm2))
         self.mix_in = PackedLinear(attention.in_proj_weight, attention.in_proj_bias, dtype)
         self.mix_out = PackedLinear.of(attention.out_proj, dtype)
         self.widen = PackedLinear.of(layer.linear1, dtype, layer.activation)
@@ -49,19 +59,19 @@ class PackedLayer:
 
     def _attention(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
         """What each vector takes from its sequence, before the output projection; zeros behind the last sequence."""
-        packed = self.mix_in(vectors.to(self.dtype))
-        parts = []
+        packed = self.mix_in(vectors.to(self.dtype)).view(len(vectors), 3, self.num_heads, -1)
+        taken = packed.new_empty(len(vectors), *packed.shape[2:])
         for group in groups:
-            heads = group.of(packed).unflatten(-1, (3, self.num_heads, -1)).permute(2, 0, 3, 1, 4)
-            query, key, value = heads.unbind(0)
+            part = slice(group.start, group.end)
+            shape = group.num_sequences, group.length
+            query, key, value = packed[part].unflatten(0, shape).permute(2, 0, 3, 1, 4)
             mixed = functional.scaled_dot_product_attention(query, key, value)
-            parts.append(mixed.transpose(1, 2).reshape(group.num_sequences * group.length, -1))
-        if behind := len(packed) - groups[-1].end:
-            parts.append(parts[0].new_zeros(behind, parts[0].shape[-1]))
-        return parts[0] if len(parts) == 1 else torch.cat(parts)
+            taken[part].unflatten(0, shape).copy_(mixed.transpose(1, 2))
+        taken[groups[-1].end :].zero_()
+        return taken.flatten(1)
 
     def __call__(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
-        first, second = self.norms
+        first, second = self._norms
         if self.norm_first:
             vectors = self.mix_out.plus(self._attention(first(vectors), groups), vectors)
             return self.narrow.plus(self.widen(second(vectors).to(self.dtype)), vectors)
@@ -76,14 +86,10 @@ class PackedStack:
     def __init__(self, stack: TransformerStack, dtype: torch.dtype) -> None:
         self._originals = [layer for layer in stack.layers if isinstance(layer, TransformerLayer)]
         self.layers = [PackedLayer(layer, dtype) for layer in self._originals]
-        self._fills = dtype == torch.float32 and any(layer.mix_in.onednn for layer in self.layers)
+        self._fills = any(layer.mix_in.onednn for layer in self.layers)
 
     def filled(self, vectors: int) -> int:
-        """How many vectors to fill so many up to, once, where otherwise each product would fill up its own.
-
-        Then the residual is added within the product. In bfloat16 it never is, and norms of what fills up cost more
-        than products gain.
-        """
+        """How many vectors to fill so many up to, once, where otherwise each product would fill up its own."""
         return filled_size(vectors) if self._fills else vectors
 
     def release_originals(self) -> None:

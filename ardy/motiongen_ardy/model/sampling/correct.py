@@ -9,10 +9,10 @@ from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.model.config import RELEASED_PATCH
 from motiongen_ardy.model.sampling.cleanup import clean_feet
 from motiongen_ardy.model.sampling.facing import face_root
-from motiongen_ardy.model.sampling.joins import HISTORY_FRAMES, join_tokens
-from motiongen_ardy.model.sampling.joint_goals import joint_goals
+from motiongen_ardy.model.sampling.joins import HISTORY_FRAMES, join_roots, join_rotations
+from motiongen_ardy.model.sampling.joint_goals import JointGoals, joint_goals
 from motiongen_ardy.model.sampling.knees import hinge_knees
-from motiongen_ardy.model.sampling.options import SamplingOptions
+from motiongen_ardy.model.sampling.options import JoinOptions, SamplingOptions
 from motiongen_ardy.model.sampling.pose import Poses
 from motiongen_ardy.model.sampling.reach import reach_joints
 from motiongen_ardy.model.sampling.seams import settle_seam
@@ -38,20 +38,16 @@ def correct_window(
         return new
     history, frames = layout.denormalize(history[:, -HISTORY_FRAMES:]), layout.denormalize(new)
     asked = None if goals is None else joint_goals(layout, *goals)
+    before, poses = Poses.of(layout, history), Poses.of(layout, frames)
     if options.join_tokens:
-        none = torch.zeros(new.shape[:2], dtype=torch.bool, device=new.device)
-        held = none if asked is None else asked.root_met(frames[..., layout.root_position_block])
-        frames = hinge_knees(layout, frames)
-        frames = settle_seam(layout, history, frames, options.joins)
-        frames = join_tokens(layout, history, frames, options.joins, held, patch)
+        _join(before, poses, asked, options.joins, patch)
     goes_on = bool(history.shape[1])
-    before = history[:, -1:] if goes_on else frames[:, :1]
-    natural = torch.cat([before, frames], dim=1)
-    poses = Poses(layout, natural)
-    pinned = torch.zeros(*natural.shape[:2], 2, dtype=torch.bool, device=new.device)
+    poses = (before.only(-1) if goes_on else poses.only(0)).then(poses)
+    heading = torch.cat([history[:, -1:] if goes_on else frames[:, :1], frames], dim=1)[..., layout.heading_block]
+    pinned = torch.zeros(*heading.shape[:2], 2, dtype=torch.bool, device=new.device)
     height_held = pinned[..., 0]
     if options.face_root:
-        face_root(poses, natural[..., layout.heading_block])
+        face_root(poses, heading)
     if asked is not None:
         asked = asked.after_history(goes_on)
         height_held = asked.has_height
@@ -59,4 +55,14 @@ def correct_window(
             pinned = reach_joints(poses, asked, options.reach, goes_on)
     if options.clean_feet:
         clean_feet(poses, options.feet, pinned, height_held)
-    return layout.normalize(poses.features(natural))[:, 1:]
+    return layout.normalize(poses.features(heading)[:, 1:])
+
+
+def _join(before: Poses, poses: Poses, asked: JointGoals | None, options: JoinOptions, patch: int) -> None:
+    """Join poses (B, G) in place to those before them, and the frames of each token to those of the next."""
+    skeleton, root = poses.layout.skeleton, poses.root
+    held = root.new_zeros(root.shape[:2], dtype=torch.bool) if asked is None else asked.root_met(root)
+    rotations = hinge_knees(skeleton, poses.rotations)
+    rotations = settle_seam(skeleton, before.rotations, rotations, options)
+    poses.rotations = join_rotations(before.rotations, rotations, options, patch)
+    poses.root = join_roots(before.root, root, options, held, patch)

@@ -12,7 +12,6 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.core.rotation import matrix_from_6d, matrix_to_6d
 from motiongen_ardy.model.sampling.options import JoinOptions
 from motiongen_ardy.model.sampling.spread import smooth_step, spread
@@ -50,24 +49,25 @@ def join_operator(num_before: int, num_new: int, seam_frames: int, patch: int) -
     return joined[num_before:].float()
 
 
-def join_tokens(
-    layout: Representation, history: Tensor, new: Tensor, options: JoinOptions, root_held: Tensor, patch: int
-) -> Tensor:
-    """New frames (B, G, D), in natural units, with root positions and rotations joined; the rest stays as it was.
+def join_roots(history: Tensor, new: Tensor, options: JoinOptions, held: Tensor, patch: int) -> Tensor:
+    """New frames' root positions (B, G, 3) metres, joined.
 
-    history: (B, H, D), of which the last two frames count. root_held: (B, G) bool, frames at which the root is where it
+    history: (B, H, 3), of which the last two frames count. held: (B, G) bool, frames at which the root is where it
     shall be and stays there. patch: frames of a token.
     """
+    moved = _joined(history, new, options, patch)
+    back = (new - moved)[:, :, None]
+    return moved + spread(back, held[..., None], options.seam_frames)[:, :, 0]
+
+
+def join_rotations(history: Tensor, new: Tensor, options: JoinOptions, patch: int) -> Tensor:
+    """New frames' rotations (B, G, J, 3, 3), joined. history: (B, H, J, 3, 3) and patch as for `join_roots`."""
+    before, after = (matrix_to_6d(rotations).flatten(-2) for rotations in (history, new))
+    return matrix_from_6d(_joined(before, after, options, patch).unflatten(-1, (-1, 6)))
+
+
+def _joined(history: Tensor, new: Tensor, options: JoinOptions, patch: int) -> Tensor:
+    """New frames' numbers (B, G, k), joined."""
     before = history[:, -HISTORY_FRAMES:]
-    frames = torch.cat([before, new], dim=1)
     operator = join_operator(before.shape[1], new.shape[1], options.seam_frames, patch).to(new)
-    root, rotation = layout.root_position_block, layout.rotation_block
-    moved = torch.einsum("ts,bsk->btk", operator, frames[..., root])
-    back = (new[..., root] - moved)[:, :, None]
-    moved = moved + spread(back, root_held[..., None], options.seam_frames)[:, :, 0]
-    plain = matrix_to_6d(layout.global_rotations(frames)).flatten(-2)
-    turned = torch.einsum("ts,bsk->btk", operator, plain)
-    turned = matrix_to_6d(matrix_from_6d(turned.unflatten(-1, (-1, 6)))).flatten(-2)
-    joined = new.clone()
-    joined[..., root], joined[..., rotation] = moved, turned
-    return joined
+    return torch.einsum("ts,bsk->btk", operator, torch.cat([before, new], dim=1))

@@ -9,29 +9,23 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from motiongen_ardy.core.representation import Representation
-from motiongen_ardy.core.rotation import matrix_to_6d
 from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.core.two_bone import swing, unit
 
 
-def hinge_knees(layout: Representation, frames: Tensor) -> Tensor:
-    """Frames (B, T, D), in natural units, with shins that are bent from their thighs on the shortest way.
+def hinge_knees(skeleton: Skeleton, rotations: Tensor) -> Tensor:
+    """Global rotations (B, T, J, 3, 3) with shins that are bent from their thighs on the shortest way.
 
     Skeletons whose legs are not thigh, shin and foot stay as they are.
     """
-    found = _shins(layout.skeleton)
+    found = _shins(skeleton)
     if not found:
-        return frames
+        return rotations
     thighs, shins, feet = (list(joints) for joints in zip(*found, strict=True))
-    rotations = layout.global_rotations(frames)
-    along = unit(rotations.new_tensor([layout.skeleton.offsets[foot].tolist() for foot in feet]))[..., None]
+    along = unit(rotations.new_tensor([skeleton.offsets[foot].tolist() for foot in feet]))[..., None]
     thigh, shin = rotations[:, :, thighs], rotations[:, :, shins]
-    bent = swing((thigh @ along).squeeze(-1), (shin @ along).squeeze(-1)) @ thigh
-    sixd = frames[..., layout.rotation_block].unflatten(-1, (-1, 6)).clone()
-    sixd[:, :, shins] = matrix_to_6d(bent)
-    hinged = frames.clone()
-    hinged[..., layout.rotation_block] = sixd.flatten(-2)
+    hinged = rotations.clone()
+    hinged[:, :, shins] = swing((thigh @ along).squeeze(-1), (shin @ along).squeeze(-1)) @ thigh
     return hinged
 
 

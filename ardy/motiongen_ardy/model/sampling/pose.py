@@ -20,12 +20,26 @@ class Poses:
     rotations: (B, T, J, 3, 3) global; root: (B, T, 3) metres; contacts: (B, T, 4), about 0 to 1, as the model says.
     """
 
-    def __init__(self, layout: Representation, features: Tensor) -> None:
-        """features: (B, T, D) in natural units."""
+    def __init__(self, layout: Representation, rotations: Tensor, root: Tensor, contacts: Tensor) -> None:
         self.layout = layout
-        self.rotations = layout.global_rotations(features)
-        self.root = features[..., layout.root_position_block].clone()
-        self.contacts = features[..., layout.contact_block]
+        self.rotations = rotations
+        self.root = root
+        self.contacts = contacts
+
+    @classmethod
+    def of(cls, layout: Representation, features: Tensor) -> Poses:
+        """Those of features (B, T, D) in natural units, which stay as they are."""
+        root = features[..., layout.root_position_block].clone()
+        return cls(layout, layout.global_rotations(features), root, features[..., layout.contact_block])
+
+    def only(self, frame: int) -> Poses:
+        """One frame (B, 1) of them."""
+        return Poses(self.layout, *(part[:, [frame]] for part in (self.rotations, self.root, self.contacts)))
+
+    def then(self, later: Poses) -> Poses:
+        """These and later ones after them."""
+        mine, others = ((one.rotations, one.root, one.contacts) for one in (self, later))
+        return Poses(self.layout, *(torch.cat(parts, dim=1) for parts in zip(mine, others, strict=True)))
 
     def positions(self) -> Tensor:
         """World positions (B, T, J, 3) of all joints by kinematics."""
@@ -57,22 +71,22 @@ class Poses:
             )
         self.rotations[:, :, upper], self.rotations[:, :, middle] = first, second
 
-    def features(self, old: Tensor) -> Tensor:
-        """Features (B, T, D) in natural units that agree with each other: everything but ground position and heading
-        of the root, which stay those of `old`, follows from the poses by kinematics.
+    def features(self, heading: Tensor) -> Tensor:
+        """Features (B, T, D) in natural units that agree with each other: all but the root's place and its heading
+        (B, T, 2), cosine and sine, follows from the poses by kinematics.
         """
         layout, positions = self.layout, self.positions()
-        lengths = torch.full(old.shape[:1], old.shape[1], device=old.device)
+        lengths = torch.full(heading.shape[:1], heading.shape[1], device=heading.device)
         velocity = velocities(positions, lengths, layout.fps)
         ground = self.root[..., None, :] * self.root.new_tensor([1.0, 0.0, 1.0])
         return torch.cat(
             [
                 self.root,
-                old[..., layout.heading_block],
+                heading,
                 (positions[..., 1:, :] - ground).flatten(-2),
                 matrix_to_6d(self.rotations).flatten(-2),
                 velocity.flatten(-2),
-                contact_labels(layout.skeleton, positions, velocity).to(old.dtype),
+                contact_labels(layout.skeleton, positions, velocity).to(heading.dtype),
             ],
             dim=-1,
         )

@@ -11,26 +11,22 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from motiongen_ardy.core.representation import Representation
-from motiongen_ardy.core.rotation import axis_angle_to_matrix, matrix_to_6d, rotation_vector
+from motiongen_ardy.core.rotation import axis_angle_to_matrix, rotation_vector
 from motiongen_ardy.core.skeleton import Skeleton, global_to_local
 from motiongen_ardy.model.sampling.options import JoinOptions
 from motiongen_ardy.model.sampling.spread import smooth_step
 
 
-def settle_seam(layout: Representation, history: Tensor, new: Tensor, options: JoinOptions) -> Tensor:
-    """New frames (B, G, D), in natural units, with rotations that go on from the history's; the rest stays as it was.
+def settle_seam(skeleton: Skeleton, history: Tensor, new: Tensor, options: JoinOptions) -> Tensor:
+    """New frames' global rotations (B, G, J, 3, 3), made to go on from the history's.
 
-    history: (B, H, D), of which the last two frames count; with none, nothing is known to go on from. Joints whose
-    first local rotation is within `options.free_rad` of where the history leads, and whose first turn is within
+    history: (B, H, J, 3, 3), of which the last two frames count; with none, nothing is known to go on from. Joints
+    whose first local rotation is within `options.free_rad` of where the history leads, and whose first turn is within
     `options.free_start_rad` of the history's last, are left alone, bit for bit.
     """
     if not history.shape[1]:
         return new
-    skeleton = layout.skeleton
-    whole = layout.global_rotations(new)
-    before = global_to_local(skeleton, layout.global_rotations(history[:, -2:]))
-    after = global_to_local(skeleton, whole[:, :2])
+    before, after = global_to_local(skeleton, history[:, -2:]), global_to_local(skeleton, new[:, :2])
     last = before[:, -1]
     # How much faster than the history a joint sets off, of a frame; one frame on either side tells nothing of that.
     known = before.shape[1] > 1 and after.shape[1] > 1
@@ -47,27 +43,26 @@ def settle_seam(layout: Representation, history: Tensor, new: Tensor, options: J
     if not joints:
         return new
     jump, start = jump[:, joints], start[:, joints]
-    frames = torch.arange(new.shape[1], device=new.device)[None, :, None]
+    longest = min(2 * options.settle_frames, new.shape[1])  # beyond, nothing is left to settle
+    frames = torch.arange(longest, device=new.device)[None, :, None]
     span = options.settle_frames * (1 + (jump.norm(dim=-1) / torch.pi).clamp(max=1))[:, None]  # (B, 1, n)
     share, slope = _settling(frames / span)
     curve = jump[:, None] * share[..., None] + start[:, None] * (span * slope)[..., None]
-    return _turned(layout, new, whole, curve, joints, touched)
+    return torch.cat([_turned(skeleton, new[:, :longest], curve, joints, touched), new[:, longest:]], dim=1)
 
 
-def _turned(
-    layout: Representation, new: Tensor, whole: Tensor, curve: Tensor, joints: list[int], touched: Tensor
-) -> Tensor:
-    """New frames (B, G, D) with joints (n) turned by rotation vectors (B, G, n, 3) of their parents' frames.
+def _turned(skeleton: Skeleton, whole: Tensor, curve: Tensor, joints: list[int], touched: Tensor) -> Tensor:
+    """Global rotations (B, G, J, 3, 3) with joints (n) turned by rotation vectors (B, G, n, 3) in the frames
+    of their parents.
 
-    whole: the new frames' global rotations (B, G, J, 3, 3); touched: (B, J), joints that a row has turned. What hangs
-    on them turns with them; everything else stays bit for bit.
+    touched: (B, J), joints that a row has turned. What hangs on them turns with them; all else stays bit for bit.
     """
-    parents = layout.skeleton.parents
+    parents = skeleton.parents
     above = whole[:, :, [parents[joint] for joint in joints]]
     turns = axis_angle_to_matrix((above @ curve[..., None]).squeeze(-1))  # in the world, where products need no locals
     by_joint: dict[int, Tensor] = {}
     follows = touched.clone()
-    for joint in range(1, layout.skeleton.num_joints):
+    for joint in range(1, skeleton.num_joints):
         carried = by_joint.get(parents[joint])
         follows[:, joint] |= follows[:, parents[joint]]
         if joint in joints:
@@ -76,10 +71,10 @@ def _turned(
         elif carried is not None:
             by_joint[joint] = carried
     moved = list(by_joint)
-    rotations = matrix_to_6d(torch.stack(list(by_joint.values()), dim=2) @ whole[:, :, moved])
-    settled = new.clone()
-    block = settled[..., layout.rotation_block].unflatten(-1, (-1, 6))
-    block[:, :, moved] = torch.where(follows[:, None, moved, None], rotations, block[:, :, moved])
+    before = whole[:, :, moved]
+    after = torch.stack(list(by_joint.values()), dim=2) @ before
+    settled = whole.clone()
+    settled[:, :, moved] = torch.where(follows[:, None, moved, None, None], after, before)
     return settled
 
 

@@ -129,10 +129,10 @@ def test_off_gives_back_what_came(layout: Representation, stand: Stand) -> None:
 def turned(layout: Representation, features: Tensor, radians: float) -> Tensor:
     """The same frames (1, T, D), their body turned about the root by an angle that grows evenly to `radians`."""
     natural = layout.denormalize(features)
-    poses = Poses(layout, natural)
+    poses = Poses.of(layout, natural)
     turn = rotation_y(torch.linspace(0, radians, natural.shape[1]))
     poses.turn(range(layout.skeleton.num_joints), turn[None, :, None])
-    moved = poses.features(natural)
+    moved = poses.features(natural[..., layout.heading_block])
     moved[..., layout.contact_block] = 1.0
     return layout.normalize(moved)
 

@@ -17,7 +17,7 @@ def standing(num_frames: int) -> Poses:
     layout = natural_layout(skeleton, 20)
     rotations = torch.eye(3).expand(1, num_frames, skeleton.num_joints, 3, 3).contiguous()
     root = torch.tensor([0.4, 0.9, 0.2]).expand(1, num_frames, 3).contiguous()
-    return Poses(layout, layout.features(rotations, root))
+    return Poses.of(layout, layout.features(rotations, root))
 
 
 def shown(poses: Poses) -> torch.Tensor:

@@ -10,7 +10,6 @@ import torch
 from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.core.rotation import axis_angle_to_matrix, matrix_to_6d, rotation_vector
 from motiongen_ardy.core.skeleton import load_skeleton
-from motiongen_ardy.core.stats import Stats
 from motiongen_ardy.model.sampling.correct import correct_window
 from motiongen_ardy.model.sampling.knees import hinge_knees
 from motiongen_ardy.model.sampling.options import SamplingOptions
@@ -36,8 +35,8 @@ def spun(layout: Representation, features: torch.Tensor) -> torch.Tensor:
 
 def test_shins_are_turned_as_their_thighs_are(layout: Representation, stand: Stand) -> None:
     features = stand(torch.zeros(10, 3))
-    whole = hinge_knees(layout, layout.denormalize(spun(layout, features)))
-    before, after = layout.global_rotations(layout.denormalize(features)), layout.global_rotations(whole)
+    before, turned = (layout.global_rotations(layout.denormalize(one)) for one in (features, spun(layout, features)))
+    after = hinge_knees(layout.skeleton, turned)
     assert rotation_vector(after.transpose(-1, -2) @ before).norm(dim=-1).max() < 2e-3, "they were hinges before"
 
 
@@ -54,7 +53,7 @@ def test_a_window_of_spinning_shins_keeps_its_feet_smooth(layout: Representation
 @pytest.mark.parametrize("name", ["g134"])
 def test_a_robot_with_other_legs_stays_as_it_is(name: str) -> None:
     skeleton = load_skeleton(name)
-    width = skeleton.feature_dim + 4
-    layout = Representation(skeleton, 30, Stats(torch.zeros(width), torch.ones(width)))
-    frames = torch.randn(1, 4, width, generator=torch.Generator().manual_seed(0))
-    assert hinge_knees(layout, frames) is frames
+    rotations = axis_angle_to_matrix(
+        torch.randn(1, 4, skeleton.num_joints, 3, generator=torch.Generator().manual_seed(0))
+    )
+    assert hinge_knees(skeleton, rotations) is rotations

@@ -2,77 +2,79 @@
 
 from __future__ import annotations
 
+import pytest
 import torch
 from torch import Tensor
 
 from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.core.rotation import axis_angle_to_matrix, rotation_vector
-from motiongen_ardy.core.skeleton import global_to_local
+from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics, global_to_local
 from motiongen_ardy.model.sampling.options import JoinOptions
 from motiongen_ardy.model.sampling.seams import settle_seam
 
 OPTIONS = JoinOptions()
 
 
-def posed(layout: Representation, angles: Tensor) -> Tensor:
-    """Features (B, T, D), natural, of figures that stand with the left arm turned by `angles` (B, T) about +Z."""
-    skeleton = layout.skeleton
+@pytest.fixture(scope="module")
+def skeleton(layout: Representation) -> Skeleton:
+    return layout.skeleton
+
+
+def posed(skeleton: Skeleton, angles: Tensor) -> Tensor:
+    """Global rotations (B, T, J, 3, 3) of figures that stand with the left arm turned by `angles` (B, T) about +Z."""
     local = torch.eye(3).expand(*angles.shape, skeleton.num_joints, 3, 3).clone()
     local[:, :, skeleton.index("LeftArm")] = axis_angle_to_matrix(angles[..., None] * torch.tensor([0.0, 0.0, 1.0]))
-    root = torch.tensor([0.0, 0.97, 0.0]).expand(*angles.shape, 3)
-    return layout.features(local, root)
+    return forward_kinematics(skeleton, local, torch.zeros(*angles.shape, 3))[0]
 
 
-def arm_angles(layout: Representation, frames: Tensor) -> Tensor:
-    local = global_to_local(layout.skeleton, layout.global_rotations(frames))
-    return rotation_vector(local[:, :, layout.skeleton.index("LeftArm")])[..., 2]
+def arm_angles(skeleton: Skeleton, rotations: Tensor) -> Tensor:
+    return rotation_vector(global_to_local(skeleton, rotations)[:, :, skeleton.index("LeftArm")])[..., 2]
 
 
-def test_an_arm_that_is_elsewhere_goes_there_on_a_smooth_way(layout: Representation) -> None:
-    history, new = posed(layout, torch.zeros(1, 2)), posed(layout, torch.full((1, 40), 2.0))
-    angles = torch.cat([torch.zeros(1), arm_angles(layout, settle_seam(layout, history, new, OPTIONS))[0]])
+def test_an_arm_that_is_elsewhere_goes_there_on_a_smooth_way(skeleton: Skeleton) -> None:
+    history, new = posed(skeleton, torch.zeros(1, 2)), posed(skeleton, torch.full((1, 40), 2.0))
+    angles = torch.cat([torch.zeros(1), arm_angles(skeleton, settle_seam(skeleton, history, new, OPTIONS))[0]])
     assert abs(float(angles[1])) < OPTIONS.free_rad + 0.01
     assert float(angles.diff().abs().max()) < 0.4  # 2 rad in one frame before
     torch.testing.assert_close(angles[2 * OPTIONS.settle_frames + 1 :], torch.full((12,), 2.0))
 
 
-def test_an_arm_that_stood_still_sets_off_gently(layout: Representation) -> None:
+def test_an_arm_that_stood_still_sets_off_gently(skeleton: Skeleton) -> None:
     raised = (0.25 * torch.arange(40.0)).clamp(max=2.0)[None]
-    history, new = posed(layout, torch.zeros(1, 2)), posed(layout, raised)
-    angles = torch.cat([torch.zeros(2), arm_angles(layout, settle_seam(layout, history, new, OPTIONS))[0]])
+    history, new = posed(skeleton, torch.zeros(1, 2)), posed(skeleton, raised)
+    angles = torch.cat([torch.zeros(2), arm_angles(skeleton, settle_seam(skeleton, history, new, OPTIONS))[0]])
     speeds = angles.diff()
     assert float(speeds.diff()[:7].abs().max()) < 0.12  # from still to a quarter of a radian a frame before
     assert float(speeds.min()) > -OPTIONS.free_start_rad
     torch.testing.assert_close(angles[OPTIONS.settle_frames + 3 :], raised[0, OPTIONS.settle_frames + 1 :])
 
 
-def test_legs_set_off_at_once_and_one_frame_tells_no_speed(layout: Representation) -> None:
-    skeleton = layout.skeleton
+def test_legs_set_off_at_once_and_one_frame_tells_no_speed(skeleton: Skeleton) -> None:
     local = torch.eye(3).expand(1, 42, skeleton.num_joints, 3, 3).clone()
     swing = (0.15 * torch.arange(40.0)).clamp(max=1.0)
     turn = axis_angle_to_matrix(swing[:, None] * torch.tensor([1.0, 0.0, 0.0]))
     local[0, 2:, skeleton.index("LeftUpLeg")] = turn
-    frames = layout.features(local, torch.tensor([0.0, 0.97, 0.0]).expand(1, 42, 3))
-    assert torch.equal(settle_seam(layout, frames[:, :2], frames[:, 2:], OPTIONS), frames[:, 2:])
-    arm = posed(layout, swing[None])
-    assert torch.equal(settle_seam(layout, posed(layout, torch.zeros(1, 1)), arm, OPTIONS), arm)
+    frames = forward_kinematics(skeleton, local, torch.zeros(1, 42, 3))[0]
+    assert torch.equal(settle_seam(skeleton, frames[:, :2], frames[:, 2:], OPTIONS), frames[:, 2:])
+    arm = posed(skeleton, swing[None])
+    assert torch.equal(settle_seam(skeleton, posed(skeleton, torch.zeros(1, 1)), arm, OPTIONS), arm)
 
 
-def test_what_goes_on_from_the_history_is_left_alone(layout: Representation) -> None:
+def test_what_goes_on_from_the_history_is_left_alone(skeleton: Skeleton) -> None:
     swing = 0.3 * torch.arange(42.0)[None] / 4
-    frames = posed(layout, swing)
+    frames = posed(skeleton, swing)
     new = frames[:, 2:]
-    assert settle_seam(layout, frames[:, :2], new, OPTIONS) is new
+    assert settle_seam(skeleton, frames[:, :2], new, OPTIONS) is new
 
 
-def test_a_row_is_settled_as_it_is_alone_and_others_are_not_touched(layout: Representation) -> None:
-    history = posed(layout, torch.zeros(2, 2))
-    new = posed(layout, torch.tensor([[2.0], [0.0]]).expand(2, 40).clone())
-    both = settle_seam(layout, history, new, OPTIONS)
-    torch.testing.assert_close(both[:1], settle_seam(layout, history[:1], new[:1], OPTIONS))
+def test_a_row_is_settled_as_it_is_alone_and_others_are_not_touched(skeleton: Skeleton) -> None:
+    history = posed(skeleton, torch.zeros(2, 2))
+    new = posed(skeleton, torch.tensor([[2.0], [0.0]]).expand(2, 40).clone())
+    both = settle_seam(skeleton, history, new, OPTIONS)
+    torch.testing.assert_close(both[:1], settle_seam(skeleton, history[:1], new[:1], OPTIONS))
     assert torch.equal(both[1], new[1])
 
 
-def test_without_a_history_nothing_is_settled(layout: Representation) -> None:
-    new = posed(layout, torch.full((1, 8), 2.0))
-    assert settle_seam(layout, new[:, :0], new, OPTIONS) is new
+def test_without_a_history_nothing_is_settled(skeleton: Skeleton) -> None:
+    new = posed(skeleton, torch.full((1, 8), 2.0))
+    assert settle_seam(skeleton, new[:, :0], new, OPTIONS) is new

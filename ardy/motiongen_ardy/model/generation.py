@@ -23,7 +23,7 @@ from motiongen_ardy.model.sampling.correct import correct_window
 from motiongen_ardy.model.sampling.projection import free_projection, make_projection
 from motiongen_ardy.model.sampling.slowing import motion_before
 from motiongen_ardy.model.tokenizer.model import by_token, root_from_tokens
-from motiongen_ardy.model.window import Window, WindowError
+from motiongen_ardy.model.window import KeptRoots, Window, WindowError
 
 
 @dataclass(frozen=True)
@@ -75,12 +75,16 @@ def stack_windows(windows: Sequence[WindowRequest]) -> WindowRequest:
 
 @dataclass(frozen=True)
 class WindowState:
-    """A window between two denoising steps. tokens: (B, N, 5P + L), history clean; translation: (B, 3) metres."""
+    """A window between two denoising steps. tokens: (B, N, 5P + L), history clean; translation: (B, 3) metres.
+
+    root: (B, N, 5P), the clean root that the last step predicted; None before the first.
+    """
 
     tokens: Tensor
     window: Window
     translation: Tensor
     passes: PassBatch
+    root: Tensor | None = None
 
 
 def move_root(model: Model, tokens: Tensor, offset: Tensor) -> Tensor:
@@ -207,13 +211,16 @@ def denoise_step(model: Model, state: WindowState, index: int, num_steps: int) -
     rows = torch.full_like(state.window.history_len, index)
     counts = torch.full_like(rows, num_steps)
     base_step = schedule.base_step[counts, rows]
-    window = state.window
-    if index >= model.sampling.projection.last_steps:
+    window, options = state.window, model.sampling.projection
+    if state.root is not None and window.projection is not None and num_steps - 1 - index >= options.led_steps:
+        window = replace(window, kept=KeptRoots(state.root, window.projection.leads(options.led_frames)))
+    if index >= options.last_steps:
         window = replace(window, projection=None)
     clean = guided_prediction(model.denoiser, state.tokens, base_step, window, state.passes)
     moved = schedule.reverse_step(state.tokens, clean, rows, counts)
     horizon = state.window.generation_tokens[..., None]
-    return replace(state, tokens=torch.where(horizon, moved, state.tokens))
+    root = clean[..., : model.config.denoiser.root_token_width]
+    return replace(state, tokens=torch.where(horizon, moved, state.tokens), root=root)
 
 
 def finish_window(model: Model, state: WindowState) -> Tensor:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -16,6 +17,17 @@ class WindowError(ValueError):
     """Raised for lengths, steps or shapes that no window can have; the message says which are allowed."""
 
 
+class KeptRoots(NamedTuple):
+    """Clean roots that an earlier step has predicted. root: (B, N, 5P) tokens; rows: (B) bool, who keep theirs."""
+
+    root: Tensor
+    rows: Tensor
+
+    def over(self, predicted: Tensor) -> Tensor:
+        """Root tokens (B, N, 5P), the kept ones in place of those that were predicted."""
+        return torch.where(self.rows[:, None, None], self.root, predicted)
+
+
 @dataclass(frozen=True)
 class Window:
     """What the denoiser sees of B rows at once; rows may differ in every length.
@@ -26,7 +38,8 @@ class Window:
     heading: (B) radians, of the first frame.
     observed, mask: (B, T, D), constraints as normalised features and where they hold (0 or 1); both are zero in the
     history. None = no constraints in any row.
-    projection: what the root is brought onto between the stages; None for nothing. patch: frames of a token.
+    projection: what the root is brought onto between the stages; None for nothing. kept: roots that a denoiser of two
+    stages is to take in place of its own; None for none. patch: frames of a token.
     """
 
     history_len: Tensor
@@ -38,6 +51,7 @@ class Window:
     mask: Tensor | None = None
     text_mask: Tensor | None = None
     projection: RootProjection | None = None
+    kept: KeptRoots | None = None
     patch: int = RELEASED_PATCH
 
     def __post_init__(self) -> None:

@@ -101,6 +101,7 @@ class Preparation:
             projection = self._projection(shape, members, (observed, mask), before)
             horizon = slice(shape.history_len, shape.history_len + self._model.config.horizon)
             goals = observed[:, horizon], mask[:, horizon]
+        led = self._led(projection, len(jobs))
         passes = [self.passes(job) for job in jobs]
         texts = torch.stack([member.text for member in members]).to(self._device)
         request = RowRequest(history, texts, heading, observed, mask, passes, projection)
@@ -115,6 +116,7 @@ class Preparation:
                 conditions[index],
                 member.num_frames,
                 None if goals is None else (goals[0][index], goals[1][index]),
+                led[index],
             )
             for index, member in enumerate(members)
         ]
@@ -170,6 +172,14 @@ class Preparation:
             options=model.sampling,
             before=before,
         )
+
+    def _led(self, projection: RootProjection | None, num_jobs: int) -> list[bool]:
+        """Of each job, whether its root is kept after some steps."""
+        options = self._model.sampling.projection
+        if projection is None or options.led_steps >= self._model.config.num_base_steps:
+            return [False] * num_jobs
+        led: list[bool] = projection.leads(options.led_frames).tolist()
+        return led
 
     def _text(self, job: WindowJob) -> Tensor:
         """(n, W), zeros for no prompt; fewer vectors than the model takes are filled up, more are cut off."""

@@ -16,7 +16,8 @@ class Row:
 
     tokens: (G / 4, 20 + L), the horizon, noisy until the last step. history: (H / 4, 20 + L), clean, both in the
     window's frame. translation: (3) metres from there to the world's frame. goals: observed features (G, D) of the
-    horizon, normalised, in the window's frame, and their mask. num_frames: of the horizon, that count.
+    horizon, normalised, in the window's frame, and their mask. num_frames: of the horizon, that count. is_led: its root
+    is kept once it has been predicted often enough. root: (G / 4, 20), as the last step predicted it.
     """
 
     job: WindowJob
@@ -26,4 +27,6 @@ class Row:
     conditions: RowConditions
     num_frames: int
     goals: tuple[Tensor, Tensor] | None = None
+    is_led: bool = False
+    root: Tensor | None = None
     steps_done: int = 0

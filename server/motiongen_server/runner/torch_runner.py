@@ -90,26 +90,28 @@ class TorchRunner:
         """Advance each job by one denoising step. Raises OutOfMemory or DeviceLost."""
         rows = {job_id: self._rows[job_id] for job_id in sorted(job_ids)}
         with device_errors():
-            moved, finite = self._step(rows)
+            moved, roots, finite = self._step(rows)
         statuses = {}
         for index, (job_id, row) in enumerate(rows.items()):
-            row.tokens = moved[index]
+            row.tokens, row.root = moved[index], roots[index] if row.is_led else None
             row.steps_done += 1
             statuses[job_id] = RowStatus(job_id, row.steps_done, finite[index])
         return [statuses[job_id] for job_id in job_ids]
 
-    def _step(self, rows: dict[int, Row]) -> tuple[Tensor, list[bool]]:
-        """The rows' tokens after a step, and whether each row's are all finite."""
+    def _step(self, rows: dict[int, Row]) -> tuple[Tensor, Tensor, list[bool]]:
+        """The rows' tokens after a step, the clean roots that it predicted, whether each row's tokens are finite."""
         batch = self._batch(rows)
         tokens = torch.stack([row.tokens for row in rows.values()])
         done = [[row.job.num_steps, row.steps_done] for row in rows.values()]
         num_steps, steps_done = torch.tensor(done).to(self._device).unbind(1)  # both in one copy to the device
         index = num_steps - 1 - steps_done
-        last_steps = self._model.sampling.projection.last_steps
-        project = [row.job.num_steps - row.steps_done <= last_steps for row in rows.values()]
-        clean = self._denoiser.predict(batch, tokens, self._schedule.base_step[num_steps, index], project)
+        options = self._model.sampling.projection
+        project = [row.job.num_steps - row.steps_done <= options.last_steps for row in rows.values()]
+        kept = [row.root if row.steps_done >= options.led_steps else None for row in rows.values()]
+        clean = self._denoiser.predict(batch, tokens, self._schedule.base_step[num_steps, index], project, kept)
         moved = self._schedule.reverse_step(tokens, clean, index, num_steps)
-        return moved, moved.isfinite().flatten(1).all(dim=1).tolist()
+        roots = clean[..., : self._model.config.denoiser.root_token_width]
+        return moved, roots, moved.isfinite().flatten(1).all(dim=1).tolist()
 
     def _batch(self, rows: dict[int, Row]) -> PackedBatch:
         """The rows laid out; most steps have the same rows as the step before."""

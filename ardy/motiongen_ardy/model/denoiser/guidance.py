@@ -15,7 +15,7 @@ from torch import Tensor
 
 from motiongen_ardy.model.denoiser.base import Denoiser
 from motiongen_ardy.model.sampling.options import PassMode
-from motiongen_ardy.model.window import Window
+from motiongen_ardy.model.window import KeptRoots, Window
 
 
 @dataclass(frozen=True)
@@ -112,6 +112,7 @@ def expand_window(window: Window, batch: PassBatch) -> Window:
         mask=mask,
         text_mask=None if window.text_mask is None else window.text_mask[rows],
         projection=None if window.projection is None else window.projection.rows(rows),
+        kept=None if window.kept is None else KeptRoots(window.kept.root[rows], window.kept.rows[rows]),
     )
 
 

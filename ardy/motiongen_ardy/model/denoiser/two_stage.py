@@ -34,8 +34,8 @@ class TwoStageDenoiser(Denoiser):
         goals = self.goals(window)
         visible = self.visible(window)
         inputs, ahead = self.hybrid_inputs(tokens, goals, window)
-        root = self.root_model(inputs, visible, window, step)
-        root = self.on_goals(self.fuse(root, tokens[..., : self.root_width], window), window)
+        root = self.fuse(self.root_model(inputs, visible, window, step), tokens[..., : self.root_width], window)
+        root = self.on_goals(root if window.kept is None else window.kept.over(root), window)
         # The body stage learns from the predicted root but does not train it (paper, section 3.4).
         inputs = self.local_inputs(tokens, root.detach(), goals, ahead, window)
         latent = self.body_model(inputs, visible, window, step)

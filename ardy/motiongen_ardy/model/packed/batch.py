@@ -31,11 +31,52 @@ class SequenceSlot:
     group: Group
 
 
-class PackedBatch:
-    """Sequences of one evaluation. Only `inputs` is written to between steps, in the slots.
+class Sequences:
+    """What stages are evaluated on. Only `inputs` is written to between steps, in the slots.
 
-    rows: (Q) each sequence's row among those of the step; weight: (Q, 1, 1). inputs: by stage, (P, width), sequences
-    one behind another and zeros behind the last. num_vectors: those of sequences.
+    inputs: by stage, (P, width), sequences one behind another and zeros behind the last. num_tokens: of a horizon.
+    """
+
+    inputs: tuple[Tensor, ...]
+    groups: list[Group]
+    slots: list[SequenceSlot]
+    num_tokens: int
+
+    def encoded_horizon(self, encoded: Tensor) -> Tensor:
+        """The horizon's part (Q, G, width) of encoded sequences (P, width)."""
+        parts = [slot.group.of(encoded)[:, slot.skip : slot.skip + self.num_tokens] for slot in self.slots]
+        return parts[0] if len(parts) == 1 else torch.cat(parts)
+
+
+class FirstStagePart(Sequences):
+    """Some of a batch's sequences, for the first stage alone."""
+
+    def __init__(self, whole: PackedBatch, chosen: Sequence[int]) -> None:
+        """chosen: numbers of sequences, rising."""
+        self.num_tokens = whole.num_tokens
+        members = [(slot, [one - slot.first for one in chosen if slot.first <= one < slot.end]) for slot in whole.slots]
+        members = [(slot, ones) for slot, ones in members if ones]
+        vectors = whole.inputs[0]
+        num_vectors = sum(len(ones) * slot.group.length for slot, ones in members)
+        packed = vectors.new_zeros(whole.filled(num_vectors), vectors.shape[-1])
+        self.inputs, self.groups, self.slots = (packed,), [], []
+        first = start = 0
+        for slot, ones in members:
+            group = Group(start, len(ones), slot.group.length)
+            part = group.of(packed)
+            part.copy_(slot.group.of(vectors)[ones])
+            step, horizon = part[:, whole.step_position], part[:, slot.skip : slot.skip + self.num_tokens]
+            end = first + len(ones)
+            self.groups.append(group)
+            self.slots.append(SequenceSlot(first, end, (step,), (horizon,), None, slot.history, slot.skip, group))
+            first, start = end, group.end
+
+
+class PackedBatch(Sequences):
+    """Sequences of one evaluation.
+
+    rows: (Q) each sequence's row among those of the step, row_numbers the same; weight: (Q, 1, 1). num_vectors: those
+    of sequences.
     horizon: (S, Q, G, width), what is added to the horizon's vectors. last: (Q, 1, 20 + L), last history tokens.
     projection: of every sequence, None where no row has one.
     told: (C), the sequences that see constraints, with their observed root and its mask (C, G, 20); None for none.
@@ -55,12 +96,14 @@ class PackedBatch:
         """
         device = rows[0].prefix.device
         self.num_tokens = horizon_of(0).shape[1]
-        self.rows = torch.tensor([row for row, _ in sequences], device=device)
+        self.step_position, self.filled = step_position, filled
+        self.row_numbers = [row for row, _ in sequences]
+        self.rows = torch.tensor(self.row_numbers, device=device)
         self.weight = torch.tensor([rows[row].passes[index].weight for row, index in sequences], device=device)[
             :, None, None
         ]
         self.last = torch.stack([rows[row].last for row, _ in sequences])[:, None]
-        self._lay_out(rows, sequences, horizon_of, step_position, filled)
+        self._lay_out(rows, sequences, horizon_of)
         self._note_goals(rows, sequences)
         self.projection = _projection_of([rows[row].projection for row, _ in sequences])
 
@@ -69,17 +112,14 @@ class PackedBatch:
         rows: Sequence[RowConditions],
         sequences: Sequence[tuple[int, int]],
         horizon_of: Callable[[int], Tensor],
-        step_position: int,
-        filled: Callable[[int], int],
     ) -> None:
         shapes = [(rows[row].history_tokens, rows[row].future_tokens(index)) for row, index in sequences]
         num_stages, _, num_prefix, width = rows[0].prefix.shape
         lengths = [num_prefix + history + self.num_tokens + future for history, future in shapes]
         self.num_vectors = sum(lengths)
-        inputs = rows[0].prefix.new_zeros(num_stages, filled(self.num_vectors), width)
+        inputs = rows[0].prefix.new_zeros(num_stages, self.filled(self.num_vectors), width)
         added = []
-        self.groups: list[Group] = []
-        self.slots: list[SequenceSlot] = []
+        self.groups, self.slots = [], []
         first = start = 0
         while first < len(sequences):
             shape = shapes[first]
@@ -109,7 +149,7 @@ class PackedBatch:
                 SequenceSlot(
                     first,
                     end,
-                    step=tuple(part[:, step_position] for part in parts),
+                    step=tuple(part[:, self.step_position] for part in parts),
                     horizon=tuple(part[:, begin:after] for part in parts),
                     last=parts[1][:, begin - 1] if history and num_stages > 1 else None,
                     history=history,
@@ -131,11 +171,6 @@ class PackedBatch:
                 torch.stack([goals.root for _, goals in known]),
                 torch.stack([goals.root_mask for _, goals in known]),
             )
-
-    def encoded_horizon(self, encoded: Tensor) -> Tensor:
-        """The horizon's part (Q, G, width) of encoded sequences (P, width)."""
-        parts = [slot.group.of(encoded)[:, slot.skip : slot.skip + self.num_tokens] for slot in self.slots]
-        return parts[0] if len(parts) == 1 else torch.cat(parts)
 
 
 def _projection_of(rows: Sequence[RootProjection | None]) -> RootProjection | None:

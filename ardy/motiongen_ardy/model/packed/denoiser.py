@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH
 from motiongen_ardy.model.denoiser.base import Denoiser
 from motiongen_ardy.model.denoiser.two_stage import TwoStageDenoiser
-from motiongen_ardy.model.packed.batch import PackedBatch
+from motiongen_ardy.model.packed.batch import FirstStagePart, PackedBatch, Sequences
 from motiongen_ardy.model.packed.conditions import RowConditions, RowGoals, RowRequest
 from motiongen_ardy.model.packed.goal_layers import GoalLayer, TokenGoals
 from motiongen_ardy.model.packed.graphs import GraphedStack, GraphRecorder, Stack
@@ -181,19 +181,21 @@ class PackedDenoiser:
 
     @torch.inference_mode()
     def predict(
-        self, batch: PackedBatch, tokens: Tensor, step: Tensor, project: Sequence[bool] | None = None
+        self,
+        batch: PackedBatch,
+        tokens: Tensor,
+        step: Tensor,
+        project: Sequence[bool] | None = None,
+        kept: Sequence[Tensor | None] | None = None,
     ) -> Tensor:
         """The guided clean horizon (R, G, 5P + L) of noisy horizon tokens of that shape; step: (R) base steps.
 
-        project: of each row, whether its root is brought onto its goals in this step; None for no row.
+        project: of each row, whether its root is brought onto its goals in this step; None for no row. kept: of each
+        row, its clean root (G, 5P) as an earlier step has predicted it, None where it is to be predicted; where there
+        is one stage only, it always is.
         """
-        noisy = tokens[batch.rows]
-        if batch.told is not None:
-            where, root, root_mask = batch.told
-            noisy[where, :, : self._root_width] = noisy[where, :, : self._root_width] * (1 - root_mask) + root
         step_vectors = self._step_vectors[:, step[batch.rows]]
-        horizon = self._projections[0].noisy.plus(noisy, batch.horizon[0])
-        result = self._run(batch, 0, step_vectors, horizon)
+        result = self._first_stage(batch, tokens, step_vectors, kept or [None] * len(tokens))
         if batch.projection is not None and project is not None and any(project):
             result = self._on_goals(batch, result, torch.tensor(project, device=tokens.device)[batch.rows])
         if len(self.stages) > 1:
@@ -204,15 +206,40 @@ class PackedDenoiser:
                     vectors = self._projections[1].plain(known[slot.first : slot.end, :1])
                     slot.last.copy_(self.stages[1].placed(vectors, slot.history, slot.history - 1)[:, 0])
             horizon = self._projections[1].noisy.plus(known[:, 1:], batch.horizon[1])
-            result = torch.cat([result, self._run(batch, 1, step_vectors, horizon)], dim=-1)
+            result = torch.cat([result, self._run(batch, 1, step_vectors[1], horizon)], dim=-1)
         return torch.zeros_like(tokens).index_add_(0, batch.rows, result * batch.weight)
 
-    def _run(self, batch: PackedBatch, number: int, step_vectors: Tensor, horizon: Tensor) -> Tensor:
-        for slot in batch.slots:
-            slot.step[number].copy_(step_vectors[number, slot.first : slot.end])
+    def _first_stage(
+        self, batch: PackedBatch, tokens: Tensor, step_vectors: Tensor, kept: Sequence[Tensor | None]
+    ) -> Tensor:
+        """What the first stage predicts (Q, G, 5P or more), for sequences whose root is kept that root instead."""
+        roots = [kept[row] if len(self.stages) > 1 else None for row in batch.row_numbers]
+        missing = [number for number, root in enumerate(roots) if root is None]
+        known = [root for root in roots if root is not None]
+        if not missing:
+            return torch.stack(known)
+        noisy = tokens[batch.rows]
+        if batch.told is not None:
+            where, root, root_mask = batch.told
+            noisy[where, :, : self._root_width] = noisy[where, :, : self._root_width] * (1 - root_mask) + root
+        project = self._projections[0].noisy
+        if not known:
+            return self._run(batch, 0, step_vectors[0], project.plus(noisy, batch.horizon[0]))
+        horizon = project.plus(noisy[missing], batch.horizon[0][missing])
+        predicted = self._run(FirstStagePart(batch, missing), 0, step_vectors[0][missing], horizon)
+        result = predicted.new_empty(len(roots), *predicted.shape[1:])
+        result[missing] = predicted
+        result[[number for number, root in enumerate(roots) if root is not None]] = torch.stack(known)
+        return result
+
+    def _run(self, sequences: Sequences, number: int, step_vectors: Tensor, horizon: Tensor) -> Tensor:
+        """What a stage predicts (Q, G, its output). step_vectors: (Q, width); horizon: (Q, G, width)."""
+        for slot in sequences.slots:
+            slot.step[number].copy_(step_vectors[slot.first : slot.end])
             slot.horizon[number].copy_(horizon[slot.first : slot.end])
         stage = self.stages[number]
-        return stage.output(batch.encoded_horizon(self._stacks[number](batch.inputs[number], batch.groups)))
+        encoded = self._stacks[number](sequences.inputs[number], sequences.groups)
+        return stage.output(sequences.encoded_horizon(encoded))
 
     def _on_goals(self, batch: PackedBatch, result: Tensor, active: Tensor) -> Tensor:
         """Predictions (Q, G, 5P or more), their roots on the goals of the sequences that are active (Q)."""

@@ -69,6 +69,8 @@ class ProjectionOptions(CheckedOptions):
     about a path that was only planned under its goals; settle_frames: less within so many frames of a goal that was
     asked for. acceleration_m_s2: the most that a correction adds where no path was planned. slowing_s: over so long a
     root that nothing leads loses a speed that the network would have it lose at once; 0: it stops as it is told.
+    led_steps: a led root is predicted in so many of the first steps, and is kept in the others, where only the body is
+    predicted; led_frames: it is led where ground and heading are asked for at each of so many first frames.
     """
 
     last_steps: int = option(1000, 1, 1000)
@@ -77,6 +79,8 @@ class ProjectionOptions(CheckedOptions):
     settle_frames: int = option(10, 1, 100)
     acceleration_m_s2: float = option(4.0, 0.1, 50.0)
     slowing_s: float = option(0.6, 0.0, 5.0)
+    led_steps: int = option(1000, 1, 1000)
+    led_frames: int = option(16, 1, 1000)
 
 
 @dataclass(frozen=True)

@@ -57,6 +57,15 @@ class RootProjection:
         """The same shape without goals."""
         return RootProjection(self.first, *(torch.zeros_like(part) for part in self._parts()), self.slowing_s)
 
+    def leads(self, num_frames: int) -> Tensor:
+        """Which rows (B) are asked for ground and heading at each of so many first frames, or of all that there are.
+
+        Paths that were planned under way points leave the very first to the history, so theirs are not.
+        """
+        asked = self.where[..., :num_frames, :] != 0
+        led: Tensor = asked[..., 0].all(dim=-1) & asked[..., 2].all(dim=-1)
+        return led
+
     def apply(self, layout: Representation, root: Tensor, active: Tensor | None = None) -> Tensor:
         """A normalised root (B, T, 5) on its goals; rows without goals, or not active (B), stay bit for bit."""
         scale = layout.root_stats.scale

@@ -24,8 +24,7 @@ from motiongen_server.engine.scheduling.costs import CostTable
 from motiongen_server.engine.scheduling.owed_rows import OwedRows
 from motiongen_server.engine.scheduling.owner_shares import OwnerShares
 from motiongen_server.engine.scheduling.scheduled_job import ScheduledJob
-from motiongen_server.engine.scheduling.together import begin_together
-from motiongen_server.engine.types import PlanCause, Priority, RowStatus, WindowJob
+from motiongen_server.engine.types import Priority, RowStatus, WindowJob
 
 DEFAULT_SHARES = (0.0, 0.15, 0.1, 0.05)
 DEFAULT_BACKGROUND_STEP_S = 0.025
@@ -119,7 +118,7 @@ class Scheduler:
         chosen = self._reserved(most, strained)
         evaluations = sum(held.passes for held in chosen.values())
         room_s: float | None = None  # for the step, once jobs in the background are looked at
-        for held in self._candidates(now, strained):
+        for held in self._candidates(now):
             if held.job.job_id in chosen:
                 continue
             larger = evaluations + held.passes
@@ -137,29 +136,15 @@ class Scheduler:
             chosen[held.job.job_id], evaluations = held, larger
         return self._commit_rows(chosen, strained)
 
-    def _candidates(self, now: float, strained: bool) -> Iterator[ScheduledJob]:
+    def _candidates(self, now: float) -> Iterator[ScheduledJob]:
         """Who may be in the next step, in the order in which they are taken; some come twice."""
         yield from self._endangered(now)
         for priority, queue in zip(Priority, self._queues, strict=True):
             gathers = self.gathers(priority)
-            waiting = () if gathers or strained else self._replans(queue)
-            held_back = {held.job.job_id for held in waiting[self._begin_together(waiting) :]}
             for _, job_id in queue:
                 held = self._jobs[job_id]
-                if held.prepared or not (gathers or job_id in held_back):
+                if held.prepared or not gathers:
                     yield held
-
-    def _replans(self, queue: list[tuple[float, int]]) -> tuple[ScheduledJob, ...]:
-        """The windows of a class that only change frames, and have not begun."""
-        of_class = (self._jobs[job_id] for _, job_id in queue)
-        return tuple(held for held in of_class if held.job.cause is PlanCause.EDIT and not held.prepared)
-
-    def _begin_together(self, waiting: Sequence[ScheduledJob]) -> int:
-        """How many of these begin in the next step."""
-        if len(waiting) < 2:
-            return len(waiting)
-        passes = ceil(sum(held.passes for held in waiting) / len(waiting))
-        return begin_together(self.costs, len(waiting), passes, waiting[0].job.num_steps)
 
     def _endangered(self, now: float) -> list[ScheduledJob]:
         """Windows whose frames clients are about to run out of, in order of class and deadline."""

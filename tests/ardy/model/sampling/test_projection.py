@@ -148,3 +148,18 @@ def test_curves_of_many_goals_are_not_all_kept() -> None:
         for second in range(first + 1, 30):
             curves = goal_curves((first, second), 40)
     assert goal_curves.cache_info().currsize * curves.nbytes < 1 << 20
+
+
+@pytest.mark.parametrize(
+    ("first", "count", "with_heading", "led"),
+    [(0, 16, True, True), (0, 40, True, True), (0, 15, True, False), (0, 16, False, False), (1, 39, True, False)],
+)
+def test_a_root_is_led_that_is_asked_for_from_the_first_frame_on(
+    layout: Representation, first: int, count: int, with_heading: bool, led: bool
+) -> None:
+    targets = Targets(layout.skeleton)
+    frames = range(HISTORY + first, HISTORY + first + count)
+    targets.add_waypoints(frames, torch.zeros(count, 2), torch.zeros(count) if with_heading else None)
+    projection = made(layout, targets)
+    assert projection is not None
+    assert projection.leads(16).tolist() == [led]

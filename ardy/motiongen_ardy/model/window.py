@@ -38,8 +38,8 @@ class Window:
     heading: (B) radians, of the first frame.
     observed, mask: (B, T, D), constraints as normalised features and where they hold (0 or 1); both are zero in the
     history. None = no constraints in any row.
-    projection: what the root is brought onto between the stages; None for nothing. kept: roots that a denoiser of two
-    stages is to take in place of its own; None for none. patch: frames of a token.
+    projection: what the root is brought onto between the stages; None for nothing. patch: frames of a token.
+    kept: roots that a denoiser of two stages is to take in place of its own; None for none.
     """
 
     history_len: Tensor
@@ -51,8 +51,8 @@ class Window:
     mask: Tensor | None = None
     text_mask: Tensor | None = None
     projection: RootProjection | None = None
-    kept: KeptRoots | None = None
     patch: int = RELEASED_PATCH
+    kept: KeptRoots | None = None
 
     def __post_init__(self) -> None:
         if self.num_frames < self.patch or self.num_frames % self.patch:

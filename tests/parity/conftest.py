@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,17 @@ import pytest
 
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.model.model import Model
-from motiongen_server.engine.types import Guidance, PlanCause, Priority, SessionKey, StartPose, Waypoint, WindowJob
+from motiongen_ardy.model.sampling.options import GuidanceOptions, PassMode, ProjectionOptions, SamplingOptions
+from motiongen_server.engine.types import (
+    Guidance,
+    PlanCause,
+    Priority,
+    SessionKey,
+    StartPose,
+    Waypoint,
+    WindowJob,
+    WindowResult,
+)
 from motiongen_server.runner import TorchRunner
 
 TINY = Path(__file__).parents[1] / "data" / "golden" / "tiny-core27" / "checkpoint"
@@ -55,3 +66,29 @@ def make_job(job_id: int, model: Model, random: np.random.Generator) -> WindowJo
         cause=PlanCause.CONTINUE,
         created_at=0.0,
     )
+
+
+def projected_model(mode: PassMode, projection: ProjectionOptions) -> Model:
+    """A model of its own whose roots are planned and projected."""
+    model = load_checkpoint(TINY)
+    model.sampling = SamplingOptions(GuidanceOptions(mode, 1.0, 1.0), True, True, projection=projection)
+    return model
+
+
+def in_company(
+    runner: TorchRunner,
+    jobs: Mapping[int, WindowJob],
+    joining: Callable[[], int],
+    order: Callable[[list[int]], list[int]] = list,
+) -> dict[int, WindowResult]:
+    """What jobs get together. joining: how many more begin before a step; order: that in which they are stepped."""
+    waiting, running, results = list(jobs), list[int](), dict[int, WindowResult]()
+    while waiting or running:
+        begun = [waiting.pop() for _ in range(min(len(waiting), joining()))]
+        runner.prepare([jobs[job_id] for job_id in begun])
+        running = order(running + begun)
+        done = {status.job_id: status.steps_done for status in runner.denoise(running)}
+        finished = [job_id for job_id in running if done[job_id] == jobs[job_id].num_steps]
+        results.update((result.job_id, result) for result in (runner.decode(finished) if finished else ()))
+        running = [job_id for job_id in running if job_id not in finished]
+    return results

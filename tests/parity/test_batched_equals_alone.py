@@ -9,7 +9,7 @@ import torch
 from motiongen_ardy.model.model import Model
 from motiongen_server.engine.types import WindowJob, WindowResult
 from motiongen_server.runner import TorchRunner
-from tests.parity.conftest import TOLERANCE, make_job
+from tests.parity.conftest import TOLERANCE, in_company, make_job
 
 
 def run_alone(model: Model, job: WindowJob) -> WindowResult:
@@ -32,17 +32,12 @@ def test_rows_that_join_and_leave_at_different_steps_get_what_they_get_alone(
 ) -> None:
     random = np.random.default_rng(num_jobs)
     jobs = {index: make_job(index, model, random) for index in range(1, num_jobs + 1)}
-    waiting, done, results = list(jobs), dict.fromkeys(jobs, 0), {}
-    running: list[int] = []
-    while waiting or running:
-        joining = [waiting.pop() for _ in range(min(len(waiting), int(random.integers(1, 2 + num_jobs // 4))))]
-        runner.prepare([jobs[job_id] for job_id in joining])
-        running = list(random.permutation(running + joining))
-        for status in runner.denoise(running):
-            done[status.job_id] = status.steps_done
-        finished = [job_id for job_id in running if done[job_id] == jobs[job_id].num_steps]
-        results.update((result.job_id, result) for result in (runner.decode(finished) if finished else ()))
-        running = [job_id for job_id in running if job_id not in finished]
+    results = in_company(
+        runner,
+        jobs,
+        lambda: int(random.integers(1, 2 + num_jobs // 4)),
+        lambda running: list(random.permutation(running)),
+    )
     shares = [share_of_close_frames(results[job_id], run_alone(model, job)) for job_id, job in jobs.items()]
     # A latent that lies on a rounding tie may fall to the other side; that is rare, and everything else is equal.
     assert np.mean(shares) > 0.98, shares

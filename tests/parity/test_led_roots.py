@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.sampling.options import GuidanceOptions, ProjectionOptions, SamplingOptions
+from motiongen_ardy.model.sampling.options import ProjectionOptions
 from motiongen_server.engine.types import RootTrajectory, WindowJob
 from motiongen_server.runner import TorchRunner
-from tests.parity.conftest import TINY, make_job
+from tests.parity.conftest import in_company, make_job, projected_model
 from tests.parity.test_batched_equals_alone import run_alone, share_of_close_frames
 from tests.parity.test_streamed_equals_rollout import compare, expected, stream
 
@@ -24,10 +23,7 @@ FRAMES = 160
 @pytest.fixture(params=["joint", "separated"])
 def led(request: pytest.FixtureRequest) -> Model:
     """A model that predicts a led root once."""
-    model = load_checkpoint(TINY)
-    guidance = GuidanceOptions(request.param, 1.0, 1.0)
-    model.sampling = SamplingOptions(guidance, True, True, projection=ProjectionOptions(led_steps=1))
-    return model
+    return projected_model(request.param, ProjectionOptions(led_steps=1))
 
 
 def circle(num_frames: int) -> tuple[np.ndarray, np.ndarray]:
@@ -40,7 +36,7 @@ def job_on_the_circle(job_id: int, model: Model, random: np.random.Generator) ->
     """A job that differs from others in all that it may, and is led."""
     job = make_job(job_id, model, random)
     ground, heading = circle(60)
-    path = RootTrajectory(1, job.first_frame, ground.astype(np.float32), heading)
+    path = RootTrajectory(1, job.first_frame, ground, heading)
     return replace(job, constraints=(path,))
 
 
@@ -54,24 +50,16 @@ def test_a_session_on_a_path_is_the_rollout(led: Model) -> None:
     targets.add_waypoints(range(FRAMES), torch.from_numpy(ground), torch.from_numpy(heading))
     features = expected(led, embedding, targets, False)
     compare(led, stream(led, embedding, (RootTrajectory(1, 0, ground, heading),), False), features)
-    again = replace(led.sampling, projection=ProjectionOptions())
-    led.sampling = again
+    led.sampling = replace(led.sampling, projection=ProjectionOptions())
     assert not torch.allclose(features, expected(led, embedding, targets, False), atol=1e-3), "no root was kept"
 
 
 def test_led_rows_get_in_company_what_they_get_alone(led: Model) -> None:
     random = np.random.default_rng(5)
     jobs = {index: MAKE[index % 2](index, led, random) for index in range(1, 17)}
-    runner, waiting, running, shares = TorchRunner(led, "tiny"), list(jobs), list[int](), list[float]()
-    while waiting or running:  # they join at different steps, so that some keep their roots and others do not
-        joining = [waiting.pop() for _ in range(min(len(waiting), 5))]
-        runner.prepare([jobs[job_id] for job_id in joining])
-        running += joining
-        done = {status.job_id: status.steps_done for status in runner.denoise(running)}
-        finished = [job_id for job_id in running if done[job_id] == jobs[job_id].num_steps]
-        for result in runner.decode(finished) if finished else ():
-            shares.append(share_of_close_frames(result, run_alone(led, jobs[result.job_id])))
-        running = [job_id for job_id in running if job_id not in finished]
+    # They join at different steps, so that some keep their roots and others do not.
+    results = in_company(TorchRunner(led, "tiny"), jobs, lambda: 5)
+    shares = [share_of_close_frames(results[job_id], run_alone(led, job)) for job_id, job in jobs.items()]
     assert np.mean(shares) > 0.95, shares
 
 

@@ -8,23 +8,19 @@ import numpy as np
 import pytest
 import torch
 
-from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.sampling.options import GuidanceOptions, ProjectionOptions, SamplingOptions
+from motiongen_ardy.model.sampling.options import ProjectionOptions
 from motiongen_server.engine.types import RootTrajectory, Waypoint
 from motiongen_server.runner import TorchRunner
-from tests.parity.conftest import TINY, make_job
+from tests.parity.conftest import in_company, make_job, projected_model
 from tests.parity.test_batched_equals_alone import run_alone, share_of_close_frames
 from tests.parity.test_streamed_equals_rollout import compare, expected, stream
 
 
 @pytest.fixture(params=["joint", "separated"])
 def planned(request: pytest.FixtureRequest) -> Model:
-    model = load_checkpoint(TINY)
-    guidance = GuidanceOptions(request.param, 1.0, 1.0)
-    model.sampling = SamplingOptions(guidance, True, True, projection=ProjectionOptions(last_steps=2))
-    return model
+    return projected_model(request.param, ProjectionOptions(last_steps=2))
 
 
 def test_a_session_with_waypoints_is_the_rollout(planned: Model) -> None:
@@ -61,13 +57,6 @@ def test_a_session_without_goals_slows_down_as_the_rollout_does(planned: Model) 
 def test_rows_get_in_company_what_they_get_alone(planned: Model) -> None:
     random = np.random.default_rng(5)
     jobs = {index: make_job(index, planned, random) for index in range(1, 13)}
-    runner = TorchRunner(planned, "tiny")
-    runner.prepare(list(jobs.values()))
-    running, shares = list(jobs), []
-    while running:
-        done = {status.job_id: status.steps_done for status in runner.denoise(running)}
-        finished = [job_id for job_id in running if done[job_id] == jobs[job_id].num_steps]
-        for result in runner.decode(finished) if finished else ():
-            shares.append(share_of_close_frames(result, run_alone(planned, jobs[result.job_id])))
-        running = [job_id for job_id in running if job_id not in finished]
+    results = in_company(TorchRunner(planned, "tiny"), jobs, lambda: len(jobs))
+    shares = [share_of_close_frames(results[job_id], run_alone(planned, job)) for job_id, job in jobs.items()]
     assert np.mean(shares) > 0.95, shares

@@ -106,6 +106,14 @@ class PackedBatch(Sequences):
         self._lay_out(rows, sequences, horizon_of)
         self._note_goals(rows, sequences)
         self.projection = _projection_of([rows[row].projection for row, _ in sequences])
+        self._part: tuple[tuple[int, ...], FirstStagePart] | None = None
+
+    def first_stage_part(self, chosen: Sequence[int]) -> FirstStagePart:
+        """Some of the sequences for the first stage alone; most steps choose the same as the step before."""
+        key = tuple(chosen)
+        if self._part is None or self._part[0] != key:
+            self._part = key, FirstStagePart(self, key)
+        return self._part[1]
 
     def _lay_out(
         self,

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH
 from motiongen_ardy.model.denoiser.base import Denoiser
 from motiongen_ardy.model.denoiser.two_stage import TwoStageDenoiser
-from motiongen_ardy.model.packed.batch import FirstStagePart, PackedBatch, Sequences
+from motiongen_ardy.model.packed.batch import PackedBatch, Sequences
 from motiongen_ardy.model.packed.conditions import RowConditions, RowGoals, RowRequest
 from motiongen_ardy.model.packed.goal_layers import GoalLayer, TokenGoals
 from motiongen_ardy.model.packed.graphs import GraphedStack, GraphRecorder, Stack
@@ -213,11 +213,11 @@ class PackedDenoiser:
         self, batch: PackedBatch, tokens: Tensor, step_vectors: Tensor, kept: Sequence[Tensor | None]
     ) -> Tensor:
         """What the first stage predicts (Q, G, 5P or more), for sequences whose root is kept that root instead."""
-        roots = [kept[row] if len(self.stages) > 1 else None for row in batch.row_numbers]
-        missing = [number for number, root in enumerate(roots) if root is None]
-        known = [root for root in roots if root is not None]
+        roots = enumerate(kept[row] for row in batch.row_numbers) if len(self.stages) > 1 else ()
+        known = {number: root for number, root in roots if root is not None}
+        missing = [number for number in range(len(batch.row_numbers)) if number not in known]
         if not missing:
-            return torch.stack(known)
+            return torch.stack(list(known.values()))
         noisy = tokens[batch.rows]
         if batch.told is not None:
             where, root, root_mask = batch.told
@@ -226,10 +226,10 @@ class PackedDenoiser:
         if not known:
             return self._run(batch, 0, step_vectors[0], project.plus(noisy, batch.horizon[0]))
         horizon = project.plus(noisy[missing], batch.horizon[0][missing])
-        predicted = self._run(FirstStagePart(batch, missing), 0, step_vectors[0][missing], horizon)
-        result = predicted.new_empty(len(roots), *predicted.shape[1:])
+        predicted = self._run(batch.first_stage_part(missing), 0, step_vectors[0][missing], horizon)
+        result = predicted.new_empty(len(batch.row_numbers), *predicted.shape[1:])
         result[missing] = predicted
-        result[[number for number, root in enumerate(roots) if root is not None]] = torch.stack(known)
+        result[list(known)] = torch.stack(list(known.values()))
         return result
 
     def _run(self, sequences: Sequences, number: int, step_vectors: Tensor, horizon: Tensor) -> Tensor:

@@ -63,25 +63,37 @@ def axis_angle_to_matrix(axis_angle: Tensor) -> Tensor:
 
 def matrix_to_quaternion(matrix: Tensor) -> Tensor:
     """(..., 3, 3) -> (..., 4) as (w, x, y, z). The largest component is taken positive, so w may be negative."""
-    flat = matrix.flatten(-2)
-    signed = matrix.diagonal(dim1=-2, dim2=-1)[..., None] * _SQUARE_SIGNS.to(matrix)
-    squares = 1 + signed[..., 0, :] + signed[..., 1, :] + signed[..., 2, :]
-    first, second = (flat.index_select(-1, number.to(matrix.device)) for number in (_FIRST, _SECOND))
-    products = first + _PRODUCT_SIGNS.to(matrix) * second
-    roots = torch.sqrt(squares.clamp(min=0))  # twice each component's magnitude
-    largest = roots.argmax(dim=-1)
-    # Row k of _ROWS names the quaternion scaled by twice its k-th component times two.
-    row = torch.cat([squares, products], dim=-1).gather(-1, _ROWS.to(matrix.device)[largest])
-    return row / (2 * roots.gather(-1, largest[..., None]))
+    return quaternion_components(matrix).movedim(0, -1).contiguous()
 
 
-# The squares of w, x, y, z are 1 and the diagonal with these signs, a column each; the products wx, wy, wz, xy, xz, yz
-# are sums and differences of two entries of the matrix, numbered row by row. In few operations, since where there are
-# few matrices they are what takes the time.
-_SQUARE_SIGNS = torch.tensor([[1.0, 1.0, -1.0, -1.0], [1.0, -1.0, 1.0, -1.0], [1.0, -1.0, -1.0, 1.0]])
-_FIRST, _SECOND = torch.tensor([7, 2, 3, 3, 2, 7]), torch.tensor([5, 6, 1, 1, 6, 5])
-_PRODUCT_SIGNS = torch.tensor([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0])
-_ROWS = torch.tensor([[0, 4, 5, 6], [4, 1, 7, 8], [5, 7, 2, 9], [6, 8, 9, 3]])
+def quaternion_components(matrix: Tensor) -> Tensor:
+    """(..., 3, 3) -> (4, ...): as `matrix_to_quaternion`, each component by itself, which is how to compute with many."""
+    m00, m01, m02, m10, m11, m12, m20, m21, m22 = matrix.flatten(-2).movedim(-1, 0).contiguous().unbind(0)
+    more, less = 1 + m00, 1 - m00
+    w, x, y, z = more + m11 + m22, more - m11 - m22, less + m11 - m22, less - m11 + m22  # four times their squares
+    wx, wy, wz, xy, xz, yz = m21 - m12, m02 - m20, m10 - m01, m10 + m01, m02 + m20, m21 + m12
+    # Each of these is the quaternion times four times one of its components; the largest is the exact one.
+    of_w, of_x, of_y, of_z = (
+        torch.stack(row) for row in ((w, wx, wy, wz), (wx, x, xy, xz), (wy, xy, y, yz), (wz, xz, yz, z))
+    )
+    of_first, first = torch.where(x > w, of_x, of_w), torch.maximum(w, x)
+    of_second, second = torch.where(z > y, of_z, of_y), torch.maximum(y, z)
+    scaled = torch.where(second > first, of_second, of_first)
+    return scaled / (2 * torch.maximum(first, second).sqrt())
+
+
+def relative_components(base: Tensor, quaternion: Tensor) -> Tensor:
+    """The quaternions that, after those of `base`, make `quaternion`; all (4, ...), of length 1."""
+    bw, bx, by, bz = base.unbind(0)
+    w, x, y, z = quaternion.unbind(0)
+    return torch.stack(
+        [
+            bw * w + bx * x + by * y + bz * z,
+            bw * x - bx * w - by * z + bz * y,
+            bw * y + bx * z - by * w - bz * x,
+            bw * z - bx * y + by * x - bz * w,
+        ]
+    )
 
 
 def rotation_vector(matrix: Tensor) -> Tensor:

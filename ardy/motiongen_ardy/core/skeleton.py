@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.core.constants import constant, index
+from motiongen_ardy.core.rotation import quaternion_components, relative_components
 
 
 class UnknownSkeleton(ValueError):
@@ -146,13 +147,23 @@ def positions_from_global(skeleton: Skeleton, global_rotations: Tensor, root_pos
     The same as `forward_kinematics` of the matching local rotations, without a chain of matrix products, which makes
     it the form for losses.
     """
-    parents = index(tuple(max(parent, 0) for parent in skeleton.parents), global_rotations.device)
-    offsets = constant(skeleton.offset_rows, global_rotations.dtype, global_rotations.device)
-    bones = (global_rotations.index_select(-3, parents) @ offsets.unsqueeze(-1)).squeeze(-1)
-    bones = torch.cat([root_positions.unsqueeze(-2), bones[..., 1:, :]], dim=-2)
-    # A joint's position is the sum of the bones that lead to it.
-    chains = constant(skeleton.chain_rows, bones.dtype, bones.device)
-    return chains @ bones
+    *leading, joints, _, _ = global_rotations.shape
+    batch = leading[0] if leading else 1
+    # A place is a sum over the bones that lead to it, so that all places of a row are one product. Not one of all rows:
+    # what a row gets shall not depend on how many there are.
+    rows = global_rotations.transpose(-3, -2).reshape(batch, -1, 3 * joints)
+    places = torch.bmm(rows, _place_matrix(skeleton, rows.dtype, rows.device).expand(batch, -1, -1))
+    return places.view(*leading, 3, joints).transpose(-1, -2) + root_positions.unsqueeze(-2)
+
+
+@lru_cache(maxsize=64)
+def _place_matrix(skeleton: Skeleton, dtype: torch.dtype, device: torch.device) -> Tensor:
+    """(3J, J): what the columns of each joint's rotation, times these, add to the place of each joint, root at zero."""
+    chains, places = np.asarray(skeleton.chain_rows), np.zeros((skeleton.num_joints, 3, skeleton.num_joints))
+    for joint, parent in enumerate(skeleton.parents[1:], 1):
+        places[parent] += skeleton.offsets[joint][:, None] * chains[:, joint]
+    with torch.inference_mode(False):  # a table first used while serving may be used in training later
+        return torch.tensor(places.reshape(-1, skeleton.num_joints), dtype=dtype, device=device)
 
 
 def global_to_local(skeleton: Skeleton, global_rotations: Tensor) -> Tensor:
@@ -161,3 +172,15 @@ def global_to_local(skeleton: Skeleton, global_rotations: Tensor) -> Tensor:
     parent_rotations = global_rotations.index_select(-3, parents)
     children = parent_rotations.transpose(-1, -2) @ global_rotations[..., 1:, :, :]
     return torch.cat([global_rotations[..., :1, :, :], children], dim=-3)
+
+
+def local_quaternions(skeleton: Skeleton, global_rotations: Tensor) -> Tensor:
+    """Parent-relative rotations (4, ..., J), components w, x, y, z first, from global ones (..., J, 3, 3).
+
+    The same as quaternions of `global_to_local`, up to their signs, at a third of the cost.
+    """
+    parents = index(tuple(max(parent, 0) for parent in skeleton.parents), global_rotations.device)
+    whole = quaternion_components(global_rotations)
+    local = relative_components(whole.index_select(-1, parents), whole)
+    local[..., 0] = whole[..., 0]
+    return local

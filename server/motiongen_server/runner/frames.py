@@ -6,19 +6,20 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.core.representation import Representation
-from motiongen_ardy.core.rotation import matrix_to_quaternion, quaternion_to_matrix
+from motiongen_ardy.core.rotation import quaternion_to_matrix
+from motiongen_ardy.core.skeleton import local_quaternions
 
 
 def wire_rows(layout: Representation, features: Tensor) -> Tensor:
     """Rows (B, G, row width) of normalised features (B, G, D): root, parent-relative quaternions, contacts."""
-    motion = layout.motion(layout.denormalize(features))
-    quaternions = matrix_to_quaternion(motion.local_rotations)
+    natural = layout.denormalize(features)
+    quaternions = local_quaternions(layout.skeleton, layout.global_rotations(natural))  # (4, B, G, J)
     # Neighbouring frames keep to one sign of q and -q, so that a client may interpolate the numbers.
-    dots = (quaternions[:, 1:] * quaternions[:, :-1]).sum(-1, keepdim=True)
-    first = torch.where(quaternions[:, :1, :, :1] < 0, -1.0, 1.0)
+    dots = (quaternions[:, :, 1:] * quaternions[:, :, :-1]).sum(0)
+    first = torch.where(quaternions[0, :, :1] < 0, -1.0, 1.0)
     signs = torch.cat([first, torch.where(dots < 0, -1.0, 1.0)], dim=1).cumprod(dim=1)
-    parts = [motion.root_positions, (quaternions * signs).flatten(-2), motion.foot_contacts.float()]
-    return torch.cat(parts, dim=-1)
+    root, contacts = natural[..., layout.root_position_block], natural[..., layout.contact_block] > 0.5
+    return torch.cat([root, (quaternions * signs).movedim(0, -1).flatten(-2), contacts.float()], dim=-1)
 
 
 def features_of_rows(layout: Representation, rows: Tensor) -> Tensor:

@@ -12,7 +12,6 @@ from torch import Tensor
 from torch.nn import functional
 
 from motiongen_ardy.core.representation import heading_angle
-from motiongen_ardy.core.rotation import rotation_y
 from motiongen_ardy.model.sampling.pose import Poses
 
 # Less than this is the error of a decoder and the sway of hips, and stays.
@@ -38,4 +37,4 @@ def face_root(poses: Poses, heading: Tensor) -> None:
     # Where the history ends nothing is turned: the turn sets in over the next frames.
     rise = (torch.arange(turn.shape[1], device=turn.device) / (2.0 * reach)).clamp(max=1)
     turn = turn * rise * rise * (3 - 2 * rise)
-    poses.turn(range(poses.layout.skeleton.num_joints), rotation_y(turn)[:, :, None])
+    poses.turn_about_up(turn)

@@ -52,6 +52,12 @@ class Poses:
         else:
             self.rotations[:, :, joints] = delta @ self.rotations[:, :, joints]
 
+    def turn_about_up(self, angle: Tensor) -> None:
+        """Turn all joints by angles (B, T) in radians about +Y, as products with `rotation_y` would."""
+        cosine, sine = torch.cos(angle)[..., None, None], torch.sin(angle)[..., None, None]
+        x, y, z = self.rotations.unbind(-2)
+        self.rotations = torch.stack([cosine * x + sine * z, y, cosine * z - sine * x], dim=-2)
+
     def bend_limbs(
         self, limbs: Sequence[Limb], positions: Tensor, targets: Tensor, where: Tensor | None = None
     ) -> None:

@@ -63,12 +63,9 @@ def bent_to(
     height = (length_1.square() - along.square()).clamp(min=0).sqrt()
     new_middle = upper + along[..., None] * direction + height[..., None] * carried
     new_end = upper + distance[..., None] * direction
-    normal, new_normal = torch.linalg.cross(line, outward), torch.linalg.cross(direction, carried)
-    turned = [
-        _frame(unit(after), new_normal) @ _frame(unit(before), normal).transpose(-1, -2) @ rotation
-        for before, after, rotation in (
-            (first, new_middle - upper, rotations[0]),
-            (second, new_end - new_middle, rotations[1]),
-        )
-    ]
+    # Before and after, and both bones, side by side: calls are what takes the time where there are few limbs.
+    normals = torch.linalg.cross(torch.stack([line, direction]), torch.stack([outward, carried]))
+    bones = torch.stack([first, second, new_middle - upper, new_end - new_middle]).unflatten(0, (2, 2))
+    before, after = _frame(unit(bones), normals[:, None])
+    turned = after @ before.transpose(-1, -2) @ torch.stack(rotations)
     return turned[0], turned[1], new_middle, new_end

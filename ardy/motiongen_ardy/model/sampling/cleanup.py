@@ -62,8 +62,9 @@ def clean_feet(poses: Poses, options: FeetOptions, pinned: Tensor, height_held: 
     turned = rotation_y(turn)
     turned = swing(turned_about_up(sole, turn) / length, (ankle + aimed - raised) / length) @ turned
     poses.bend_limbs(limbs, turn_legs(poses, limbs, positions, turn), raised)
-    for side, limb in enumerate(limbs):
-        poses.turn((limb.end, *limb.beyond), turned[:, :, side, None])
+    feet_of = [(limb.end, *limb.beyond) for limb in limbs]
+    sides = [side for side, joints in enumerate(feet_of) for _ in joints]
+    poses.turn([joint for joints in feet_of for joint in joints], turned[:, :, sides])
 
 
 def _heights(feet: Tensor, states: Tensor, pinned: Tensor, options: FeetOptions) -> Tensor:

@@ -39,12 +39,12 @@ def turn_legs(poses: Poses, limbs: tuple[Limb, Limb], positions: Tensor, angle: 
 
     positions: (B, T, J, 3) as `Poses.positions`. Returns them with the knees where they are then.
     """
-    positions = positions.clone()
-    for side, limb in enumerate(limbs):
-        line = positions[:, :, limb.upper] - positions[:, :, limb.end]
-        axis = line / line.norm(dim=-1, keepdim=True).clamp(min=1e-8)
-        turn = axis_angle_to_matrix(LEG_SHARE * angle[:, :, side, None] * axis)
-        poses.turn((limb.upper, limb.middle), turn[:, :, None])
-        thigh = positions[:, :, limb.middle] - positions[:, :, limb.upper]
-        positions[:, :, limb.middle] = positions[:, :, limb.upper] + (turn @ thigh[..., None]).squeeze(-1)
-    return positions
+    upper, middle, end = ([getattr(limb, name) for limb in limbs] for name in ("upper", "middle", "end"))
+    hips = positions[:, :, upper]
+    line = hips - positions[:, :, end]
+    axis = line / line.norm(dim=-1, keepdim=True).clamp(min=1e-8)
+    turn = axis_angle_to_matrix(LEG_SHARE * angle[..., None] * axis)
+    poses.turn((*upper, *middle), torch.cat([turn, turn], dim=2))
+    turned = positions.clone()
+    turned[:, :, middle] = hips + (turn @ (positions[:, :, middle] - hips)[..., None]).squeeze(-1)
+    return turned

@@ -46,15 +46,15 @@ class Recorder:
 
 
 def mixed(vectors: Tensor, groups: list[Group]) -> Tensor:
-    """A stack whose every vector depends on all of its sequence, and on no other."""
-    parts = [group.of(vectors) + group.of(vectors).mean(dim=1, keepdim=True) for group in groups]
+    """A stack whose every vector depends on all of its sequence, and on no other; what is read of it."""
+    parts = [(group.of(vectors) + group.of(vectors).mean(dim=1, keepdim=True))[:, group.read] for group in groups]
     return torch.cat([part.reshape(-1, vectors.shape[-1]) for part in parts])
 
 
 def groups_of(*shapes: tuple[int, int]) -> list[Group]:
     groups, start = [], 0
     for count, length in shapes:
-        groups.append(Group(start, count, length))
+        groups.append(Group(start, count, length, length // 3, length - length // 3))
         start = groups[-1].end
     return groups
 

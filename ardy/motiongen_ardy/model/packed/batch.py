@@ -18,7 +18,7 @@ class SequenceSlot:
     """Where the vectors of a group's sequences that change from step to step stand, as views of the inputs.
 
     first, end: the group's sequences. step, horizon: by stage. last: of the second stage, None without history.
-    history: history tokens; skip: vectors before the horizon.
+    history: history tokens. group: what is read of it is the horizon.
     """
 
     first: int
@@ -27,7 +27,6 @@ class SequenceSlot:
     horizon: tuple[Tensor, ...]
     last: Tensor | None
     history: int
-    skip: int
     group: Group
 
 
@@ -41,11 +40,6 @@ class Sequences:
     groups: list[Group]
     slots: list[SequenceSlot]
     num_tokens: int
-
-    def encoded_horizon(self, encoded: Tensor) -> Tensor:
-        """The horizon's part (Q, G, width) of encoded sequences (P, width)."""
-        parts = [slot.group.of(encoded)[:, slot.skip : slot.skip + self.num_tokens] for slot in self.slots]
-        return parts[0] if len(parts) == 1 else torch.cat(parts)
 
 
 class FirstStagePart(Sequences):
@@ -62,13 +56,13 @@ class FirstStagePart(Sequences):
         self.inputs, self.groups, self.slots = (packed,), [], []
         first = start = 0
         for slot, ones in members:
-            group = Group(start, len(ones), slot.group.length)
+            group = slot.group._replace(start=start, num_sequences=len(ones))
             part = group.of(packed)
             part.copy_(slot.group.of(vectors)[ones])
-            step, horizon = part[:, whole.step_position], part[:, slot.skip : slot.skip + self.num_tokens]
+            step, horizon = part[:, whole.step_position], part[:, slot.group.read]
             end = first + len(ones)
             self.groups.append(group)
-            self.slots.append(SequenceSlot(first, end, (step,), (horizon,), None, slot.history, slot.skip, group))
+            self.slots.append(SequenceSlot(first, end, (step,), (horizon,), None, slot.history, group))
             first, start = end, group.end
 
 
@@ -132,11 +126,11 @@ class PackedBatch(Sequences):
         while first < len(sequences):
             shape = shapes[first]
             end = next((later for later in range(first, len(sequences)) if shapes[later] != shape), len(sequences))
-            group = Group(start, end - first, lengths[first])
             members = [(rows[row], index) for row, index in sequences[first:end]]
             history, future = shape
-            parts = tuple(group.of(stage) for stage in inputs)
             begin, after = num_prefix + history, num_prefix + history + self.num_tokens
+            group = Group(start, end - first, lengths[first], begin, self.num_tokens)
+            parts = tuple(group.of(stage) for stage in inputs)
             prefix = torch.stack([row.prefix[:, index] for row, index in members], dim=1)
             horizon = horizon_of(history)[:, None].expand(-1, end - first, -1, -1)
             goals = [row.told(index) for row, index in members]
@@ -161,7 +155,6 @@ class PackedBatch(Sequences):
                     horizon=tuple(part[:, begin:after] for part in parts),
                     last=parts[1][:, begin - 1] if history and num_stages > 1 else None,
                     history=history,
-                    skip=begin,
                     group=group,
                 )
             )

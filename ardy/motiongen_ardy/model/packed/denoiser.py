@@ -239,7 +239,7 @@ class PackedDenoiser:
             slot.horizon[number].copy_(horizon[slot.first : slot.end])
         stage = self.stages[number]
         encoded = self._stacks[number](sequences.inputs[number], sequences.groups)
-        return stage.output(sequences.encoded_horizon(encoded))
+        return stage.output(encoded.unflatten(0, (-1, sequences.num_tokens)))
 
     def _on_goals(self, batch: PackedBatch, result: Tensor, active: Tensor) -> Tensor:
         """Predictions (Q, G, 5P or more), their roots on the goals of the sequences that are active (Q)."""

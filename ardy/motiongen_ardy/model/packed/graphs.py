@@ -24,7 +24,7 @@ SIZES = (1, 2, 4, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 _WARM_UPS = 3
 
 Stack: TypeAlias = Callable[[Tensor, Sequence[Group]], Tensor]
-"""(P, width) vectors, and the groups that they are one behind another -> (P, width)."""
+"""(P, width) vectors, and the groups that they are one behind another -> (R, width), those that are read."""
 
 
 class GraphRecorder(Protocol):
@@ -60,10 +60,10 @@ class CudaGraphRecorder:
 
 
 class _Recorded:
-    """One graph. read_from: (P, width), by group filled up; result: the same size."""
+    """One graph. read_from: (P, width), by group filled up; result: (R, width), what is read of it."""
 
-    def __init__(self, stack: Stack, groups: Sequence[Group], like: Tensor, recorder: GraphRecorder) -> None:
-        self.groups = tuple(groups)
+    def __init__(self, stack: Stack, groups: tuple[Group, ...], like: Tensor, recorder: GraphRecorder) -> None:
+        self.groups = groups
         self.read_from = like.new_zeros(self.groups[-1].end, like.shape[-1])
         self.replay, self.result = recorder.record(lambda: stack(self.read_from, self.groups))
 
@@ -75,35 +75,36 @@ class GraphedStack:
         self._stack = stack
         self._recorder = recorder
         self._most = most
-        self._recorded: OrderedDict[tuple[tuple[int, int], ...], _Recorded] = OrderedDict()
+        self._recorded: OrderedDict[tuple[Group, ...], _Recorded] = OrderedDict()
         self.num_recorded = 0
 
     def __call__(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
-        """vectors: (P, width) float32, the groups one behind another. The argument is not changed."""
+        """What is read (R, width) of vectors (P, width) float32, the groups one behind another.
+
+        The argument is not changed.
+        """
         recorded = self._of(vectors, groups)
         for given, filled in zip(groups, recorded.groups, strict=True):
             size = given.end - given.start
             recorded.read_from[filled.start : filled.start + size].copy_(vectors[given.start : given.end])
         recorded.replay()
-        parts = [
-            recorded.result[filled.start : filled.start + given.end - given.start]
-            for given, filled in zip(groups, recorded.groups, strict=True)
-        ]
+        parts = recorded.result.split([filled.total_read for filled in recorded.groups])
+        parts = [part[: given.total_read] for given, part in zip(groups, parts, strict=True)]
         return torch.cat(parts)  # a copy also of a single one: the next replay overwrites the result
 
     def _of(self, vectors: Tensor, groups: Sequence[Group]) -> _Recorded:
-        key = tuple((filled_size(group.num_sequences), group.length) for group in groups)
+        start, filled = 0, []
+        for group in groups:
+            filled.append(group._replace(start=start, num_sequences=filled_size(group.num_sequences)))
+            start = filled[-1].end
+        key = tuple(filled)
         held = self._recorded.get(key)
         if held is not None:
             self._recorded.move_to_end(key)
             return held
         if len(self._recorded) >= self._most:
             self._recorded.popitem(last=False)
-        start, filled = 0, []
-        for count, length in key:
-            filled.append(Group(start, count, length))
-            start = filled[-1].end
-        self._recorded[key] = held = _Recorded(self._stack, filled, vectors, self._recorder)
+        self._recorded[key] = held = _Recorded(self._stack, key, vectors, self._recorder)
         self.num_recorded += 1
         return held
 

@@ -1,6 +1,7 @@
 """The transformer layers on sequences packed one behind another: linear layers see no padding, attention no mask.
 
-Products and attention are in the precision that is asked for. What runs past them from layer to layer, and its norms,
+The last layer is evaluated for the vectors that are read after it alone, of a denoiser two thirds of all: the others
+count for their keys and values only. Products and attention are in the precision that is asked for. What runs past them from layer to layer, and its norms,
 is float32: in bfloat16 it would be rounded twice a layer, which shows as jitter in the motion.
 """
 
@@ -18,11 +19,16 @@ from motiongen_ardy.model.transformer import TransformerLayer, TransformerStack
 
 
 class Group(NamedTuple):
-    """`num_sequences` sequences of `length` vectors each, from vector `start` of the packed tensor on."""
+    """`num_sequences` sequences of `length` vectors each, from vector `start` of the packed tensor on.
+
+    first_read, num_read: of each sequence, the vectors that are read after the last layer.
+    """
 
     start: int
     num_sequences: int
     length: int
+    first_read: int
+    num_read: int
 
     @property
     def end(self) -> int:
@@ -31,6 +37,16 @@ class Group(NamedTuple):
     def of(self, packed: Tensor) -> Tensor:
         """The group's part (num_sequences, length, C) of a packed tensor (P, C), as a view."""
         return packed[self.start : self.end].view(self.num_sequences, self.length, -1)
+
+    @property
+    def total_read(self) -> int:
+        """Of all its sequences."""
+        return self.num_sequences * self.num_read
+
+    @property
+    def read(self) -> slice:
+        """Of a sequence."""
+        return slice(self.first_read, self.first_read + self.num_read)
 
 
 class Norm:
@@ -41,6 +57,9 @@ class Norm:
 
     def __call__(self, vectors: Tensor) -> Tensor:
         return torch.layer_norm(vectors, *self._arguments)
+
+
+_ALL = slice(None)
 
 
 class PackedLayer:
@@ -57,25 +76,46 @@ class PackedLayer:
         self.widen = PackedLinear.of(layer.linear1, dtype, layer.activation)
         self.narrow = PackedLinear.of(layer.linear2, dtype)
 
-    def _attention(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
-        """What each vector takes from its sequence, before the output projection; zeros behind the last sequence."""
+    def _attention(self, vectors: Tensor, groups: Sequence[Group], asking: Sequence[slice], count: int) -> Tensor:
+        """What vectors take from their sequences, before the output projection; zeros behind the last, `count` in all.
+
+        asking: of each group's sequences, the vectors that take.
+        """
         packed = self.mix_in(vectors.to(self.dtype)).view(len(vectors), 3, self.num_heads, -1)
-        taken = packed.new_empty(len(vectors), *packed.shape[2:])
-        for group in groups:
-            part = slice(group.start, group.end)
-            shape = group.num_sequences, group.length
-            query, key, value = packed[part].unflatten(0, shape).permute(2, 0, 3, 1, 4)
-            mixed = functional.scaled_dot_product_attention(query, key, value)
-            taken[part].unflatten(0, shape).copy_(mixed.transpose(1, 2))
-        taken[groups[-1].end :].zero_()
+        taken = packed.new_empty(count, *packed.shape[2:])
+        end = 0
+        for group, part in zip(groups, asking, strict=True):
+            query, key, value = packed[group.start : group.end].unflatten(0, group[1:3]).permute(2, 0, 3, 1, 4)
+            mixed = functional.scaled_dot_product_attention(query[:, :, part], key, value).transpose(1, 2)
+            start, end = end, end + mixed.shape[0] * mixed.shape[1]
+            taken[start:end].unflatten(0, mixed.shape[:2]).copy_(mixed)
+        taken[end:].zero_()
         return taken.flatten(1)
 
     def __call__(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
+        return self._after(vectors, self._attention(self._before(vectors), groups, [_ALL] * len(groups), len(vectors)))
+
+    def of_read(self, vectors: Tensor, groups: Sequence[Group], count: int) -> Tensor:
+        """(count, width): for the vectors that are read alone, one group's behind another's, then zeros' results."""
+        attended = self._attention(self._before(vectors), groups, [group.read for group in groups], count)
+        read = vectors.new_empty(count, vectors.shape[1])
+        end = 0
+        for group in groups:
+            start, end = end, end + group.total_read
+            read[start:end].unflatten(0, (-1, group.num_read)).copy_(group.of(vectors)[:, group.read])
+        read[end:].zero_()
+        return self._after(read, attended)
+
+    def _before(self, vectors: Tensor) -> Tensor:
+        return self._norms[0](vectors) if self.norm_first else vectors
+
+    def _after(self, vectors: Tensor, attended: Tensor) -> Tensor:
+        """The rest of the layer for vectors (n, width), from what each has taken from its sequence."""
         first, second = self._norms
         if self.norm_first:
-            vectors = self.mix_out.plus(self._attention(first(vectors), groups), vectors)
+            vectors = self.mix_out.plus(attended, vectors)
             return self.narrow.plus(self.widen(second(vectors).to(self.dtype)), vectors)
-        vectors = first(self.mix_out.plus(self._attention(vectors, groups), vectors))
+        vectors = first(self.mix_out.plus(attended, vectors))
         result: Tensor = second(self.narrow.plus(self.widen(vectors.to(self.dtype)), vectors))
         return result
 
@@ -105,10 +145,11 @@ class PackedStack:
                 matrix.data = matrix.new_empty(0)
 
     def __call__(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
-        """vectors: (P, width) float32, the groups one behind another, and maybe more, which are not looked at.
+        """What is read (R, width) of vectors (P, width) float32, one group's behind another's.
 
-        The argument is not changed.
+        P: the groups' one behind another, and maybe more, which are not looked at. The argument is not changed.
         """
-        for layer in self.layers:
+        for layer in self.layers[:-1]:
             vectors = layer(vectors, groups)
-        return vectors
+        total = sum(group.total_read for group in groups)
+        return self.layers[-1].of_read(vectors, groups, self.filled(total))[:total]

@@ -37,7 +37,10 @@ def frames_to_keep(targets: Targets | None, first_frame: int, horizon: int, opti
 
 
 def _asked_frames(targets: Targets, span: range) -> dict[Hashable, set[int]]:
-    """The frames of a span at which each kind of goal asks for something, by kind; nobody asked for planned ones."""
+    """The frames of a span at which each kind of goal asks for something, by kind; nobody asked for planned ones.
+
+    Kinds that ask at every frame of it are left out: every end is as tight for them.
+    """
     kinds: dict[Hashable, set[int]] = {}
 
     def add(kind: Hashable, frames: Iterable[int]) -> None:
@@ -49,4 +52,4 @@ def _asked_frames(targets: Targets, span: range) -> dict[Hashable, set[int]]:
     add("height", targets.height)
     for frame, joint in (*targets.positions, *targets.rotations):
         add(joint, (frame,))
-    return kinds
+    return {kind: frames for kind, frames in kinds.items() if len(frames) < len(span)}

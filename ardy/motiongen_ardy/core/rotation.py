@@ -67,7 +67,7 @@ def matrix_to_quaternion(matrix: Tensor) -> Tensor:
 
 
 def quaternion_components(matrix: Tensor) -> Tensor:
-    """(..., 3, 3) -> (4, ...): as `matrix_to_quaternion`, each component by itself, which is how to compute with many."""
+    """(..., 3, 3) -> (4, ...): as `matrix_to_quaternion`, each component by itself; so many are computed with."""
     m00, m01, m02, m10, m11, m12, m20, m21, m22 = matrix.flatten(-2).movedim(-1, 0).contiguous().unbind(0)
     more, less = 1 + m00, 1 - m00
     w, x, y, z = more + m11 + m22, more - m11 - m22, less + m11 - m22, less - m11 + m22  # four times their squares

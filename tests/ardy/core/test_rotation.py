@@ -17,6 +17,7 @@ from motiongen_ardy.core.skeleton import (
     forward_kinematics,
     global_to_local,
     load_skeleton,
+    local_quaternions,
     positions_from_global,
     skeleton_names,
 )
@@ -57,6 +58,43 @@ def test_round_trips(seed: int) -> None:
     skeleton = load_skeleton("core27")
     rotations, _ = forward_kinematics(skeleton, local, torch.zeros(2, 3, dtype=torch.float64))
     torch.testing.assert_close(global_to_local(skeleton, rotations), local)
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("angle", [0.0, 0.4, 1.6, 3.1, torch.pi, 4.0])
+def test_quaternions_are_exact_whichever_component_is_largest(axis: int, angle: float) -> None:
+    turn = torch.zeros(3, dtype=torch.float64)
+    turn[axis] = 1.0
+    half = torch.tensor(angle / 2, dtype=torch.float64)
+    expected = torch.cat([half.cos()[None], half.sin() * turn])
+    found = rotation.matrix_to_quaternion(rotation.quaternion_to_matrix(expected))
+    torch.testing.assert_close(found * (found @ expected).sign(), expected, atol=1e-12, rtol=0)
+    assert found[found.abs().argmax()] > 0
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_local_quaternions_are_those_of_local_rotations(seed: int) -> None:
+    skeleton, rotations = load_skeleton("core27"), random_rotations(seed, 2, 3, 27)
+    found = local_quaternions(skeleton, rotations).movedim(0, -1)
+    torch.testing.assert_close(rotation.quaternion_to_matrix(found), global_to_local(skeleton, rotations))
+    torch.testing.assert_close(found.norm(dim=-1), torch.ones(2, 3, 27, dtype=torch.float64))
+
+
+@pytest.mark.parametrize("shape", [(), (5,), (2, 5), (2, 3, 5)])
+def test_positions_take_any_leading_dimensions(shape: tuple[int, ...]) -> None:
+    skeleton, root = load_skeleton("core27"), torch.ones(*shape, 3, dtype=torch.float64)
+    rotations, positions = forward_kinematics(skeleton, random_rotations(3, *shape, 27), root)
+    torch.testing.assert_close(positions_from_global(skeleton, rotations, root), positions)
+
+
+def test_positions_of_a_row_do_not_depend_on_the_others() -> None:
+    skeleton = load_skeleton("core27")
+    rotations, root = random_rotations(4, 33, 41, 27).float(), torch.ones(33, 41, 3)
+    together = positions_from_global(skeleton, rotations, root)
+    for row in (0, 7, 32):
+        alone = positions_from_global(skeleton, rotations[row : row + 1], root[row : row + 1])
+        assert torch.equal(alone[0], together[row])
 
 
 @settings(max_examples=30, deadline=None)

@@ -12,10 +12,13 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.model.config import TransformerConfig
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, Pass, batch_passes, guided_prediction, needed_passes
 from motiongen_ardy.model.model import Model, build_model
 from motiongen_ardy.model.packed import PackedDenoiser, RowConditions, RowRequest
 from motiongen_ardy.model.packed.linear import PackedLinear, least_agreeing
+from motiongen_ardy.model.packed.stack import Group, PackedStack
+from motiongen_ardy.model.transformer import TransformerStack
 from motiongen_ardy.model.window import Window
 from tests.ardy.variants import VARIANTS, varied
 
@@ -201,3 +204,20 @@ def test_a_layer_that_is_filled_up_gives_what_it_gives_otherwise(shape: tuple[in
     assert packed(values).shape == plain.shape
     assert torch.allclose(packed(values), plain, atol=1e-6)
     assert torch.allclose(packed.plus(values, torch.ones(*shape[:-1], 4)), added, atol=1e-6)
+
+
+@pytest.mark.parametrize("norm_first", [False, True])
+def test_what_is_read_of_the_last_layer_is_what_all_of_it_would_give(norm_first: bool) -> None:
+    """Bit for bit: a vector that is not read has no part in those that are, but by its key and value."""
+    torch.manual_seed(2)
+    config = TransformerConfig(width=32, feed_forward=64, num_layers=2, num_heads=4, norm_first=norm_first)
+    plain = TransformerStack(config).eval()
+    groups = [Group(0, 3, 7, 2, 4), Group(21, 2, 5, 0, 4)]
+    with torch.inference_mode():
+        stack = PackedStack(plain, torch.float32)
+        vectors = torch.randn(stack.filled(31), 32)
+        whole = vectors
+        for layer in stack.layers:
+            whole = layer(whole, groups)
+        expected = torch.cat([group.of(whole)[:, group.read].flatten(0, 1) for group in groups])
+        assert torch.equal(stack(vectors, groups), expected)

@@ -1,8 +1,8 @@
 """The transformer layers on sequences packed one behind another: linear layers see no padding, attention no mask.
 
-The last layer is evaluated for the vectors that are read after it alone, of a denoiser two thirds of all: the others
-count for their keys and values only. Products and attention are in the precision that is asked for. What runs past them from layer to layer, and its norms,
-is float32: in bfloat16 it would be rounded twice a layer, which shows as jitter in the motion.
+The last layer is evaluated only for the vectors that are read after it, two thirds of a denoiser's: the others count
+for their keys and values. Products and attention are in the precision that is asked for. What runs past them from
+layer to layer, and its norms, is float32: in bfloat16 it would be rounded twice a layer, which shows as jitter.
 """
 
 from __future__ import annotations

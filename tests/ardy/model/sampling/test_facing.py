@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 
 from motiongen_ardy.core.representation import heading_angle
+from motiongen_ardy.core.rotation import rotation_y
 from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.model.sampling.facing import SWAY_RAD, face_root
 from motiongen_ardy.model.sampling.pose import Poses
@@ -33,6 +34,15 @@ def test_the_body_follows_a_root_that_turns() -> None:
     assert float((found - turn).abs().max()) < SWAY_RAD + 0.15
     assert float((found - turn)[10:-3].abs().max()) < SWAY_RAD + 0.02
     assert torch.equal(poses.root[0, -1], torch.tensor([0.4, 0.9, 0.2]))
+
+
+def test_a_turn_about_up_is_the_product_with_its_matrix() -> None:
+    poses = standing(3)
+    before = poses.rotations = rotation_y(torch.arange(81.0).view(1, 3, 27)) @ poses.rotations
+    angle = torch.tensor([[0.0, 1.2, -3.0]])
+    poses.turn_about_up(angle)
+    torch.testing.assert_close(poses.rotations, rotation_y(angle)[:, :, None] @ before)
+    assert torch.equal(poses.rotations[:, 0], before[:, 0])
 
 
 def test_a_turn_right_round_goes_on_the_way_it_began() -> None:

@@ -1,9 +1,9 @@
 """Useful arithmetic of a window, by formula: what any correct implementation has to compute, and nothing else.
 
 Counted are the vectors that attention can see, once each: no padding, no hidden token, no guidance pass that is not
-needed. Not counted is what stays the same over a window's steps (text, heading and history vectors, what constraints
-add) nor the encoding of a history whose tokens could have been kept. A multiplication and its addition are two FLOPs;
-norms, softmax and activations are not counted, as in every such figure.
+needed, of the last layer only what is read of it. Not counted is what stays the same over a window's steps (text,
+heading and history vectors, what constraints add) nor the encoding of a history whose tokens could have been kept. A
+multiplication and its addition are two FLOPs; norms, softmax and activations are not counted, as in every such figure.
 """
 
 from __future__ import annotations
@@ -26,12 +26,23 @@ def linear_flops(vectors: int, inputs: int, outputs: int) -> int:
     return 2 * vectors * inputs * outputs
 
 
-def stack_flops(config: TransformerConfig, sequence: int) -> int:
-    """All layers for one sequence of so many vectors, each seeing all."""
+def stack_flops(config: TransformerConfig, sequence: int, read: int | None = None) -> int:
+    """All layers for one sequence of so many vectors, each seeing all.
+
+    read: how many of them are read after the last layer, all if absent; the others are there only keys and values.
+    """
+    whole = _layer_flops(config, sequence, sequence)
+    last = whole if read is None else _layer_flops(config, sequence, read)
+    return (config.num_layers - 1) * whole + last
+
+
+def _layer_flops(config: TransformerConfig, sequence: int, asking: int) -> int:
+    """One layer for some vectors of a sequence, which take from all of it."""
     width = config.width
-    linear = linear_flops(sequence, width, 4 * width) + 2 * linear_flops(sequence, width, config.feed_forward)
-    scores_and_mixing = 2 * linear_flops(sequence, width, sequence)
-    return config.num_layers * (linear + scores_and_mixing)
+    keys_and_values = linear_flops(sequence, width, 2 * width)
+    queries_and_out = linear_flops(asking, width, 2 * width)
+    scores_and_mixing = 2 * linear_flops(asking, width, sequence)
+    return keys_and_values + queries_and_out + scores_and_mixing + 2 * linear_flops(asking, width, config.feed_forward)
 
 
 def step_flops(config: ModelConfig, one: Pass) -> int:
@@ -40,7 +51,7 @@ def step_flops(config: ModelConfig, one: Pass) -> int:
     width, latent, root = denoiser.transformer.width, denoiser.latent_dim, denoiser.root_token_width
     horizon = config.horizon_tokens
     prefix = denoiser.text_tokens + 1 + int(denoiser.heading_token)
-    stack = stack_flops(denoiser.transformer, prefix + one.history_tokens + horizon + one.future_tokens)
+    stack = stack_flops(denoiser.transformer, prefix + one.history_tokens + horizon + one.future_tokens, horizon)
     if denoiser.num_stages == 1:
         hybrid = root + latent
         return stack + linear_flops(horizon, hybrid, width) + linear_flops(horizon, width, hybrid)

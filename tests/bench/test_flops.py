@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torch.utils.flop_counter import FlopCounterMode
@@ -20,6 +22,14 @@ def test_a_stack_costs_what_torch_counts(sequence: int) -> None:
     with FlopCounterMode(display=False) as counted, torch.no_grad():
         stack(vectors, hidden)
     assert stack_flops(TINY.config.denoiser.transformer, sequence) == counted.get_total_flops()
+
+
+def test_the_last_layer_costs_less_where_not_all_is_read() -> None:
+    config = TINY.config.denoiser.transformer
+    alone = replace(config, num_layers=1)
+    assert stack_flops(config, 17, 17) == stack_flops(config, 17)
+    saved = stack_flops(config, 17) - stack_flops(config, 17, 10)
+    assert saved == stack_flops(alone, 17) - stack_flops(alone, 17, 10) > 0
 
 
 def test_more_context_costs_more_and_a_step_more_than_decoding() -> None:

@@ -50,10 +50,10 @@ class WatchedScheduler(Scheduler):
         _require(batch == sorted(batch, key=ScheduledJob.rank), "the rows are out of order")
         for priority in Priority:
             of_class = [held for held in self._jobs.values() if held.job.priority is priority]
-            # Whose frames are endangered may come first; newcomers may wait to begin together.
-            taken = [held.dueness for held in batch if held.job.priority is priority and not held.is_played]
+            # Whose frames are endangered may come first; newcomers come last, and may wait to begin together.
+            taken = [_order(held) for held in batch if held.job.priority is priority and not held.is_played]
             left = [
-                held.dueness
+                _order(held)
                 for held in of_class
                 if held.job.job_id not in chosen and (held.prepared or priority not in gathering)
             ]
@@ -72,3 +72,8 @@ class WatchedScheduler(Scheduler):
             limit = 1 / share + 4 * self._most_rows
             waited = self._waited[priority]
             _require(waited <= limit, f"class {priority.name} has waited for {waited} rows, more than {limit:.0f}")
+
+
+def _order(held: ScheduledJob) -> tuple[bool, tuple[float, int]]:
+    """What jobs of a class are taken in order of."""
+    return (not held.prepared, held.dueness)

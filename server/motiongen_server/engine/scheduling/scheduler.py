@@ -3,13 +3,15 @@
 Frames that a client would run out of come before anything that only changes frames: a window without which somebody's
 frames end soon is taken first, whatever its class and whatever it was begun for. Then classes go in order of priority,
 but each has a share of all rows reserved: while jobs of a class are left over, it gets a row at the latest when it is
-owed a whole one, so that no class starves. Within a class the earliest deadline goes first. Owners have shares of the
-same kind (`owner_shares`).
+owed a whole one, so that no class starves. Within a class those that have begun go first, then the earliest deadline.
+Owners have shares of the same kind (`owner_shares`).
 
 Preparing and decoding cost little more for several windows than for one. So newcomers gather: where the windows of
-their class, or of a more urgent one, that are under way will soon be done, they wait for these, and begin together.
+their class that are under way will soon be done, or these and those of more urgent classes, they wait for them, and
+begin together.
 
-A step is as large as the caps and the tightest deadline allow. Jobs pause and go on between steps, at no cost.
+A step is as large as the caps and the tightest deadline allow; windows of that deadline's class that have begun go
+along all the same, since a group that falls apart is decoded in parts. Jobs pause and go on between steps, at no cost.
 """
 
 from __future__ import annotations
@@ -41,8 +43,10 @@ _SOON_S = 0.25
 # Frames are endangered where no more than so many times the time is left that their window still takes, one of the
 # largest steps after another.
 _ENDANGERED = 2.0
-# Newcomers wait for others to be done at most so long.
-DEFAULT_GATHER_S = 0.09
+# Newcomers wait for others of their class to be done at most so long, and such a share of it where more urgent classes
+# have some under way: of these some may at all times be soon done.
+DEFAULT_GATHER_S = 0.12
+_BEHIND_OTHERS = 0.5
 
 
 class Scheduler:
@@ -51,7 +55,7 @@ class Scheduler:
     max_rows, max_evaluations: of one step. max_step_s: a step is not made larger than what this time allows, so that
     whoever comes meanwhile need not wait longer; background_step_s: the same for a step that has jobs in the background
     only; shares: of all rows, reserved for each class, most urgent first; gather_s: how long newcomers wait for others
-    at most.
+    of their class at most.
     """
 
     def __init__(
@@ -114,6 +118,7 @@ class Scheduler:
         """The jobs of the next step, most urgent first."""
         strained = self._strained(now)
         budget_s, most, least = inf, self._step_cap(strained), self._least_evaluations(strained)
+        budget_of: Priority | None = None
         self._cap = most
         chosen = self._reserved(most, strained)
         evaluations = sum(held.passes for held in chosen.values())
@@ -124,27 +129,30 @@ class Scheduler:
             larger = evaluations + held.passes
             step_s = self.costs.step.seconds(larger)
             full = len(chosen) >= self._max_rows or (chosen and larger > most)
-            if full or (step_s > budget_s and larger > least):
+            too_long = step_s > budget_s and larger > least
+            if full or (too_long and not (held.prepared and held.job.priority is budget_of)):
                 break
             if held.job.background:
                 room_s = self._background_room_s(chosen.values(), evaluations) if room_s is None else room_s
                 if chosen and step_s > room_s:
                     break
             allowed_s = self._allowed_step_s(held, now)
-            if allowed_s >= step_s:  # else it is late whatever is done, and nobody need make room for it
-                budget_s = min(budget_s, allowed_s)
+            if step_s <= allowed_s < budget_s:  # else it is late whatever is done, and nobody need make room for it
+                budget_s, budget_of = allowed_s, held.job.priority
             chosen[held.job.job_id], evaluations = held, larger
         return self._commit_rows(chosen, strained)
 
     def _candidates(self, now: float) -> Iterator[ScheduledJob]:
         """Who may be in the next step, in the order in which they are taken; some come twice."""
         yield from self._endangered(now)
-        for priority, queue in zip(Priority, self._queues, strict=True):
+        for priority in Priority:
             gathers = self.gathers(priority)
-            for _, job_id in queue:
-                held = self._jobs[job_id]
-                if held.prepared or not gathers:
-                    yield held
+            yield from (held for held in self._of_class(priority) if held.prepared or not gathers)
+
+    def _of_class(self, priority: Priority) -> list[ScheduledJob]:
+        """Those that have begun, then the others, each in order of deadline."""
+        held = (self._jobs[job_id] for _, job_id in self._queues[priority - 1])
+        return sorted(held, key=lambda one: not one.prepared)
 
     def _endangered(self, now: float) -> list[ScheduledJob]:
         """Windows whose frames clients are about to run out of, in order of class and deadline."""
@@ -160,15 +168,18 @@ class Scheduler:
         return sorted(endangered, key=ScheduledJob.rank)
 
     def gathers(self, priority: Priority) -> bool:
-        """Whether newcomers of a class wait for windows of it, or of more urgent ones, that will soon be done."""
-        ahead = [
-            held for queue in self._queues[:priority] for _, job_id in queue if (held := self._jobs[job_id]).prepared
-        ]
-        if not ahead:
+        """Whether newcomers of a class wait for windows, of it or of more urgent ones too, that will soon be done."""
+        begun = [[held for held in self._of_class(each) if held.prepared] for each in Priority if each <= priority]
+        own, ahead = begun[-1], list(chain.from_iterable(begun))
+        return self._are_done_in(own, self._gather_s) or self._are_done_in(ahead, _BEHIND_OTHERS * self._gather_s)
+
+    def _are_done_in(self, begun: Sequence[ScheduledJob], seconds: float) -> bool:
+        """Whether there are windows, and all of them will be done in so long."""
+        if not begun:
             return False
-        step_s = self.costs.step.seconds(sum(held.passes for held in ahead))
-        rounds = max(held.job.num_steps - held.steps_done for held in ahead)
-        return rounds * step_s + self.costs.decode.seconds(len(ahead)) <= self._gather_s
+        step_s = self.costs.step.seconds(sum(held.passes for held in begun))
+        rounds = max(held.job.num_steps - held.steps_done for held in begun)
+        return rounds * step_s + self.costs.decode.seconds(len(begun)) <= seconds
 
     def _background_room_s(self, chosen: Iterable[ScheduledJob], evaluations: int) -> float:
         """How long a step may become by jobs in the background: others wait for its end, or for each of their own."""
@@ -184,11 +195,7 @@ class Scheduler:
         """The jobs that classes, then owners, must have in this step, of so many evaluations at most."""
         chosen: dict[int, ScheduledJob] = {}
         evaluations = 0
-        of_classes = (
-            self._jobs[job_id]
-            for priority, rows in self._owed.whole()
-            for _, job_id in self._queues[priority - 1][:rows]
-        )
+        of_classes = (held for priority, rows in self._owed.whole() for held in self._of_class(priority)[:rows])
         for held in chain(of_classes, self._of_owners() if strained else ()):
             if held.job.job_id in chosen:
                 continue

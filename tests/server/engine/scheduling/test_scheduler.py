@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from motiongen_server.engine.scheduling.costs import CostTable
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.types import PlanCause, Priority, RowStatus, WindowJob
@@ -109,9 +111,44 @@ def test_newcomers_wait_for_windows_that_will_soon_be_done_and_begin_together() 
     assert next_ids(scheduler) == [2, 3]
 
 
-def test_newcomers_do_not_wait_long() -> None:
-    scheduler = scheduler_of(8, _edit(0, HERO, 0.05), _edit(1, HERO, 0.05), costs=CostTable.assumed(0.04))
-    assert next_ids(_under_way(scheduler, 0)) == [0, 1]  # three steps of 0.04 s are left
+@pytest.mark.parametrize(("step_s", "wait"), [(0.039, True), (0.041, False)])
+def test_newcomers_do_not_wait_long(step_s: float, wait: bool) -> None:
+    jobs = _edit(0, HERO, 0.05), _edit(1, HERO, 0.05)
+    scheduler = _under_way(scheduler_of(8, *jobs, costs=CostTable.assumed(step_s)), 0)  # which has three steps to go
+    assert next_ids(scheduler) == ([0] if wait else [0, 1])
+
+
+@pytest.mark.parametrize(("step_s", "wait"), [(0.019, True), (0.021, False)])
+def test_newcomers_wait_half_as_long_for_a_more_urgent_class(step_s: float, wait: bool) -> None:
+    jobs = _edit(0, HERO, 0.05), _edit(1, CROWD, 1.0)
+    scheduler = _under_way(scheduler_of(8, *jobs, costs=CostTable.assumed(step_s)), 0)
+    assert next_ids(scheduler) == ([0] if wait else [0, 1])
+
+
+def test_those_that_have_begun_go_first_within_a_class() -> None:
+    # Nobody waits here: too long is left of those under way.
+    windows = [_edit(number, HERO, 8.0 + number) for number in range(4)]
+    scheduler = _under_way(scheduler_of(3, *windows, costs=CostTable.assumed(0.1)), 2, 3)
+    assert next_ids(scheduler) == [0, 2, 3]
+    scheduler = _under_way(scheduler_of(2, *windows, costs=CostTable.assumed(0.1)), 2, 3)
+    assert next_ids(scheduler) == [2, 3]
+
+
+def test_rows_that_a_class_is_owed_go_to_those_that_have_begun() -> None:
+    heroes = [_edit(number, HERO, 9.0) for number in range(20)]
+    crowd = [_edit(number, CROWD, 9.0 + number) for number in (30, 31)]
+    scheduler = scheduler_of(10, *heroes, *crowd, costs=CostTable.assumed(0.1))
+    _under_way(scheduler, 31)
+    assert [[job_id for job_id in next_ids(scheduler) if job_id >= 30] for _ in range(2)] == [[], [31]]
+
+
+@pytest.mark.parametrize(("others", "together"), [(HERO, True), (CROWD, False)])
+def test_a_step_is_not_made_smaller_for_a_deadline_of_the_same_class(others: Priority, together: bool) -> None:
+    # 4 steps within 0.15 s are 27 rows; a group that falls apart would be decoded in parts.
+    jobs = [_edit(0, HERO, 0.15), *[_edit(number, others, LATER) for number in range(1, 64)]]
+    scheduler = scheduler_of(64, *jobs, costs=step_costs())
+    scheduler.mark_prepared(range(64))
+    assert (len(next_ids(scheduler)) == 64) is together
 
 
 def test_newcomers_do_not_wait_for_a_class_below_theirs() -> None:

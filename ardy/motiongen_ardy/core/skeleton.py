@@ -7,6 +7,7 @@ rotation matrix acts on column vectors. The four skeletons live as JSON in ``ard
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib import resources
@@ -148,10 +149,10 @@ def positions_from_global(skeleton: Skeleton, global_rotations: Tensor, root_pos
     it the form for losses.
     """
     *leading, joints, _, _ = global_rotations.shape
-    batch = leading[0] if leading else 1
+    batch, others = (leading[0], math.prod(leading[1:])) if leading else (1, 1)
     # A place is a sum over the bones that lead to it, so that all places of a row are one product. Not one of all rows:
     # what a row gets shall not depend on how many there are.
-    rows = global_rotations.transpose(-3, -2).reshape(batch, -1, 3 * joints)
+    rows = global_rotations.transpose(-3, -2).reshape(batch, 3 * others, 3 * joints)
     places = torch.bmm(rows, _place_matrix(skeleton, rows.dtype, rows.device).expand(batch, -1, -1))
     return places.view(*leading, 3, joints).transpose(-1, -2) + root_positions.unsqueeze(-2)
 

@@ -81,7 +81,7 @@ def test_local_quaternions_are_those_of_local_rotations(seed: int) -> None:
     torch.testing.assert_close(found.norm(dim=-1), torch.ones(2, 3, 27, dtype=torch.float64))
 
 
-@pytest.mark.parametrize("shape", [(), (5,), (2, 5), (2, 3, 5)])
+@pytest.mark.parametrize("shape", [(), (5,), (2, 5), (2, 3, 5), (0, 5), (2, 0)])
 def test_positions_take_any_leading_dimensions(shape: tuple[int, ...]) -> None:
     skeleton, root = load_skeleton("core27"), torch.ones(*shape, 3, dtype=torch.float64)
     rotations, positions = forward_kinematics(skeleton, random_rotations(3, *shape, 27), root)

@@ -152,7 +152,7 @@ class PackedBatch(Sequences):
                     first,
                     end,
                     step=tuple(part[:, self.step_position] for part in parts),
-                    horizon=tuple(part[:, begin:after] for part in parts),
+                    horizon=tuple(part[:, group.read] for part in parts),
                     last=parts[1][:, begin - 1] if history and num_stages > 1 else None,
                     history=history,
                     group=group,

@@ -85,7 +85,8 @@ class PackedLayer:
         taken = packed.new_empty(count, *packed.shape[2:])
         end = 0
         for group, part in zip(groups, asking, strict=True):
-            query, key, value = packed[group.start : group.end].unflatten(0, group[1:3]).permute(2, 0, 3, 1, 4)
+            sequences = packed[group.start : group.end].unflatten(0, (group.num_sequences, group.length))
+            query, key, value = sequences.permute(2, 0, 3, 1, 4)
             mixed = functional.scaled_dot_product_attention(query[:, :, part], key, value).transpose(1, 2)
             start, end = end, end + mixed.shape[0] * mixed.shape[1]
             taken[start:end].unflatten(0, mixed.shape[:2]).copy_(mixed)

@@ -169,7 +169,9 @@ class Scheduler:
 
     def gathers(self, priority: Priority) -> bool:
         """Whether newcomers of a class wait for windows, of it or of more urgent ones too, that will soon be done."""
-        begun = [[held for held in self._of_class(each) if held.prepared] for each in Priority if each <= priority]
+        begun = [
+            [held for _, job_id in queue if (held := self._jobs[job_id]).prepared] for queue in self._queues[:priority]
+        ]
         own, ahead = begun[-1], list(chain.from_iterable(begun))
         return self._are_done_in(own, self._gather_s) or self._are_done_in(ahead, _BEHIND_OTHERS * self._gather_s)
 

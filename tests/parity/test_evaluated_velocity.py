@@ -69,7 +69,7 @@ def test_the_targets_are_equal(model: Model, monkeypatch: pytest.MonkeyPatch, se
     for name in ("ground", "heading"):
         ours, served = getattr(mine, name), getattr(theirs, name)
         assert ours.keys() == served.keys()
-        assert all(torch.allclose(ours[at], served[at], atol=1e-4) for at in served)
+        assert all(np.allclose(ours[at], served[at], rtol=1e-5, atol=1e-4) for at in served)
 
 
 def evaluated_targets(model: Model, monkeypatch: pytest.MonkeyPatch, take: Take) -> Targets:

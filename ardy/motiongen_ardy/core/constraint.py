@@ -6,13 +6,17 @@ World units: metres, radians, global rotations. Velocities and contacts are neve
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from motiongen_ardy.core.representation import Representation, heading_angle
-from motiongen_ardy.core.rotation import matrix_to_6d
 from motiongen_ardy.core.skeleton import Skeleton
+
+Floats = NDArray[np.float32]
 
 
 class ConstraintError(ValueError):
@@ -30,12 +34,19 @@ def limb_chains(skeleton: Skeleton) -> Mapping[str, tuple[int, ...]]:
     }
 
 
-def require_numbers(what: str, values: Tensor, shape: tuple[int, ...]) -> None:
-    """Raise ConstraintError unless values are finite and of that shape."""
-    if values.shape != shape:
-        raise ConstraintError(f"{what} have shape {tuple(values.shape)}; give {shape}")
-    if not values.isfinite().all():
+def require_numbers(what: str, values: Tensor | NDArray[Any], shape: tuple[int, ...]) -> Floats:
+    """Values as float32. Raises ConstraintError unless they are finite and of that shape."""
+    numbers = np.asarray(values, np.float32)
+    if numbers.shape != shape:
+        raise ConstraintError(f"{what} have shape {numbers.shape}; give {shape}")
+    if not np.isfinite(numbers).all():
         raise ConstraintError(f"{what} hold NaN or infinite numbers; every one must be finite")
+    return numbers
+
+
+def facings(angles: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+    """Cosine and sine (K, 2) of headings (K) in radians."""
+    return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
 
 class Targets:
@@ -44,16 +55,18 @@ class Targets:
     Frames are absolute; `fill` is told which of them it is to lay out, and leaves the others alone. The groups are
     independent: a waypoint overrides the ground position of an earlier keyframe at its frame but not its pose.
     planned, faced: frames whose ground position, and whose heading, nobody asked for, but which lead to what was asked:
-    the root may sway about them.
+    the root may sway about them. All is held, and may be given, as float32 arrays on the CPU: there are many small ones,
+    of which a tensor each would take most of the time that a window's goals take. ground: (2); height: (); heading: (2)
+    cosine and sine; positions: (3); rotations: (3, 3).
     """
 
     def __init__(self, skeleton: Skeleton) -> None:
         self.skeleton = skeleton
-        self.ground: dict[int, Tensor] = {}
-        self.height: dict[int, Tensor] = {}
-        self.heading: dict[int, Tensor] = {}
-        self.positions: dict[tuple[int, int], Tensor] = {}
-        self.rotations: dict[tuple[int, int], Tensor] = {}
+        self.ground: dict[int, Floats] = {}
+        self.height: dict[int, np.float32] = {}
+        self.heading: dict[int, Floats] = {}
+        self.positions: dict[tuple[int, int], Floats] = {}
+        self.rotations: dict[tuple[int, int], Floats] = {}
         self.planned: set[int] = set()
         self.faced: set[int] = set()
 
@@ -63,23 +76,24 @@ class Targets:
         jointwise = {frame for frame, _ in (*self.positions, *self.rotations)}
         return {*self.ground, *self.height, *self.heading, *jointwise}
 
-    def add_waypoints(self, frames: Sequence[int], ground: Tensor, heading: Tensor | None = None) -> None:
+    def add_waypoints(
+        self, frames: Sequence[int], ground: Tensor | Floats, heading: Tensor | Floats | None = None
+    ) -> None:
         """Waypoints or a root trajectory. ground: (K, 2) x and z in metres; heading: (K) radians, or None."""
-        require_numbers("ground positions", ground, (len(frames), 2))
-        if heading is not None:
-            require_numbers("headings", heading, (len(frames),))
-        self.ground.update(zip(frames, ground.unbind(), strict=True))
+        places = require_numbers("ground positions", ground, (len(frames), 2))
+        angles = None if heading is None else require_numbers("headings", heading, (len(frames),))
+        self.ground.update(zip(frames, places, strict=True))
         self.planned.difference_update(frames)
-        if heading is not None:
-            self.add_heading(frames, heading)
+        if angles is not None:
+            self.add_heading(frames, angles)
 
-    def add_heading(self, frames: Sequence[int], heading: Tensor) -> None:
+    def add_heading(self, frames: Sequence[int], heading: Tensor | Floats) -> None:
         """The root's facing alone. heading: (K) radians."""
-        require_numbers("headings", heading, (len(frames),))
-        self.heading.update(zip(frames, torch.stack([heading.cos(), heading.sin()], dim=-1).unbind(), strict=True))
+        angles = require_numbers("headings", heading, (len(frames),))
+        self.heading.update(zip(frames, facings(angles), strict=True))
         self.faced.difference_update(frames)
 
-    def add_lead(self, first_frame: int, ground: Tensor, heading: Tensor | None, stride: int) -> None:
+    def add_lead(self, first_frame: int, ground: Tensor | Floats, heading: Tensor | Floats | None, stride: int) -> None:
         """A root trajectory that nobody asked for in itself: it leads along a velocity.
 
         ground: (K, 2) metres of the frames from first_frame on; heading: (K) radians, or None. stride: one frame in so
@@ -109,67 +123,72 @@ class Targets:
             setattr(other, name, getattr(self, name).copy())
         return other
 
-    def _add_pose_root(self, frames: Sequence[int], positions: Tensor, ground: Tensor | None) -> None:
-        angle = heading_angle(self.skeleton, positions)
+    def _add_pose_root(self, frames: Sequence[int], positions: Floats, ground: Tensor | Floats | None) -> None:
+        angle = heading_angle(self.skeleton, torch.tensor(positions))
         self.add_waypoints(frames, positions[:, 0, [0, 2]] if ground is None else ground, angle)
-        for row, frame in enumerate(frames):
-            self.height[frame] = positions[row, 0, 1]
+        self.height.update(zip(frames, positions[:, 0, 1], strict=True))
 
-    def add_keyframes(self, frames: Sequence[int], positions: Tensor, ground: Tensor | None = None) -> None:
+    def add_keyframes(
+        self, frames: Sequence[int], positions: Tensor | Floats, ground: Tensor | Floats | None = None
+    ) -> None:
         """Keyframes. positions: (K, J, 3) of all joints; ground: (K, 2), where the root shall be if elsewhere."""
-        require_numbers("joint positions", positions, (len(frames), self.skeleton.num_joints, 3))
-        self._add_pose_root(frames, positions, ground)
+        places = require_numbers("joint positions", positions, (len(frames), self.skeleton.num_joints, 3))
+        self._add_pose_root(frames, places, ground)
         for row, frame in enumerate(frames):
-            for joint in range(self.skeleton.num_joints):
-                self.positions[frame, joint] = positions[row, joint]
+            self.positions.update(((frame, joint), place) for joint, place in enumerate(places[row]))
 
     def add_end_effectors(
         self,
         frames: Sequence[int],
         limbs: Sequence[str],
-        positions: Tensor,
-        rotations: Tensor,
-        ground: Tensor | None = None,
+        positions: Tensor | Floats,
+        rotations: Tensor | Floats,
+        ground: Tensor | Floats | None = None,
     ) -> None:
         """Limbs of whole poses: positions of each chain's joints, rotation of its first, and the root's ground,
         height and heading. limbs: names out of `limb_chains`; positions: (K, J, 3); rotations: (K, J, 3, 3) global.
         """
-        require_numbers("joint positions", positions, (len(frames), self.skeleton.num_joints, 3))
-        require_numbers("joint rotations", rotations, (len(frames), self.skeleton.num_joints, 3, 3))
+        places = require_numbers("joint positions", positions, (len(frames), self.skeleton.num_joints, 3))
+        turns = require_numbers("joint rotations", rotations, (len(frames), self.skeleton.num_joints, 3, 3))
         chains = limb_chains(self.skeleton)
         if not limbs or not all(name in chains for name in limbs):
             raise ConstraintError(f"end effectors are {list(limbs)}; name one or more of {', '.join(chains)}")
-        self._add_pose_root(frames, positions, ground)
+        self._add_pose_root(frames, places, ground)
         for row, frame in enumerate(frames):
             for name in limbs:
                 for joint in chains[name]:
-                    self.positions[frame, joint] = positions[row, joint]
+                    self.positions[frame, joint] = places[row, joint]
                 first = chains[name][0]
-                self.rotations[frame, first] = rotations[row, first]
+                self.rotations[frame, first] = turns[row, first]
 
-    def add_joints(self, frame: int, joints: Sequence[int], positions: Tensor, rotations: Tensor | None = None) -> None:
+    def add_joints(
+        self,
+        frame: int,
+        joints: Sequence[int],
+        positions: Tensor | Floats,
+        rotations: Tensor | Floats | None = None,
+    ) -> None:
         """Any joints at one frame. positions: (K, 3) world; rotations: (K, 3, 3) global, or None.
 
         The root joint among them also sets the root's ground position and height, but no heading.
         """
-        require_numbers("joint positions", positions, (len(joints), 3))
-        if rotations is not None:
-            require_numbers("joint rotations", rotations, (len(joints), 3, 3))
+        places = require_numbers("joint positions", positions, (len(joints), 3))
+        turns = None if rotations is None else require_numbers("joint rotations", rotations, (len(joints), 3, 3))
         self._require_joints(joints)
         for row, joint in enumerate(joints):
-            self.positions[frame, joint] = positions[row]
-            if rotations is not None:
-                self.rotations[frame, joint] = rotations[row]
+            self.positions[frame, joint] = places[row]
+            if turns is not None:
+                self.rotations[frame, joint] = turns[row]
             if joint == 0:
-                self.ground[frame] = positions[row, [0, 2]]
+                self.ground[frame] = places[row, [0, 2]]
                 self.planned.discard(frame)
-                self.height[frame] = positions[row, 1]
+                self.height[frame] = places[row, 1]
 
-    def add_rotations(self, frame: int, joints: Sequence[int], rotations: Tensor) -> None:
+    def add_rotations(self, frame: int, joints: Sequence[int], rotations: Tensor | Floats) -> None:
         """How joints are turned at one frame, wherever they are. rotations: (K, 3, 3) global."""
-        require_numbers("joint rotations", rotations, (len(joints), 3, 3))
+        turns = require_numbers("joint rotations", rotations, (len(joints), 3, 3))
         self._require_joints(joints)
-        self.rotations.update(((frame, joint), rotations[row]) for row, joint in enumerate(joints))
+        self.rotations.update(((frame, joint), turns[row]) for row, joint in enumerate(joints))
 
     def _require_joints(self, joints: Sequence[int]) -> None:
         if not all(0 <= joint < self.skeleton.num_joints for joint in joints):
@@ -182,26 +201,27 @@ class Targets:
 
         Raises ConstraintError where joints are constrained without the ground position of the root.
         """
-        observed = torch.zeros(num_frames, layout.feature_dim)
-        mask = torch.zeros(num_frames, layout.feature_dim)
+        observed = np.zeros((num_frames, layout.feature_dim), np.float32)
+        mask = np.zeros_like(observed)
         end = first_frame + num_frames
         rotation, position = layout.rotation_block.start, layout.position_block.start
 
-        def put(columns: Sequence[int], entries: Mapping[tuple[int, int], Tensor]) -> None:
+        def put(columns: Sequence[int], entries: Mapping[tuple[int, int], Floats | np.float32]) -> None:
             """Values (k) by (frame, offset), into columns (k) that the offset is added to."""
             inside = [key for key in entries if first_frame <= key[0] < end]
             if inside:
-                rows = torch.tensor([frame - first_frame for frame, _ in inside])[:, None]
-                where = torch.tensor([offset for _, offset in inside])[:, None] + torch.tensor(columns)
-                observed[rows, where] = torch.stack([entries[key] for key in inside])
-                mask[rows, where] = 1
+                rows, offsets = np.array(inside)[:, :, None].swapaxes(0, 1)
+                where = (rows - first_frame, offsets + np.array(columns))
+                observed[where] = np.array([entries[key] for key in inside]).reshape(len(inside), -1)
+                mask[where] = 1
 
         put([0, 2], {(frame, 0): ground for frame, ground in self.ground.items()})
-        put([1], {(frame, 0): height[None] for frame, height in self.height.items()})
+        put([1], {(frame, 0): height for frame, height in self.height.items()})
         put([0, 1], {(frame, layout.heading_block.start): heading for frame, heading in self.heading.items()})
+        # As `rotation.matrix_to_6d` has them: first column, then second column.
         put(
             range(6),
-            {(frame, rotation + 6 * joint): matrix_to_6d(turn) for (frame, joint), turn in self.rotations.items()},
+            {(frame, rotation + 6 * joint): turn[:, :2].T for (frame, joint), turn in self.rotations.items()},
         )
         put(
             range(3),
@@ -211,9 +231,9 @@ class Targets:
                 if joint > 0
             },
         )
-        return observed, mask
+        return torch.from_numpy(observed), torch.from_numpy(mask)
 
-    def _relative_position(self, frame: int, joint: int) -> Tensor:
+    def _relative_position(self, frame: int, joint: int) -> Floats:
         """A joint's position (3) from the ground below the root."""
         if frame not in self.ground:
             raise ConstraintError(
@@ -221,16 +241,16 @@ class Targets:
                 f" give the position of {self.skeleton.joint_names[0]} at that frame too, or its place on the ground"
             )
         root = self.positions.get((frame, 0))
-        place = self.positions[frame, joint].clone()
+        place = self.positions[frame, joint].copy()
         place[[0, 2]] -= self.ground[frame] if root is None else root[[0, 2]]
         return place
 
     def planned_frames(self, first_frame: int, num_frames: int) -> Tensor:
         """(num_frames, 2) bool of frames from first_frame on: whose ground position, whose heading was only planned."""
-        flags = torch.zeros(num_frames, 2, dtype=torch.bool)
+        flags = np.zeros((num_frames, 2), bool)
         for column, frames in enumerate((self.planned, self.faced)):
             flags[[frame - first_frame for frame in frames if 0 <= frame - first_frame < num_frames], column] = True
-        return flags
+        return torch.from_numpy(flags)
 
     def observe(self, layout: Representation, first_frame: int, num_frames: int) -> tuple[Tensor, Tensor]:
         """As `fill`, on the layout's device, the observed features normalised and zero where the mask is zero."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.core.constraint import Floats, Targets
 from motiongen_ardy.core.motion import Motion
 from motiongen_ardy.core.representation import heading_angle
 from motiongen_ardy.core.rotation import rotation_vector
@@ -69,24 +70,30 @@ def _residual(targets: Targets, rotations: Tensor, positions: Tensor, first_fram
     distances, headings, turns = [], [], []
     if roots:
         root = found(positions, [(frame, 0) for frame in roots])
-        ground = torch.stack([targets.ground[frame] for frame in roots]).double()
-        height = torch.stack([targets.height.get(frame, root[row, 1]).double() for row, frame in enumerate(roots)])
-        distances.append((root - torch.stack([ground[:, 0], height, ground[:, 1]], dim=1)).norm(dim=-1))
+        place = root.double().clone()
+        place[:, [0, 2]] = _doubles([targets.ground[frame] for frame in roots])
+        held = [row for row, frame in enumerate(roots) if frame in targets.height]
+        place[held, 1] = _doubles([targets.height[roots[row]] for row in held])
+        distances.append((root - place).norm(dim=-1))
     if joints:
-        asked = torch.stack([_asked_position(targets, *key) for key in joints]).double()
+        asked = _doubles([_asked_position(targets, *key) for key in joints])
         distances.append((found(positions, joints) - asked).norm(dim=-1))
     if facing:
-        asked = torch.stack([targets.heading[frame] for frame in facing]).double()
+        asked = _doubles([targets.heading[frame] for frame in facing])
         posed = heading_angle(targets.skeleton, positions[[frame - first_frame for frame in facing]])
         difference = posed - torch.atan2(asked[:, 1], asked[:, 0])
         headings.append(torch.atan2(difference.sin(), difference.cos()).abs())
     if turned:
-        asked = torch.stack([targets.rotations[key] for key in turned]).double()
+        asked = _doubles([targets.rotations[key] for key in turned])
         turns.append(rotation_vector(asked.transpose(-1, -2) @ found(rotations, turned)).norm(dim=-1))
     return Residual(len(frames), _deviation(distances), _deviation(headings), _deviation(turns))
 
 
-def _asked_position(targets: Targets, frame: int, joint: int) -> Tensor:
+def _doubles(rows: Sequence[Floats | np.float32]) -> Tensor:
+    return torch.from_numpy(np.array(rows, np.float64))
+
+
+def _asked_position(targets: Targets, frame: int, joint: int) -> Floats:
     """Where (3) a joint shall be: as far from the root as in its own pose, whose root may be asked elsewhere."""
     position, root, ground = (
         targets.positions[frame, joint],
@@ -96,7 +103,7 @@ def _asked_position(targets: Targets, frame: int, joint: int) -> Tensor:
     if root is None or ground is None:
         return position
     shift = ground - root[[0, 2]]
-    return position + torch.stack([shift[0], shift.new_zeros(()), shift[1]])
+    return position + np.array([shift[0], 0.0, shift[1]], np.float32)
 
 
 def _deviation(errors: Sequence[Tensor]) -> Deviation | None:

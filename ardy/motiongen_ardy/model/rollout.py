@@ -17,7 +17,7 @@ from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
 from motiongen_ardy.model.generation import WindowRequest, commit_window, denoise_window, finish_window, world_tokens
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.noise import window_noise
-from motiongen_ardy.model.sampling.plan import plan_targets, plan_text
+from motiongen_ardy.model.sampling.plan import plan_window
 from motiongen_ardy.model.sampling.window_end import frames_to_keep
 from motiongen_ardy.model.token_history import TokenHistory
 from motiongen_ardy.model.window import WindowError
@@ -102,10 +102,9 @@ def next_window(model: Model, request: RolloutRequest, features: Tensor, index: 
     first_frame = done - history_len
     text, end = request.prompt_at(done)
     end = min(end, done + frames_to_keep(request.targets, done, model.config.horizon, model.sampling))
-    targets = plan_targets(model, request.targets, features[first_frame:], done, request.start)
-    if not request.keep_prompts:
-        text, led_to = plan_text(model, text, targets, features[first_frame:], done, request.start)
-        end = end if led_to is None else min(end, led_to)
+    history, keep = features[first_frame:], request.keep_prompts
+    targets, told = plan_window(model, request.targets, text, history, done, request.start, keep_text=keep)
+    end = end if told.led_to is None else min(end, told.led_to)
     span = visible_frames(model, history_len, targets, first_frame)
     observed, mask, planned = None, None, None
     if targets is not None:
@@ -115,10 +114,10 @@ def next_window(model: Model, request: RolloutRequest, features: Tensor, index: 
     window = WindowRequest(
         num_frames=span,
         num_steps=request.num_steps,
-        text=text[None].to(device),
+        text=told.text[None].to(device),
         noise=noise[None].to(device),
         weights=request.weights,
-        history=features[None, first_frame:] if history_len else None,
+        history=history[None] if history_len else None,
         translation=torch.tensor([[x, 0.0, z]], device=device),
         heading=torch.tensor([heading], device=device),
         observed=observed,

@@ -17,7 +17,7 @@ from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.noise import window_noise
 from motiongen_ardy.model.packed import PackedDenoiser, RowRequest
 from motiongen_ardy.model.rollout import visible_frames
-from motiongen_ardy.model.sampling.plan import plan_targets, plan_text
+from motiongen_ardy.model.sampling.plan import plan_window
 from motiongen_ardy.model.sampling.projection import RootProjection, free_projection, make_projection
 from motiongen_ardy.model.sampling.slowing import motion_before
 from motiongen_ardy.model.sampling.window_end import frames_to_keep
@@ -84,11 +84,11 @@ class Preparation:
         pose = job.start_pose
         start = (pose.x, pose.z, pose.heading) if pose else (0.0, 0.0, 0.0)
         kept = frames_to_keep(targets, job.first_frame, horizon, options)
-        targets = plan_targets(self._model, targets, history, job.first_frame, start)
-        text, led_to = self._text(job), None
-        if not job.keep_prompt:
-            text, led_to = plan_text(self._model, text, targets, history, job.first_frame, start)
-        return _Member(job, targets, text, kept if led_to is None else min(kept, led_to - job.first_frame))
+        targets, told = plan_window(
+            self._model, targets, self._text(job), history, job.first_frame, start, keep_text=job.keep_prompt
+        )
+        kept = kept if told.led_to is None else min(kept, told.led_to - job.first_frame)
+        return _Member(job, targets, told.text, kept)
 
     def _group(self, shape: _Shape, members: list[_Member]) -> list[Row]:
         jobs = [member.job for member in members]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import torch
+import numpy as np
 
 from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.core.skeleton import Skeleton
@@ -28,25 +28,23 @@ def job_targets(skeleton: Skeleton, job: WindowJob, stride_frames: int = 1) -> T
     targets = Targets(skeleton)
     for constraint in job.constraints:
         if isinstance(constraint, Waypoint):
-            heading = None if constraint.heading is None else torch.tensor([constraint.heading])
-            targets.add_waypoints([constraint.frame], torch.tensor([[constraint.x, constraint.z]]), heading)
+            heading = None if constraint.heading is None else np.array([constraint.heading], np.float32)
+            targets.add_waypoints([constraint.frame], np.array([[constraint.x, constraint.z]], np.float32), heading)
             if constraint.constraint_id == VELOCITY_ID:
                 targets.planned.add(constraint.frame)  # nobody asked for the place itself
         elif isinstance(constraint, RootTrajectory):
-            headings = None if constraint.heading is None else torch.from_numpy(constraint.heading)
             stride = stride_frames if constraint.constraint_id == VELOCITY_ID else 1
-            targets.add_lead(constraint.first_frame, torch.from_numpy(constraint.xz), headings, stride)
+            targets.add_lead(constraint.first_frame, constraint.xz, constraint.heading, stride)
         elif isinstance(constraint, JointTargets):
-            positions, turns = torch.from_numpy(constraint.positions), constraint.turns
+            positions, turns = constraint.positions, constraint.turns
             targets.add_joints(constraint.frame, constraint.joints, positions)
             if constraint.rotations is not None and turns:
                 turned = [constraint.joints[index] for index in turns]
-                rotations = torch.from_numpy(constraint.rotations)[turns]
-                targets.add_joints(constraint.frame, turned, positions[turns], rotations)
+                targets.add_joints(constraint.frame, turned, positions[turns], constraint.rotations[turns])
         elif isinstance(constraint, HeadingTarget):
-            targets.add_heading([constraint.frame], torch.tensor([constraint.heading]))
+            targets.add_heading([constraint.frame], np.array([constraint.heading], np.float32))
         elif isinstance(constraint, JointRotations):
-            targets.add_rotations(constraint.frame, constraint.joints, torch.from_numpy(constraint.rotations))
+            targets.add_rotations(constraint.frame, constraint.joints, constraint.rotations)
         elif isinstance(constraint, Keyframe):
-            targets.add_keyframes([constraint.frame], torch.from_numpy(constraint.positions)[None])
+            targets.add_keyframes([constraint.frame], constraint.positions[None])
     return targets

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
@@ -107,7 +108,7 @@ def test_each_constraint_is_measured_alone_and_in_order() -> None:
 def test_a_joint_whose_root_another_constraint_gives_is_measured_where_it_was_asked() -> None:
     targets = Targets(CORE)
     hand = CORE.left_hand[0]
-    targets.positions[5, hand] = MOTION.positions(CORE)[5, hand] + torch.tensor([0.0, 0.25, 0.0])
+    targets.positions[5, hand] = MOTION.positions(CORE)[5, hand].numpy() + np.array([0.0, 0.25, 0.0], np.float32)
     (measured,) = residuals(MOTION, [targets])
     assert measured.position_m is not None
     assert measured.position_m.worst == pytest.approx(0.25, abs=1e-5)

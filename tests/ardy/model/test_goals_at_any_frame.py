@@ -77,12 +77,12 @@ def test_a_goal_is_met(sampler: Sampler, results: dict[tuple[str, str], Result],
     targets = result.take.targets
     assert targets is not None
     if frame in targets.ground:
-        assert (result.root[frame] - targets.ground[frame]).norm() < NEAR_M
+        assert (result.root[frame] - torch.from_numpy(targets.ground[frame])).norm() < NEAR_M
     if frame in targets.heading:
         cosine, sine = targets.heading[frame].tolist()
         off = math.remainder(math.atan2(sine, cosine) - float(result.facing(skeleton)[frame]), math.tau)
         assert abs(off) < NEAR_RAD
     for (_, joint), place in targets.positions.items():
-        assert (result.positions[frame, joint] - place).norm() < NEAR_M
+        assert (result.positions[frame, joint] - torch.from_numpy(place)).norm() < NEAR_M
     for (_, joint), turn in targets.rotations.items():
-        assert rotation_vector(turn.T @ result.rotations[frame, joint]).norm() < NEAR_RAD
+        assert rotation_vector(torch.from_numpy(turn).T @ result.rotations[frame, joint]).norm() < NEAR_RAD

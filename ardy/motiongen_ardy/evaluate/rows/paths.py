@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -36,7 +37,7 @@ def off_path(result: Result) -> float:
     """The mean distance in metres from where the path should be at each of its frames."""
     assert result.take.targets is not None
     frames = sorted(result.take.targets.ground)
-    asked = torch.stack([result.take.targets.ground[frame] for frame in frames])
+    asked = torch.from_numpy(np.array([result.take.targets.ground[frame] for frame in frames]))
     return float((result.root[frames] - asked).norm(dim=-1).mean())
 
 
@@ -88,13 +89,13 @@ def _paths(context: Context) -> None:
         done = [next(results) for _ in group]
         context.add_goal("path", titles[bound], "m", done, off_path, bound=bound)
         for result in done[: 2 * len(context.seeds) : len(context.seeds)]:
-            path = _asked(result).numpy()
+            path = _asked(result)
             context.show("path", [Exhibit(f"{titles[bound]}: {off_path(result):.2f} m off", result, path=path)])
 
 
-def _asked(result: Result) -> Tensor:
+def _asked(result: Result) -> np.ndarray:
     assert result.take.targets is not None
-    return torch.stack([place for _, place in sorted(result.take.targets.ground.items())])
+    return np.array([place for _, place in sorted(result.take.targets.ground.items())])
 
 
 def off_heading(context: Context, first: int) -> Callable[[Result], float]:
@@ -102,9 +103,9 @@ def off_heading(context: Context, first: int) -> Callable[[Result], float]:
 
     def measure(result: Result) -> float:
         assert result.take.targets is not None
-        asked = {frame: value for frame, value in result.take.targets.heading.items() if frame >= first}
-        angle = torch.stack([torch.atan2(value[1], value[0]) for _, value in sorted(asked.items())])
-        difference = turned(result.facing(context.skeleton)[sorted(asked)], angle)
+        frames = sorted(frame for frame in result.take.targets.heading if frame >= first)
+        cosine, sine = torch.from_numpy(np.array([result.take.targets.heading[frame] for frame in frames])).unbind(1)
+        difference = turned(result.facing(context.skeleton)[frames], torch.atan2(sine, cosine))
         return math.degrees(float(difference.abs().mean()))
 
     return measure

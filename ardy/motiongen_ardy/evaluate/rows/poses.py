@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -98,12 +99,12 @@ def _joints(frame: int, joints: tuple[int, ...]) -> Callable[[Result], float]:
 def _ground(result: Result, frame: int) -> Tensor:
     assert result.take.targets is not None
     x, z = result.take.targets.ground[frame]
-    return torch.stack([x, torch.zeros_like(x), z])
+    return torch.tensor([x, 0.0, z])
 
 
 def _asked(result: Result, frame: int, joints: tuple[int, ...]) -> Tensor:
     assert result.take.targets is not None
-    return torch.stack([result.take.targets.positions[frame, joint] for joint in joints])
+    return torch.from_numpy(np.array([result.take.targets.positions[frame, joint] for joint in joints]))
 
 
 def _root(frame: int) -> Callable[[Result], float]:
@@ -124,7 +125,7 @@ def _height(frame: int) -> Callable[[Result], float]:
 def _turn(frame: int, joint: int) -> Callable[[Result], float]:
     def measure(result: Result) -> float:
         assert result.take.targets is not None
-        asked = result.take.targets.rotations[frame, joint]
+        asked = torch.from_numpy(result.take.targets.rotations[frame, joint])
         return math.degrees(float(rotation_vector(asked.T @ result.rotations[frame, joint]).norm()))
 
     return measure

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import torch
 from torch import Tensor
 
 from motiongen_ardy.core.constraint import Targets
@@ -51,7 +52,7 @@ def miss(result: Result) -> float:
     """Metres between the root and its last ground target at that target's frame."""
     assert result.take.targets is not None
     frame = max(result.take.targets.ground)
-    return float((result.root[frame] - result.take.targets.ground[frame]).norm())
+    return float((result.root[frame] - torch.from_numpy(result.take.targets.ground[frame])).norm())
 
 
 def add(context: Context) -> None:

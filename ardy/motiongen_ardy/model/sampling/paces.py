@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.core.constraint import Floats, Targets
 from motiongen_ardy.locomotion.gait import gait_at, quarter_of
 from motiongen_ardy.model.sampling.options import PaceOptions
 
@@ -116,10 +116,10 @@ def told_text(
     return Told(gait[None].to(text), None if led_to >= window.stop else led_to)
 
 
-def _path(ground: Mapping[int, Tensor], position: np.ndarray, first: int, end: int) -> np.ndarray:
+def _path(ground: Mapping[int, Floats], position: np.ndarray, first: int, end: int) -> np.ndarray:
     """Ground positions (end - first + 1, 2) of the frames from first - 1 on, straight between those that are known."""
     frames = sorted(ground)
-    known = np.concatenate([position[None], torch.stack([ground[frame] for frame in frames]).double().numpy()])
+    known = np.array([position, *(ground[frame] for frame in frames)])
     at = np.arange(first - 1, end)
     return np.stack([np.interp(at, [first - 1, *frames], known[:, axis]) for axis in (0, 1)], axis=1)
 

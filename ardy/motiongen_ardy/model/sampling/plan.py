@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-import torch
 from torch import Tensor
 
-from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.core.constraint import Targets, facings
 from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.sampling.paces import Told, told_text
@@ -18,61 +19,62 @@ _STATE_FRAMES = 6
 _TOLD_BEYOND_FRAMES = 10
 
 
-def plan_targets(
+class WindowPlan(NamedTuple):
+    """What a window is given, targets and words."""
+
+    targets: Targets | None
+    told: Told
+
+
+def plan_window(
     model: Model,
     targets: Targets | None,
+    text: Tensor,
     history: Tensor | None,
     first_frame: int,
     start: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> Targets | None:
-    """The targets for a window whose first new frame is first_frame; `targets` themselves where nothing is planned.
+    *,
+    keep_text: bool = False,
+) -> WindowPlan:
+    """What the window whose first new frame is first_frame is given in place of targets, and of its prompt's text (n, W).
 
-    history: (H, 5 or more) normalised features of the frames before it, in the world's frame, the root first; None or
-    H = 0 where there are none and the character stands at `start`, x and z in metres, and heading in radians. Rows are
-    planned one by one, and the targets that were given are not changed.
+    The targets that lead to what is asked for, or `targets` themselves where nothing is planned; the text, or a gait's
+    where these contradict it, unless it is to be kept. history: (H, 5 or more) normalised features of the frames before
+    the window, in the world's frame, the root first; None or H = 0 where there are none and the character stands at
+    `start`, x and z in metres, and heading in radians. Rows are planned one by one, and what was given is not changed.
     """
-    if targets is None or not model.sampling.plan_root:
-        return targets
-    num_history = 0 if history is None else len(history)
+    sampling = model.sampling
+    if targets is None or not (sampling.plan_root or sampling.fit_prompts):
+        return WindowPlan(targets, Told(text))
+    state = root_state(model.representation, history, start)
+    if sampling.plan_root:
+        targets = _planned(model, targets, state, first_frame, 0 if history is None else len(history))
+    if keep_text or not sampling.fit_prompts:
+        return WindowPlan(targets, Told(text))
+    x, z = state.position
+    window = range(first_frame, first_frame + model.config.horizon)
+    told = told_text(model.paces, text, targets, (x, z), window, fps=model.config.fps, options=sampling.paces)
+    return WindowPlan(targets, told)
+
+
+def _planned(model: Model, targets: Targets, state: RootState, first_frame: int, num_history: int) -> Targets:
+    """Targets that lead from what the root does to what is asked for."""
     end = first_frame - num_history + model.config.max_window_frames
     if not any(first_frame <= frame < end for frame in (*targets.ground, *targets.heading)):
         return targets
     told = first_frame + model.config.horizon + _TOLD_BEYOND_FRAMES
     span = PlanSpan(first_frame, told, end, model.config.fps)
     asked = without_steering(root_goals(targets), first_frame)
-    planned = plan_root(asked, root_state(model.representation, history, start), span, model.sampling.plan)
-    return with_root(targets, planned)
-
-
-def plan_text(
-    model: Model,
-    text: Tensor,
-    targets: Targets | None,
-    history: Tensor | None,
-    first_frame: int,
-    start: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> Told:
-    """What a window is told: its prompt's text (n, W), or a gait's where its targets contradict the prompt.
-
-    targets: as `plan_targets` gave them; history, start: as there.
-    """
-    if targets is None or not model.sampling.fit_prompts:
-        return Told(text)
-    x, z = root_state(model.representation, history, start).position
-    window = range(first_frame, first_frame + model.config.horizon)
-    fps, options = model.config.fps, model.sampling.paces
-    return told_text(model.paces, text, targets, (x, z), window, fps=fps, options=options)
+    return with_root(targets, plan_root(asked, state, span, model.sampling.plan))
 
 
 def root_goals(targets: Targets) -> RootGoals:
-    """The root goals of targets as plain numbers."""
-    ground, headings = list(targets.ground), list(targets.heading)
-    places = torch.stack([targets.ground[frame] for frame in ground]).double().numpy() if ground else ()
-    turns = torch.stack([targets.heading[frame] for frame in headings]).double().numpy() if headings else None
-    angles = () if turns is None else np.arctan2(turns[:, 1], turns[:, 0]).tolist()
+    """The root goals of targets in double precision."""
+    places = np.array(list(targets.ground.values()), np.float64)
+    turns = np.array(list(targets.heading.values()), np.float64).reshape(-1, 2)
     return RootGoals(
-        dict(zip(ground, places, strict=True)),
-        dict(zip(headings, angles, strict=True)),
+        dict(zip(targets.ground, places, strict=True)),
+        dict(zip(targets.heading, np.arctan2(turns[:, 1], turns[:, 0]).tolist(), strict=True)),
         set(targets.planned),
         set(targets.faced),
     )
@@ -81,10 +83,9 @@ def root_goals(targets: Targets) -> RootGoals:
 def with_root(targets: Targets, goals: RootGoals) -> Targets:
     """A copy of targets with other root goals."""
     other = targets.copy()
-    places = torch.from_numpy(np.array(list(goals.ground.values()), dtype=np.float32).reshape(-1, 2))
-    angles = torch.from_numpy(np.array(list(goals.heading.values()), dtype=np.float32))
-    other.ground = dict(zip(goals.ground, places.unbind(), strict=True))
-    other.heading = dict(zip(goals.heading, torch.stack([angles.cos(), angles.sin()], dim=-1).unbind(), strict=True))
+    places = np.array(list(goals.ground.values()), np.float32)
+    other.ground = dict(zip(goals.ground, places, strict=True))
+    other.heading = dict(zip(goals.heading, facings(np.array(list(goals.heading.values()), np.float32)), strict=True))
     other.planned, other.faced = set(goals.planned), set(goals.faced)
     return other
 

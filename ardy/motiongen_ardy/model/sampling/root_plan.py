@@ -135,16 +135,17 @@ class _Plan:
         Returns the heading at its end.
         """
         fps, state = self.span.fps, self.state
-        facing, off = state.heading, 0.0
+        off = 0.0
         if np.hypot(*state.velocity) > _WALKS_M_S:
             off = wrapped(state.heading - math.atan2(*state.velocity))
             off = off if abs(off) > _ASIDE_RAD else 0.0
-        index, wanted = np.arange(len(path)), np.empty(len(path))
+        index = np.arange(len(path))
         ahead = path[np.minimum(index + _CHORD_FRAMES, len(path) - 1)] - path[np.maximum(index - _CHORD_FRAMES, 0)]
-        for frame, way in enumerate(ahead):
-            if np.hypot(*way) > _WALKS_M_S * 2 * _CHORD_FRAMES / fps:
-                facing += wrapped(math.atan2(way[0], way[1]) + off - facing)
-            wanted[frame] = facing
+        walks = np.hypot(*ahead.T) > _WALKS_M_S * 2 * _CHORD_FRAMES / fps
+        along = np.arctan2(*ahead[walks].T) + off
+        turns = np.diff(along, prepend=state.heading)
+        facings = np.append(state.heading, state.heading + np.cumsum(turns - math.tau * np.round(turns / math.tau)))
+        wanted = facings[np.cumsum(walks)]  # the last that is known: who stands faces where they walked
         turn = np.array([state.heading - wanted[0]])
         rate = 0.8 * self.options.turn_rate_rad_s
         turned = joined(wanted[:, None], turn, np.zeros(1), 12.0, rate, fps)[:, 0]

@@ -53,7 +53,7 @@ def projected(layout: Representation, targets: Targets, options: SamplingOptions
 def test_goals_are_met_and_what_comes_after_moves_with_them(layout: Representation) -> None:
     targets = Targets(layout.skeleton)
     targets.add_waypoints([HISTORY + 19, HISTORY + 29], torch.tensor([[0.3, 0.8], [0.4, 1.7]]))
-    targets.height[HISTORY + 29] = torch.tensor(0.8)
+    targets.height[HISTORY + 29] = np.float32(0.8)
     root = projected(layout, targets)
     assert torch.allclose(root[[19, 29]][:, [0, 2]], torch.tensor([[0.3, 0.8], [0.4, 1.7]]), atol=1e-4)
     assert float(root[29, 1]) == pytest.approx(0.8, abs=1e-4)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -67,7 +68,7 @@ def test_a_head_turns_as_asked_and_takes_the_neck_along(layout: Representation, 
     head, neck = layout.skeleton.index("Head"), layout.skeleton.index("Neck")
     asked = axis_angle_to_matrix(torch.tensor([0.0, 0.9, 0.2]))
     targets = Targets(layout.skeleton)
-    targets.rotations[FIRST + GOAL, head] = asked
+    targets.add_rotations(FIRST + GOAL, [head], asked[None])
     _, rotations = reached(layout, features, targets)
     assert rotation_vector(asked.T @ rotations[GOAL, head]).norm() < 1e-3
     assert rotation_vector(rotations[GOAL, neck]).norm() == pytest.approx(0.5 * 0.922, abs=0.02)
@@ -77,7 +78,7 @@ def test_a_head_turns_as_asked_and_takes_the_neck_along(layout: Representation, 
 def test_a_root_height_is_met_while_the_feet_stay(layout: Representation, stand: Stand) -> None:
     features, pose = standing(layout, stand)
     targets = Targets(layout.skeleton)
-    targets.height[FIRST + GOAL] = pose[0, 1] - 0.2
+    targets.height[FIRST + GOAL] = np.float32(pose[0, 1]) - np.float32(0.2)
     positions, _ = reached(layout, features, targets, BOTH)
     assert float(positions[GOAL, 0, 1]) == pytest.approx(float(pose[0, 1]) - 0.2, abs=1e-4)
     ankles = [layout.skeleton.left_foot[0], layout.skeleton.right_foot[0]]

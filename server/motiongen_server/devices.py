@@ -19,12 +19,13 @@ MOST_BY_DEFAULT = 8
 MOST_ENGINES = 64
 MOST_THREADS = 256
 FORMS = "cuda:0,cuda:1 (these), cuda:all, cpu:2 (two engines of a thread each), cpu:2x4 (two of four threads)"
-ADMIT_LOAD = 0.9
-ADMIT_LOAD_QUOTA = 0.85
-ADMIT_LOAD_SHARED = 0.8
-ADMIT_LOAD_THROTTLED = 0.7
-"""Of engines with as many threads as a quota has cores, or more; with more threads than there are cores; and under a
-quota of which nobody knows what is used of it. With more, sessions were told of less (docs/performance.md).
+ADMIT_LOAD = 0.87
+ADMIT_LOAD_QUOTA = 0.92
+ADMIT_LOAD_SHARED = 0.75
+ADMIT_LOAD_THROTTLED = 0.65
+"""Where nothing counts what the gateway uses; under a quota, of which all that is used counts; with more threads than
+there are cores; and under a quota of which nobody knows what is used. With more, sessions were told of less
+(docs/performance.md).
 """
 KERNELS_KEPT = {"ONEDNN_PRIMITIVE_CACHE_CAPACITY": "192", "LRU_CACHE_CAPACITY": "64"}
 """Compiled products that oneDNN keeps in an engine process, each of 0.6 MiB, and descriptions of such that torch keeps

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from motiongen_server.engine.ports import Runner
+from motiongen_server.engine.scheduling.quota_share import QuotaAccount
 from motiongen_server.engine.types import Float32Array, ModelFacts, RowStatus, WindowJob, WindowResult
 from tests.bench.null_runner import NullRunner
 
@@ -43,11 +44,12 @@ class VirtualQuota:
     def __init__(self, cores: float, period_s: float = 0.1) -> None:
         self._cores, self._period_s = cores, period_s
         self._period, self._left_s = -1, 0.0
-        self._used_s = 0.0
+        self._spent_s = 0.0
 
-    def used_s(self) -> float:
-        """Seconds of the quota that were used so far."""
-        return self._used_s / self._cores
+    @property
+    def account(self) -> QuotaAccount:
+        """As an engine is told of it that has it to itself."""
+        return QuotaAccount(self._cores, 1, lambda: self._spent_s / self._cores, lambda: self._spent_s)
 
     def ends_at(self, now: float, processor_s: float) -> float:
         """When a call that begins now ends, which takes so much of a processor."""
@@ -58,7 +60,7 @@ class VirtualQuota:
             next_at = (period + 1) * self._period_s
             runs_s = min(processor_s, self._left_s, next_at - now)
             self._left_s -= runs_s
-            self._used_s += runs_s
+            self._spent_s += runs_s
             processor_s -= runs_s
             if processor_s <= 0.0:
                 return now + runs_s

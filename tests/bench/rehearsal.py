@@ -66,7 +66,7 @@ def rehearse(
         table = profile(CostedRunner(clock, costs), clock, 64, 16, 60.0).costs
         share = None if quota is None else VirtualQuota(min(1.0, quota / engines))
         runner = CostedRunner(clock, costs, share)
-        device = Device(None if share is None else share.used_s)
+        device = Device(None if share is None else share.account)
         numbers = [plan.number for plan in schedule.characters if plan.number % engines == index]
         script = Script(scenario, schedule, numbers, clock)
         scheduler = Scheduler(table, 64, max_step_s=config.max_step_s)

@@ -41,23 +41,23 @@ def test_a_stick_is_followed_as_often_as_it_speaks() -> None:
 
 
 @pytest.mark.parametrize(
-    ("machine", "could"), [(Machine(0.7, quota=True), 104), (Machine(1.5, quota=True), 220), (Machine(1.0), 152)]
+    ("machine", "could"), [(Machine(0.7, quota=True), 118), (Machine(1.5, quota=True), 268), (Machine(1.0), 196)]
 )
-def test_under_a_quota_too_nine_tenths_of_what_could_be_served_is_let_in_and_served_in_full(
-    machine: Machine, could: int
-) -> None:
-    """could: what `python -m tests.bench.admission` finds, give or take the steps of its search."""
+def test_under_a_quota_too_who_is_let_in_is_served_in_full(machine: Machine, could: int) -> None:
+    """could: what `python -m tests.bench.admission` finds. So many are served only by engines that have a machine to
+    themselves, with edits late by more than a second; beside a gateway nine tenths are let in (docs/performance.md).
+    """
     count, degraded, found = let_in(machine, load_scenario("crowd"), 2 * could, 10)
-    assert 0.88 * could <= count <= could
+    assert 0.7 * could <= count <= 0.9 * could
     assert degraded == 0
     assert missed(found) < FULL_MISS
 
 
 @pytest.mark.parametrize("seed", [1, 3])
 def test_engines_that_share_a_core_are_filled_less_and_serve_whom_they_let_in_in_full(seed: int) -> None:
-    """132 could be served. With nine tenths everybody of one engine was told of less, by one seed in three."""
+    """156 could be served. With nine tenths everybody of one engine was told of less, by one seed in three."""
     machine = Machine(1.0, seed, quota=True, engines=2)
-    count, degraded, found = let_in(machine, load_scenario("crowd"), 264, 10, ADMIT_LOAD_SHARED)
-    assert 0.82 * 132 <= count <= 132
+    count, degraded, found = let_in(machine, load_scenario("crowd"), 312, 10, ADMIT_LOAD_SHARED)
+    assert 0.65 * 156 <= count <= 0.9 * 156
     assert degraded == 0
     assert missed(found) < FULL_MISS

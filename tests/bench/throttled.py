@@ -13,7 +13,7 @@ import asyncio
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from motiongen_tools.bench.bracket import Bracket
@@ -62,7 +62,7 @@ class Machine:
 
 @dataclass(frozen=True)
 class Effort:
-    """scenario: its name. seconds: measured in each run. times: as many ask as could be served.
+    """scenario: its name. seconds: measured in each run. times: as many ask as could be served, within ramp_s.
 
     program: a motiongen-load that plays instead of Python, which takes half a core for a hundred characters.
     """
@@ -71,12 +71,15 @@ class Effort:
     seconds: int
     seed: int
     times: float
+    ramp_s: float
     max_lag_ms: float
     program: Path | None = None
 
 
-async def play(server: ServerProcess, characters: int, effort: Effort) -> Result:
+async def play(server: ServerProcess, characters: int, effort: Effort, ramp_s: float | None = None) -> Result:
+    """ramp_s: within which they come; None: as the scenario says."""
     scenario = load_scenario(effort.scenario)
+    scenario = scenario if ramp_s is None else replace(scenario, ramp_s=ramp_s)
     load = Load(server.address, scenario, characters, effort.seconds, effort.seed, program=effort.program)
     result = await run_load(load, lambda _: None, Standard(max_lag_ms=effort.max_lag_ms), server.pid)
     missed, use = result.figures().miss_ratio, result.server_use
@@ -116,7 +119,7 @@ async def measure(machine: Machine, effort: Effort, could: int | None) -> str:
     if could is None:
         could = await most_servable(machine, effort, max(4, round(_CHARACTERS_A_CORE * machine.cores)))
     with machine.server() as server:
-        result = await play(server, max(1, round(effort.times * could)), effort)
+        result = await play(server, max(1, round(effort.times * could)), effort, effort.ramp_s)
     return row(machine, effort, could, result, others())
 
 
@@ -133,6 +136,7 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument(
         "--times", type=float, default=2.0, help="as many ask as could be served (default: %(default)g)"
     )
+    parser.add_argument("--ramp-s", type=float, default=20.0, help="within which these come (default: %(default)g)")
     parser.add_argument("--could", type=int, help="be served, where it is known already: only the crowd is played")
     parser.add_argument("--max-lag-ms", type=float, default=5.0, help="later loads are void (default: %(default)g)")
     parser.add_argument("--program", type=Path, metavar="PATH", help="of motiongen-load, to play in place of Python")
@@ -145,7 +149,9 @@ def main() -> int:
     for line in HEADER:
         print(line, flush=True)
     for name in options.scenario:
-        effort = Effort(name, options.seconds, options.seed, options.times, options.max_lag_ms, options.program)
+        effort = Effort(
+            name, options.seconds, options.seed, options.times, options.ramp_s, options.max_lag_ms, options.program
+        )
         for cores in options.cores:
             for engines in options.engines:
                 machine = Machine(cores, engines, tuple(options.server), options.shares)

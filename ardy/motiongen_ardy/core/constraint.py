@@ -55,9 +55,9 @@ class Targets:
     Frames are absolute; `fill` is told which of them it is to lay out, and leaves the others alone. The groups are
     independent: a waypoint overrides the ground position of an earlier keyframe at its frame but not its pose.
     planned, faced: frames whose ground position, and whose heading, nobody asked for, but which lead to what was asked:
-    the root may sway about them. All is held, and may be given, as float32 arrays on the CPU: there are many small ones,
-    of which a tensor each would take most of the time that a window's goals take. ground: (2); height: (); heading: (2)
-    cosine and sine; positions: (3); rotations: (3, 3).
+    the root may sway about them. All is held, and may be given, as float32 arrays on the CPU: there are many small
+    ones, and tensors take longer to make. ground: (2); height: (); heading: (2) cosine and sine; positions: (3);
+    rotations: (3, 3).
     """
 
     def __init__(self, skeleton: Skeleton) -> None:

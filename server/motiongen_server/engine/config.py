@@ -76,7 +76,7 @@ class EngineConfig:
     max_root_height_m: float = 4.0
     max_coordinate_m: float = 10_000.0
     initial_step_s: float = 0.02
-    admit_load: tuple[float, float, float, float] = (0.918, 0.9, 0.882, 0.765)
+    admit_load: tuple[float, float, float, float] = (0.8874, 0.87, 0.8526, 0.7395)
     retry_after_s: float = 2.0
     degrade: bool = True
     playback_rate: float = 1.05

@@ -80,7 +80,7 @@ class Engine:
             costs = CostTable.assumed(config.initial_step_s)
             scheduler = Scheduler(costs, config.max_rows, max_step_s=config.max_step_s)
         self.lease = Device().lease() if lease is None else lease
-        self.admission = Admission(runner.facts, config, under_quota=self.lease.quota_used_s is not None)
+        self.admission = Admission(runner.facts, config, under_quota=self.lease.quota is not None)
         self._intake = Intake(self.admission, self._mailbox, config.max_pending_events)
         self._load_monitor = LoadMonitor(runner.facts, self.admission, now, config.degrade, self.lease)
         self.sessions = OpenSessions()

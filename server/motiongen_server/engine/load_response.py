@@ -33,7 +33,7 @@ class LoadResponse:
         for priority, share in windows.take_replans():
             monitor.note_replan(priority, share)
         said: list[Output] = []
-        moved = monitor.measure(now, windows.work_s, windows.busy_s, windows.prices(), self._sessions.present)
+        moved = monitor.measure(now, windows.use, windows.prices(), self._sessions.present)
         for priority in moved:
             level = monitor.level(priority)
             _log.warning(

@@ -9,6 +9,7 @@ from math import inf
 from motiongen_server.engine.ports import Clock, Runner
 from motiongen_server.engine.scheduling.admission import Prices
 from motiongen_server.engine.scheduling.device import DeviceLease
+from motiongen_server.engine.scheduling.device_use import DeviceUse
 from motiongen_server.engine.scheduling.load_monitor import LoadMonitor
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.step_executor import StepExecutor
@@ -55,6 +56,7 @@ class RunningWindows:
             max_rows,
             failed=lambda job_id, why: failed(self._owners[job_id], why),
             begins=self._begin_elsewhere,
+            spent=None if lease.quota is None else lease.quota.spent_s,
         )
 
     def __len__(self) -> int:
@@ -66,14 +68,9 @@ class RunningWindows:
         return self._owners
 
     @property
-    def work_s(self) -> float:
-        """Seconds of the device so far, had all its steps been full."""
-        return self._executor.work_s
-
-    @property
-    def busy_s(self) -> float:
-        """Seconds of the device so far."""
-        return self._executor.busy_s
+    def use(self) -> DeviceUse:
+        """Of the device, so far."""
+        return self._executor.use
 
     def prices(self) -> Prices:
         """What a step and a window cost by now."""

@@ -28,11 +28,15 @@ class Greeting:
 
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """The first message on each of the two ways in. kind: of the device, cpu or cuda; threads: on the processor."""
+    """The first message on each of the two ways in.
+
+    kind: of the device, cpu or cuda; threads: on the processor. engines: processes there are on devices of this kind.
+    """
 
     config: ServerConfig
     kind: str
     threads: int
+    engines: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,13 +13,14 @@ from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.ports import Deliver, Inbox, Observe, Runner
 from motiongen_server.engine.scheduling.device import Device, InTurns
 from motiongen_server.engine.scheduling.profile import profile
+from motiongen_server.engine.scheduling.quota_share import QuotaAccount
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.types import ModelFacts
 from motiongen_server.engine_process.host import FreeUnused, LoadText, TextEncoder
 from motiongen_server.engine_process.messages import Begin
 from motiongen_server.engine_process.slot import BuildEngine, Built
 from motiongen_server.models.repertoire import as_abilities
-from motiongen_server.processor_quota import quota_use
+from motiongen_server.processor_quota import quota_cores, quota_use
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.settings import SettingError
 
@@ -29,6 +30,16 @@ class MonotonicClock:
 
     def now(self) -> float:
         return time.monotonic()
+
+
+class ProcessorClock:
+    """Goes while a process has the processor: calls are measured by it where a quota makes it stand still."""
+
+    def __init__(self, quota: QuotaAccount) -> None:
+        self._quota = quota
+
+    def now(self) -> float:
+        return self._quota.spent_s()
 
 
 @dataclass(frozen=True)
@@ -42,7 +53,8 @@ class RunnerOfModel:
 
 def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
     """The loaders of an engine process, and what frees its kernels. Models that it holds take turns on its device."""
-    device = Device(quota_use() if begin.kind == "cpu" else None)
+    used_s = quota_use() if begin.kind == "cpu" else None
+    device = Device(None if used_s is None else QuotaAccount(quota_cores(), begin.engines, used_s, time.process_time))
 
     def build(source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
         model = load_model(begin.config, source, begin.kind, begin.threads)
@@ -133,7 +145,8 @@ def build_engine(
     clock, history_frames = MonotonicClock(), runner.facts.whole_patches(config.history_frames)
     lease = (device or Device()).lease()
     try:
-        measured = profile(InTurns(runner, lease), clock, config.max_rows, history_frames, config.profile_s)
+        stopwatch = clock if lease.quota is None else ProcessorClock(lease.quota)
+        measured = profile(InTurns(runner, lease), stopwatch, config.max_rows, history_frames, config.profile_s)
         engine_config = EngineConfig(
             max_sessions=config.max_sessions,
             max_rows=measured.max_rows,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import wait
 from dataclasses import replace
@@ -17,7 +18,7 @@ from motiongen_server.engine.types import ModelFacts, StepsOf
 from motiongen_server.engine_process.child import FreshChild, StartChild
 from motiongen_server.engine_process.forking import ForkServerLink
 from motiongen_server.engine_process.group import EngineGroup
-from motiongen_server.engine_process.messages import StepsElsewhere
+from motiongen_server.engine_process.messages import Begin, StepsElsewhere
 from motiongen_server.engine_process.process import HUNG_S, EngineProcess
 from motiongen_server.engine_process.restarts import REST_S
 from motiongen_server.engine_process.text import EngineTextEncoder
@@ -56,7 +57,8 @@ class EnginePool:
         self._slots = itertools.count(1)
         self._text: EngineTextEncoder | None = None
         # One is the smaller where it is alone: what others are forked from stays in memory. CUDA is best left alone.
-        shares = command is None and sum(device.kind == "cpu" for device in devices) > 1
+        engines = Counter(device.kind for device in devices)
+        shares = command is None and engines["cpu"] > 1
         self._fork_server = ForkServerLink() if shares else None
         fresh: StartChild = partial(FreshChild, command or ENGINE_COMMAND)
 
@@ -64,7 +66,15 @@ class EnginePool:
             return fresh if self._fork_server is None or device.kind != "cpu" else self._fork_server.start
 
         self.processes = tuple(
-            EngineProcess(str(number), config, device, deliver, start_for(device), hung_s=hung_s, rest_s=rest_s)
+            EngineProcess(
+                str(number),
+                device,
+                Begin(config, device.kind, device.threads, engines[device.kind]),
+                deliver,
+                start_for(device),
+                hung_s=hung_s,
+                rest_s=rest_s,
+            )
             for number, device in enumerate(devices)
         )
         for process in self.processes:

@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
-from motiongen_server.config import ServerConfig
 from motiongen_server.devices import EngineDevice
 from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import CloseReason
@@ -50,18 +49,18 @@ class EngineProcess:
     def __init__(
         self,
         name: str,
-        config: ServerConfig,
         device: EngineDevice,
+        begin: Begin,
         deliver: Deliver,
         start_child: StartChild,
         *,
         hung_s: float = HUNG_S,
         rest_s: float = REST_S,
     ) -> None:
-        """name: in logs and metrics. start_child: starts an engine process, given a folder of sockets."""
+        """name: in logs and metrics. begin: its first message. start_child: starts it, given a folder of sockets."""
         self.name = name
         self.device = device
-        self._config = config
+        self._first_message = begin
         self._deliver = deliver
         self._start_child = start_child
         self._hung_s = hung_s
@@ -196,7 +195,7 @@ class EngineProcess:
     def _begin(self) -> Connection:
         connection = Connection(self._start_child, self._bell, self._stopping.is_set, self.device.environment())
         self._connection = connection
-        connection.begin(Begin(self._config, self.device.kind, self.device.threads))
+        connection.begin(self._first_message)
         for link in self._control.begin():
             link.end()
         return connection

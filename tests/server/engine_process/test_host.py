@@ -222,7 +222,7 @@ def test_texts_are_encoded_and_one_that_cannot_be_is_answered_too(process: Proce
 
 
 @pytest.mark.parametrize("way", ["events", "ahead"])
-@pytest.mark.parametrize("data", [b"\xc1", b"", TO_ENGINE.encode(Begin(ServerConfig(), "cpu", 1))])
+@pytest.mark.parametrize("data", [b"\xc1", b"", TO_ENGINE.encode(Begin(ServerConfig(), "cpu", 1, 1))])
 def test_what_does_not_belong_ends_the_process(process: Process, data: bytes, way: str) -> None:
     getattr(process.gateway, way).send(data)
     assert isinstance(process.ended(), CodecError)

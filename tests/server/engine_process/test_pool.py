@@ -10,7 +10,7 @@ from motiongen_server.settings import SettingError
 from tests.server.engine_process.audience import pool_of
 
 
-@pytest.mark.parametrize(("engines", "given", "load"), [(2, None, "0.9"), (3, None, "0.8"), (3, 0.5, "0.5")])
+@pytest.mark.parametrize(("engines", "given", "load"), [(2, None, "0.87"), (3, None, "0.75"), (3, 0.5, "0.5")])
 def test_engines_know_up_to_where_they_are_filled(
     engines: int, given: float | None, load: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -36,7 +36,7 @@ def plan_window(
     *,
     keep_text: bool = False,
 ) -> WindowPlan:
-    """What the window whose first new frame is first_frame is given in place of targets, and of its prompt's text (n, W).
+    """What the window whose first new frame is first_frame is given for targets and for its prompt's text (n, W).
 
     The targets that lead to what is asked for, or `targets` themselves where nothing is planned; the text, or a gait's
     where these contradict it, unless it is to be kept. history: (H, 5 or more) normalised features of the frames before

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 from motiongen_server.engine.ports import DeviceLost, OutOfMemory
 
@@ -14,6 +14,13 @@ _Answer = TypeVar("_Answer")
 
 # After so many full calls without trouble a call may be an eighth larger again.
 _CALM_CALLS = 64
+
+
+class CallTime(NamedTuple):
+    """What a call took: seconds, and seconds of processor time, which are the same where nobody counts these."""
+
+    seconds: float
+    spent_s: float
 
 
 class BatchRetry(Generic[_Item, _Answer]):
@@ -27,16 +34,16 @@ class BatchRetry(Generic[_Item, _Answer]):
         call: Callable[[Sequence[_Item]], list[_Answer]],
         job_id_of: Callable[[_Item], int],
         failed: Callable[[int, Exception], None],
-        observe: Callable[[Sequence[_Item], float], None],
-        now: Callable[[], float],
+        observe: Callable[[Sequence[_Item], CallTime], None],
+        read_clocks: Callable[[], CallTime],
         most: int,
     ) -> None:
-        """observe: told of every call that went well, with the seconds it took by `now`."""
+        """observe: told of every call that went well, and what it took by `read_clocks`."""
         self._call = call
         self._job_id_of = job_id_of
         self._failed = failed
         self._observe = observe
-        self._now = now
+        self._read_clocks = read_clocks
         self._largest = most
         self._calm = 0
         self.most = most
@@ -68,9 +75,10 @@ class BatchRetry(Generic[_Item, _Answer]):
         return answers
 
     def _timed(self, part: Sequence[_Item]) -> list[_Answer]:
-        begun_at = self._now()
+        begun = self._read_clocks()
         answers = self._call(part)
-        self._observe(part, self._now() - begun_at)
+        ended = self._read_clocks()
+        self._observe(part, CallTime(ended.seconds - begun.seconds, ended.spent_s - begun.spent_s))
         return answers
 
     def _each_alone(self, part: Sequence[_Item]) -> list[_Answer]:

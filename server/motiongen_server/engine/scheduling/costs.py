@@ -14,9 +14,11 @@ from dataclasses import dataclass, field
 _LEARNING_RATE = 0.125
 # How fast what one size costs beside the others follows what is measured.
 _SHAPE_RATE = 1 / 128
-# The pace is of about so many calls, or of so long, where that is fewer; never of fewer than the least.
+# The pace is of about so many calls, or of so long, where that is fewer; never of fewer than the least. By processor
+# time it is of more: nobody takes that away, and where sessions open, calls are dear for some seconds only.
 _PACE_CALLS, _LEAST_PACE_CALLS = 32, 8
 _PACE_S = 2.0
+_LONGER = 8
 # One hiccup must not pass for the new normal: a measurement counts as at most so many times what was expected. What it
 # took beyond that counts with the calls that follow, up to as long as a quota of processor time lets a process stand.
 _MOST_SURPRISE = 4.0
@@ -50,9 +52,11 @@ class Pace:
 
     A neighbour that takes the cores, or a quota that is used up, slows calls of every kind and size. The pace is a
     ratio of sums. A mean of ratios would be too great where calls are uneven, as those are on the way of which the
-    processor is taken away; and of one kind of call alone it would be known late, where there are few of them.
+    processor is taken away; and of one kind of call alone it would be known late, where there are few of them. longer:
+    looks back so many times further.
     """
 
+    longer: int = 1
     value: float = 1.0
     _spent_s: float = 0.0
     _usual_s: float = 0.0
@@ -65,8 +69,9 @@ class Pace:
         ratio = min(whole_s / expected_s, _MOST_SURPRISE)
         self._carried_s = min(whole_s - ratio * expected_s, _MOST_CARRIED_S)
         if not self._usual_s:
-            self._spent_s = self._usual_s = _PACE_CALLS * usual_s
-        kept = 1.0 - min(1.0 / _LEAST_PACE_CALLS, max(1.0 / _PACE_CALLS, seconds / _PACE_S))
+            self._spent_s = self._usual_s = self.longer * _PACE_CALLS * usual_s
+        gone = min(1.0 / _LEAST_PACE_CALLS, max(1.0 / _PACE_CALLS, seconds / _PACE_S))
+        kept = 1.0 - gone / self.longer
         self._spent_s = kept * self._spent_s + ratio * expected_s
         self._usual_s = kept * self._usual_s + usual_s
         self.value = self._spent_s / self._usual_s
@@ -78,11 +83,13 @@ class CallCosts:
     """What one kind of call costs by its size. assumed_s: of any size, before anything was measured.
 
     deviation: the mean distance of a measurement from what was expected, as a share of it. pace: of the device, for all
-    its kinds of calls.
+    its kinds of calls; spent: the same by the processor time that calls took, where that is told, else None. Who stands
+    still because a quota is used up is late, but takes nothing of it.
     """
 
     assumed_s: float
     pace: Pace = field(default_factory=Pace)
+    spent: Pace | None = None
     deviation: float = 0.0
     _means: dict[int, float] = field(default_factory=dict)
     _weights: dict[int, float] = field(default_factory=dict)
@@ -90,8 +97,8 @@ class CallCosts:
     _efficient: dict[tuple[int, float], int] = field(default_factory=dict)
     _unread: int = 0
 
-    def observe(self, size: int, seconds: float) -> None:
-        """Take in what a call of this size took."""
+    def observe(self, size: int, seconds: float, spent_s: float = 0.0) -> None:
+        """Take in what a call of this size took. spent_s: of the processor, which counts where that is followed."""
         index = bisect_left(SIZES, size)
         mean = self._means.get(index)
         if mean is None and self._means and min(self._means) < index < max(self._means):
@@ -102,6 +109,8 @@ class CallCosts:
             self._forget_curve()
             return
         ratio = self.pace.observe(mean, seconds)
+        if self.spent is not None:
+            self.spent.observe(mean, spent_s)
         self.deviation += _LEARNING_RATE * (abs(ratio - 1.0) - self.deviation)
         self._means[index] = max(mean + _SHAPE_RATE * (ratio - 1.0) * mean, _LEAST_S)
         self._weights[index] = min(self._weights[index] + 1.0, _MOST_WEIGHT)
@@ -115,19 +124,28 @@ class CallCosts:
 
     def seconds(self, size: int) -> float:
         """What a call of this size is expected to take; it never falls as the size rises. 0 for size 0."""
-        if size <= 0:
-            return 0.0
-        if not self._means:
-            return self.assumed_s
-        if not self._curve:
-            self._curve = _monotone_curve(self._means, self._weights)
-        index = bisect_left(SIZES, size)
-        usual_s = self._curve[index] if index < len(self._curve) else self._curve[-1] * size / SIZES[-1]
-        return self.pace.value * usual_s
+        return self.pace.value * self._usual_s(size) if self._means else self._assumed_s(size)
 
     def each_s(self, size: int) -> float:
         """The share of one in a call of this size."""
         return self.seconds(size) / max(1, size)
+
+    def spent_each_s(self, size: int) -> float:
+        """What one in a call of this size is expected to take of the processor; as `each_s` where that is not told."""
+        if self.spent is None or not self._means:
+            return self.each_s(size)
+        return self.spent.value * self._usual_s(size) / max(1, size)
+
+    def _assumed_s(self, size: int) -> float:
+        return self.assumed_s if size > 0 else 0.0
+
+    def _usual_s(self, size: int) -> float:
+        if size <= 0:
+            return 0.0
+        if not self._curve:
+            self._curve = _monotone_curve(self._means, self._weights)
+        index = bisect_left(SIZES, size)
+        return self._curve[index] if index < len(self._curve) else self._curve[-1] * size / SIZES[-1]
 
     def largest_within(self, seconds: float) -> int:
         """The greatest bucket that is expected to take no longer than this; 0 where none is."""
@@ -185,7 +203,13 @@ class CostTable:
     def assumed(cls, step_s: float) -> CostTable:
         """A table without measurements: a step costs step_s, the rest nothing."""
         pace = Pace()
-        return cls(CallCosts(0.0, pace), CallCosts(step_s, pace), CallCosts(0.0, pace))
+        return cls(*(CallCosts(assumed_s, pace) for assumed_s in (0.0, step_s, 0.0)))
+
+    def follow_processor(self) -> None:
+        """From now on calls are told with the processor time that they took."""
+        spent = Pace(longer=_LONGER)
+        for costs in (self.prepare, self.step, self.decode):
+            costs.spent = spent
 
     def round_s(self, evaluations: int, rows: int, num_steps: int) -> float:
         """One round of the engine with so many rows of num_steps each: its step, and its share of coming and going."""

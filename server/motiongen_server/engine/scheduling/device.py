@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from types import TracebackType
 
 from motiongen_server.engine.ports import Runner
+from motiongen_server.engine.scheduling.quota_share import QuotaAccount
 from motiongen_server.engine.types import Float32Array, ModelFacts, RowStatus, WindowJob, WindowResult
 
 
 class Device:
     """Gives turns in the order in which they were asked for: an engine waits for one step of each other at most."""
 
-    def __init__(self, quota_used_s: Callable[[], float] | None = None) -> None:
-        """quota_used_s: seconds of a quota that all processes in it have used; None: there is none, or none is told."""
-        self.quota_used_s = quota_used_s
+    def __init__(self, quota: QuotaAccount | None = None) -> None:
+        """quota: of the processor, None where there is none or nobody tells what is used of it."""
+        self.quota = quota
         self._lock = threading.Lock()
         self._taken = False
         self._waiting: deque[threading.Lock] = deque()
@@ -89,9 +90,9 @@ class DeviceLease:
         self._device.pass_on()
 
     @property
-    def quota_used_s(self) -> Callable[[], float] | None:
+    def quota(self) -> QuotaAccount | None:
         """As of the device."""
-        return self._device.quota_used_s
+        return self._device.quota
 
     @property
     def elsewhere(self) -> float:

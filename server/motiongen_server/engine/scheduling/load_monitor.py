@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from motiongen_server.engine.scheduling.admission import Admission, Prices
 from motiongen_server.engine.scheduling.degradation import FULL, Degradation, Level, levels_of
 from motiongen_server.engine.scheduling.device import DeviceLease
+from motiongen_server.engine.scheduling.device_use import DeviceUse
 from motiongen_server.engine.scheduling.quota_share import QuotaShare
 from motiongen_server.engine.scheduling.window_rates import WindowRates
 from motiongen_server.engine.types import ModelFacts, Priority
@@ -26,10 +27,8 @@ class LoadMonitor:
         self._lease = lease
         self._degradation = Degradation(levels_of(facts), now) if degrade else None
         self._rates = WindowRates(facts.fps / facts.horizon)
-        self._quota = None if lease.quota_used_s is None else QuotaShare(lease.quota_used_s)
-        self._measured = 0.0
-        self._work_s = self._busy_s = 0.0
-        self._busy = 0.0
+        self._quota = None if lease.quota is None else QuotaShare(lease.quota)
+        self._use = self._of_late = DeviceUse()
         self._at = now
 
     @property
@@ -40,7 +39,7 @@ class LoadMonitor:
     @property
     def load(self) -> float:
         """Share of the machine that was in use of late, counted as if all steps had been full, by other engines too."""
-        return self._measured + self._lease.elsewhere
+        return self._of_late.work_s + self._lease.elsewhere
 
     @property
     def shed(self) -> bool:
@@ -62,26 +61,22 @@ class LoadMonitor:
             self._degradation.note_windows(now, windows, late)
 
     def measure(
-        self, now: float, work_s: float, busy_s: float, prices: Prices, present: Mapping[Priority, int]
+        self, now: float, use: DeviceUse, prices: Prices, present: Mapping[Priority, int]
     ) -> Iterable[Priority]:
-        """Take stock; returns the classes that are on another level now.
-
-        work_s: what the machine has done since the start, in seconds of it had all steps been full; busy_s: in seconds
-        as they were.
-        """
+        """Take stock; returns the classes that are on another level now. use: of the device since the start."""
         elapsed_s = now - self._at
         if elapsed_s > 0:
             self._rates.update(elapsed_s, present)
-            weight = min(1.0, elapsed_s / _MEASURED_OVER_S)
-            self._measured += weight * ((work_s - self._work_s) / elapsed_s - self._measured)
-            self._busy += weight * ((busy_s - self._busy_s) / elapsed_s - self._busy)
+            rates = use.rates(self._use, elapsed_s)
+            self._of_late = self._of_late.toward(rates, min(1.0, elapsed_s / _MEASURED_OVER_S))
             if self._quota is not None:
-                self._quota.update(elapsed_s, self._busy + self._lease.elsewhere)
-        self._work_s, self._busy_s, self._at = work_s, busy_s, now
-        self._lease.load = self._measured
+                self._quota.update(elapsed_s, self._of_late.spent_s + self._lease.elsewhere)
+        self._use, self._at = use, now
+        measured, elsewhere = self._of_late.work_s, self._lease.elsewhere
+        self._lease.load = measured
         times = 1.0 if self._quota is None else self._quota.factor
         prices = Prices(times * prices.step_s, times * prices.window_s)
-        self._admission.set_prices(prices, times * self._measured, times * self._lease.elsewhere, self._rates)
+        self._admission.set_prices(prices, times * measured, times * elsewhere, self._rates)
         if self._degradation is None:
             return ()
-        return self._degradation.update(now, self.load, present, self._busy + self._lease.elsewhere)
+        return self._degradation.update(now, self.load, present, self._of_late.busy_s + elsewhere)

@@ -3,31 +3,51 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 _OVER_S = 2.0
 # Of a processor that has hardly anything to do, what others use says nothing of what sessions will make them use.
 _LEAST_BUSY = 0.05
 _MOST = 4.0
+_GATEWAY = 1.1
+_LEARNED_S = 16.0
+
+
+@dataclass(frozen=True, slots=True)
+class QuotaAccount:
+    """cores: the quota. engines: that share it. used_s: seconds of the whole quota that everything in it has used so
+    far; a second of 1.5 cores is 1.5 seconds of processor time. spent_s: seconds of processor time of this process.
+    """
+
+    cores: float
+    engines: int
+    used_s: Callable[[], float]
+    spent_s: Callable[[], float]
 
 
 class QuotaShare:
-    """How much of a quota goes with each second of an engine's own calls, by what was used of late.
+    """How much of a quota goes with each second of processor time of an engine's own calls, by what was used of late.
 
     Under a quota, calls are as fast as ever until its part of a period is used up, by whoever: other engines and the
     gateway use of it too. So an engine that goes by its own clock alone sees room until the moment in which all stand
-    still. factor: so many times what its calls take of a processor goes of the quota, at least 1.
+    still. factor: of the quota, so many times what its calls take of a processor.
+
+    Sessions that open cost the gateway more than those that play. So what is seen counts little by little, and an
+    engine begins with others as busy as itself, and with a gateway that takes what it was seen to take for a crowd.
     """
 
-    def __init__(self, used_s: Callable[[], float]) -> None:
-        """used_s: seconds of the whole quota that everything in it has used so far."""
-        self._used_s = used_s
-        self._before_s = used_s()
+    def __init__(self, account: QuotaAccount) -> None:
+        self._account = account
+        self._alone = 1.0 / account.cores
+        self._before_s = account.used_s()
         self._used = 0.0
-        self.factor = 1.0
+        self.factor = min(_GATEWAY * account.engines * self._alone, _MOST)
 
-    def update(self, elapsed_s: float, busy: float) -> None:
-        """busy: the share of time that the engine's calls took of late, over as long as is looked back here."""
-        now_s = self._used_s()
+    def update(self, elapsed_s: float, spent: float) -> None:
+        """spent: of a second, what the engine's calls took of a processor of late, looked back as far as here."""
+        now_s = self._account.used_s()
         self._used += min(1.0, elapsed_s / _OVER_S) * ((now_s - self._before_s) / elapsed_s - self._used)
         self._before_s = now_s
-        self.factor = min(max(1.0, self._used / busy), _MOST) if busy > _LEAST_BUSY else 1.0
+        if spent > _LEAST_BUSY:
+            seen = min(max(self._alone, self._used / spent), _MOST)
+            self.factor += min(1.0, elapsed_s / _LEARNED_S) * (seen - self.factor)

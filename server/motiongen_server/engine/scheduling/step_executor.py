@@ -13,8 +13,9 @@ import numpy as np
 
 from motiongen_server.engine.ports import Clock, DeviceLost, OutOfMemory, Runner
 from motiongen_server.engine.scheduling.admission import Prices
-from motiongen_server.engine.scheduling.batch_retry import BatchRetry
+from motiongen_server.engine.scheduling.batch_retry import BatchRetry, CallTime
 from motiongen_server.engine.scheduling.costs import bucket
+from motiongen_server.engine.scheduling.device_use import DeviceUse
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.scheduled_job import ScheduledJob
 from motiongen_server.engine.types import Float32Array, RowStatus, WindowJob, WindowResult
@@ -34,6 +35,7 @@ class StepExecutor:
 
     failed: told of every job that the model cannot do, and why, in words for the client; it is to call `discard`.
     begins: asked of every job before it is prepared, with the seconds that it will take, for one to take its place.
+    spent: seconds of processor time so far, where that is what there is only so much of.
     """
 
     def __init__(
@@ -43,7 +45,9 @@ class StepExecutor:
         clock: Clock,
         max_rows: int,
         failed: Callable[[int, str], None],
+        *,
         begins: Callable[[int, float], WindowJob | None],
+        spent: Callable[[], float] | None = None,
     ) -> None:
         self._runner = runner
         self._policy = policy
@@ -52,22 +56,25 @@ class StepExecutor:
         self._begins = begins
         self._default_steps = runner.facts.default_steps
         self._report = StepReport()
+
+        def read_clocks() -> CallTime:
+            now = clock.now()
+            return CallTime(now, now if spent is None else spent())
+
         self._prepares: BatchRetry[ScheduledJob, int] = BatchRetry(
-            self._prepare, _id_of, self._give_up, self._prepared, clock.now, max_rows
+            self._prepare, _id_of, self._give_up, self._prepared, read_clocks, max_rows
         )
         self._steps: BatchRetry[ScheduledJob, RowStatus] = BatchRetry(
-            self._denoise, _id_of, self._give_up, self._stepped, clock.now, max_rows
+            self._denoise, _id_of, self._give_up, self._stepped, read_clocks, max_rows
         )
         self._decodes: BatchRetry[int, WindowResult] = BatchRetry(
-            runner.decode, int, self._give_up, self._decoded, clock.now, max_rows
+            runner.decode, int, self._give_up, self._decoded, read_clocks, max_rows
         )
         self._background: set[int] = set()
         self._passes = float(runner.facts.guidance_passes)
-        self.work_s = 0.0
-        self.busy_s = 0.0
-        """Seconds in calls of the runner, the background's share left out. work_s: had all been as large as they are
-        under a backlog, at the pace of late; what single calls took is no measure where the processor is taken away now
-        and then: the few that it is taken from took more, and all others less."""
+        if spent is not None:
+            policy.costs.follow_processor()
+        self.use = DeviceUse()
 
     def __len__(self) -> int:
         """Jobs under way."""
@@ -164,13 +171,13 @@ class StepExecutor:
     def prices(self) -> Prices:
         """What a step and a window cost by now, where steps are full, with as many evaluations as steps have had."""
         costs, turnover = self._policy.costs, self._turnover
-        window_s = costs.prepare.each_s(turnover) + costs.decode.each_s(turnover)
-        return Prices(self._passes * costs.step.each_s(self._policy.largest_step), window_s)
+        window_s = costs.prepare.spent_each_s(turnover) + costs.decode.spent_each_s(turnover)
+        return Prices(self._passes * costs.step.spent_each_s(self._policy.largest_step), window_s)
 
     @property
     def _turnover(self) -> int:
-        """Windows that begin and end with every step, where steps are full."""
-        return max(1, ceil(self._policy.largest_step / (self._passes * self._default_steps)))
+        """Windows that begin and end together where steps are full: half of a step's, as crowds were seen to."""
+        return max(1, ceil(self._policy.largest_step / (2 * self._passes)))
 
     # ---- calls of the runner ----------------------------------------------------------------------------------------
 
@@ -181,28 +188,30 @@ class StepExecutor:
     def _denoise(self, jobs: Sequence[ScheduledJob]) -> list[RowStatus]:
         return self._runner.denoise([held.job.job_id for held in jobs])
 
-    def _prepared(self, jobs: Sequence[ScheduledJob], seconds: float) -> None:
-        costs = self._policy.costs
-        costs.prepare.observe(len(jobs), seconds)
+    def _prepared(self, jobs: Sequence[ScheduledJob], took: CallTime) -> None:
+        costs = self._policy.costs.prepare
+        costs.observe(len(jobs), *took)
         counted = sum(not held.job.background for held in jobs)
-        self.busy_s += seconds * counted / len(jobs)
-        self.work_s += counted * costs.prepare.each_s(self._turnover)
+        self._count(took, counted / len(jobs), counted * costs.spent_each_s(self._turnover))
 
-    def _stepped(self, jobs: Sequence[ScheduledJob], seconds: float) -> None:
-        costs = self._policy.costs
+    def _stepped(self, jobs: Sequence[ScheduledJob], took: CallTime) -> None:
+        costs = self._policy.costs.step
         evaluations = sum(held.passes for held in jobs)
-        costs.step.observe(evaluations, seconds)
+        costs.observe(evaluations, *took)
         self._passes += min(1.0, _PASSES_RATE * len(jobs)) * (evaluations / len(jobs) - self._passes)
         counted = sum(held.passes for held in jobs if not held.job.background)
-        self.busy_s += seconds * counted / evaluations
-        self.work_s += counted * costs.step.each_s(self._policy.largest_step)
+        self._count(took, counted / evaluations, counted * costs.spent_each_s(self._policy.largest_step))
 
-    def _decoded(self, job_ids: Sequence[int], seconds: float) -> None:
-        costs = self._policy.costs
-        costs.decode.observe(len(job_ids), seconds)
+    def _decoded(self, job_ids: Sequence[int], took: CallTime) -> None:
+        costs = self._policy.costs.decode
+        costs.observe(len(job_ids), *took)
         counted = sum(job_id not in self._background for job_id in job_ids)
-        self.busy_s += seconds * counted / len(job_ids)
-        self.work_s += counted * costs.decode.each_s(self._turnover)
+        self._count(took, counted / len(job_ids), counted * costs.spent_each_s(self._turnover))
+
+    def _count(self, took: CallTime, share: float, work_s: float) -> None:
+        """share: of the call that is not the background's."""
+        use = self.use
+        self.use = DeviceUse(use.work_s + work_s, use.busy_s + share * took.seconds, use.spent_s + share * took.spent_s)
 
     # ---- failures ---------------------------------------------------------------------------------------------------
 

@@ -3,7 +3,7 @@ from collections.abc import Callable, Sequence
 import pytest
 
 from motiongen_server.engine.ports import DeviceLost, OutOfMemory
-from motiongen_server.engine.scheduling.batch_retry import BatchRetry
+from motiongen_server.engine.scheduling.batch_retry import BatchRetry, CallTime
 
 
 class Memory:
@@ -20,7 +20,7 @@ class Memory:
             int,
             lambda job_id, error: self.failed.append((job_id, error)),
             lambda items, seconds: self.observed.append(len(items)),
-            lambda: 0.0,
+            lambda: CallTime(0.0, 0.0),
             most,
         )
 

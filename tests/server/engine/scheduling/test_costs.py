@@ -90,6 +90,34 @@ def test_a_neighbour_that_slows_one_size_is_expected_to_slow_the_others() -> Non
     assert 0.013 < costs.seconds(1) < 0.02
 
 
+def test_who_stands_still_is_late_but_spends_no_more() -> None:
+    table = CostTable.assumed(0.5)
+    table.follow_processor()
+    assert table.step.spent_each_s(4) == 0.125  # as assumed
+    table.step.observe(4, 0.01, 0.01)
+    for _ in range(400):
+        table.step.observe(4, 0.02, 0.011)  # the processor was taken away for half of the time
+    assert table.step.seconds(4) == pytest.approx(0.02, rel=0.05)
+    assert table.step.spent_each_s(4) == pytest.approx(0.011 / 4, rel=0.05)
+
+
+def test_what_is_dear_for_a_moment_is_dear_on_the_clock_and_hardly_a_price() -> None:
+    table = CostTable.assumed(0.5)
+    table.follow_processor()
+    table.decode.observe(4, 0.01, 0.01)
+    for _ in range(40):
+        table.decode.observe(4, 0.02, 0.02)
+    assert table.decode.seconds(4) > 0.017
+    assert table.decode.spent_each_s(4) < 0.013 / 4
+
+
+def test_where_nobody_counts_the_processor_all_that_a_call_took_is_spent() -> None:
+    costs = CallCosts(0.5)
+    for seconds in (0.01, 0.01, 0.013, 0.02):
+        costs.observe(4, seconds)
+    assert costs.spent_each_s(4) == costs.each_s(4)
+
+
 def test_calls_that_take_no_time_at_all_can_become_slow() -> None:
     costs = CallCosts(0.0)
     for _ in range(20):

@@ -3,7 +3,9 @@
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.admission import Admission, Prices
 from motiongen_server.engine.scheduling.device import Device
+from motiongen_server.engine.scheduling.device_use import DeviceUse
 from motiongen_server.engine.scheduling.load_monitor import EVERY_S, LoadMonitor
+from motiongen_server.engine.scheduling.quota_share import QuotaAccount
 from motiongen_server.engine.types import Code, Priority, SessionKey
 from tests.server.engine.fakes import FACTS
 from tests.server.engine.stage import spec
@@ -17,7 +19,8 @@ def admitted(gateway: float, told_of_quota: bool) -> int:
     gateway: cores that it uses. Nobody stands still before the quota is used up.
     """
     used = [0.0]
-    device = Device((lambda: used[0]) if told_of_quota else None)
+    account = QuotaAccount(QUOTA_CORES, 2, lambda: used[0], lambda: 0.0)
+    device = Device(account if told_of_quota else None)
     admission = Admission(FACTS, EngineConfig(max_sessions=1 << 16, admit_load=(0.9,) * 4))
     monitor = LoadMonitor(FACTS, admission, 0.0, degrade=False, lease=device.lease())
     price = Prices(0.0, 0.01 * FACTS.horizon / FACTS.fps)
@@ -27,7 +30,7 @@ def admitted(gateway: float, told_of_quota: bool) -> int:
         busy = min(1.0, 0.01 * count)
         busy_s += busy * EVERY_S
         used[0] += min(1.0, (2 * busy + gateway) / QUOTA_CORES) * EVERY_S
-        monitor.measure(now, busy_s, busy_s, price, {Priority.NEAR: count})
+        monitor.measure(now, DeviceUse(busy_s, busy_s, busy_s), price, {Priority.NEAR: count})
         key = SessionKey(1, count)
         refusal = admission.reserve(spec(key), 1)
         if refusal is None:

@@ -2,40 +2,64 @@
 
 import pytest
 
-from motiongen_server.engine.scheduling.quota_share import QuotaShare
+from motiongen_server.engine.scheduling.quota_share import QuotaAccount, QuotaShare
+
+EVERY_S = 0.25
 
 
-class Account:
-    def __init__(self) -> None:
+class Group:
+    """A control group of processes, of which one is an engine's."""
+
+    def __init__(self, cores: float = 1.0, engines: int = 1) -> None:
         self.used_s = 100.0  # from before
+        self.share = QuotaShare(QuotaAccount(cores, engines, lambda: self.used_s, lambda: 0.0))
 
-    def __call__(self) -> float:
-        return self.used_s
-
-
-def share_after(used: float, busy: float, seconds: float = 20.0, every_s: float = 0.25) -> float:
-    """The factor where so much of the quota was used, and so much of the time was an engine's."""
-    account = Account()
-    share = QuotaShare(account)
-    for _ in range(round(seconds / every_s)):
-        account.used_s += used * every_s
-        share.update(every_s, busy)
-    return share.factor
+    def pass_by(self, seconds: float, used: float, spent: float) -> float:
+        """The factor once so much of the quota was used for so long, and so much of a processor was the engine's."""
+        for _ in range(round(seconds / EVERY_S)):
+            self.used_s += used * EVERY_S
+            self.share.update(EVERY_S, spent)
+        return self.share.factor
 
 
 @pytest.mark.parametrize(
-    ("used", "busy", "factor"),
+    ("cores", "engines", "used", "spent", "factor"),
     [
-        (0.6, 0.4, 1.5),  # two engines of 1.5 cores and a gateway, none of them standing still
-        (1.0, 1.0, 1.0),  # all stand still: the engine's own calls show it
-        (0.7, 0.9, 1.0),  # what it took it did not compute; no other used it
-        (0.9, 0.1, 4.0),  # others are at work, not for the sessions of this one alone
-        (0.2, 0.01, 1.0),  # nothing to judge by
+        (1.5, 2, 0.6, 0.4, 1.5),  # two engines and a gateway, none of them standing still
+        (1.5, 2, 1.0, 0.7, 1.43),  # all stand still: a second of the engine's is still what it was
+        (0.7, 1, 1.0, 0.6, 1.67),
+        (1.0, 1, 1.0, 1.0, 1.0),  # nobody but the engine
+        (4.0, 1, 0.9, 3.4, 0.265),  # an engine of four threads
+        (4.0, 1, 0.7, 3.4, 0.25),  # no less than what it took itself
+        (1.0, 1, 0.9, 0.1, 4.0),  # others are at work, not for the sessions of this one alone
     ],
 )
-def test_what_a_second_of_an_engines_calls_stands_for(used: float, busy: float, factor: float) -> None:
-    assert share_after(used, busy) == pytest.approx(factor, rel=0.01)
+def test_what_a_second_of_an_engines_calls_stands_for(
+    cores: float, engines: int, used: float, spent: float, factor: float
+) -> None:
+    assert Group(cores, engines).pass_by(120.0, used, spent) == pytest.approx(factor, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("cores", "engines", "factor"), [(1.0, 1, 1.1), (1.5, 2, 1.47), (0.7, 1, 1.57), (2.0, 1, 0.55)]
+)
+def test_before_anything_is_known_engines_are_as_busy_as_each_other(cores: float, engines: int, factor: float) -> None:
+    group = Group(cores, engines)
+    assert group.pass_by(60.0, used=0.2, spent=0.01) == pytest.approx(factor, rel=0.01)
+
+
+def test_what_opening_costs_the_gateway_is_not_taken_for_what_playing_costs() -> None:
+    group = Group()
+    opening = group.pass_by(2.0, used=0.4, spent=0.2)
+    assert 1.05 < opening < 1.1 + 0.25 * 0.9
+    assert group.pass_by(120.0, used=0.88, spent=0.8) == pytest.approx(1.1, rel=0.01)
+
+
+def test_what_was_seen_is_kept_while_an_engine_has_nothing_to_do() -> None:
+    group = Group()
+    busy = group.pass_by(60.0, used=0.75, spent=0.5)
+    assert group.pass_by(60.0, used=0.3, spent=0.0) == busy
 
 
 def test_what_was_used_before_does_not_count() -> None:
-    assert share_after(used=0.4, busy=0.4, seconds=0.25) == 1.0
+    assert Group().pass_by(60.0, used=0.4, spent=0.4) == pytest.approx(1.0, rel=0.01)

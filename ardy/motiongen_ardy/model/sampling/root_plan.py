@@ -143,8 +143,7 @@ class _Plan:
         ahead = path[np.minimum(index + _CHORD_FRAMES, len(path) - 1)] - path[np.maximum(index - _CHORD_FRAMES, 0)]
         walks = np.hypot(*ahead.T) > _WALKS_M_S * 2 * _CHORD_FRAMES / fps
         along = np.arctan2(*ahead[walks].T) + off
-        turns = np.diff(along, prepend=state.heading)
-        facings = np.append(state.heading, state.heading + np.cumsum(turns - math.tau * np.round(turns / math.tau)))
+        facings = np.unwrap(np.append(state.heading, along))
         wanted = facings[np.cumsum(walks)]  # the last that is known: who stands faces where they walked
         turn = np.array([state.heading - wanted[0]])
         rate = 0.8 * self.options.turn_rate_rad_s

@@ -97,8 +97,8 @@ class CallCosts:
     _efficient: dict[tuple[int, float], int] = field(default_factory=dict)
     _unread: int = 0
 
-    def observe(self, size: int, seconds: float, spent_s: float = 0.0) -> None:
-        """Take in what a call of this size took. spent_s: of the processor, which counts where that is followed."""
+    def observe(self, size: int, seconds: float, spent_s: float | None = None) -> None:
+        """Take in what a call of this size took. spent_s: of the processor, where that is told; None: all of it."""
         index = bisect_left(SIZES, size)
         mean = self._means.get(index)
         if mean is None and self._means and min(self._means) < index < max(self._means):
@@ -110,7 +110,7 @@ class CallCosts:
             return
         ratio = self.pace.observe(mean, seconds)
         if self.spent is not None:
-            self.spent.observe(mean, spent_s)
+            self.spent.observe(mean, seconds if spent_s is None else spent_s)
         self.deviation += _LEARNING_RATE * (abs(ratio - 1.0) - self.deviation)
         self._means[index] = max(mean + _SHAPE_RATE * (ratio - 1.0) * mean, _LEAST_S)
         self._weights[index] = min(self._weights[index] + 1.0, _MOST_WEIGHT)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import grpc
 import pytest
 
-from motiongen_client import LinePolicy, MotionClient, StreamLost
+from motiongen_client import LinePolicy, MotionClient, StreamLost, calls
 from motiongen_server.errors import StreamRefused
 from tests.client.fake_server import FakeServer
 from tests.client.waiting import until
@@ -37,8 +37,17 @@ async def test_a_server_that_cannot_serve_yet_is_asked_by_another_key(server: Fa
 async def test_a_refusal_is_told_with_its_reason_however_soon_it_comes(server: FakeServer) -> None:
     full = StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "STREAM_LIMIT", "no more streams").status()
     async with MotionClient(server.address, policy=LinePolicy(recover_s=0)) as client:
-        for _ in range(60):  # one in fifteen comes while the hello is still being written
+        for _ in range(60):  # one in fifteen, at times most of them, come while the hello is still being written
             server.turned_away = [full] * 100
             with pytest.raises(StreamLost) as refused:
                 await client.open("walk")
             assert (refused.value.code, refused.value.reason) == ("RESOURCE_EXHAUSTED", "STREAM_LIMIT")
+
+
+async def test_who_listens_before_the_hello_is_served_as_well(
+    server: FakeServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(calls, "LISTEN_S", (0.05,))
+    async with MotionClient(server.address) as client:
+        session = await client.open("walk")
+        assert await anext(session.frames(0.1, realtime=False))

@@ -57,12 +57,15 @@ class Call:
         self._tasks: list[asyncio.Task[None]] = []
         self._connecting: asyncio.Task[None] | None = None
 
-    async def greet(self, agent: str, address: str, timeout_s: float) -> None:
-        """Make the call and exchange hellos. Raises ServerUnavailable or StreamLost; `close` it then."""
+    async def greet(self, agent: str, address: str, timeout_s: float, *, listen_s: float = 0.0) -> None:
+        """Make the call and exchange hellos. Raises ServerUnavailable or StreamLost; `close` it then.
+
+        listen_s: how long the server may refuse the call before it is told anything.
+        """
         call: _Call = MotionServiceStub(self._channel).StreamMotion()
         self._call = call
         reading = asyncio.create_task(self._read(call), name="motiongen-read")
-        self._connecting = asyncio.create_task(call.wait_for_connection(), name="motiongen-connect")
+        self._connecting = asyncio.create_task(self._connect(call, reading, listen_s), name="motiongen-connect")
         hello = service_pb2.ClientHello(client_agent=agent)
         writing = asyncio.create_task(self._write(call, self._connecting, hello), name="motiongen-write")
         self._tasks = [reading, writing]
@@ -133,6 +136,13 @@ class Call:
                 raise
             failure = StreamLost("CANCELLED", "the stream was closed here")  # so grpc.aio tells it of a closed channel
         self._end(failure)
+
+    @staticmethod
+    async def _connect(call: _Call, reading: asyncio.Task[None], listen_s: float) -> None:
+        """Wait until something may be written."""
+        await call.wait_for_connection()
+        if listen_s:
+            await asyncio.wait({reading}, timeout=listen_s)
 
     async def _write(self, call: _Call, connecting: asyncio.Task[None], hello: service_pb2.ClientHello) -> None:
         try:

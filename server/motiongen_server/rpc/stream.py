@@ -197,13 +197,17 @@ class Stream(StreamTakeOvers):
         if not entry.bucket.take(now):
             raise too_fast(self._limits.events_per_second, entry.bucket.wait_s)
 
+    async def turn(self) -> None:
+        """Let other streams have a turn in the middle of a message, and wait as `room` does."""
+        await asyncio.sleep(0)
+        await self.room()
+
     async def room(self) -> None:
-        """Let other streams have a turn, and wait until this one may be read on, or ends.
+        """Wait until the stream may be read on, or ends.
 
         Not while it owes for what it has sent, nor while more answers wait than its client reads. Not reading on passes
         the wait to the client, by gRPC's own flow control.
         """
-        await asyncio.sleep(0)
         while not self.ended:
             owed_s = self.budget.owed_s(time.monotonic())
             if not owed_s and not self._is_backlogged:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Iterable
 
-from motiongen.v1 import service_pb2
+from motiongen.v1 import service_pb2, session_pb2
 from motiongen_server.models.registry import ModelRegistry
 from motiongen_server.rpc.budget import EVENT_COST
 from motiongen_server.rpc.convert import round_trip_s
@@ -52,32 +53,35 @@ class StreamReader:
             stream.listening_since = None
             if not isinstance(data, bytes):  # grpc.aio.EOF
                 return
-            stream.budget.charge_message(len(data), time.monotonic())
+            now = time.monotonic()
+            stream.budget.charge_message(len(data), now)
             try:
-                await self._take(stream, data)
+                await self._take(stream, data, now)
             except Malformed as error:
                 raise malformed(str(error)) from error
 
-    async def _take(self, stream: Stream, data: bytes) -> None:
+    async def _take(self, stream: Stream, data: bytes, now: float) -> None:
         """Take one message. Raises Malformed, and StreamRefused for what is not allowed on the stream now."""
         if len(data) <= SMALL_BYTES:
             request = parsed(data)
-            stream.budget.charge(EVENT_COST * len(request.events), time.monotonic())
+            if events := request.events:
+                stream.budget.charge(EVENT_COST * len(events), now)
             self._control(stream, request)
-            await self._events(stream, request)
+            if events:
+                await self._events(stream, events)
             return
         parts = RequestParts(data, self._models.limits.max_event_fields)
         while not parts.is_done:
             stream.budget.charge(EVENT_COST * parts.walk(EVENTS_A_WALK), time.monotonic())
-            await stream.room()
+            await stream.turn()
         self._control(stream, parts.control())
         for request, is_overgrown in parts.events():
-            await stream.room()
+            await stream.turn()
             if is_overgrown:
                 refusal = too_many_fields(self._models.limits.max_event_fields)
                 stream.receive(request.events[0], time.monotonic(), refusal)
             else:
-                await self._events(stream, request)
+                await self._events(stream, request.events)
 
     def _control(self, stream: Stream, request: service_pb2.StreamMotionRequest) -> None:
         """What a message says of the stream itself."""
@@ -92,12 +96,12 @@ class StreamReader:
             stream.reply(service_pb2.StreamMotionResponse(pong=pong))
 
     @staticmethod
-    async def _events(stream: Stream, request: service_pb2.StreamMotionRequest) -> None:
+    async def _events(stream: Stream, events: Iterable[session_pb2.SessionEvent]) -> None:
         now, receive = time.monotonic(), stream.receive
-        for number, event in enumerate(request.events, 1):
+        for number, event in enumerate(events, 1):
             receive(event, now)
             if number % EVENTS_A_TURN == 0:
-                await stream.room()
+                await stream.turn()
 
     def _greet(self, stream: Stream, hello: service_pb2.ClientHello) -> None:
         if len(hello.client_agent) > MAX_AGENT_CHARACTERS:

@@ -31,6 +31,8 @@ class TokenBucket:
 
     def owed_s(self, now: float) -> float:
         """Seconds until what was charged is paid, 0 where it is."""
+        if self._tokens >= 0:  # as it is for most of what is asked, which comes with every message
+            return 0.0
         self._refill(now)
         return max(0.0, -self._tokens) / self._rate
 
@@ -94,8 +96,11 @@ class Share:
 
     def owed_s(self, now: float) -> float:
         """Seconds until this user may go on: 0 while the bucket owes nothing, or this one has had only its part."""
+        of_all_s = self._bucket.owed_s(now)
+        if not of_all_s:
+            return 0.0
         self._refill(now)
-        return min(self._bucket.owed_s(now), max(0.0, -self._tokens) / self._rate)
+        return min(of_all_s, max(0.0, -self._tokens) / self._rate)
 
     def _refill(self, now: float) -> None:
         if now != self._refilled_at:

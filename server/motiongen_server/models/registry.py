@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -54,6 +54,7 @@ class ModelRegistry:
 
     def __init__(self, first: LoadedModel) -> None:
         self._served = {first.model_id: first}
+        self.is_gateway_full: Callable[[], bool] = lambda: False  # then no model has room, whatever its engines say
         self._response = _catalog_response(self._served.values())
 
     def __iter__(self) -> Iterator[LoadedModel]:
@@ -103,12 +104,15 @@ class ModelRegistry:
     @property
     def free_share(self) -> float:
         """The share of the default model's capacity that is left to new sessions, 0 to 1."""
-        return self.default.engine.free_share
+        return self._free_share_of(self.default)
 
     @property
     def free_shares(self) -> dict[str, float]:
         """The same of each model, by its name. From any thread; 0 of those that take no sessions."""
-        return {each.model_id: 0.0 if each.refusal else each.engine.free_share for each in self}
+        return {each.model_id: 0.0 if each.refusal else self._free_share_of(each) for each in self}
+
+    def _free_share_of(self, model: LoadedModel) -> float:
+        return 0.0 if self.is_gateway_full() else model.engine.free_share
 
     def catalog_response(self, known_etag: str) -> service_pb2.GetCatalogResponse:
         """The catalogue, or its etag alone for a client that holds it already; with what is free at this moment."""

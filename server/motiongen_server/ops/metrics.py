@@ -50,6 +50,9 @@ class WatchedService(Protocol):
     @property
     def num_other_servers(self) -> int: ...
 
+    @property
+    def loop_lag_s(self) -> float: ...
+
 
 class Metrics:
     """The server's metrics, in a registry of their own."""
@@ -132,6 +135,11 @@ class Metrics:
             registry=registry,
         )
         self.tasks = Gauge("motiongen_event_loop_tasks", "Tasks of the gateway's event loop.", registry=registry)
+        self.loop_lag = Gauge(
+            "motiongen_event_loop_lag_seconds",
+            "How late the gateway's event loop is for what it was to do, the median of two seconds.",
+            registry=registry,
+        )
         self.queue_bytes = Gauge(
             "motiongen_outbound_queue_bytes", "What waits to be written to all streams.", registry=registry
         )
@@ -167,6 +175,7 @@ class Metrics:
         self.streams.set_function(lambda: service.num_streams)
         self.parked.set_function(lambda: service.num_parked)
         self.queue_bytes.set_function(lambda: service.num_waiting_bytes)
+        self.loop_lag.set_function(lambda: service.loop_lag_s)
         self.other_servers.set_function(lambda: service.num_other_servers)
 
     def watch_snapshots(self, writer: WatchedWriter) -> None:

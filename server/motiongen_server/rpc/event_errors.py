@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from motiongen_server.engine.types import Code, Priority
 from motiongen_server.errors import EventRefused
 
+GATEWAY_RETRY_S = 2.0
+
 
 def unknown_model(given: str, known: Iterable[str]) -> EventRefused:
     message = f"no model {given[:80]!r} is served"
@@ -29,6 +31,13 @@ def model_failed(model_id: str) -> EventRefused:
 def too_many_sessions(held: int, limit: int) -> EventRefused:
     code, message = Code.RESOURCE_EXHAUSTED, f"the stream carries {held} sessions"
     return EventRefused(code, "TOO_MANY_SESSIONS", message, "open", f"at most {limit} on a stream; use another stream")
+
+
+def gateway_overloaded(lag_s: float) -> EventRefused:
+    """An open came while the event loop has more to do than it has time for."""
+    message = f"messages wait {1000 * lag_s:.0f} ms to be read and written; try again later"
+    allowed = "fewer streams with more sessions on each, fewer messages, or another server"
+    return EventRefused(Code.RESOURCE_EXHAUSTED, "OVERLOADED", message, "open", allowed, GATEWAY_RETRY_S)
 
 
 def sequence_gap(given: int, expected: int) -> EventRefused:

@@ -24,6 +24,7 @@ from motiongen_server.rpc.budget import PATH_COST, REFUSAL_COST
 from motiongen_server.rpc.convert import check_resume, num_paths, playhead_of
 from motiongen_server.rpc.durability import new_secret, token_of
 from motiongen_server.rpc.event_errors import (
+    gateway_overloaded,
     handle_away,
     invalid_event_seq,
     resume_superseded,
@@ -35,6 +36,7 @@ from motiongen_server.rpc.event_errors import (
 from motiongen_server.rpc.event_path import end_waiting, pass_on, tell_internal_error
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import PeerLimits
+from motiongen_server.rpc.loop_lag import LoopLag
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.session_entry import SessionEntry
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
@@ -64,6 +66,7 @@ class Stream(StreamTakeOvers):
         self.caller = ANYBODY
         self.expiry_told = False
         self.flush_s = 0.0
+        self.loop_lag: LoopLag | None = None  # of the loop that it shares with all others
         self.greeted = False  # both sides have said hello
         self.listening_since: float | None = None  # monotonic seconds, while it waits for the client to say something
         self.writing_since: float | None = None  # monotonic seconds, while a message is being written
@@ -105,6 +108,8 @@ class Stream(StreamTakeOvers):
                 raise unread
             if kind != "close":  # which asks for less work, not for more
                 self._take_token(entry, now)
+            if kind == "open" and self.loop_lag is not None and self.loop_lag.is_too_long:
+                raise gateway_overloaded(self.loop_lag.lag_s)
             if kind in ("open", "edit_constraints"):
                 self.budget.charge(PATH_COST * num_paths(_constraints_of(event)), now)
             pass_on(entry, event, now)

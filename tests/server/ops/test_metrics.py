@@ -25,6 +25,7 @@ SET_BY_THE_APPLICATION = {
     "motiongen_admission_rejects",
     "motiongen_session_resumes",
     "motiongen_sessions_parked",
+    "motiongen_event_loop_lag_seconds",
     "motiongen_event_loop_tasks",
     "motiongen_free_share",
     "motiongen_other_servers",

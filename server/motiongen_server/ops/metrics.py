@@ -35,6 +35,16 @@ class WatchedWriter(Protocol):
     def is_failing(self) -> bool: ...
 
 
+class WatchedLoad(Protocol):
+    """What keeps the edge busy, as far as metrics tell of it."""
+
+    @property
+    def lag_s(self) -> float: ...
+
+    @property
+    def busy(self) -> float: ...
+
+
 class WatchedService(Protocol):
     """The edge, as far as metrics tell of it."""
 
@@ -51,7 +61,7 @@ class WatchedService(Protocol):
     def num_other_servers(self) -> int: ...
 
     @property
-    def loop_lag_s(self) -> float: ...
+    def gateway_load(self) -> WatchedLoad: ...
 
 
 class Metrics:
@@ -135,10 +145,13 @@ class Metrics:
             registry=registry,
         )
         self.tasks = Gauge("motiongen_event_loop_tasks", "Tasks of the gateway's event loop.", registry=registry)
-        self.loop_lag = Gauge(
-            "motiongen_event_loop_lag_seconds",
-            "How late the gateway's event loop is for what it was to do, the median of two seconds.",
+        self.gateway_lag = Gauge(
+            "motiongen_gateway_lag_seconds",
+            "How long messages wait for the gateway's event loop, the median of a second.",
             registry=registry,
+        )
+        self.gateway_busy = Gauge(
+            "motiongen_gateway_busy", "The share of a processor that the gateway's event loop uses.", registry=registry
         )
         self.queue_bytes = Gauge(
             "motiongen_outbound_queue_bytes", "What waits to be written to all streams.", registry=registry
@@ -175,7 +188,8 @@ class Metrics:
         self.streams.set_function(lambda: service.num_streams)
         self.parked.set_function(lambda: service.num_parked)
         self.queue_bytes.set_function(lambda: service.num_waiting_bytes)
-        self.loop_lag.set_function(lambda: service.loop_lag_s)
+        self.gateway_lag.set_function(lambda: service.gateway_load.lag_s)
+        self.gateway_busy.set_function(lambda: service.gateway_load.busy)
         self.other_servers.set_function(lambda: service.num_other_servers)
 
     def watch_snapshots(self, writer: WatchedWriter) -> None:

@@ -23,12 +23,12 @@ from motiongen_server.replicas.other_servers import OtherServers
 from motiongen_server.rpc.budget import BYTES_A_CALL, CALL_COST
 from motiongen_server.rpc.clip import ClipService, clip_request
 from motiongen_server.rpc.durability import Durability
+from motiongen_server.rpc.gateway_load import GatewayLoad
 from motiongen_server.rpc.goodbye import say_draining
 from motiongen_server.rpc.handlers import AnyContext, CatalogContext, ClipContext, StreamContext
 from motiongen_server.rpc.issuer_keys import keys_for
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import ServiceLimits
-from motiongen_server.rpc.loop_lag import LoopLag
 from motiongen_server.rpc.peers import Peer, Peers
 from motiongen_server.rpc.session_entry import Carrier
 from motiongen_server.rpc.stream import Stream
@@ -80,8 +80,8 @@ class MotionService:
         self._streams: dict[int, Stream] = {}
         self.clips = ClipService(models, self._numbers, stream_metrics, self._limits)
         self.watch = StreamWatch(self._limits, self._streams, self._callers)
-        self._lag = LoopLag(lambda: bool(self._streams))
-        models.is_gateway_full = lambda: self._lag.is_too_long
+        self.gateway_load = GatewayLoad(lambda: bool(self._streams))
+        models.is_gateway_full = lambda: self.gateway_load.is_full
         self._all_ended = asyncio.Event()
         self._all_ended.set()
         if other_servers is not None:
@@ -100,11 +100,6 @@ class MotionService:
     def num_other_servers(self) -> int:
         """Servers of the same store that can be named to clients which find no room here."""
         return 0 if self._others is None else self._others.num_known
-
-    @property
-    def loop_lag_s(self) -> float:
-        """How late the event loop is for what it was to do."""
-        return self._lag.lag_s
 
     @property
     def num_waiting_bytes(self) -> int:
@@ -200,13 +195,13 @@ class MotionService:
         stream.caller = caller
         if self._others is not None:
             stream.other_servers = self._others.named
-        stream.loop_lag = self._lag
+        stream.gateway_load = self.gateway_load
         stream.accepts_opens = self._reader.ends_at is None
         peer.num_streams += 1
         self._streams[stream.number] = stream
         self._all_ended.clear()
         self.watch.begin()
-        self._lag.begin()
+        self.gateway_load.begin()
         return stream
 
     def _end(self, stream: Stream) -> None:

@@ -36,7 +36,6 @@ from motiongen_server.rpc.event_errors import (
 from motiongen_server.rpc.event_path import end_waiting, pass_on, tell_internal_error
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import PeerLimits
-from motiongen_server.rpc.loop_lag import LoopLag
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.session_entry import SessionEntry
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
@@ -66,10 +65,8 @@ class Stream(StreamTakeOvers):
         self.caller = ANYBODY
         self.expiry_told = False
         self.flush_s = 0.0
-        self.loop_lag: LoopLag | None = None  # of the loop that it shares with all others
         self.greeted = False  # both sides have said hello
         self.listening_since: float | None = None  # monotonic seconds, while it waits for the client to say something
-        self.writing_since: float | None = None  # monotonic seconds, while a message is being written
         self.cut: Callable[[], object] = lambda: None  # breaks off what is being written
         self.refusal: StreamRefused | None = None  # why the stream is ended, where its client is at fault
         self.rtt_s: float | None = None  # the client's last measurement
@@ -108,8 +105,8 @@ class Stream(StreamTakeOvers):
                 raise unread
             if kind != "close":  # which asks for less work, not for more
                 self._take_token(entry, now)
-            if kind == "open" and self.loop_lag is not None and self.loop_lag.is_too_long:
-                raise gateway_overloaded(self.loop_lag.lag_s)
+            if kind == "open" and self.gateway_load is not None and self.gateway_load.is_full:
+                raise gateway_overloaded(self.gateway_load.busy, self.gateway_load.lag_s)
             if kind in ("open", "edit_constraints"):
                 self.budget.charge(PATH_COST * num_paths(_constraints_of(event)), now)
             pass_on(entry, event, now)

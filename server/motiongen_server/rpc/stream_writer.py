@@ -35,6 +35,5 @@ async def write(stream: Stream, context: StreamContext) -> None:
             except CLIENT_GONE:
                 stream.lose()
                 return
-            stream.writing_since = None
         if stream.ended and not stream.num_sessions and not len(stream.send_queue):
             return

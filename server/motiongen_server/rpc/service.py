@@ -9,6 +9,7 @@ import secrets
 import time
 from collections import defaultdict
 from collections.abc import AsyncIterator, Sequence
+from functools import partial
 
 import grpc
 import grpc.aio
@@ -37,7 +38,7 @@ from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 from motiongen_server.rpc.stream_reader import StreamReader
 from motiongen_server.rpc.stream_tracing import RecordWindow, StreamTracing
 from motiongen_server.rpc.stream_watch import StreamWatch
-from motiongen_server.rpc.stream_writer import write
+from motiongen_server.rpc.stream_writer import cut, write
 from motiongen_server.snapshots.store import SnapshotStore
 
 _log = logging.getLogger(__name__)
@@ -216,7 +217,7 @@ class MotionService:
     async def _serve(self, stream: Stream, context: StreamContext) -> None:
         reader = asyncio.create_task(self._reader.read(stream, context))
         writer = asyncio.create_task(write(stream, context))
-        stream.cut = writer.cancel
+        stream.cut = partial(cut, stream, writer)
         try:
             await asyncio.wait({reader, writer}, return_when=asyncio.FIRST_COMPLETED)
             if stream.refusal is not None:

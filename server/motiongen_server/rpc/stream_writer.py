@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 
+from motiongen_server.rpc.bounded_write import LAST_WRITE_S
 from motiongen_server.rpc.handlers import StreamContext
 from motiongen_server.rpc.stream import Stream
 from motiongen_server.rpc.stream_errors import CLIENT_GONE
@@ -35,5 +36,19 @@ async def write(stream: Stream, context: StreamContext) -> None:
             except CLIENT_GONE:
                 stream.lose()
                 return
+            if stream.is_cut:
+                return
         if stream.ended and not stream.num_sessions and not len(stream.send_queue):
             return
+
+
+def cut(stream: Stream, writer: asyncio.Task[None]) -> None:
+    """End the writing of a stream, whose status is told next.
+
+    What is being written has a moment to be finished: gRPC takes no status beside the first response of a call.
+    """
+    if stream.writing_since is None:
+        writer.cancel()
+    else:
+        stream.is_cut = True
+        asyncio.get_running_loop().call_later(LAST_WRITE_S, writer.cancel)

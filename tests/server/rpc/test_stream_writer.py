@@ -8,10 +8,12 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 import numpy as np
+import pytest
 
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_server.engine.types import Chunk, PlanCause, PlanNotice, SessionKey
 from motiongen_server.rpc import stream_writer
+from motiongen_server.rpc.stream_errors import stream_empty
 from tests.server.rpc.test_event_order import Line
 
 ENDLESS_S = 1e6
@@ -73,3 +75,53 @@ async def test_a_plan_that_answers_an_edit_goes_at_once_with_its_frames_and_what
         assert "chunk" in said[said.index("plan") :]
         line.stream.take(PlanNotice(key, 3, 8, PlanCause.CONTINUE, ()), chunk(key, 3))
         assert await context.is_silent()
+
+
+class SlowContext(Context):
+    """A client that takes a message when the test says so."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.reads = asyncio.Event()
+
+    async def write(self, message: bytes) -> None:
+        await self.reads.wait()
+        await super().write(message)
+
+
+async def test_what_is_being_written_is_finished_before_a_refused_stream_is_told_so() -> None:
+    """gRPC takes no status beside the first response of a call: the client heard none."""
+    line, context = Line(), SlowContext()
+    writer = asyncio.create_task(stream_writer.write(line.stream, context))  # type: ignore[arg-type]
+    line.stream.cut = lambda: stream_writer.cut(line.stream, writer)
+    line.open()
+    assert await context.is_silent()
+    line.stream.take(chunk(line.engine.events[0].session, 1))
+    line.stream.refuse(stream_empty(300.0))
+    assert await context.is_silent()
+    assert not writer.done()
+    context.reads.set()
+    await asyncio.wait_for(writer, SOON_S)
+    assert context.messages.qsize() == 1, "and nothing after it"
+
+
+async def test_who_takes_nothing_does_not_hold_up_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stream_writer, "LAST_WRITE_S", 0.01)
+    line, context = Line(), SlowContext()
+    writer = asyncio.create_task(stream_writer.write(line.stream, context))  # type: ignore[arg-type]
+    line.stream.cut = lambda: stream_writer.cut(line.stream, writer)
+    line.open()
+    assert await context.is_silent()
+    line.stream.refuse(stream_empty(300.0))
+    await asyncio.wait({writer}, timeout=SOON_S)
+    assert writer.cancelled()
+
+
+async def test_a_stream_that_writes_nothing_ends_at_once() -> None:
+    async with written() as (line, _, context):
+        writer = next(task for task in asyncio.all_tasks() if task.get_coro().__name__ == "write")
+        line.stream.cut = lambda: stream_writer.cut(line.stream, writer)
+        line.stream.refuse(stream_empty(300.0))
+        await asyncio.wait({writer}, timeout=SOON_S)
+        assert writer.cancelled()
+        assert context.messages.empty()

@@ -173,7 +173,7 @@ async def test_no_session_is_opened_where_those_that_are_open_wait_already() -> 
     line.stream.receive(second, 0.0)
     (told,) = [update.outcome for update in line.updates() if update.session == 9]
     assert (told.code, told.reason, told.field) == (Code.RESOURCE_EXHAUSTED, "OVERLOADED", "open")
-    assert "200 ms" in told.message
+    assert "100 ms" in told.message
     assert told.retry_after.seconds > 0
     assert [each.address for each in told.other_servers] == ["b:50051"]
     assert line.engine.kinds() == [Open], "the engine is not asked"

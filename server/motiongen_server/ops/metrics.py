@@ -35,16 +35,6 @@ class WatchedWriter(Protocol):
     def is_failing(self) -> bool: ...
 
 
-class WatchedLoad(Protocol):
-    """What keeps the edge busy, as far as metrics tell of it."""
-
-    @property
-    def lag_s(self) -> float: ...
-
-    @property
-    def busy(self) -> float: ...
-
-
 class WatchedService(Protocol):
     """The edge, as far as metrics tell of it."""
 
@@ -61,7 +51,7 @@ class WatchedService(Protocol):
     def num_other_servers(self) -> int: ...
 
     @property
-    def gateway_load(self) -> WatchedLoad: ...
+    def gateway_lag_s(self) -> float: ...
 
 
 class Metrics:
@@ -150,9 +140,6 @@ class Metrics:
             "How long messages wait for the gateway's event loop, the median of a second.",
             registry=registry,
         )
-        self.gateway_busy = Gauge(
-            "motiongen_gateway_busy", "The share of a processor that the gateway's event loop uses.", registry=registry
-        )
         self.queue_bytes = Gauge(
             "motiongen_outbound_queue_bytes", "What waits to be written to all streams.", registry=registry
         )
@@ -188,8 +175,7 @@ class Metrics:
         self.streams.set_function(lambda: service.num_streams)
         self.parked.set_function(lambda: service.num_parked)
         self.queue_bytes.set_function(lambda: service.num_waiting_bytes)
-        self.gateway_lag.set_function(lambda: service.gateway_load.lag_s)
-        self.gateway_busy.set_function(lambda: service.gateway_load.busy)
+        self.gateway_lag.set_function(lambda: service.gateway_lag_s)
         self.other_servers.set_function(lambda: service.num_other_servers)
 
     def watch_snapshots(self, writer: WatchedWriter) -> None:

@@ -33,10 +33,9 @@ def too_many_sessions(held: int, limit: int) -> EventRefused:
     return EventRefused(code, "TOO_MANY_SESSIONS", message, "open", f"at most {limit} on a stream; use another stream")
 
 
-def gateway_overloaded(busy: float, lag_s: float) -> EventRefused:
+def gateway_overloaded(lag_s: float) -> EventRefused:
     """An open came while the event loop has more to do than it has time for."""
-    waits = f"what reads and writes messages is {busy:.0%} busy, and they wait {1000 * lag_s:.0f} ms for it"
-    message = f"{waits}; try again later"
+    message = f"messages wait {1000 * lag_s:.0f} ms to be read and written; try again later"
     allowed = "fewer streams with more sessions on each, fewer messages, or another server"
     return EventRefused(Code.RESOURCE_EXHAUSTED, "OVERLOADED", message, "open", allowed, GATEWAY_RETRY_S)
 

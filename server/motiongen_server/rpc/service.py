@@ -24,7 +24,7 @@ from motiongen_server.replicas.other_servers import OtherServers
 from motiongen_server.rpc.budget import BYTES_A_CALL, CALL_COST
 from motiongen_server.rpc.clip import ClipService, clip_request
 from motiongen_server.rpc.durability import Durability
-from motiongen_server.rpc.gateway_load import GatewayLoad
+from motiongen_server.rpc.gateway_lag import GatewayLag
 from motiongen_server.rpc.goodbye import say_draining
 from motiongen_server.rpc.handlers import AnyContext, CatalogContext, ClipContext, StreamContext
 from motiongen_server.rpc.issuer_keys import keys_for
@@ -81,8 +81,8 @@ class MotionService:
         self._streams: dict[int, Stream] = {}
         self.clips = ClipService(models, self._numbers, stream_metrics, self._limits)
         self.watch = StreamWatch(self._limits, self._streams, self._callers)
-        self.gateway_load = GatewayLoad(lambda: bool(self._streams))
-        models.is_gateway_full = lambda: self.gateway_load.is_full
+        self.gateway_lag = GatewayLag(lambda: bool(self._streams))
+        models.is_gateway_full = lambda: self.gateway_lag.is_too_long
         self._all_ended = asyncio.Event()
         self._all_ended.set()
         if other_servers is not None:
@@ -101,6 +101,11 @@ class MotionService:
     def num_other_servers(self) -> int:
         """Servers of the same store that can be named to clients which find no room here."""
         return 0 if self._others is None else self._others.num_known
+
+    @property
+    def gateway_lag_s(self) -> float:
+        """How long what is to be read and written waits for the event loop."""
+        return self.gateway_lag.lag_s
 
     @property
     def num_waiting_bytes(self) -> int:
@@ -196,13 +201,13 @@ class MotionService:
         stream.caller = caller
         if self._others is not None:
             stream.other_servers = self._others.named
-        stream.gateway_load = self.gateway_load
+        stream.gateway_lag = self.gateway_lag
         stream.accepts_opens = self._reader.ends_at is None
         peer.num_streams += 1
         self._streams[stream.number] = stream
         self._all_ended.clear()
         self.watch.begin()
-        self.gateway_load.begin()
+        self.gateway_lag.begin()
         return stream
 
     def _end(self, stream: Stream) -> None:

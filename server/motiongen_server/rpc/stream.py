@@ -106,8 +106,8 @@ class Stream(StreamTakeOvers):
                 raise unread
             if kind != "close":  # which asks for less work, not for more
                 self._take_token(entry, now)
-            if kind == "open" and self.gateway_load is not None and self.gateway_load.is_full:
-                raise gateway_overloaded(self.gateway_load.busy, self.gateway_load.lag_s)
+            if kind == "open" and self.gateway_lag is not None and self.gateway_lag.is_too_long:
+                raise gateway_overloaded(self.gateway_lag.lag_s)
             if kind in ("open", "edit_constraints"):
                 self.budget.charge(PATH_COST * num_paths(_constraints_of(event)), now)
             pass_on(entry, event, now)

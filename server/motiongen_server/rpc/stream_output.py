@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 
 from motiongen.v1 import service_pb2
-from motiongen_server.rpc.gateway_load import GatewayLoad
+from motiongen_server.rpc.gateway_lag import GatewayLag
 from motiongen_server.rpc.limits import Limits
 from motiongen_server.rpc.reader_patience import ReaderPatience
 from motiongen_server.rpc.response import response_of
@@ -33,7 +33,7 @@ class StreamOutput(ABC):
         self.ended = False
         self.tracing: StreamTracing | None = None
         self.writing_since: float | None = None  # monotonic seconds, while a message is being written
-        self.gateway_load: GatewayLoad | None = None  # of the event loop that it shares with all others
+        self.gateway_lag: GatewayLag | None = None  # of the event loop that it shares with all others
         self.responses: deque[service_pb2.StreamMotionResponse] = deque()
         self._limits = limits
         self._stream_metrics = stream_metrics
@@ -78,8 +78,8 @@ class StreamOutput(ABC):
 
     def note_written(self) -> None:
         """What `next_response` gave last was written."""
-        if self.gateway_load is not None and self.writing_since is not None:
-            self.gateway_load.note_write(time.monotonic() - self.writing_since)
+        if self.gateway_lag is not None and self.writing_since is not None:
+            self.gateway_lag.note_write(time.monotonic() - self.writing_since)
         self.writing_since = None
         if self.tracing is not None:
             self.tracing.note_written()

@@ -25,7 +25,6 @@ SET_BY_THE_APPLICATION = {
     "motiongen_admission_rejects",
     "motiongen_session_resumes",
     "motiongen_sessions_parked",
-    "motiongen_gateway_busy",
     "motiongen_gateway_lag_seconds",
     "motiongen_event_loop_tasks",
     "motiongen_free_share",

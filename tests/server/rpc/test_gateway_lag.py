@@ -11,7 +11,7 @@ from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import Closed, CloseReason, Code, Open
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.replicas.hint import OtherServer
-from motiongen_server.rpc.gateway_load import LOOK_EVERY_S, MOST_BUSY, MOST_LAG_S, GatewayLoad
+from motiongen_server.rpc.gateway_lag import LOOK_EVERY_S, MOST_LAG_S, GatewayLag
 from motiongen_server.rpc.service import MotionService
 from motiongen_server.rpc.stream_writer import write
 from tests.server.rpc.test_event_order import WALK, Engine, Line, Prompts, make_catalog
@@ -23,7 +23,6 @@ class Loop:
 
     def __init__(self) -> None:
         self.now = 100.0
-        self.used_s = 0.0
         self.timers: list[tuple[float, Callable[[float], None], float]] = []
 
     def time(self) -> float:
@@ -32,18 +31,14 @@ class Loop:
     def call_at(self, when: float, callback: Callable[[float], None], argument: float) -> None:
         self.timers.append((when, callback, argument))
 
-    def run(self, seconds: float, late_s: float, busy: float = 0.0) -> None:
-        """What is due in these seconds happens so much later. busy: the share of a processor that is used."""
+    def run(self, seconds: float, late_s: float) -> None:
+        """What is due in these seconds happens so much later."""
         end = self.now + seconds
         while self.timers and self.timers[0][0] + late_s <= end:
             when, callback, argument = self.timers.pop(0)
-            self._go_on(max(self.now, when + late_s), busy)
+            self.now = max(self.now, when + late_s)
             callback(argument)
-        self._go_on(end, busy)
-
-    def _go_on(self, to: float, busy: float) -> None:
-        self.used_s += busy * (to - self.now)
-        self.now = to
+        self.now = end
 
 
 @pytest.fixture
@@ -51,59 +46,51 @@ def loop() -> Loop:
     return Loop()
 
 
-def looking(loop: Loop, is_needed: Callable[[], bool] = lambda: True) -> GatewayLoad:
-    load = GatewayLoad(is_needed, loop, lambda: loop.used_s)  # type: ignore[arg-type]
-    load.begin()
-    return load
+def looking(loop: Loop, is_needed: Callable[[], bool] = lambda: True) -> GatewayLag:
+    lag = GatewayLag(is_needed, loop)  # type: ignore[arg-type]
+    lag.begin()
+    return lag
 
 
 def test_a_loop_that_has_time_is_not_late(loop: Loop) -> None:
-    load = looking(loop)
-    assert load.lag_s == 0.0
+    lag = looking(loop)
+    assert lag.lag_s == 0.0
     loop.run(5.0, 0.004)
-    assert load.lag_s == pytest.approx(0.004)
-    assert not load.is_full
+    assert lag.lag_s == pytest.approx(0.004)
+    assert not lag.is_too_long
 
 
 def test_one_pause_is_not_taken_for_a_loop_without_time(loop: Loop) -> None:
-    load = looking(loop)
+    lag = looking(loop)
     loop.run(5.0, 0.0)
-    loop.run(0.5, 0.4, busy=1.0)
-    assert not load.is_full
+    loop.run(0.5, 0.4)
+    assert not lag.is_too_long
 
 
 @pytest.mark.parametrize("late_s", [0.15, 0.9])
 def test_a_loop_that_stays_late_is_late_until_it_has_caught_up(loop: Loop, late_s: float) -> None:
-    load = looking(loop)
+    lag = looking(loop)
     loop.run(5.0, 0.0)
     loop.run(5.0, late_s)
-    assert load.lag_s == pytest.approx(late_s)
-    assert load.is_full
+    assert lag.lag_s == pytest.approx(late_s)
+    assert lag.is_too_long
     loop.run(2.5, 0.0)
-    assert not load.is_full
+    assert not lag.is_too_long
 
 
-@pytest.mark.parametrize(("busy", "is_full"), [(MOST_BUSY - 0.05, False), (MOST_BUSY + 0.05, True)])
-def test_a_loop_that_is_busy_all_the_time_is_full_before_anybody_waits(loop: Loop, busy: float, is_full: bool) -> None:
-    load = looking(loop)
-    loop.run(5.0, 0.0, busy)
-    assert (load.busy, load.lag_s) == (pytest.approx(busy), 0.0)
-    assert load.is_full == is_full
-    loop.run(1.5, 0.0)
-    assert not load.is_full
-
-
-@pytest.mark.parametrize(("writes_s", "is_full"), [((0.3, 0.2), True), ((0.3, 0.001), False), ((), False)])
-def test_the_shortest_write_tells_what_waits_in_grpc(loop: Loop, writes_s: tuple[float, ...], is_full: bool) -> None:
+@pytest.mark.parametrize(("writes_s", "is_too_long"), [((0.3, 0.2), True), ((0.3, 0.001), False), ((), False)])
+def test_the_shortest_write_tells_what_waits_in_grpc(
+    loop: Loop, writes_s: tuple[float, ...], is_too_long: bool
+) -> None:
     """Timers are on time: the loop takes one event of gRPC in each round, and thousands may wait."""
-    load = looking(loop)
+    lag = looking(loop)
     for _ in range(20):
         for seconds in writes_s:
-            load.note_write(seconds)
+            lag.note_write(seconds)
         loop.run(LOOK_EVERY_S, 0.0)
-    assert load.is_full == is_full
+    assert lag.is_too_long == is_too_long
     loop.run(2.5, 0.0)
-    assert load.lag_s == 0.0, "what was written then says nothing of now"
+    assert lag.lag_s == 0.0, "what was written then says nothing of now"
 
 
 async def test_each_message_that_is_written_is_noted() -> None:
@@ -111,7 +98,7 @@ async def test_each_message_that_is_written_is_noted() -> None:
     noted: list[float] = []
     lag = Late(0.0)
     lag.note_write = noted.append  # type: ignore[method-assign]
-    line.stream.gateway_load = lag
+    line.stream.gateway_lag = lag
     line.open()
     context = Context()
     writing = asyncio.create_task(write(line.stream, context))  # type: ignore[arg-type]
@@ -136,21 +123,21 @@ class Context:
 
 def test_nothing_is_looked_at_while_there_is_nothing_to_be_late_for(loop: Loop) -> None:
     needed = [True]
-    load = looking(loop, lambda: needed[0])
+    lag = looking(loop, lambda: needed[0])
     loop.run(1.0, 0.0)
     needed[0] = False
     loop.run(1.0, 0.0)
     assert not loop.timers
     loop.run(60.0, 0.0)
-    load.begin()
-    load.begin()
+    lag.begin()
+    lag.begin()
     assert [when for when, *_ in loop.timers] == [pytest.approx(loop.now + LOOK_EVERY_S)]
     loop.run(1.0, 0.01)
-    assert load.lag_s == pytest.approx(0.01)
+    assert lag.lag_s == pytest.approx(0.01)
 
 
-class Late(GatewayLoad):
-    """As late as the test says, and half as busy as it may be."""
+class Late(GatewayLag):
+    """As late as the test says."""
 
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds
@@ -159,15 +146,11 @@ class Late(GatewayLoad):
     def lag_s(self) -> float:
         return self._seconds
 
-    @property
-    def busy(self) -> float:
-        return MOST_BUSY / 2
-
 
 async def test_no_session_is_opened_where_those_that_are_open_wait_already() -> None:
     line = Line(make_catalog())
     line.open()
-    line.stream.gateway_load = Late(2 * MOST_LAG_S)
+    line.stream.gateway_lag = Late(2 * MOST_LAG_S)
     line.stream.other_servers = lambda model_id: (OtherServer("b:50051", ""),)
     second = session_pb2.SessionEvent(session=9, event_seq=1, open=session_pb2.OpenSession(prompts=WALK.upsert))
     line.stream.receive(second, 0.0)
@@ -181,7 +164,7 @@ async def test_no_session_is_opened_where_those_that_are_open_wait_already() -> 
     assert (line.stream.num_sessions, line.stream.peer.num_sessions) == (1, 1)
     line.send(2, set_play_state=session_pb2.SetPlayState(state=session_pb2.PLAY_STATE_PAUSED))
     assert len(line.engine.events) == 2, "who is let in is served"
-    line.stream.gateway_load = Late(0.5 * MOST_LAG_S)
+    line.stream.gateway_lag = Late(0.5 * MOST_LAG_S)
     line.stream.receive(session_pb2.SessionEvent(session=9, event_seq=1, open=session_pb2.OpenSession()), 0.0)
     assert line.stream.num_sessions == 2
 
@@ -194,7 +177,7 @@ async def test_a_server_whose_loop_is_late_tells_of_no_room(monkeypatch: pytest.
     models = ModelRegistry(LoadedModel("fake", Roomy(), Prompts(), make_catalog()))  # type: ignore[arg-type]
     MotionService(models)
     assert models.free_share == 0.75
-    monkeypatch.setattr(GatewayLoad, "lag_s", 2 * MOST_LAG_S)
+    monkeypatch.setattr(GatewayLag, "lag_s", 2 * MOST_LAG_S)
     assert models.free_share == 0.0
     assert set(models.free_shares.values()) == {0.0}
     assert models.catalog_response("").free_share == 0.0

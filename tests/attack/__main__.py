@@ -37,7 +37,7 @@ ATTACKS = (
     Attack("catalogues", "catalogs", 2),
     Attack("600 connections where 400 descriptors are allowed", "connections", 1, most_files=400),
     Attack("garbage on the port", "garbage", 1),
-    Attack("HERO sessions, as many as there may be, each edited ten times a second", "heroes", 1),
+    Attack("HERO sessions, as many as there may be, each edited ten times a second", "heroes", 1, takes_places=True),
     Attack("playheads, 200 a message", "playheads", 2),
     Attack("3,000 streams with hello and no session", "empty_streams", 1),
     Attack("opens with names of 5,000 characters", "long_names", 2),
@@ -54,8 +54,9 @@ ATTACKS = (
         1,
         built_in=True,
         after="welcome_crowds",
+        takes_places=True,
     ),
-    Attack("all of these by chance, five at a time, seeds 1 and 2", "drawn", 2),
+    Attack("all of these by chance, five at a time, seeds 1 and 2", "drawn", 2, takes_places=True),
     Attack("idle connections on the port of operations", "idle_connections", 1, at_ops=True),
     Attack(
         "metrics that are asked for and not read, also at the end", "unread_metrics", 1, at_ops=True, to_the_end=True

@@ -6,6 +6,7 @@ import asyncio
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -19,6 +20,7 @@ import psutil
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from tests.attack.neighbours import TIER_FULL, Noticed, neighbours
+from tests.attack.newcomers import Newcomers, newcomers
 from tests.attack.server import BUILT_IN, NULL, Attacked, attacked
 from tests.conftest import ROOT
 
@@ -31,10 +33,11 @@ MIB = 1 << 20
 class Attack:
     """What hostile clients do, and what neighbours must not notice more of than this.
 
-    kind: of `tests.attack.hostile`, "" for none. missed: share of frames; edit_ms: the 95th percentile; grown_mib:
-    memory, of all processes of the server. log_mib: of its log. at_ops: on the port of operations. after: a kind of
-    welcome clients who come and go first, so that memory is not counted that an engine takes whoever fills its batches.
-    to_the_end: the clients go on while the server is asked to end.
+    kind: of `tests.attack.hostile`, "" for none. missed: share of frames; edit_ms: the 95th percentile; newcomer_s: how
+    soon a session that is opened meanwhile has frames; grown_mib: memory, of all processes of the server. log_mib: of
+    its log. at_ops: on the port of operations. after: a kind of welcome clients who come and go first, so that memory
+    is not counted that an engine takes whoever fills its batches. to_the_end: the clients go on while the server is
+    asked to end. takes_places: they have sessions, as many as they get, so that newcomers may find no room.
     """
 
     name: str
@@ -46,17 +49,20 @@ class Attack:
     at_ops: bool = False
     missed: float = 0.01
     edit_ms: float = 1_000.0
+    newcomer_s: float = 1.0
     grown_mib: float = 200.0
     log_mib: float = 1.0
     after: str = ""
     to_the_end: bool = False
+    takes_places: bool = False
 
 
 @dataclass(frozen=True)
 class Result:
     """Of one attack. grown_mib: while it went on; left_mib: after it; health_ms: of a health check meanwhile.
 
-    errors: in its log, of its own.
+    errors: in its log, of its own. newcomers: sessions opened meanwhile, those that were served, refused by reason, and
+    left to wait.
     """
 
     attack: Attack
@@ -67,13 +73,17 @@ class Result:
     gateway_cpu: float
     log_mib: float
     exit_code: int | None
+    newcomers: tuple[int, Counter[str], int]
     errors: int = 0
 
     @property
     def faults(self) -> list[str]:
         """What neighbours noticed that they must not."""
         attack, noticed = self.attack, self.noticed
+        welcomed, refused, waiting = self.newcomers
         found = {
+            f"newcomers were refused: {dict(refused)}": bool(refused) and not attack.takes_places,
+            f"of newcomers {welcomed} were served and {waiting} waited": bool(waiting),
             f"{noticed.missed:.1%} of the frames were missed": noticed.missed > attack.missed,
             f"edits took {noticed.edit_p95_ms:.0f} ms": noticed.edit_p95_ms > attack.edit_ms,
             f"sessions were served at tier {noticed.lowest_tier}": noticed.lowest_tier != TIER_FULL,
@@ -123,9 +133,11 @@ async def health_ms(server: Attacked, by_http: bool) -> float:
     return 1000 * (time.perf_counter() - begun_s)
 
 
-async def suffer(attack: Attack, server: Attacked, seconds: float) -> tuple[Noticed, float, float, float, float]:
-    """Let the attack go on for so long. Returns what was noticed, memory grown and left, health, CPU."""
-    async with neighbours(server.address) as good:
+async def suffer(
+    attack: Attack, server: Attacked, seconds: float
+) -> tuple[Noticed, Newcomers, float, float, float, float]:
+    """Let the attack go on for so long. Returns what was noticed, who came, memory grown and left, health, CPU."""
+    async with neighbours(server.address) as good, newcomers(server.address) as coming:
         await asyncio.sleep(WARM_S)
         if attack.after:
             with hostile(replace(attack, kind=attack.after), server):
@@ -136,27 +148,30 @@ async def suffer(attack: Attack, server: Attacked, seconds: float) -> tuple[Noti
             # They import their libraries first, which is not what this measures.
             await asyncio.sleep(2 * WARM_S)
             good.forget()
+            coming.forget()
             cpu_s, begun_s, most_mib = server.cpu_s(), time.perf_counter(), 0.0
             while time.perf_counter() < begun_s + seconds:
                 await asyncio.sleep(0.25)
                 most_mib = max(most_mib, server.memory_mib())
             share = (server.cpu_s() - cpu_s) / (time.perf_counter() - begun_s)
             noticed = good.noticed()
+            coming.stop(attack.newcomer_s)
             health = await health_ms(server, attack.most_files is not None)
         await asyncio.sleep(WARM_S)
-        return noticed, most_mib - before_mib, server.memory_mib() - before_mib, health, share
+        return noticed, coming, most_mib - before_mib, server.memory_mib() - before_mib, health, share
 
 
 async def run(attack: Attack, seconds: float, log: Path) -> Result:
     """A fresh server, attacked."""
     module = BUILT_IN if attack.built_in else NULL
     with ExitStack() as still_there, attacked(log, attack.settings, attack.most_files, module) as server:
-        noticed, grown, left, health, share = await suffer(attack, server, seconds)
+        noticed, coming, grown, left, health, share = await suffer(attack, server, seconds)
         if attack.to_the_end:
             still_there.enter_context(hostile(attack, server))
             await asyncio.sleep(2 * WARM_S)
     errors = server.log.read_text(encoding="utf-8", errors="replace").count("error id")
-    return Result(attack, noticed, grown, left, health, share, server.log_mib(), server.exit_code, errors)
+    came = len(coming.waits_ms), coming.refused, coming.num_waiting
+    return Result(attack, noticed, grown, left, health, share, server.log_mib(), server.exit_code, came, errors)
 
 
 def row(result: Result) -> str:
@@ -164,18 +179,25 @@ def row(result: Result) -> str:
     noticed, attack = result.noticed, result.attack
     tier = "FULL" if noticed.lowest_tier == TIER_FULL else str(noticed.lowest_tier)
     verdict = "; ".join(result.faults) or "held"
+    welcomed, refused, waiting = result.newcomers
     health = "none" if result.health_ms > 1000 * HEALTH_S else f"{result.health_ms:.0f} ms"
     return (
         f"| {attack.name} | {attack.clients if attack.kind else 0} | {noticed.missed:.1%} "
         f"| {noticed.edit_p95_ms:.0f} ms | {noticed.ping_p95_ms:.0f} ms | {tier} "
+        f"| {welcomed} of {welcomed + refused.total() + waiting} "
         f"| {result.grown_mib:.0f} / {result.left_mib:.0f} MiB | {health} | {result.gateway_cpu:.0%} | {verdict} |"
     )
 
 
 def table(rows: Iterable[str]) -> str:
     """A row an attack, in Markdown."""
-    head = "| attack | clients | frames missed | edits p95 | pings p95 | tier | memory grown / left | health | gateway "
-    return "\n".join([head + "| verdict |", "|---|---:|---:|---:|---:|---|---:|---:|---:|---|", *rows]) + "\n"
+    head = (
+        "| attack | clients | frames missed | edits p95 | pings p95 | tier | newcomers | memory grown / left | health "
+    )
+    return (
+        "\n".join([head + "| gateway | verdict |", "|---|---:|---:|---:|---:|---|---:|---:|---:|---:|---|", *rows])
+        + "\n"
+    )
 
 
 def machine() -> str:

@@ -18,6 +18,7 @@ ANY_MS = 30_000.0
 @pytest.mark.parametrize("kind", ["empty_events", "huge_messages", "liars", "silent_streams"])
 async def test_neighbours_are_served_in_full_and_the_server_ends_with_0(kind: str, tmp_path: Path) -> None:
     attack = next(attack for attack in ATTACKS if attack.kind == kind)
-    result = await run(replace(attack, clients=1, missed=0.5, edit_ms=ANY_MS), SECONDS, tmp_path / "log")
+    attack = replace(attack, clients=1, missed=0.5, edit_ms=ANY_MS, newcomer_s=ANY_MS, takes_places=True)
+    result = await run(attack, SECONDS, tmp_path / "log")
     assert result.faults == []
     assert result.noticed.frames > 0

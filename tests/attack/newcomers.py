@@ -1,0 +1,96 @@
+"""Newcomers: sessions that good clients open during an attack, one after another, and what becomes of them."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import Counter
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import grpc.aio
+
+from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
+
+OPEN_EVERY_S = 0.5
+
+
+class Newcomers:
+    """A stream on which sessions are opened and, once they have frames, closed.
+
+    waits_ms: from each open to its first frame. refused: how many, by reason. num_waiting: left to wait at the end.
+    """
+
+    def __init__(self, stub: service_pb2_grpc.MotionServiceStub) -> None:
+        self._call = stub.StreamMotion()
+        self._asked: dict[int, float] = {}
+        self._handle = 0
+        self._writing = asyncio.Lock()  # a call takes one message at a time
+        self._tasks: list[asyncio.Task[None]] = []
+        self.waits_ms: list[float] = []
+        self.refused: Counter[str] = Counter()
+        self.num_waiting = 0
+
+    async def begin(self) -> None:
+        """Begin the stream, and to open."""
+        hello = service_pb2.ClientHello(client_agent="newcomer")
+        await self._write(service_pb2.StreamMotionRequest(hello=hello))
+        self._tasks = [asyncio.create_task(self._read()), asyncio.create_task(self._open())]
+
+    def forget(self) -> None:
+        """The attack begins."""
+        self._asked.clear()
+        self.waits_ms.clear()
+        self.refused.clear()
+
+    def stop(self, patience_s: float) -> None:
+        """Open no more. patience_s: after which those that have no frame are left to wait."""
+        self._tasks[1].cancel()
+        now = time.perf_counter()
+        self.num_waiting = sum(now - asked_s > patience_s for asked_s in self._asked.values())
+
+    async def end(self) -> None:
+        self._call.cancel()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def _write(self, request: service_pb2.StreamMotionRequest) -> None:
+        async with self._writing:
+            await self._call.write(request)
+
+    async def _open(self) -> None:
+        while True:
+            self._handle += 1
+            opening = session_pb2.OpenSession(priority=session_pb2.PRIORITY_CLASS_CROWD)
+            event = session_pb2.SessionEvent(session=self._handle, event_seq=1, open=opening)
+            self._asked[self._handle] = time.perf_counter()
+            await self._write(service_pb2.StreamMotionRequest(events=[event]))
+            await asyncio.sleep(OPEN_EVERY_S)
+
+    async def _read(self) -> None:
+        while isinstance(response := await self._call.read(), service_pb2.StreamMotionResponse):
+            now = time.perf_counter()
+            for update in response.updates:
+                kind = update.WhichOneof("update")
+                if kind == "outcome" and update.outcome.code and update.session in self._asked:
+                    del self._asked[update.session]
+                    self.refused[update.outcome.reason] += 1
+                elif kind == "chunk" and (asked_s := self._asked.pop(update.session, None)) is not None:
+                    self.waits_ms.append(1000 * (now - asked_s))
+                    close = session_pb2.SessionEvent(
+                        session=update.session, event_seq=2, close=session_pb2.CloseSession()
+                    )
+                    await self._write(service_pb2.StreamMotionRequest(events=[close]))
+
+
+@asynccontextmanager
+async def newcomers(address: str) -> AsyncIterator[Newcomers]:
+    """Over a connection of their own."""
+    async with grpc.aio.insecure_channel(address, options=(("grpc.use_local_subchannel_pool", 1),)) as channel:
+        coming = Newcomers(service_pb2_grpc.MotionServiceStub(channel))
+        try:
+            await coming.begin()
+            yield coming
+        finally:
+            await coming.end()

@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import statistics
 from collections import deque
 from collections.abc import Callable
+from typing import NamedTuple
 
 LOOK_EVERY_S = 0.1
 OVER_S = 1.0
 MOST_LAG_S = 0.05
 """A message waits so long several times on its way. Pauses of a quota are shorter, on the median."""
+LEAST_WRITES_HZ = 1000.0
+"""Fewer messages fill no core: where those wait, it is for a processor that others use."""
+
+
+class Look(NamedTuple):
+    """at: on the loop's clock. lag_s: how late it was then. writes: messages that were written since the last one."""
+
+    at: float
+    lag_s: float
+    writes: int
 
 
 class GatewayLag:
@@ -25,9 +37,9 @@ class GatewayLag:
         """is_needed: whether there are streams."""
         self._is_needed = is_needed
         self._loop = loop or asyncio.get_running_loop()
-        self._seen: deque[tuple[float, float]] = deque()  # when, and how late it was then
+        self._seen: deque[Look] = deque()
         self._is_looking = False
-        self._shortest_write_s: float | None = None  # since the last look
+        self._writes, self._shortest_write_s = 0, math.inf  # since the last look
 
     @property
     def lag_s(self) -> float:
@@ -35,13 +47,18 @@ class GatewayLag:
 
         From any thread.
         """
-        since = self._loop.time() - OVER_S
-        return statistics.median([lag_s for at, lag_s in tuple(self._seen) if at >= since] or [0.0])
+        return statistics.median([look.lag_s for look in self._of_late] or [0.0])
 
     @property
     def is_too_long(self) -> bool:
-        """Whether whoever comes now would make those later that are served already."""
-        return self.lag_s > MOST_LAG_S
+        """Whether the messages of one session more would make those later that are served already."""
+        writes = sum(look.writes for look in self._of_late)
+        return writes > LEAST_WRITES_HZ * OVER_S and self.lag_s > MOST_LAG_S
+
+    @property
+    def _of_late(self) -> list[Look]:
+        since = self._loop.time() - OVER_S
+        return [look for look in tuple(self._seen) if look.at >= since]
 
     def begin(self) -> None:
         """There is a stream."""
@@ -51,7 +68,8 @@ class GatewayLag:
 
     def note_write(self, seconds: float) -> None:
         """A message was written within so many. The shortest counts: those of clients that do not read take longer."""
-        if self._shortest_write_s is None or seconds < self._shortest_write_s:
+        self._writes += 1
+        if seconds < self._shortest_write_s:
             self._shortest_write_s = seconds
 
     def _look_at(self, due: float) -> None:
@@ -59,9 +77,10 @@ class GatewayLag:
 
     def _look(self, due: float) -> None:
         now = self._loop.time()
-        self._seen.append((now, max(now - due, self._shortest_write_s or 0.0)))
-        self._shortest_write_s = None
-        while self._seen[0][0] < now - OVER_S:
+        waited_s = self._shortest_write_s if self._writes else 0.0
+        self._seen.append(Look(now, max(now - due, waited_s), self._writes))
+        self._writes, self._shortest_write_s = 0, math.inf
+        while self._seen[0].at < now - OVER_S:
             self._seen.popleft()
         self._is_looking = self._is_needed()
         if self._is_looking:

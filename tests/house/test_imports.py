@@ -247,7 +247,9 @@ def test_importing_the_client_brings_no_torch(repository: Any) -> None:
         ("motiongen_server.engine_process.__main__", {"grpc", "motiongen", "asyncio", "torch"}),
     ],
 )
-def test_the_gateway_lags_no_torch_and_an_engine_process_no_grpc(repository: Any, module: str, never: set[str]) -> None:
+def test_the_gateway_loads_no_torch_and_an_engine_process_no_grpc(
+    repository: Any, module: str, never: set[str]
+) -> None:
     code = f"import sys, {module}; print(*sys.modules)"
     loaded = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=repository.root

@@ -68,7 +68,7 @@ class Stream(StreamTakeOvers):
         self.greeted = False  # both sides have said hello
         self.listening_since: float | None = None  # monotonic seconds, while it waits for the client to say something
         self.cut: Callable[[], object] = lambda: None  # ends the writing
-        self.is_cut = False  # once what is being written has been
+        self.is_cut = False  # whether that ends with what is being written
         self.refusal: StreamRefused | None = None  # why the stream is ended, where its client is at fault
         self.rtt_s: float | None = None  # the client's last measurement
 

@@ -19,6 +19,7 @@ FOUND_HEADER = (
     "|---|---|---:|---|---|---:|",
 )
 _EVENT, _OPEN = "event_to_first_frame", "open_to_first_frame"
+_REFUSED = "refused open: "
 _LEVEL, _FULL = "service level: ", "service level: FULL"
 
 
@@ -47,10 +48,10 @@ def found_row(scenario: str, precision: str, report: Report) -> str:
 def _cells(reports: Sequence[Report], group: str) -> list[str]:
     figures = [report["figures"][group] for report in reports]
     due, missed = (sum(each[name] for each in figures) for name in ("due", "missed"))
-    refused = sum(each["refused"] for each in figures)
-    below = "" if group != "all" else f"{sum(map(_below_full, reports))}"
+    is_all = group == "all"  # who is refused, or told of less, is not counted by group
+    below, refused = (f"{sum(map(of, reports))}" if is_all else "" for of in (_below_full, _refused))
     share = f"{missed / due:.2%}" if missed and due else "0" if due else "-"
-    return [share, below, f"{refused}", _latencies(reports, _EVENT, group), _latencies(reports, _OPEN, group)]
+    return [share, below, refused, _latencies(reports, _EVENT, group), _latencies(reports, _OPEN, group)]
 
 
 def _run_cells(reports: Sequence[Report]) -> list[str]:
@@ -64,6 +65,11 @@ def _run_cells(reports: Sequence[Report]) -> list[str]:
         f"{max(report['others'] for report in reports):.0%}",
         f"{void} of {len(reports)}" if void else "no",
     ]
+
+
+def _refused(report: Report) -> int:
+    """Opens that were refused from the first second on: most come before anything is measured."""
+    return sum(count for name, count in report["counts"].items() if name.startswith(_REFUSED))
 
 
 def _below_full(report: Report) -> int:

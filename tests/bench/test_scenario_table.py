@@ -16,13 +16,20 @@ NOW = Revision("now", ROOT)
 
 
 def _report(missed: int, p99: float, **more: object) -> dict[str, object]:
-    figures = {name: {"due": 1000, "missed": missed, "refused": 2} for name in ("all", "hero", "near")}
+    figures = {name: {"due": 1000, "missed": missed, "refused": 0} for name in ("all", "hero", "near")}
     latency = {"count": 9, "p50": 100.0, "p99": p99}
     names = ("event_to_first_frame", "open_to_first_frame")
     return {
         "figures": figures,
         "latencies_ms": {what: dict.fromkeys(figures, latency) for what in names},
-        "counts": {"service level: FEWER_STEPS, 3 steps": 4, "service level: FULL, 4 steps": 4, "edits": 7},
+        "counts": {
+            "service level: FEWER_STEPS, 3 steps": 4,
+            "service level: FULL, 4 steps": 4,
+            "edits": 7,
+            "refused open: OVERLOADED": 10,
+            "refused open: SESSION_LIMIT": 1,
+            "refused edit: OVERLOADED": 3,
+        },  # fmt: skip
         "server_use": {"cores": 1.5, "thrown_away": missed / 100},
         "void": [],
         "others": 0.25,
@@ -32,7 +39,9 @@ def _report(missed: int, p99: float, **more: object) -> dict[str, object]:
 
 def test_seeds_are_one_line_with_the_worst_tail_and_all_that_was_missed() -> None:
     lines = rows_of("mixed", 80, "float32", [_report(0, 200.0), _report(5, 300.0, void=["late"])])
-    assert lines[0] == ("| mixed | 80 | float32 | 0.25% | 8 | 4 | 100 / 300 | 100 / 300 | 5.0% | 1.50 | 25% | 1 of 2 |")
+    assert lines[0] == (
+        "| mixed | 80 | float32 | 0.25% | 8 | 22 | 100 / 300 | 100 / 300 | 5.0% | 1.50 | 25% | 1 of 2 |"
+    )
     assert [line.split("|")[1].strip() for line in lines] == ["mixed", "- hero", "- near"]
     assert {line.count("|") for line in (*HEADER, *lines)} == {13}
 

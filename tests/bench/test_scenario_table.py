@@ -29,7 +29,7 @@ def _report(missed: int, p99: float, **more: object) -> dict[str, object]:
             "refused open: OVERLOADED": 10,
             "refused open: SESSION_LIMIT": 1,
             "refused edit: OVERLOADED": 3,
-        },  # fmt: skip
+        },
         "server_use": {"cores": 1.5, "thrown_away": missed / 100},
         "void": [],
         "others": 0.25,

@@ -170,7 +170,7 @@ async def run(attack: Attack, seconds: float, log: Path) -> Result:
             still_there.enter_context(hostile(attack, server))
             await asyncio.sleep(2 * WARM_S)
     errors = server.log.read_text(encoding="utf-8", errors="replace").count("error id")
-    came = len(coming.waits_ms), coming.refused, coming.num_waiting
+    came = coming.num_served, coming.refused, coming.num_waiting
     return Result(attack, noticed, grown, left, health, share, server.log_mib(), server.exit_code, came, errors)
 
 

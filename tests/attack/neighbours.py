@@ -12,6 +12,7 @@ import grpc.aio
 import numpy as np
 
 from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
+from tests.attack.good_stream import GoodStream
 
 FPS = 20
 LOOKAHEAD = 40
@@ -65,21 +66,15 @@ class Noticed:
         return float(np.percentile(self.pings_ms, 95)) if self.pings_ms else float("inf")
 
 
-class Neighbour:
+class Neighbour(GoodStream):
     """A stream with sessions that play."""
 
     def __init__(self, stub: service_pb2_grpc.MotionServiceStub, num_sessions: int) -> None:
-        self._call = stub.StreamMotion()
+        super().__init__(stub)
         self.sessions = [Playing(handle) for handle in range(num_sessions)]
         self.edits_ms: list[float] = []
         self.pings_ms: list[float] = []
         self.lost = ""
-        self._tasks: list[asyncio.Task[None]] = []
-        self._writing = asyncio.Lock()  # a call takes one message at a time
-
-    async def _write(self, request: service_pb2.StreamMotionRequest) -> None:
-        async with self._writing:
-            await self._call.write(request)
 
     async def begin(self) -> None:
         """Open all sessions and wait until they play."""
@@ -172,10 +167,7 @@ class Neighbour:
 
     async def end(self) -> None:
         self.lost = self.lost or " "
-        self._call.cancel()
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await super().end()
 
 
 class Neighbours:

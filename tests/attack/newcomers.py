@@ -11,53 +11,43 @@ from contextlib import asynccontextmanager
 import grpc.aio
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
+from tests.attack.good_stream import GoodStream
 
 OPEN_EVERY_S = 0.5
 
 
-class Newcomers:
+class Newcomers(GoodStream):
     """A stream on which sessions are opened and, once they have frames, closed.
 
-    waits_ms: from each open to its first frame. refused: how many, by reason. num_waiting: left to wait at the end.
+    num_served: those that got frames. refused: how many, by reason. num_waiting: left to wait at the end.
     """
 
     def __init__(self, stub: service_pb2_grpc.MotionServiceStub) -> None:
-        self._call = stub.StreamMotion()
+        super().__init__(stub)
         self._asked: dict[int, float] = {}
         self._handle = 0
-        self._writing = asyncio.Lock()  # a call takes one message at a time
-        self._tasks: list[asyncio.Task[None]] = []
-        self.waits_ms: list[float] = []
+        self.num_served = 0
         self.refused: Counter[str] = Counter()
         self.num_waiting = 0
 
     async def begin(self) -> None:
-        """Begin the stream, and to open."""
+        """Begin the stream, and open one session after another."""
         hello = service_pb2.ClientHello(client_agent="newcomer")
         await self._write(service_pb2.StreamMotionRequest(hello=hello))
-        self._tasks = [asyncio.create_task(self._read()), asyncio.create_task(self._open())]
+        self._opening = asyncio.create_task(self._open())
+        self._tasks = [asyncio.create_task(self._read()), self._opening]
 
     def forget(self) -> None:
         """The attack begins."""
         self._asked.clear()
-        self.waits_ms.clear()
+        self.num_served = 0
         self.refused.clear()
 
     def stop(self, patience_s: float) -> None:
         """Open no more. patience_s: after which those that have no frame are left to wait."""
-        self._tasks[1].cancel()
+        self._opening.cancel()
         now = time.perf_counter()
         self.num_waiting = sum(now - asked_s > patience_s for asked_s in self._asked.values())
-
-    async def end(self) -> None:
-        self._call.cancel()
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-
-    async def _write(self, request: service_pb2.StreamMotionRequest) -> None:
-        async with self._writing:
-            await self._call.write(request)
 
     async def _open(self) -> None:
         while True:
@@ -70,14 +60,13 @@ class Newcomers:
 
     async def _read(self) -> None:
         while isinstance(response := await self._call.read(), service_pb2.StreamMotionResponse):
-            now = time.perf_counter()
             for update in response.updates:
                 kind = update.WhichOneof("update")
                 if kind == "outcome" and update.outcome.code and update.session in self._asked:
                     del self._asked[update.session]
                     self.refused[update.outcome.reason] += 1
-                elif kind == "chunk" and (asked_s := self._asked.pop(update.session, None)) is not None:
-                    self.waits_ms.append(1000 * (now - asked_s))
+                elif kind == "chunk" and self._asked.pop(update.session, None) is not None:
+                    self.num_served += 1
                     close = session_pb2.SessionEvent(
                         session=update.session, event_seq=2, close=session_pb2.CloseSession()
                     )

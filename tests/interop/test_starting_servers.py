@@ -37,7 +37,7 @@ async def test_a_server_that_cannot_serve_yet_is_asked_by_another_key(server: Fa
 async def test_a_refusal_is_told_with_its_reason_however_soon_it_comes(server: FakeServer) -> None:
     full = StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "STREAM_LIMIT", "no more streams").status()
     async with MotionClient(server.address, policy=LinePolicy(recover_s=0)) as client:
-        for _ in range(60):  # one in fifteen, at times most of them, come while the hello is still being written
+        for _ in range(60):  # one in fifteen, at times one in three, come while the hello is still being written
             server.turned_away = [full] * 100
             with pytest.raises(StreamLost) as refused:
                 await client.open("walk")

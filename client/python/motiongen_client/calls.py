@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 LAG_S = 1.0
 LISTEN_S = (0.0, 0.1, 0.5, 2.0)
 """How long each of the calls in a row for one status listens before it says hello. A server that refuses a call does so
-while the hello is still being written, and then grpc.aio loses the status: of 6 to 60 in 100 such calls, as the machine
+while the hello is still being written, and then grpc.aio loses the status: of 2 to 36 in 100 such calls, as the machine
 has it. A call that says nothing meanwhile hears it for certain."""
 
 

@@ -81,8 +81,8 @@ class MotionService:
         self._streams: dict[int, Stream] = {}
         self.clips = ClipService(models, self._numbers, stream_metrics, self._limits)
         self.watch = StreamWatch(self._limits, self._streams, self._callers)
-        self.gateway_lag = GatewayLag(lambda: bool(self._streams))
-        models.is_gateway_full = lambda: self.gateway_lag.is_too_long
+        self._lag = GatewayLag(lambda: bool(self._streams))
+        models.is_gateway_full = lambda: self._lag.is_too_long
         self._all_ended = asyncio.Event()
         self._all_ended.set()
         if other_servers is not None:
@@ -105,7 +105,7 @@ class MotionService:
     @property
     def gateway_lag_s(self) -> float:
         """How long what is to be read and written waits for the event loop."""
-        return self.gateway_lag.lag_s
+        return self._lag.lag_s
 
     @property
     def num_waiting_bytes(self) -> int:
@@ -201,13 +201,13 @@ class MotionService:
         stream.caller = caller
         if self._others is not None:
             stream.other_servers = self._others.named
-        stream.gateway_lag = self.gateway_lag
+        stream.gateway_lag = self._lag
         stream.accepts_opens = self._reader.ends_at is None
         peer.num_streams += 1
         self._streams[stream.number] = stream
         self._all_ended.clear()
         self.watch.begin()
-        self.gateway_lag.begin()
+        self._lag.begin()
         return stream
 
     def _end(self, stream: Stream) -> None:

@@ -15,6 +15,7 @@ from motiongen_server.rpc.gateway_lag import LEAST_WRITES_HZ, LOOK_EVERY_S, MOST
 from motiongen_server.rpc.service import MotionService
 from motiongen_server.rpc.stream_writer import write
 from tests.server.rpc.test_event_order import WALK, Engine, Line, Prompts, make_catalog
+from tests.server.rpc.test_stream_writer import Context
 from tests.waiting import until_true
 
 
@@ -122,23 +123,13 @@ async def test_each_message_that_is_written_is_noted() -> None:
     line.open()
     context = Context()
     writing = asyncio.create_task(write(line.stream, context))  # type: ignore[arg-type]
-    await until_true(lambda: bool(context.written))
+    await until_true(lambda: not context.messages.empty())
     line.stream.close_all(CloseReason.CLIENT)
     line.stream.take(Closed(line.engine.events[0].session, CloseReason.CLIENT, Code.OK, "", 0, 0))
     line.stream.end()
     await writing
-    assert len(noted) == len(context.written) >= 2
+    assert len(noted) == context.messages.qsize() >= 2
     assert min(noted) >= 0.0
-
-
-class Context:
-    """Takes what is written at once."""
-
-    def __init__(self) -> None:
-        self.written: list[bytes] = []
-
-    async def write(self, response: bytes) -> None:
-        self.written.append(response)
 
 
 def test_nothing_is_looked_at_while_there_is_nothing_to_be_late_for(loop: Loop) -> None:

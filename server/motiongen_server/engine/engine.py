@@ -264,7 +264,8 @@ class Engine:
             if state.complete:
                 self._close(state, CloseReason.CLIENT, Code.OK, "")
             elif not self._stopping:
-                self.sessions.wake_up(state, self.windows.start_due(state, now))
+                sends_at = state.delivery.sends_at(state.planned_to)
+                self.sessions.wake_up(state, min(self.windows.start_due(state, now), sends_at))
         self._flush()
 
     def _flush(self) -> None:

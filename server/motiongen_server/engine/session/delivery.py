@@ -74,6 +74,12 @@ class Delivery:
         """When the playhead reaches a frame; infinity where it takes an event for that: it stops at sent_to."""
         return self.clock.reaches_at(frame) if frame <= self.sent_to else math.inf
 
+    def sends_at(self, planned_to: int) -> float:
+        """When frames that the credit allows, but that wait for more, are sent for time alone; infinity: none wait."""
+        if not self.clock.running or self._limit(planned_to) <= self.sent_to:
+            return math.inf
+        return self.clock.reaches_at(self.sent_to - self._low_frames)
+
     # ---- what happens to it -----------------------------------------------------------------------------------------
 
     def report(self, event: Playhead) -> None:
@@ -113,18 +119,25 @@ class Delivery:
         """Frames below `frame` will not change."""
         self.committed_to = max(self.committed_to, frame)
 
-    def chunks(self, now: float, timeline: Timeline, plan: int, promise_to: float) -> list[Chunk]:
+    def promised(self, now: float, timeline: Timeline, promise_to: float) -> int:
+        """The end of what is promised with the next chunk: what no replan could change any more, because it would come
+        too late; nothing from promise_to on."""
+        return max(
+            self.committed_to, int(min(self.unshown_from(now, self.commit_s), self._limit(timeline.end), promise_to))
+        )
+
+    def chunks(self, now: float, timeline: Timeline, plan: int, promise: int, *, may_wait: bool) -> list[Chunk]:
         """Send what the credit allows: a short chunk first where a plan is new, then of up to steady_chunk frames.
 
-        Promises what no replan could change any more, because it would come too late; nothing from promise_to on.
+        may_wait: whether frames of which the client has enough may wait until there are more of them. promise: as
+        `promised`.
         """
-        limit = min(timeline.end, self.clock.credited + self.lookahead)
-        begin = self.sent_to
-        if limit <= begin:
+        limit, begin = self._limit(timeline.end), self.sent_to
+        if limit <= begin or (may_wait and self._is_too_little(now, limit - begin, timeline.end - begin)):
             return []
         due_to = math.ceil(self.clock.unheld(now)) if self.clock.running else 0
         self.clock.resume_from(begin, now)
-        self.promise(int(min(self.unshown_from(now, self.commit_s), limit, promise_to)))
+        self.promise(promise)
         chunks = []
         while self.sent_to < limit:
             most = self.config.first_chunk if self.first_chunk_due else self.config.steady_chunk
@@ -136,3 +149,23 @@ class Delivery:
         self.num_frames = max(self.num_frames, limit)
         self.late_frames += max(0, min(due_to, limit) - begin)
         return chunks
+
+    def _limit(self, planned_to: int) -> int:
+        """The end of the frames that the credit allows."""
+        return min(planned_to, self.clock.credited + self.lookahead)
+
+    def _is_too_little(self, now: float, num_frames: int, num_planned: int) -> bool:
+        """Whether frames had better wait for more of a plan that the client has begun to get.
+
+        Each report of a playhead earns a few, and a message of few costs as much as one of many. A client that runs low
+        gets what there is, and so does one whose playhead stands.
+        """
+        if self.first_chunk_due or not self.clock.running or self.runs_low(now, self.sent_to, self._low_frames):
+            return False
+        return num_frames < min(self.config.steady_chunk, self.lookahead // 2, num_planned)
+
+    @property
+    def _low_frames(self) -> int:
+        """Frames left to play below which a client is sent what there is; fewer than are left where reports come often
+        enough to earn a whole chunk."""
+        return min(3 * self.config.steady_chunk // 4, self.lookahead // 2)

@@ -22,9 +22,11 @@ def emit(state: SessionState, now: float, report: StepReport, outputs_of: MakeOu
         state.delivery.promise(state.planned_to)
     # The window that runs may still land where it starts; a promise beyond that would only make it void.
     promise_to = math.inf if state.running is None else state.running.first_frame
+    promise = state.delivery.promised(now, state.timeline, promise_to)
+    may_wait = not state.reach.is_due(state.conditions, promise)
     sent_before = state.delivery.sent_to
     opening = state.delivery.num_frames == 0
-    chunks = state.delivery.chunks(now, state.timeline, state.plan, promise_to)
+    chunks = state.delivery.chunks(now, state.timeline, state.plan, promise, may_wait=may_wait)
     if not chunks:
         return outputs
     if state.spec.outputs:

@@ -26,6 +26,12 @@ class ReachWatch:
     partial: list[tuple[Constraint, Residual]] = field(default_factory=list)
     nearest: list[tuple[Constraint, Nearest]] = field(default_factory=list)
 
+    def is_due(self, conditions: Conditions, committed_to: int) -> bool:
+        """Whether `reached` may tell of a constraint once the frames below committed_to are promised."""
+        if committed_to <= self.measured_to:
+            return False
+        return any(_told_after(constraint) < committed_to for constraint in conditions.constraints)
+
     def reached(
         self, rig: RigLayout, conditions: Conditions, timeline: Timeline, committed_to: int
     ) -> list[tuple[Constraint, ConstraintReached]]:
@@ -86,3 +92,10 @@ class ReachWatch:
 
 def _is_of_any_frame(constraint: Constraint) -> bool:
     return not isinstance(constraint, RootTrajectory) and constraint.span is not None
+
+
+def _told_after(constraint: Constraint) -> int:
+    """The first frame with whose promise a constraint may be told of."""
+    if isinstance(constraint, RootTrajectory) or constraint.span is None:
+        return constraint.last_frame
+    return constraint.frame

@@ -11,8 +11,9 @@ from motiongen_server.engine.types import Chunk, Code, Outcome, Output, PlanNoti
 class Playback:
     """Plays at fps from the first frame's arrival on; stands still while the next frame is not there.
 
-    Times are those at which the engine delivered. latencies_s: of edits, from when they were meant to the first frame
-    that they changed. broken: plans that replaced frames which had been shown or were promised not to change.
+    Times are those at which the engine delivered. latencies_s: of edits, from when they were meant to when the first
+    frame that they changed came; shown_after_s: to when it was due to be shown. broken: plans that replaced frames which
+    had been shown or were promised not to change.
     """
 
     fps: int
@@ -21,6 +22,7 @@ class Playback:
     buffered_to: int = 0
     committed_to: int = 0
     latencies_s: list[float] = field(default_factory=list)
+    shown_after_s: list[float] = field(default_factory=list)
     num_refused: int = 0
     broken: int = 0
     stalls: list[tuple[float, float]] = field(default_factory=list)
@@ -79,8 +81,9 @@ class Playback:
             self.held_s += now - due_at
         self.buffered_to, self.committed_to = end, max(self.committed_to, chunk.committed_to)
         for event_seq in [seq for seq, frame in self._effective.items() if frame < end]:
-            del self._effective[event_seq]
-            self.latencies_s.append(now - self._meant_at.pop(event_seq))
+            shown_at, meant_at = self.due_at(self._effective.pop(event_seq)), self._meant_at.pop(event_seq)
+            self.latencies_s.append(now - meant_at)
+            self.shown_after_s.append(max(now, shown_at) - meant_at)
 
     def held_between(self, begin: float, end: float) -> float:
         """Seconds without a frame to show, from `begin` to `end`; all of them if the first never came."""

@@ -226,6 +226,11 @@ def measure(crew: Crew, screen: Screen, now: float) -> tuple[float, float, float
     )
 
 
+def _percentiles_ms(seconds: Sequence[float]) -> str:
+    p50, p99 = 1000 * np.percentile(seconds, [50, 99])
+    return f"{p50:.0f} / {p99:.0f}"
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.steered", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--sticks", nargs="+", choices=STICKS, default=list(STICKS))
@@ -237,8 +242,8 @@ def main() -> int:
     logging.disable(logging.CRITICAL)
     torch.set_num_threads(1)
     crew = Crew.built_in()
-    print("| stick | edits, ms | slowest foot | glides | accelerations, m/s2 | at joins, m/s2 | late |")
-    print("|---|---:|---:|---:|---:|---:|---:|")
+    print("| stick | edits, ms | shown, ms | slowest foot | glides | accelerations, m/s2 | at joins, m/s2 | late |")
+    print("|---|---:|---:|---:|---:|---:|---:|---:|")
     names = [name for name in options.sticks for _ in range(options.characters)]
     sticks = [STICKS[name] for name in names]
     players = play(crew, sticks, options.steps, options.seconds, Costs(slower=options.slower))
@@ -247,12 +252,11 @@ def main() -> int:
     for name in options.sticks:
         of_stick = [index for index, each in enumerate(names) if each == name]
         foot, glide, acceleration, jump = np.nanmean([figures[index] for index in of_stick], axis=0)
-        edits = [each for index in of_stick for each in screens[index].playback.latencies_s]
-        p50, p99 = 1000 * np.percentile(edits, [50, 99])
-        late = sum(screens[index].playback.underruns() for index in of_stick)
-        print(
-            f"| {name} | {p50:.0f} / {p99:.0f} | {foot:.3f} | {glide:.1%} | {acceleration:.0f} | {jump:.0f} | {late} |"
-        )
+        playbacks = [screens[index].playback for index in of_stick]
+        came = _percentiles_ms([each for playback in playbacks for each in playback.latencies_s])
+        shown = _percentiles_ms([each for playback in playbacks for each in playback.shown_after_s])
+        late = sum(playback.underruns() for playback in playbacks)
+        print(f"| {name} | {came} | {shown} | {foot:.3f} | {glide:.1%} | {acceleration:.0f} | {jump:.0f} | {late} |")
     return 0
 
 

@@ -29,10 +29,11 @@ class EngineConfig:
     max_restarts: how often in a row edits may restart a window that has begun before one is allowed to finish.
     replans_hz: most replans a second that edits may cause in a session of each class; edits between them share one.
     max_waiting_edits: edits of one session that may wait for a plan. reuse_tokens: give windows the tokens of earlier
-    ones for history where these cover it, rather than have it encoded again. align_replans: start replans on the grid
-    of these tokens, which makes them up to patch - 1 frames later. hold_frames: how many a held pose is repeated at a
-    time. guard_drift: whether characters that go astray are righted. max_lean_rad: how far one may lean on average over
-    a window; root heights in metres, and max_coordinate_m from the origin, beyond which it is lost.
+    ones for history where these cover it, rather than have it encoded again. align_within: a replan that begins within
+    so many frames of the one before begins on the grid of these tokens, up to patch - 1 frames later; 0: none does.
+    hold_frames: how many a held pose is repeated at a time. guard_drift: whether characters that go astray are righted.
+    max_lean_rad: how far one may lean on average over a window; root heights in metres, and max_coordinate_m from the
+    origin, beyond which it is lost.
     initial_step_s: the cost of a denoising step before one has been measured.
     playback_rate: how many times the frame rate a playhead earns frames at. still_timeout_s: after which a session that
     is paused is closed.
@@ -68,7 +69,7 @@ class EngineConfig:
     replans_hz: tuple[float, float, float, float] = (10.0, 5.0, 2.0, 1.0)
     max_waiting_edits: int = 256
     reuse_tokens: bool = True
-    align_replans: bool = False
+    align_within: int = 16
     hold_frames: int = 8
     guard_drift: bool = True
     max_lean_rad: float = 1.1
@@ -92,6 +93,7 @@ class EngineConfig:
             self._check(name, 1)
         for name in (
             "history_crop",
+            "align_within",
             "continue_jitter",
             "stride_jitter",
             "max_restarts",

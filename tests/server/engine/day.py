@@ -87,7 +87,7 @@ class Day:
             max_sessions=32,
             degrade=chance.random() < 0.5,
             admit_load=chance.choice(((0.95, 0.9, 0.85, 0.7), (9.0, 9.0, 9.0, 9.0))),
-            align_replans=chance.random() < 0.3,
+            align_within=chance.choice((0, 16, 10_000)),
         )
         delay_s = chance.choice((0.0, 0.01, 0.025))
         self.stage = Stage(config, delay_s=delay_s, scheduler=self.scheduler)

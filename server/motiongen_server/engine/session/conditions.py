@@ -94,6 +94,10 @@ class Conditions:
         """The constraints with a frame in begin <= frame < end."""
         return tuple(item for item in self.constraints if item.last_frame >= begin and item.first_frame < end)
 
+    def ends_within(self, begin: int, end: int) -> bool:
+        """Whether the last frame of a constraint is one of begin <= frame < end."""
+        return any(begin <= item.last_frame < end for item in self.constraints)
+
     def without_told(self, told: Collection[Constraint]) -> Conditions:
         """Forget constraints that have been answered before their last frame: they were met at an earlier one."""
         gone = {id(item) for item in told}

@@ -36,6 +36,7 @@ class PendingEdit:
     """An edit that waits for the plan that answers it. dirty_from: the first frame it wants changed.
 
     left_open: its constraints that left to the engine where they are put, each with what it became; placements: where.
+    prolongs: whether all that it asks for is that a velocity in force goes on.
     """
 
     event_seq: int
@@ -44,6 +45,7 @@ class PendingEdit:
     dirty_from: int
     placements: tuple[Placement, ...] = ()
     left_open: tuple[tuple[Unplaced, Constraint], ...] = ()
+    prolongs: bool = False
 
     def with_open_of(self, held: Container[int]) -> PendingEdit:
         """The same without what it left open and is not held any more. held: the id() of each constraint that is."""
@@ -58,7 +60,7 @@ class PendingEdit:
 class Edited(NamedTuple):
     """What an event makes of conditions. kind: of edit; dirty_from: the first frame to change, None for none.
 
-    placements, left_open: as in PendingEdit.
+    placements, left_open, prolongs: as in PendingEdit.
     """
 
     conditions: Conditions
@@ -66,6 +68,7 @@ class Edited(NamedTuple):
     dirty_from: int | None
     placements: tuple[Placement, ...] = ()
     left_open: tuple[tuple[Unplaced, Constraint], ...] = ()
+    prolongs: bool = False
 
 
 def edited(
@@ -88,9 +91,10 @@ def edited(
             conditions, dirty_from = edit_prompts(held, event, floor, config.max_prompts)
             return Edited(conditions, "prompts", dirty_from)
         case SetVelocity():
-            velocity, dirty_from = changed_velocity(held.velocity, event, floor)
+            velocity, changed_at, prolongs = changed_velocity(held.velocity, event, floor)
             conditions = replace(held, velocity=velocity, gait=gait_of(gaits, event, held.gait_at(floor)))
-            return Edited(conditions, "velocity", conditions.first_change(held, floor, dirty_from))
+            dirty_from = conditions.first_change(held, floor, changed_at)
+            return Edited(conditions, "velocity", dirty_from, prolongs=prolongs and dirty_from == changed_at)
         case SetConstraints():
             conditions, changed, placements = edit_constraints(
                 held, event, floor, config.max_constraints, config.max_held_trajectory_frames, anchor
@@ -122,6 +126,11 @@ class EditQueue:
     def are_left_open(self) -> bool:
         """Whether any that waits left to the engine where a constraint is put."""
         return any(edit.left_open for edit in self.waiting)
+
+    @property
+    def only_prolong(self) -> bool:
+        """Whether all that is asked for is that a velocity in force goes on; there must be some that wait."""
+        return all(edit.prolongs for edit in self.waiting)
 
     def require_room(self) -> None:
         """Raise EventRefused where too many edits wait already."""
@@ -176,7 +185,9 @@ class EditQueue:
         sent_to: the end of what was sent and still holds; edits beyond it that nobody saw were overtaken.
         """
         answered = [(edit.with_open_of(()), max(edit.dirty_from, first_frame)) for edit in edits]
-        self.unseen = [(edit, frame) for edit, frame in self.unseen if frame < sent_to] + answered
+        # Nobody waits for what only goes on: how long it took says nothing of how soon edits are answered.
+        shows = [(edit, frame) for edit, frame in answered if not edit.prolongs]
+        self.unseen = [(edit, frame) for edit, frame in self.unseen if frame < sent_to] + shows
         return answered
 
     def seen(self, sent_to: int) -> list[PendingEdit]:

@@ -67,7 +67,7 @@ def _edit(state: SessionState, event: EditEvent, now: float, report: StepReport)
     floor = state.replaceable_from(now, state.delivery.commit_s)
     crop = history_crop(state.spec, state.config)
     reach = state.facts.max_window_frames - history_frames(floor, state.timeline, crop, state.facts.patch)
-    state.conditions, kind, dirty_from, placements, left_open = edited(
+    state.conditions, kind, dirty_from, placements, left_open, prolongs = edited(
         state.conditions,
         event,
         floor=floor,
@@ -81,7 +81,7 @@ def _edit(state: SessionState, event: EditEvent, now: float, report: StepReport)
         return [Outcome(state.key, event.event_seq, Code.OK, placements=placements)]
     if dirty_from > 0:
         dirty_from = max(dirty_from, state.timeline.motion_from + state.facts.patch)
-    edit = PendingEdit(event.event_seq, kind, event.received_at, dirty_from, placements, left_open)
+    edit = PendingEdit(event.event_seq, kind, event.received_at, dirty_from, placements, left_open, prolongs)
     running = state.running
     if (
         running is not None

@@ -18,6 +18,11 @@ from motiongen_server.engine.types import (
 )
 from motiongen_server.engine.types.report import StepReport
 
+_LEAST_PROLONGING_S = 0.25
+"""For a window that prolongs a velocity, however quick windows are."""
+_MOST_WAIT_S = 0.5
+"""For the answer to an edit that only prolongs a velocity."""
+
 
 def wake_at(state: SessionState) -> float:
     """When the session is to be looked at if nothing happens before; infinity if then, too, nothing happens."""
@@ -27,7 +32,7 @@ def wake_at(state: SessionState) -> float:
     if state.level.hold and planned_to:
         return delivery.reaches_at(planned_to - delivery.commit_frames)
     wake_at = delivery.reaches_at(planned_to - state.continue_threshold - delivery.far_frames)
-    return min(wake_at, state.edits.not_before) if state.replan_wanted else wake_at
+    return min(wake_at, _replan_at(state)) if state.replan_wanted else wake_at
 
 
 def window_due(state: SessionState, now: float) -> bool:
@@ -46,7 +51,22 @@ def window_due(state: SessionState, now: float) -> bool:
     enough = state.continue_threshold + delivery.far_frames
     if delivery.runs_low(now, planned_to, enough):
         return True
-    return state.replan_wanted and now >= state.edits.not_before
+    return state.replan_wanted and now >= _replan_at(state)
+
+
+def _replan_at(state: SessionState) -> float:
+    """From when on a window may start for what waits; something does.
+
+    Who keeps a velocity up says it again long before it ends. Until the playhead comes near that end, what is planned
+    is what was asked for; a window for each time that it is said would be shown for the frames between two of them.
+    """
+    edits, delivery = state.edits, state.delivery
+    if state.drift_state.lost or not state.clock.running or not edits.only_prolong:
+        return edits.not_before
+    first = min(edits.waiting, key=lambda edit: edit.dirty_from)
+    lead_s = delivery.commit_s + max(2 * state.predicted_s, state.extra_lead_s, _LEAST_PROLONGING_S)
+    nears_at = delivery.reaches_at(first.dirty_from - math.ceil(state.facts.fps * lead_s))
+    return max(edits.not_before, min(nears_at, first.received_at + _MOST_WAIT_S))
 
 
 def next_window(state: SessionState, now: float, predicted_s: float, job_id: int) -> WindowJob:
@@ -116,10 +136,17 @@ def _next_start(state: SessionState, now: float, predicted_s: float) -> tuple[in
     lead_s = max(predicted_s, state.extra_lead_s) + state.delivery.commit_s
     earliest = state.replaceable_from(now, lead_s)
     wanted = min((edit.dirty_from for edit in state.edits.waiting), default=earliest)
+    grid, patch = state.timeline.run.first, state.facts.patch
     if wanted > earliest:
-        return min(wanted, planned_to), PlanCause.EDIT
-    if state.config.align_replans:
-        earliest = min(earliest + (state.timeline.run.first - earliest) % state.facts.patch, planned_to)
+        on_grid = wanted - (wanted - grid) % patch
+        goes_on_sooner = state.edits.only_prolong and on_grid >= earliest
+        return min(on_grid if goes_on_sooner else wanted, planned_to), PlanCause.EDIT
+    if state.cut is None and earliest - state.replanned_from < state.config.align_within:
+        # Bodies glide where plans that are replaced after a few frames each begin anywhere: histories are then pieces of
+        # tokens, encoded again and again.
+        on_grid = min(earliest + (grid - earliest) % patch, planned_to)
+        if not state.conditions.ends_within(earliest, on_grid):
+            earliest = on_grid
     return earliest, PlanCause.EDIT if state.edits.waiting else PlanCause.FALLBACK
 
 
@@ -131,7 +158,7 @@ def deadline(state: SessionState, now: float) -> float:
     if state.planned_to == 0:
         return state.opened_at + state.config.open_target_s
     if state.edits.waiting:
-        asked_at = max(min(edit.received_at for edit in state.edits.waiting), state.edits.not_before)
+        asked_at = max(min(edit.received_at for edit in state.edits.waiting), _replan_at(state))
         return asked_at + state.config.target_s(state.spec.priority)
     return _planned_until(state, now)
 
@@ -174,6 +201,8 @@ def accept(state: SessionState, result: WindowResult, now: float, report: StepRe
     state.drift_state.judge(rows, first_frame)
     state.conditions = state.conditions.with_velocity_landed(running.velocity, first_frame)
     state.delivery.first_chunk_due |= running.job.cause in (PlanCause.EDIT, PlanCause.CUT)
+    if not all(edit.prolongs for edit in running.answers):
+        state.replanned_from = first_frame
     report.windows.append((state.spec.priority, running.job.cause))
     report.soft_resets += running.correction is not None
     sent_to = state.delivery.sent_to

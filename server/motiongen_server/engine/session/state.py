@@ -39,7 +39,8 @@ class SessionState:
     """All that is known of a session. plan: the newest plan's number; holding: it repeats a pose.
 
     cut_frames: by which the first window that is made while the client plays is cut, so that sessions spread out.
-    restarts, extra_lead_s: of windows in a row that did not land. predicted_s: how long the last one was to take.
+    replanned_from: where the last plan began that an edit changed. restarts, extra_lead_s: of windows in a row that did
+    not land. predicted_s: how long the last one was to take.
     placements: of the constraints that it was opened with. cut: what its next window goes on from, if not from itself.
     last_seq: of the last event that was taken. saved: what the last snapshot holds, see `snapshot.news_of`.
     """
@@ -62,6 +63,7 @@ class SessionState:
     plan: int = 0
     running: RunningWindow | None = None
     holding: bool = False
+    replanned_from: float = -math.inf
     restarts: int = 0
     extra_lead_s: float = 0.0
     predicted_s: float = 0.0

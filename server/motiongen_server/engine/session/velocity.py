@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,18 +43,25 @@ class Velocity:
         return RootTrajectory(VELOCITY_ID, begin, lead.ground.astype(np.float32), heading)
 
 
-def changed_velocity(held: Velocity | None, event: SetVelocity, floor: int) -> tuple[Velocity, int | None]:
-    """The velocity after an event. floor: the first frame that can still change.
+class Steered(NamedTuple):
+    """A velocity after an event. dirty_from: the first frame that the event changes, None for none.
 
-    Returns it and the first frame that it changes: floor, or None or where the old one would have ended, if the event
-    only says again what holds.
+    prolongs: whether it only says again what holds, which is to go on where it would have ended.
     """
+
+    velocity: Velocity
+    dirty_from: int | None
+    prolongs: bool = False
+
+
+def changed_velocity(held: Velocity | None, event: SetVelocity, floor: int) -> Steered:
+    """The velocity after an event. floor: the first frame that can still change."""
     asked = Velocity(event.x, event.z, event.heading, event.hold_frames)
     if held is None or held.steers_from is None:
-        return asked, floor
+        return Steered(asked, floor)
     old_end = held.end_if_from(floor)
     if old_end <= floor or (held.x, held.z, held.heading) != (asked.x, asked.z, asked.heading):
-        return asked, floor
+        return Steered(asked, floor)
     again = Velocity(event.x, event.z, event.heading, event.hold_frames, steers_from=floor)
     new_end = again.end_if_from(floor)
-    return again, None if new_end == old_end else min(old_end, new_end)
+    return Steered(again, None if new_end == old_end else min(old_end, new_end), prolongs=new_end > old_end)

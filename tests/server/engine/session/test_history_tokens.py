@@ -1,7 +1,10 @@
 """Windows on the grid of tokens: their history is not encoded again."""
 
+import pytest
+
 from motiongen_server.engine.config import EngineConfig
-from tests.server.engine.session.playing import num_edit_plans, playing_state
+from motiongen_server.engine.types import Code, PlanCause, Priority
+from tests.server.engine.session.playing import num_edit_plans, playing_state, waypoint
 from tests.server.engine.stage import prompt
 
 
@@ -17,7 +20,7 @@ def test_windows_on_the_grid_get_the_tokens_of_their_history_and_others_do_not()
 
 
 def test_aligned_replans_stay_on_the_grid() -> None:
-    stage, viewer, _ = playing_state(EngineConfig(align_replans=True))
+    stage, viewer, _ = playing_state(EngineConfig(align_within=10_000))
     for n in range(20):
         stage.set_prompts(viewer, prompt(n))
         stage.run(0.33)
@@ -26,8 +29,45 @@ def test_aligned_replans_stay_on_the_grid() -> None:
     assert all(job.history_tokens is not None for job in stage.runner.prepared[1:])
 
 
+def test_replans_that_follow_one_another_begin_on_the_grid_of_the_first() -> None:
+    stage, viewer, _ = playing_state(priority=Priority.HERO)
+    before = len(stage.runner.prepared)
+    for n in range(20):
+        stage.set_prompts(viewer, prompt(n))
+        stage.run(0.1)
+    first, *later = [job for job in stage.runner.prepared[before:] if job.cause is PlanCause.EDIT]
+    assert len(later) > 15
+    assert {(job.first_frame - first.first_frame) % 4 for job in later} == {0}
+    assert all(job.history_tokens is not None for job in later[3:]), "once a history lies behind the first"
+
+
+@pytest.mark.parametrize("quiet_s", [1.5, 1.55, 1.6, 1.65])
+def test_an_edit_after_a_quiet_time_is_shown_as_soon_as_can_be(quiet_s: float) -> None:
+    shown = []
+    for align_within in (EngineConfig().align_within, 0):
+        stage, viewer, _ = playing_state(EngineConfig(align_within=align_within))
+        stage.set_prompts(viewer, prompt(2))
+        stage.run(quiet_s)
+        seq = stage.set_prompts(viewer, prompt(3))
+        stage.run(0.2)
+        shown.append(viewer.outcomes[seq].effective_frame)
+    assert shown[0] == shown[1]
+
+
+def test_no_target_is_passed_over_for_the_sake_of_the_grid() -> None:
+    stage, viewer, _ = playing_state(priority=Priority.HERO)
+    for n in range(30):
+        stage.set_prompts(viewer, prompt(n))
+        stage.run(0.1)
+        near = stage.engine.sessions[viewer.key].replaceable_from(stage.clock.now(), 0.27)
+        seq = stage.set_constraints(viewer, waypoint(near, constraint_id=n))
+        stage.run(0.1)
+        if viewer.outcomes[seq].code is Code.OK:
+            assert viewer.notices[-1].valid_from <= near, "the plan that answers it holds its frame"
+
+
 def test_an_aligned_replan_still_starts_a_scheduled_prompt_where_it_was_asked_for() -> None:
-    stage, viewer, _ = playing_state(EngineConfig(align_replans=True))
+    stage, viewer, _ = playing_state(EngineConfig(align_within=10_000))
     start = viewer.shown // 4 * 4 + 17
     seq = stage.set_prompts(viewer, prompt(2, 2, start))
     stage.run(0.2)

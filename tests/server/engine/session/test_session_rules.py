@@ -37,17 +37,17 @@ class SessionRules(RuleBasedStateMachine):
         spread=st.floats(1.0, 8.0),
         seed=st.integers(0, 2**16),
         max_restarts=st.integers(0, 3),
-        align_replans=st.booleans(),
+        align_within=st.sampled_from((0, 16, 10_000)),
     )
     def set_the_stage(
-        self, max_rows: int, base_s: float, spread: float, seed: int, max_restarts: int, align_replans: bool
+        self, max_rows: int, base_s: float, spread: float, seed: int, max_restarts: int, align_within: int
     ) -> None:
         self.stage = Stage(
             EngineConfig(
                 max_rows=max_rows,
                 max_restarts=max_restarts,
                 max_prompts=5,
-                align_replans=align_replans,
+                align_within=align_within,
                 max_waiting_edits=1000,
                 degrade=False,
             )

@@ -114,14 +114,14 @@ def test_a_velocity_ends_after_the_frames_that_it_holds() -> None:
 
 def test_saying_the_same_again_changes_only_where_it_ends() -> None:
     held = Velocity(1.0, 0.0, 0.5, 40, steers_from=100)
-    again, dirty_from = changed_velocity(held, _event(1.0, 0.0, 0.5), floor=120)
-    assert (again.end_if_from(0), dirty_from) == (160, 140)
-    shorter, dirty_from = changed_velocity(held, _event(1.0, 0.0, 0.5, hold_frames=5), floor=120)
-    assert (shorter.end_if_from(0), dirty_from) == (125, 125)
-    assert changed_velocity(held, _event(1.0, 0.0, 0.5), floor=100) == (held, None)
+    again, dirty_from, prolongs = changed_velocity(held, _event(1.0, 0.0, 0.5), floor=120)
+    assert (again.end_if_from(0), dirty_from, prolongs) == (160, 140, True)
+    shorter, dirty_from, prolongs = changed_velocity(held, _event(1.0, 0.0, 0.5, hold_frames=5), floor=120)
+    assert (shorter.end_if_from(0), dirty_from, prolongs) == (125, 125, False)
+    assert changed_velocity(held, _event(1.0, 0.0, 0.5), floor=100) == (held, None, False)
     for other in (_event(1.1, 0.0, 0.5), _event(1.0, 0.0), _event(1.0, 0.1, 0.5)):
-        assert changed_velocity(held, other, floor=120)[1] == 120
-    assert changed_velocity(held, _event(1.0, 0.0, 0.5), floor=140)[1] == 140
+        assert changed_velocity(held, other, floor=120)[1:] == (120, False)
+    assert changed_velocity(held, _event(1.0, 0.0, 0.5), floor=140)[1:] == (140, False)
 
 
 def test_the_root_state_is_read_from_the_last_few_frames() -> None:

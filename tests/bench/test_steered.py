@@ -1,0 +1,19 @@
+"""How the built-in model moves under a stick that turns all the time, through the engine as it serves."""
+
+import numpy as np
+import pytest
+
+from tests.bench.costed_runner import Costs
+from tests.bench.steered import STICKS, Crew, measure, play
+
+
+@pytest.mark.parametrize("stick", ["in a circle", "weaving"])
+def test_feet_do_not_glide_under_a_stick_that_turns(stick: str) -> None:
+    crew = Crew.built_in()
+    players = play(crew, [STICKS[stick]] * 2, 4, 8.0, Costs(slower=0.2))
+    screens = list(players.screens.values())
+    feet, glides, *_ = np.mean([measure(crew, screen, players.now) for screen in screens], axis=0)
+    assert feet < 0.05, "the slowest foot's speed over the root's: 0.3 where plans begin anywhere"
+    assert glides < 0.12, "0.4 to 0.5 there"
+    answered = [each for screen in screens for each in screen.playback.latencies_s]
+    assert np.median(answered) < 0.1, "each plan is shown for a few frames only"

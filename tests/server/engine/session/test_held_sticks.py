@@ -1,0 +1,103 @@
+"""A stick that is held: the same velocity, said again many times a second, is not planned anew each time."""
+
+import pytest
+
+from motiongen_server.engine.types import Code, RootTrajectory
+from tests.server.engine.fakes import FACTS, PLAN, SPEED
+from tests.server.engine.session.playing import num_edit_plans, playing
+from tests.server.engine.stage import Stage, prompt
+from tests.server.engine.viewer import Viewer
+
+HELD = SPEED, 0.0
+
+
+def steer(stage: Stage, viewer: Viewer, seconds: float, hold_frames: int, hz: float = 10.0) -> list[int]:
+    """Say the same velocity again and again. Returns the numbers of the events."""
+    seqs = []
+    for _ in range(round(seconds * hz)):
+        seqs.append(stage.set_velocity(viewer, *HELD, hold_frames=hold_frames))
+        stage.run(1.0 / hz)
+    return seqs
+
+
+def leads(stage: Stage, viewer: Viewer, frame: int) -> bool:
+    """Whether the plan that shows a frame was told to go at the velocity there, and not to slow down."""
+    plan = int(viewer.rows[frame][PLAN])
+    (job,) = (job for job in stage.runner.prepared if job.plan == plan)
+    for path in job.constraints:
+        if isinstance(path, RootTrajectory) and path.first_frame <= frame - 1 and frame <= path.last_frame:
+            step = path.xz[frame - path.first_frame] - path.xz[frame - 1 - path.first_frame]
+            return step[0] == pytest.approx(SPEED / FACTS.fps, rel=0.01)
+    return frame == job.first_frame
+
+
+@pytest.mark.parametrize(("hold_frames", "most_plans"), [(10, 42), (20, 22), (60, 22)])
+def test_a_stick_that_is_held_is_planned_anew_only_as_its_velocity_runs_out(hold_frames: int, most_plans: int) -> None:
+    stage, viewer = playing()
+    steer(stage, viewer, 2.0, hold_frames)
+    begun, first_shown = num_edit_plans(viewer), viewer.shown
+    steer(stage, viewer, 10.0, hold_frames)
+    assert num_edit_plans(viewer) - begun <= most_plans, "100 times it was said"
+    slow = [frame for frame in range(first_shown, viewer.shown) if not leads(stage, viewer, frame)]
+    assert slow == [], "it never slows down between two words"
+    assert stage.total("deadline_misses") == 0
+    stage.run(1.0)
+    stage.check_finished()
+
+
+def test_a_plan_that_goes_on_begins_on_the_grid_of_the_one_before() -> None:
+    stage, viewer = playing()
+    steer(stage, viewer, 2.0, hold_frames=20)
+    before = len(stage.runner.prepared)
+    steer(stage, viewer, 5.0, hold_frames=20)
+    assert len(stage.runner.prepared) > before + 5
+    assert all(job.history_tokens is not None for job in stage.runner.prepared[before:])
+
+
+def test_each_word_is_answered_within_half_a_second_and_a_window() -> None:
+    stage, viewer = playing()
+    said: dict[int, float] = {}
+    late = []
+    for _ in range(60):
+        said[stage.set_velocity(viewer, *HELD, hold_frames=200)] = stage.clock.now()
+        stage.run(0.1)
+        late += [seq for seq, at in said.items() if seq not in viewer.outcomes and stage.clock.now() - at > 0.65]
+    stage.run(1.0)
+    assert late == []
+    assert all(viewer.outcomes[seq].code is Code.OK for seq in said)
+
+
+def test_a_stick_that_moves_meanwhile_does_not_wait() -> None:
+    stage, viewer = playing()
+    steer(stage, viewer, 2.0, hold_frames=40)
+    stage.set_velocity(viewer, *HELD, hold_frames=40)
+    stage.run(0.02)
+    seq = stage.set_velocity(viewer, 0.0, SPEED, hold_frames=40)
+    stage.run(0.15)
+    assert viewer.outcomes[seq].code is Code.OK
+
+
+def test_nor_does_another_edit() -> None:
+    stage, viewer = playing()
+    steer(stage, viewer, 2.0, hold_frames=40)
+    stage.set_velocity(viewer, *HELD, hold_frames=40)
+    seq = stage.set_prompts(viewer, prompt(2))
+    stage.run(0.2)
+    assert viewer.outcomes[seq].code is Code.OK
+
+
+def test_while_paused_it_is_answered_at_once() -> None:
+    stage, viewer = playing()
+    steer(stage, viewer, 2.0, hold_frames=40)
+    stage.pause(viewer, True)
+    stage.run(0.2)
+    seq = stage.set_velocity(viewer, *HELD, hold_frames=60)
+    stage.run(0.2)
+    assert viewer.outcomes[seq].code is Code.OK
+
+
+def test_what_only_goes_on_does_not_count_as_an_edit_that_took_long() -> None:
+    stage, viewer = playing()
+    steer(stage, viewer, 6.0, hold_frames=40)
+    kinds = [each.kind for report in stage.reports for each in report.event_latencies]
+    assert kinds.count("velocity") <= 2, "the first, and what was said before that had landed"

@@ -12,8 +12,8 @@ class Playback:
     """Plays at fps from the first frame's arrival on; stands still while the next frame is not there.
 
     Times are those at which the engine delivered. latencies_s: of edits, from when they were meant to when the first
-    frame that they changed came; shown_after_s: to when it was due to be shown. broken: plans that replaced frames which
-    had been shown or were promised not to change.
+    frame that they changed came; shown_after_s: to when it was due to be shown. broken: plans that replaced frames
+    which had been shown or were promised not to change.
     """
 
     fps: int

@@ -142,8 +142,8 @@ def _next_start(state: SessionState, now: float, predicted_s: float) -> tuple[in
         goes_on_sooner = state.edits.only_prolong and on_grid >= earliest
         return min(on_grid if goes_on_sooner else wanted, planned_to), PlanCause.EDIT
     if state.cut is None and earliest - state.replanned_from < state.config.align_within:
-        # Bodies glide where plans that are replaced after a few frames each begin anywhere: histories are then pieces of
-        # tokens, encoded again and again.
+        # Bodies glide where plans that are replaced after a few frames each begin anywhere: histories are pieces of
+        # tokens then, encoded again and again.
         on_grid = min(earliest + (grid - earliest) % patch, planned_to)
         if not state.conditions.ends_within(earliest, on_grid):
             earliest = on_grid

@@ -101,7 +101,7 @@ class RunningWindows:
 
     def _start(self, state: SessionState, now: float) -> None:
         predicted_s = self._scheduler.predict_s(
-            state.spec.priority, planning.deadline(state, now), state.num_steps, self._passes
+            state.spec.priority, planning.deadline(state, now), planning.num_steps_due(state, now), self._passes
         )
         job = planning.next_window(state, now, predicted_s * self._lease.stretch, next(self._job_ids))
         self.quotas.charge(job.owner, job.num_steps, now)

@@ -44,6 +44,7 @@ def model_facts(model: Model, model_id: str, default_steps: int) -> ModelFacts:
         guidance_passes=len(needed_passes(own.mode, GuidanceWeights(own.text, own.constraint), True, True)),
         guidance=Guidance(own.text, own.constraint),
         guidance_joint=own.mode == "joint",
+        steered_share=model.sampling.steered_share,
         num_parameters=model.num_parameters,
         outputs=output_blocks(skeleton),
     )

@@ -19,6 +19,7 @@ from motiongen_server.engine.types import (
     Constraint,
     Gait,
     Guidance,
+    ModelFacts,
     Open,
     Outcome,
     Output,
@@ -99,12 +100,14 @@ class Stage:
         report_every_s: float = 0.5,
         delay_s: float = 0.0,
         scheduler: SchedulingPolicy | None = None,
+        facts: ModelFacts = FACTS,
     ) -> None:
         self._delay_s = delay_s
         self._under_way: deque[tuple[float, Callable[[float], object]]] = deque()
         self.clock = FakeClock()
         self.clock.ticked = self._let_arrive
         self.runner = FakeRunner(self.clock)
+        self.runner.facts = facts
         self.engine = Engine(
             self.runner,
             self.clock,

@@ -69,11 +69,18 @@ def _replan_at(state: SessionState) -> float:
     return max(edits.not_before, min(nears_at, first.received_at + _MOST_WAIT_S))
 
 
+def num_steps_due(state: SessionState, now: float) -> int:
+    """The denoising steps of the window that is due."""
+    if not state.edits.waiting:
+        return state.num_steps
+    return state.num_replan_steps(state.replaceable_from(now, state.delivery.commit_s))
+
+
 def next_window(state: SessionState, now: float, predicted_s: float, job_id: int) -> WindowJob:
     """Start the window that is due. predicted_s: how long it will take from now."""
     assert window_due(state, now)
     first_frame, cause = _next_start(state, now, predicted_s)
-    due = Due(job_id, now, deadline(state, now), runs_out_at(state, now))
+    due = Due(job_id, num_steps_due(state, now), now, deadline(state, now), runs_out_at(state, now))
     if state.replan_wanted:
         replans_hz = state.config.replans_hz[state.spec.priority - 1] * state.level.replan_cap_scale
         state.edits.space_replans(now, replans_hz)
@@ -101,7 +108,8 @@ def begin_elsewhere(state: SessionState, now: float, predicted_s: float) -> Wind
     state.running, state.cut = None, running.cut
     state.drift_state.correction = running.correction
     state.predicted_s = predicted_s
-    return _begin(state, first_frame, cause, Due(job.job_id, job.created_at, job.deadline, job.runs_out_at))
+    due = Due(job.job_id, job.num_steps, job.created_at, job.deadline, job.runs_out_at)
+    return _begin(state, first_frame, cause, due)
 
 
 def _begin(state: SessionState, first_frame: int, cause: PlanCause, due: Due) -> WindowJob:

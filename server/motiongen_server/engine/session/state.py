@@ -95,6 +95,18 @@ class SessionState:
         """Denoising steps of the next window."""
         return steps_at(self.level, self.spec, self.facts)
 
+    def num_replan_steps(self, frame: int) -> int:
+        """The same of one for the edits that wait, from a frame on.
+
+        A stick's windows that follow one another closely are shown for a few frames each; the model may do with fewer
+        steps there. All else that a session asks for, its own prompts too, gets all of them.
+        """
+        conditions, most = self.conditions, self.num_steps
+        follows = self.cut is None and frame - self.replanned_from < self.config.align_within
+        if not follows or conditions.constraints or conditions.gait_at(frame) is None:
+            return most
+        return min(most, max(self.facts.min_steps, math.ceil(self.facts.steered_share * self.spec.denoise_steps)))
+
     @property
     def idle_at(self) -> float:
         """When the session is to be closed if its playhead neither is reported nor moves until then."""

@@ -61,9 +61,10 @@ class RunningWindow:
 
 
 class Due(NamedTuple):
-    """A window's number, and when it is to be done; as in `WindowJob`."""
+    """A window's number, its steps, and when it is to be done; as in `WindowJob`."""
 
     job_id: int
+    num_steps: int
     created_at: float
     deadline: float
     runs_out_at: float
@@ -101,7 +102,7 @@ class WindowSite:
             embedding=None if prompt is None else prompt.embedding,
             constraints=constraints,
             seed=self.spec.seed,
-            num_steps=steps_at(self.level, self.spec, self.facts),
+            num_steps=due.num_steps,
             guidance=guidance_at(self.level, self.spec.guidance, bool(constraints), self.facts),
             deadline=due.deadline,
             priority=self.spec.priority,

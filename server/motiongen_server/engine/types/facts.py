@@ -55,7 +55,8 @@ class ModelFacts:
     feature_dim: D. max_window_frames: history, horizon and future together. Steps are denoising steps per window.
     token_width: floats of one token, root and latent. guidance_passes: most evaluations of the denoiser in one step,
     with the model's own guidance, the weights of a session that does not say. guidance_joint: one
-    evaluation can be told text and constraints. num_parameters: of all networks together. outputs: further blocks of a
+    evaluation can be told text and constraints. steered_share: of a session's steps, what a window of a stick takes that
+    follows closely on another. num_parameters: of all networks together. outputs: further blocks of a
     frame row, that a session may ask for.
     """
 
@@ -74,6 +75,7 @@ class ModelFacts:
     guidance_passes: int = 1
     guidance: Guidance = RELEASED_GUIDANCE
     guidance_joint: bool = False
+    steered_share: float = 1.0
     num_parameters: int = 0
     outputs: tuple[ChannelBlock, ...] = ()
 

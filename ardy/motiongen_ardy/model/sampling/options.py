@@ -176,8 +176,8 @@ class SamplingOptions(CheckedOptions):
     from its root's heading is turned to it. fit_prompts: a gait's prompt is told where the root is to go at a pace that
     the prompt's motion does not have; which those are, the checkpoint says. approach_frames: where a goal follows on
     a window within fewer frames than these, the window is kept only so far that the goal has as many of the next.
-    steered_share: of the denoising steps asked for, what a server's window takes that a velocity leads under the prompt of
-    a gait and that follows on another within a few frames.
+    steered_share: of the denoising steps asked for, what a window of a session takes that a velocity leads under the
+    prompt of a gait and that follows on another within a few frames.
     """
 
     guidance: GuidanceOptions = GuidanceOptions()

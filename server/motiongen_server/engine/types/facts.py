@@ -55,7 +55,7 @@ class ModelFacts:
     feature_dim: D. max_window_frames: history, horizon and future together. Steps are denoising steps per window.
     token_width: floats of one token, root and latent. guidance_passes: most evaluations of the denoiser in one step,
     with the model's own guidance, the weights of a session that does not say. guidance_joint: one
-    evaluation can be told text and constraints. steered_share: of a session's steps, what a window of a stick takes that
+    evaluation can be told text and constraints. steered_share: of a session's steps, what a stick's window takes that
     follows closely on another. num_parameters: of all networks together. outputs: further blocks of a
     frame row, that a session may ask for.
     """

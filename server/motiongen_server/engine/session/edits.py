@@ -155,13 +155,12 @@ class EditQueue:
         """No window that can wait, a replan's or a clip's, is started before this time."""
         self.not_before = max(self.not_before, at)
 
-    def space_replans(self, now: float, replans_hz: float) -> None:
+    def space_replans(self, now: float, period_s: float) -> None:
         """A window starts for the edits that wait: the next one may not before its time.
 
         Counted from when this one might have started, one period ago at the most: who comes as often as is allowed
         would else fall behind a little with every wait, and never catch up.
         """
-        period_s = 1.0 / replans_hz
         asked_at = min((edit.received_at for edit in self.waiting), default=now)
         self.not_before = max(self.not_before, asked_at, now - period_s) + period_s
 

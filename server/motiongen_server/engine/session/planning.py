@@ -18,6 +18,8 @@ from motiongen_server.engine.types import (
 )
 from motiongen_server.engine.types.report import StepReport
 
+_REST_SHARE = 1.3
+"""From one replan of a session to the next, of what the first takes: others have a turn where the machine is busy."""
 _LEAST_PROLONGING_S = 0.25
 """For a window that prolongs a velocity, however quick windows are."""
 _MOST_WAIT_S = 0.5
@@ -83,7 +85,7 @@ def next_window(state: SessionState, now: float, predicted_s: float, job_id: int
     due = Due(job_id, num_steps_due(state, now), now, deadline(state, now), runs_out_at(state, now))
     if state.replan_wanted:
         replans_hz = state.config.replans_hz[state.spec.priority - 1] * state.level.replan_cap_scale
-        state.edits.space_replans(now, replans_hz)
+        state.edits.space_replans(now, max(1.0 / replans_hz, _REST_SHARE * predicted_s))
     state.predicted_s = predicted_s
     return _begin(state, first_frame, cause, due)
 

@@ -95,3 +95,16 @@ def test_windows_for_a_client_far_away_are_made_earlier() -> None:
         underruns[rtt_s] = viewer.underruns - before
     assert underruns[None] > 0
     assert underruns[0.8] == 0
+
+
+def test_a_session_whose_replans_take_long_leaves_time_for_others_between_them() -> None:
+    stage, viewer, _ = playing_state(EngineConfig(degrade=False), priority=Priority.HERO)
+    stage.runner.step_s = lambda rows: 0.05  # four steps a window
+    for n in range(40):
+        stage.set_prompts(viewer, prompt(n))
+        stage.run(0.05)
+    before = num_edit_plans(viewer)
+    for n in range(200):
+        stage.set_prompts(viewer, prompt(n))
+        stage.run(0.05)
+    assert 0.8 * 10 / (1.3 * 0.2) < num_edit_plans(viewer) - before < 0.9 * 10 / 0.2

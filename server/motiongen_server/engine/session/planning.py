@@ -19,7 +19,7 @@ from motiongen_server.engine.types import (
 from motiongen_server.engine.types.report import StepReport
 
 _REST_SHARE = 1.3
-"""From one replan of a session to the next, of what the first takes: others have a turn where the machine is busy."""
+"""From one replan's edit to the next replan of a session, of what the first is expected to take: others have a turn."""
 _LEAST_PROLONGING_S = 0.25
 """For a window that prolongs a velocity, however quick windows are."""
 _MOST_WAIT_S = 0.5

@@ -4,6 +4,7 @@ import pytest
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import Level
+from motiongen_server.engine.session.edits import EditQueue, PendingEdit
 from motiongen_server.engine.types import Code, Priority, ServiceTier
 from tests.server.engine.session.playing import num_edit_plans, playing_state
 from tests.server.engine.stage import Stage, prompt
@@ -97,15 +98,12 @@ def test_windows_for_a_client_far_away_are_made_earlier() -> None:
     assert underruns[0.8] == 0
 
 
-def test_a_session_whose_replans_take_long_leaves_time_for_others_between_them() -> None:
-    stage, viewer, _ = playing_state(EngineConfig(degrade=False), priority=Priority.HERO)
-    stage.runner.step_s = lambda rows: 0.05  # four steps a window
-    for n in range(40):
-        stage.set_prompts(viewer, prompt(n))
-        stage.run(0.05)
-    before, began_at = num_edit_plans(viewer), stage.clock.now()
-    for n in range(200):
-        stage.set_prompts(viewer, prompt(n))
-        stage.run(0.05)
-    apart_s = (stage.clock.now() - began_at) / (num_edit_plans(viewer) - before)
-    assert 1.25 * 0.2 < apart_s < 1.5 * 0.2, "a window takes 0.2 s"
+def test_replans_are_a_period_apart_counted_from_when_the_edit_was_asked_for() -> None:
+    queue = EditQueue(10)
+    queue.add(PendingEdit(1, "prompts", 9.8, 0))
+    queue.space_replans(10.0, 0.5)
+    assert queue.not_before == pytest.approx(10.3)
+    queue.add(PendingEdit(2, "prompts", 3.0, 0))
+    queue.not_before = 0.0
+    queue.space_replans(10.0, 0.5)
+    assert queue.not_before == pytest.approx(10.0), "one period's credit at most"

@@ -119,25 +119,34 @@ class Delivery:
         """Frames below `frame` will not change."""
         self.committed_to = max(self.committed_to, frame)
 
-    def promised(self, now: float, timeline: Timeline, promise_to: float) -> int:
-        """The end of what is promised with the next chunk: what no replan could change any more, because it would come
-        too late; nothing from promise_to on."""
-        return max(
-            self.committed_to, int(min(self.unshown_from(now, self.commit_s), self._limit(timeline.end), promise_to))
-        )
+    def promised(self, now: float, planned_to: int, promise_to: float) -> int:
+        """The end of what the next chunk promises: what no replan could change, because it would come too late; nothing
+        from promise_to on."""
+        return int(min(self.unshown_from(now, self.commit_s), self._limit(planned_to), promise_to))
 
-    def chunks(self, now: float, timeline: Timeline, plan: int, promise: int, *, may_wait: bool) -> list[Chunk]:
+    def waits(self, now: float, planned_to: int) -> bool:
+        """Whether there are frames that the credit allows, and that had better wait for more of their plan.
+
+        Each report of a playhead earns a few, and a message of few costs as much as one of many. A client that runs low
+        gets what there is, and so does one whose playhead stands.
+        """
+        num_frames = self._limit(planned_to) - self.sent_to
+        if num_frames <= 0 or self.first_chunk_due or not self.clock.running:
+            return False
+        enough = min(self.config.steady_chunk, self.lookahead // 2, planned_to - self.sent_to)
+        return num_frames < enough and not self.runs_low(now, self.sent_to, self._low_frames)
+
+    def chunks(self, now: float, timeline: Timeline, plan: int, promise_to: float) -> list[Chunk]:
         """Send what the credit allows: a short chunk first where a plan is new, then of up to steady_chunk frames.
 
-        may_wait: whether frames of which the client has enough may wait until there are more of them. promise: as
-        `promised`.
+        Promises what no replan could change any more, because it would come too late; nothing from promise_to on.
         """
         limit, begin = self._limit(timeline.end), self.sent_to
-        if limit <= begin or (may_wait and self._is_too_little(now, limit - begin, timeline.end - begin)):
+        if limit <= begin:
             return []
         due_to = math.ceil(self.clock.unheld(now)) if self.clock.running else 0
         self.clock.resume_from(begin, now)
-        self.promise(promise)
+        self.promise(self.promised(now, timeline.end, promise_to))
         chunks = []
         while self.sent_to < limit:
             most = self.config.first_chunk if self.first_chunk_due else self.config.steady_chunk
@@ -153,16 +162,6 @@ class Delivery:
     def _limit(self, planned_to: int) -> int:
         """The end of the frames that the credit allows."""
         return min(planned_to, self.clock.credited + self.lookahead)
-
-    def _is_too_little(self, now: float, num_frames: int, num_planned: int) -> bool:
-        """Whether frames had better wait for more of a plan that the client has begun to get.
-
-        Each report of a playhead earns a few, and a message of few costs as much as one of many. A client that runs low
-        gets what there is, and so does one whose playhead stands.
-        """
-        if self.first_chunk_due or not self.clock.running or self.runs_low(now, self.sent_to, self._low_frames):
-            return False
-        return num_frames < min(self.config.steady_chunk, self.lookahead // 2, num_planned)
 
     @property
     def _low_frames(self) -> int:

@@ -22,11 +22,13 @@ def emit(state: SessionState, now: float, report: StepReport, outputs_of: MakeOu
         state.delivery.promise(state.planned_to)
     # The window that runs may still land where it starts; a promise beyond that would only make it void.
     promise_to = math.inf if state.running is None else state.running.first_frame
-    promise = state.delivery.promised(now, state.timeline, promise_to)
-    may_wait = not state.reach.is_due(state.conditions, promise)
+    if state.delivery.waits(now, state.planned_to):
+        promise = state.delivery.promised(now, state.planned_to, promise_to)
+        if not state.reach.is_due(state.conditions, promise):
+            return outputs
     sent_before = state.delivery.sent_to
     opening = state.delivery.num_frames == 0
-    chunks = state.delivery.chunks(now, state.timeline, state.plan, promise, may_wait=may_wait)
+    chunks = state.delivery.chunks(now, state.timeline, state.plan, promise_to)
     if not chunks:
         return outputs
     if state.spec.outputs:

@@ -34,12 +34,16 @@ class PresetPrompt:
 
 @dataclass(frozen=True)
 class LocomotionPreset:
-    """The prompt for moving at from_mps metres a second or more in a direction, seen from where the body faces."""
+    """The prompt for moving at from_mps metres a second or more in a direction, seen from where the body faces.
+
+    to_mps: faster than this bodies glide; infinity where nothing is claimed.
+    """
 
     name: str
     text: str
     from_mps: float
     direction: str
+    to_mps: float = math.inf
 
     @property
     def quarter(self) -> int:
@@ -136,17 +140,20 @@ class _Reading:
         return PresetPrompt(name, text, self.text(given["what"], f"{at}.what") if "what" in given else "")
 
     def gait(self, entry: object, at: str) -> LocomotionPreset:
-        given = self.mapping(entry, at, ("name", "text", "from_mps", "direction"))
+        given = self.mapping(entry, at, ("name", "text", "from_mps", "to_mps", "direction"))
         name, text = (self.text(given.get(key), f"{at}.{key}") for key in ("name", "text"))
-        speed, direction = given.get("from_mps"), given.get("direction", "forward")
-        is_number = isinstance(speed, int | float) and not isinstance(speed, bool)
-        if not is_number or not math.isfinite(speed) or not 0 <= speed <= MAX_SPEED_MPS:
-            self.problems.append(f"{at}.from_mps is {_shown(speed)}; give metres a second from 0 to {MAX_SPEED_MPS:g}")
-            speed = 0
+        least, direction = self.speed(given.get("from_mps"), 0.0, f"{at}.from_mps"), given.get("direction", "forward")
+        most = self.speed(given["to_mps"], least, f"{at}.to_mps") if "to_mps" in given else math.inf
         if direction not in DIRECTIONS:
             self.problems.append(f"{at}.direction is {_shown(direction)}; give one of {', '.join(DIRECTIONS)}")
             direction = "forward"
-        return LocomotionPreset(name, text, float(speed), direction)
+        return LocomotionPreset(name, text, least, direction, most)
+
+    def speed(self, value: object, least: float, at: str) -> float:
+        if isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= MAX_SPEED_MPS:
+            return float(value)
+        self.problems.append(f"{at} is {_shown(value)}; give metres a second from {least:g} to {MAX_SPEED_MPS:g}")
+        return least
 
     def text(self, value: object, at: str) -> str:
         if isinstance(value, str) and value.strip() and len(value) <= MAX_TEXT:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ WHOLE: dict[str, Any] = {
     "presets": [{"name": "walk", "text": "a person walks", "what": "walks"}, {"name": "run", "text": "run"}],
     "locomotion": [
         {"name": "stand", "text": "stand", "from_mps": 0},
-        {"name": "back", "text": "go back", "from_mps": 0.2, "direction": "backward"},
+        {"name": "back", "text": "go back", "from_mps": 0.2, "to_mps": 1.5, "direction": "backward"},
     ],
     "knows": ["walking"],
 }
@@ -42,6 +43,7 @@ def test_a_whole_file_is_read(tmp_path: Path) -> None:
     assert (found.forms["keyframe"], found.forms["feet"], found.forms["waypoint"]) == ("warn", "refuse", "trained")
     assert [(preset.name, preset.what) for preset in found.presets] == [("walk", "walks"), ("run", "")]
     assert [(gait.from_mps, gait.direction) for gait in found.locomotion] == [(0.0, "forward"), (0.2, "backward")]
+    assert [gait.to_mps for gait in found.locomotion] == [math.inf, 1.5]
     assert found.knows == ("walking",)
     assert found.domain is None
 
@@ -81,6 +83,9 @@ def test_the_domain_beside_it_is_read_and_needs_words(tmp_path: Path) -> None:
         (("locomotion", 0, "from_mps"), float("nan"), r"locomotion\[0\]\.from_mps"),
         (("locomotion", 0, "from_mps"), True, r"locomotion\[0\]\.from_mps"),
         (("locomotion", 0, "from_mps"), 0.5, "forward from 0"),
+        (("locomotion", 1, "to_mps"), "fast", r"locomotion\[1\]\.to_mps is 'fast'"),
+        (("locomotion", 1, "to_mps"), 0.1, r"locomotion\[1\]\.to_mps is 0.1; give metres a second from 0.2 to 10"),
+        (("locomotion", 1, "to_mps"), float("nan"), r"locomotion\[1\]\.to_mps"),
         (("locomotion", 1, "direction"), "up", r"locomotion\[1\]\.direction"),
         (("knows", 0), 3, r"knows\[0\]"),
     ],
@@ -106,4 +111,6 @@ def test_the_file_of_the_built_in_model_is_sound() -> None:
     assert set(found.forms) == set(FORMS)
     speeds = {gait.name: gait.from_mps for gait in found.locomotion if gait.direction == "forward"}
     assert speeds == {"stand": 0.0, "walk": 0.15, "run": 2.0}
+    fastest = {gait.name: gait.to_mps for gait in found.locomotion if gait.to_mps < math.inf}
+    assert fastest == {"run": 3.0, "walk-back": 1.2, "walk-left": 1.2, "walk-right": 1.2}
     assert found.knows

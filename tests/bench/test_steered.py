@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+from motiongen_ardy.capabilities import read_capabilities
+from motiongen_ardy.checkpoint.model_card import model_folder
 from tests.bench.costed_runner import Costs
+from tests.bench.models import BUILT_IN
 from tests.bench.steered import STICKS, Crew, measure, play
 
 
@@ -17,3 +20,14 @@ def test_feet_do_not_glide_under_a_stick_that_turns(stick: str) -> None:
     assert glides < 0.12, "0.4 to 0.5 there"
     answered = [each for screen in screens for each in screen.playback.latencies_s]
     assert np.median(answered) < 0.1, "each plan is shown for a few frames only"
+
+
+@pytest.mark.parametrize(
+    ("stick", "fastest"), [("straight on", "run"), ("sideways", "walk-left"), ("backwards", "walk-back")]
+)
+def test_bodies_step_at_the_speeds_that_are_claimed(stick: str, fastest: str) -> None:
+    (claimed,) = (gait.to_mps for gait in read_capabilities(model_folder(BUILT_IN)).locomotion if gait.name == fastest)
+    crew = Crew.built_in()
+    players = play(crew, [STICKS[stick]] * 2, 4, 8.0, Costs(slower=0.2), claimed)
+    feet = np.mean([measure(crew, screen, players.now)[0] for screen in players.screens.values()])
+    assert feet < 0.1, "the slowest foot's speed over the root's: 0.2 to 0.6 half a metre a second faster"

@@ -32,14 +32,16 @@ def test_the_catalogue_says_what_a_model_knows() -> None:
             service_pb2.ConstraintForm(form="feet", support=99),  # type: ignore[arg-type]  # of a later version
         ],
         locomotion_presets=[
-            service_pb2.LocomotionPreset(name="run", text="run on", from_speed_mps=2, direction="forward")
+            service_pb2.LocomotionPreset(
+                name="run", text="run on", from_speed_mps=2, direction="forward", to_speed_mps=3
+            )
         ],
         known_motions=["walking"],
     )
     (read,) = convert.catalog(service_pb2.GetCatalogResponse(models=[model])).models
     assert read.preset_descriptions == {"walk": "walks"}
     assert read.constraint_forms == {"hands": "untrained", "feet": "unspecified"}
-    assert read.locomotion_presets == (LocomotionPreset("run", "run on", 2.0, "forward"),)
+    assert read.locomotion_presets == (LocomotionPreset("run", "run on", 2.0, "forward", 3.0),)
     assert read.known_motions == ("walking",)
 
 
@@ -53,3 +55,16 @@ async def test_an_edit_s_warnings_are_told_and_logged(server: FakeServer, caplog
         server.stream.warnings = []
         assert (await session.set_velocity(0, 1, keep_prompt=True)).warnings == ()
         assert server.stream.received[-1].set_velocity.keep_prompt
+
+
+async def test_what_a_stick_is_warned_of_is_logged_once(server: FakeServer, caplog: pytest.LogCaptureFixture) -> None:
+    said = [
+        session_pb2.EventWarning(reason="UNTRAINED_SPEED", message=f"too fast {way}", field="set_velocity")
+        for way in ("left", "right")
+    ]
+    async with MotionClient(server.address) as client, await client.open("a person walks") as session:
+        server.stream.warnings = said
+        with caplog.at_level(logging.WARNING, "motiongen_client"):
+            for _ in range(5):
+                assert len((await session.set_velocity(0, 1)).warnings) == 2
+    assert [record.getMessage().split(": ")[1] for record in caplog.records] == ["too fast left", "too fast right"]

@@ -22,7 +22,7 @@ DOMAIN = PromptDomain("length-1", np.zeros(2, np.float32), np.eye(2, dtype=np.fl
 WHOLE = Capabilities(
     forms={"hands": "warn", "feet": "refuse", "waypoint": "trained"},
     presets=(PresetPrompt("walk", "walk on", "walks"),),
-    locomotion=(LocomotionPreset("back", "go back", 0.2, "backward"),),
+    locomotion=(LocomotionPreset("back", "go back", 0.2, "backward", 1.5),),
     knows=("walking",),
     domain=DOMAIN,
 )
@@ -42,6 +42,7 @@ def test_prompts_are_encoded_and_forms_told_in_the_protocol_s_numbers() -> None:
     (preset,), (gait,) = found.presets, found.gaits
     assert (preset.preset_id, preset.description, preset.embedding[0]) == ("walk", "walks", len("walk on"))
     assert (gait.direction, gait.from_mps, gait.embedding[0]) == (Direction.BACKWARD, 0.2, len("go back"))
+    assert found.abilities.fastest_mps(Direction.BACKWARD) == 1.5
     assert list(found.abilities.forms.values()) == [FormSupport.UNTRAINED, FormSupport.REFUSED, FormSupport.TRAINED]
     assert found.abilities.domain is not None
 

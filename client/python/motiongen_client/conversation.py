@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from motiongen.v1 import session_pb2
@@ -28,6 +29,7 @@ from motiongen_client.types import (
 )
 
 _log = logging.getLogger(__name__)
+_WARNINGS_REMEMBERED = 16
 
 
 class Conversation(Recovery):
@@ -45,6 +47,7 @@ class Conversation(Recovery):
         self._first_frame_s: float | None = None
         self._num_plans = 0
         self._num_frames = 0
+        self._logged: deque[str] = deque(maxlen=_WARNINGS_REMEMBERED)
         self.on_service_level: Callable[[ServiceLevel], None] | None = None
         self.on_constraint_reached: Callable[[ConstraintReached], None] | None = None
 
@@ -231,8 +234,11 @@ class Conversation(Recovery):
         self.fail(SessionEnded(end.reason, end.message))
 
     def _log_warnings(self, warnings: Iterable[ModelWarning]) -> None:
+        """Those that were not logged of late: what a stick is warned of comes ten times a second."""
         for each in warnings:
-            _log.warning("session %d: %s", self.handle, each.message)
+            if each.message not in self._logged:
+                self._logged.append(each.message)
+                _log.warning("session %d: %s", self.handle, each.message)
 
     def _note_frames(self, num_frames: int, end_frame: int) -> None:
         now_s = self._clock()

@@ -32,6 +32,7 @@ async def catalog(options: argparse.Namespace) -> int:
             prompts.add_row(model.model_id, name, text, model.preset_descriptions.get(name, ""))
         for gait in model.locomotion_presets:
             speed = f"velocity {gait.direction} from {gait.from_speed_mps:.2g} m/s"
+            speed += f", feet glide beyond {gait.to_speed_mps:.2g}" if gait.to_speed_mps else ""
             prompts.add_row(model.model_id, f"({gait.name})", gait.text, speed)
     rigs = make_table("rigs", "name", "joints", "frames a second", "numbers a frame")
     for rig in offered.rigs:

@@ -40,7 +40,7 @@ def as_abilities(capabilities: Capabilities) -> Abilities:
         forms={form: _SUPPORT[support] for form, support in capabilities.forms.items()},
         presets=tuple(PresetText(preset.name, preset.text, preset.what) for preset in capabilities.presets),
         gaits=tuple(
-            GaitText(gait.name, gait.text, gait.from_mps, Direction[gait.direction.upper()])
+            GaitText(gait.name, gait.text, gait.from_mps, Direction[gait.direction.upper()], gait.to_mps)
             for gait in capabilities.locomotion
         ),
         known_motions=capabilities.knows,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -30,12 +31,16 @@ class PresetText:
 
 @dataclass(frozen=True, slots=True)
 class GaitText:
-    """A gait of a model's checkpoint, not encoded; the fields are those of `Gait`."""
+    """A gait of a model's checkpoint, not encoded; the fields are those of `Gait`.
+
+    to_mps: faster than this bodies glide; infinity where nothing is claimed.
+    """
 
     name: str
     text: str
     from_mps: float
     direction: Direction
+    to_mps: float = math.inf
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,6 +79,11 @@ class Abilities:
     gaits: Sequence[GaitText] = ()
     known_motions: Sequence[str] = ()
     domain: PromptDomain | None = None
+
+    def fastest_mps(self, direction: Direction) -> float:
+        """The speed up to which bodies step in a direction, seen from where they face; infinity: nothing is claimed."""
+        fastest = {gait.direction: gait.to_mps for gait in sorted(self.gaits, key=lambda gait: gait.from_mps)}
+        return fastest.get(direction, fastest.get(Direction.FORWARD, math.inf))
 
 
 NOTHING_CLAIMED = Abilities()

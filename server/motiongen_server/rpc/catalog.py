@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
@@ -59,6 +60,7 @@ class Catalog:
             max_stream_events_per_second=limits.stream_events_per_second,
         )
         self.limits_message.resume_grace.FromMilliseconds(round(1000 * limits.resume_grace_s))
+        to_mps = {(gait.direction, gait.from_mps): gait.to_mps for gait in abilities.gaits}
         model = service_pb2.Model(
             model_id=facts.model_id,
             rig_id=facts.rig.rig_id,
@@ -84,13 +86,7 @@ class Catalog:
                 for form, support in self.abilities.forms.items()
             ],
             locomotion_presets=[
-                service_pb2.LocomotionPreset(
-                    name=gait.name,
-                    text=gait.text,
-                    from_speed_mps=gait.from_mps,
-                    direction=gait.direction.name.lower(),
-                )
-                for gait in gaits
+                locomotion_message(gait, to_mps.get((gait.direction, gait.from_mps), math.inf)) for gait in gaits
             ],
             known_motions=self.abilities.known_motions,
             default_tolerance_m=DEFAULT_TOLERANCE.position_m,
@@ -108,6 +104,17 @@ class Catalog:
         if known_etag == self._response.catalog_etag:
             return service_pb2.GetCatalogResponse(catalog_etag=known_etag)
         return self._response
+
+
+def locomotion_message(gait: Gait, to_mps: float) -> service_pb2.LocomotionPreset:
+    """The prompt of a velocity. to_mps: up to which bodies step; infinity: nothing is claimed."""
+    return service_pb2.LocomotionPreset(
+        name=gait.name,
+        text=gait.text,
+        from_speed_mps=gait.from_mps,
+        direction=gait.direction.name.lower(),
+        to_speed_mps=to_mps if math.isfinite(to_mps) else 0.0,
+    )
 
 
 def rig_message(facts: ModelFacts) -> motion_pb2.Rig:

@@ -30,7 +30,7 @@ class GatewayLag:
 
     An engine that has all the time in the world does not see that those who read and write for it have none: one event
     loop serves every stream, and thousands of messages a second fill it. What it has not got round to waits as timers
-    of its own, or as gRPC's events, which it takes one in each round: that wait is part of every write.
+    of its own, or in gRPC's threads, which want the same cores: that wait is part of every write.
     """
 
     def __init__(self, is_needed: Callable[[], bool], loop: asyncio.AbstractEventLoop | None = None) -> None:

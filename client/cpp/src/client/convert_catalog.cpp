@@ -50,7 +50,8 @@ Model model(const v1::Model& message) {
     made.target_forms.push_back({each.form(), static_cast<FormSupport>(each.support())});
   }
   for (const auto& each : message.locomotion_presets()) {
-    made.locomotion_presets.push_back({each.name(), each.text(), each.from_speed_mps(), each.direction()});
+    made.locomotion_presets.push_back(
+        {each.name(), each.text(), each.from_speed_mps(), each.direction(), each.to_speed_mps()});
   }
   made.known_motions.assign(message.known_motions().begin(), message.known_motions().end());
   for (const auto& each : message.outputs()) made.outputs.push_back({each.name(), each.width()});

@@ -41,7 +41,7 @@ def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
                 preset_descriptions={each.preset_id: each.description for each in entry.presets if each.description},
                 constraint_forms={each.form: _support_name(each.support) for each in entry.constraint_forms},
                 locomotion_presets=tuple(
-                    LocomotionPreset(each.name, each.text, each.from_speed_mps, each.direction)
+                    LocomotionPreset(each.name, each.text, each.from_speed_mps, each.direction, each.to_speed_mps)
                     for each in entry.locomotion_presets
                 ),
                 known_motions=tuple(entry.known_motions),

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 class ModelWarning:
     """What was taken although the model was not trained for it: the motion may not show it.
 
-    reason: PROMPT_OUTSIDE_DOMAIN or UNTRAINED_CONSTRAINT; message: for people; field: where it was in the message.
+    reason: PROMPT_OUTSIDE_DOMAIN, UNTRAINED_CONSTRAINT or UNTRAINED_SPEED; message: for people; field: where it was in
+    the message.
     """
 
     reason: str

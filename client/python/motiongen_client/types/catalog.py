@@ -11,12 +11,16 @@ from motiongen_client.motion import Rig
 
 @dataclass(frozen=True)
 class LocomotionPreset:
-    """The prompt that holds while a velocity of from_speed_mps or more leads in a direction, seen from the heading."""
+    """The prompt that holds while a velocity of from_speed_mps or more leads in a direction, seen from the heading.
+
+    to_speed_mps: faster than this feet may glide, and the answer has a warning; 0 where nothing is claimed.
+    """
 
     name: str
     text: str
     from_speed_mps: float
     direction: str
+    to_speed_mps: float = 0.0
 
 
 @dataclass(frozen=True)

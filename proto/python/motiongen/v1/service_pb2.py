@@ -27,7 +27,7 @@ from motiongen.v1 import motion_pb2 as motiongen_dot_v1_dot_motion__pb2
 from motiongen.v1 import session_pb2 as motiongen_dot_v1_dot_session__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1amotiongen/v1/service.proto\x12\x0cmotiongen.v1\x1a\x1egoogle/protobuf/duration.proto\x1a\x19motiongen/v1/motion.proto\x1a\x1amotiongen/v1/session.proto\")\n\x11GetCatalogRequest\x12\x14\n\x0c\x63\x61talog_etag\x18\x01 \x01(\t\"\xbe\x01\n\x12GetCatalogResponse\x12\x14\n\x0c\x63\x61talog_etag\x18\x01 \x01(\t\x12\x1f\n\x04rigs\x18\x02 \x03(\x0b\x32\x11.motiongen.v1.Rig\x12$\n\x06limits\x18\x03 \x01(\x0b\x32\x14.motiongen.v1.Limits\x12#\n\x06models\x18\x04 \x03(\x0b\x32\x13.motiongen.v1.Model\x12\x17\n\nfree_share\x18\x05 \x01(\x02H\x00\x88\x01\x01\x42\r\n\x0b_free_share\"\x9f\x05\n\x05Model\x12\x10\n\x08model_id\x18\x01 \x01(\t\x12\x0e\n\x06rig_id\x18\x02 \x01(\t\x12\x0f\n\x07licence\x18\x03 \x01(\t\x12\x16\n\x0ehorizon_frames\x18\x04 \x01(\r\x12\x14\n\x0cpatch_frames\x18\x05 \x01(\r\x12\x1d\n\x15\x64\x65\x66\x61ult_denoise_steps\x18\x06 \x01(\r\x12\x19\n\x11max_denoise_steps\x18\x07 \x01(\r\x12\x14\n\x0ctext_encoder\x18\x08 \x01(\t\x12\x30\n\x10\x64\x65\x66\x61ult_guidance\x18\t \x01(\x0b\x32\x16.motiongen.v1.Guidance\x12\x15\n\rfuture_frames\x18\n \x01(\r\x12\x19\n\x11min_denoise_steps\x18\x0b \x01(\r\x12\x16\n\x0enum_parameters\x18\x0c \x01(\x04\x12\x1e\n\x16\x64\x65\x66\x61ult_history_frames\x18\x0f \x01(\r\x12\x1a\n\x12max_history_frames\x18\x10 \x01(\r\x12\x12\n\ntext_width\x18\r \x01(\r\x12%\n\x07presets\x18\x0e \x03(\x0b\x32\x14.motiongen.v1.Preset\x12\x36\n\x10\x63onstraint_forms\x18\x11 \x03(\x0b\x32\x1c.motiongen.v1.ConstraintForm\x12:\n\x12locomotion_presets\x18\x12 \x03(\x0b\x32\x1e.motiongen.v1.LocomotionPreset\x12\x15\n\rknown_motions\x18\x13 \x03(\t\x12\x1b\n\x13\x64\x65\x66\x61ult_tolerance_m\x18\x14 \x01(\x02\x12\x1d\n\x15\x64\x65\x66\x61ult_tolerance_rad\x18\x15 \x01(\x02\x12+\n\x07outputs\x18\x16 \x03(\x0b\x32\x1a.motiongen.v1.ChannelBlock\"J\n\x0e\x43onstraintForm\x12\x0c\n\x04\x66orm\x18\x01 \x01(\t\x12*\n\x07support\x18\x02 \x01(\x0e\x32\x19.motiongen.v1.FormSupport\"Y\n\x10LocomotionPreset\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0c\n\x04text\x18\x02 \x01(\t\x12\x16\n\x0e\x66rom_speed_mps\x18\x03 \x01(\x02\x12\x11\n\tdirection\x18\x04 \x01(\t\">\n\x06Preset\x12\x11\n\tpreset_id\x18\x01 \x01(\t\x12\x0c\n\x04text\x18\x02 \x01(\t\x12\x13\n\x0b\x64\x65scription\x18\x03 \x01(\t\"\xa3\x04\n\x06Limits\x12\x1f\n\x17max_sessions_per_stream\x18\x01 \x01(\r\x12\x17\n\x0fmax_constraints\x18\x02 \x01(\r\x12\x1d\n\x15max_events_per_second\x18\x03 \x01(\x02\x12\x1c\n\x14max_lookahead_frames\x18\x04 \x01(\r\x12\x13\n\x0bmax_prompts\x18\x06 \x01(\r\x12\x1d\n\x15max_prompt_characters\x18\x07 \x01(\r\x12\x19\n\x11max_request_bytes\x18\x08 \x01(\r\x12 \n\x18\x64\x65\x66\x61ult_lookahead_frames\x18\t \x01(\r\x12\x1d\n\x15max_trajectory_frames\x18\n \x01(\r\x12\x18\n\x10max_coordinate_m\x18\x0b \x01(\x02\x12\x14\n\x0cmax_guidance\x18\x0c \x01(\x02\x12$\n\x1cmax_stream_events_per_second\x18\r \x01(\x02\x12\x15\n\rmax_speed_mps\x18\x0e \x01(\x02\x12\x17\n\x0fmax_hold_frames\x18\x0f \x01(\r\x12\x17\n\x0fmax_clip_frames\x18\x10 \x01(\r\x12\x18\n\x10max_clip_samples\x18\x11 \x01(\r\x12/\n\x0cresume_grace\x18\x12 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\"\n\x1amax_held_trajectory_frames\x18\x13 \x01(\rJ\x04\x08\x05\x10\x06\"\xa1\x01\n\x13StreamMotionRequest\x12*\n\x06\x65vents\x18\x01 \x03(\x0b\x32\x1a.motiongen.v1.SessionEvent\x12*\n\x05hello\x18\n \x01(\x0b\x32\x19.motiongen.v1.ClientHelloH\x00\x12\"\n\x04ping\x18\x0b \x01(\x0b\x32\x12.motiongen.v1.PingH\x00\x42\x0e\n\x0cstream_event\"\xce\x01\n\x14StreamMotionResponse\x12,\n\x07updates\x18\x01 \x03(\x0b\x32\x1b.motiongen.v1.SessionUpdate\x12*\n\x05hello\x18\n \x01(\x0b\x32\x19.motiongen.v1.ServerHelloH\x00\x12\"\n\x04pong\x18\x0b \x01(\x0b\x32\x12.motiongen.v1.PongH\x00\x12(\n\x07goodbye\x18\x0c \x01(\x0b\x32\x15.motiongen.v1.GoodbyeH\x00\x42\x0e\n\x0cstream_event\"i\n\x13GenerateClipRequest\x12\'\n\x04open\x18\x01 \x01(\x0b\x32\x19.motiongen.v1.OpenSession\x12\x13\n\x0b\x66rame_count\x18\x04 \x01(\r\x12\x14\n\x0csample_count\x18\x05 \x01(\r\"\xb6\x01\n\x14GenerateClipResponse\x12\x0e\n\x06sample\x18\x01 \x01(\r\x12-\n\x06opened\x18\n \x01(\x0b\x32\x1b.motiongen.v1.SessionOpenedH\x00\x12)\n\x05\x63hunk\x18\x0b \x01(\x0b\x32\x18.motiongen.v1.FrameChunkH\x00\x12,\n\x07summary\x18\x0c \x01(\x0b\x32\x19.motiongen.v1.ClipSummaryH\x00\x42\x06\n\x04part\"B\n\x0b\x43lipSummary\x12\x33\n\tresiduals\x18\x01 \x03(\x0b\x32 .motiongen.v1.ConstraintResidual\"\xd7\x01\n\x12\x43onstraintResidual\x12\x15\n\rconstraint_id\x18\x01 \x01(\r\x12\x13\n\x0b\x66rame_count\x18\x02 \x01(\r\x12+\n\nposition_m\x18\x03 \x01(\x0b\x32\x17.motiongen.v1.Deviation\x12,\n\x0bheading_rad\x18\x04 \x01(\x0b\x32\x17.motiongen.v1.Deviation\x12-\n\x0crotation_rad\x18\x05 \x01(\x0b\x32\x17.motiongen.v1.Deviation\x12\x0b\n\x03met\x18\x06 \x01(\x08\"(\n\tDeviation\x12\x0c\n\x04mean\x18\x01 \x01(\x02\x12\r\n\x05worst\x18\x02 \x01(\x02\"V\n\x0b\x43lientHello\x12\x14\n\x0c\x63lient_agent\x18\x01 \x01(\t\x12\x31\n\x0e\x66lush_interval\x18\x02 \x01(\x0b\x32\x19.google.protobuf.Duration\"_\n\x0bServerHello\x12\x12\n\nreplica_id\x18\x01 \x01(\t\x12$\n\x06limits\x18\x02 \x01(\x0b\x32\x14.motiongen.v1.Limits\x12\x16\n\x0eserver_time_ns\x18\x03 \x01(\x03\"M\n\x04Ping\x12\x16\n\x0e\x63lient_time_ns\x18\x01 \x01(\x03\x12-\n\nround_trip\x18\x02 \x01(\x0b\x32\x19.google.protobuf.Duration\"6\n\x04Pong\x12\x16\n\x0e\x63lient_time_ns\x18\x01 \x01(\x03\x12\x16\n\x0eserver_time_ns\x18\x02 \x01(\x03\"\xc6\x01\n\x07Goodbye\x12+\n\x06reason\x18\x01 \x01(\x0e\x32\x1b.motiongen.v1.GoodbyeReason\x12(\n\x05grace\x18\x02 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x32\n\x0freconnect_after\x18\x03 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x30\n\rother_servers\x18\x04 \x03(\x0b\x32\x19.motiongen.v1.OtherServer*u\n\rGoodbyeReason\x12\x1e\n\x1aGOODBYE_REASON_UNSPECIFIED\x10\x00\x12\x1b\n\x17GOODBYE_REASON_DRAINING\x10\x01\x12\'\n#GOODBYE_REASON_CREDENTIALS_EXPIRING\x10\x02*{\n\x0b\x46ormSupport\x12\x1c\n\x18\x46ORM_SUPPORT_UNSPECIFIED\x10\x00\x12\x18\n\x14\x46ORM_SUPPORT_TRAINED\x10\x01\x12\x1a\n\x16\x46ORM_SUPPORT_UNTRAINED\x10\x02\x12\x18\n\x14\x46ORM_SUPPORT_REFUSED\x10\x03\x32\x94\x02\n\rMotionService\x12O\n\nGetCatalog\x12\x1f.motiongen.v1.GetCatalogRequest\x1a .motiongen.v1.GetCatalogResponse\x12Y\n\x0cStreamMotion\x12!.motiongen.v1.StreamMotionRequest\x1a\".motiongen.v1.StreamMotionResponse(\x01\x30\x01\x12W\n\x0cGenerateClip\x12!.motiongen.v1.GenerateClipRequest\x1a\".motiongen.v1.GenerateClipResponse0\x01\x42<\n\x0cmotiongen.v1P\x01Z\x18motiongen/v1;motiongenv1\xf8\x01\x01\xaa\x02\x0cMotiongen.V1b\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1amotiongen/v1/service.proto\x12\x0cmotiongen.v1\x1a\x1egoogle/protobuf/duration.proto\x1a\x19motiongen/v1/motion.proto\x1a\x1amotiongen/v1/session.proto\")\n\x11GetCatalogRequest\x12\x14\n\x0c\x63\x61talog_etag\x18\x01 \x01(\t\"\xbe\x01\n\x12GetCatalogResponse\x12\x14\n\x0c\x63\x61talog_etag\x18\x01 \x01(\t\x12\x1f\n\x04rigs\x18\x02 \x03(\x0b\x32\x11.motiongen.v1.Rig\x12$\n\x06limits\x18\x03 \x01(\x0b\x32\x14.motiongen.v1.Limits\x12#\n\x06models\x18\x04 \x03(\x0b\x32\x13.motiongen.v1.Model\x12\x17\n\nfree_share\x18\x05 \x01(\x02H\x00\x88\x01\x01\x42\r\n\x0b_free_share\"\x9f\x05\n\x05Model\x12\x10\n\x08model_id\x18\x01 \x01(\t\x12\x0e\n\x06rig_id\x18\x02 \x01(\t\x12\x0f\n\x07licence\x18\x03 \x01(\t\x12\x16\n\x0ehorizon_frames\x18\x04 \x01(\r\x12\x14\n\x0cpatch_frames\x18\x05 \x01(\r\x12\x1d\n\x15\x64\x65\x66\x61ult_denoise_steps\x18\x06 \x01(\r\x12\x19\n\x11max_denoise_steps\x18\x07 \x01(\r\x12\x14\n\x0ctext_encoder\x18\x08 \x01(\t\x12\x30\n\x10\x64\x65\x66\x61ult_guidance\x18\t \x01(\x0b\x32\x16.motiongen.v1.Guidance\x12\x15\n\rfuture_frames\x18\n \x01(\r\x12\x19\n\x11min_denoise_steps\x18\x0b \x01(\r\x12\x16\n\x0enum_parameters\x18\x0c \x01(\x04\x12\x1e\n\x16\x64\x65\x66\x61ult_history_frames\x18\x0f \x01(\r\x12\x1a\n\x12max_history_frames\x18\x10 \x01(\r\x12\x12\n\ntext_width\x18\r \x01(\r\x12%\n\x07presets\x18\x0e \x03(\x0b\x32\x14.motiongen.v1.Preset\x12\x36\n\x10\x63onstraint_forms\x18\x11 \x03(\x0b\x32\x1c.motiongen.v1.ConstraintForm\x12:\n\x12locomotion_presets\x18\x12 \x03(\x0b\x32\x1e.motiongen.v1.LocomotionPreset\x12\x15\n\rknown_motions\x18\x13 \x03(\t\x12\x1b\n\x13\x64\x65\x66\x61ult_tolerance_m\x18\x14 \x01(\x02\x12\x1d\n\x15\x64\x65\x66\x61ult_tolerance_rad\x18\x15 \x01(\x02\x12+\n\x07outputs\x18\x16 \x03(\x0b\x32\x1a.motiongen.v1.ChannelBlock\"J\n\x0e\x43onstraintForm\x12\x0c\n\x04\x66orm\x18\x01 \x01(\t\x12*\n\x07support\x18\x02 \x01(\x0e\x32\x19.motiongen.v1.FormSupport\"o\n\x10LocomotionPreset\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0c\n\x04text\x18\x02 \x01(\t\x12\x16\n\x0e\x66rom_speed_mps\x18\x03 \x01(\x02\x12\x11\n\tdirection\x18\x04 \x01(\t\x12\x14\n\x0cto_speed_mps\x18\x05 \x01(\x02\">\n\x06Preset\x12\x11\n\tpreset_id\x18\x01 \x01(\t\x12\x0c\n\x04text\x18\x02 \x01(\t\x12\x13\n\x0b\x64\x65scription\x18\x03 \x01(\t\"\xa3\x04\n\x06Limits\x12\x1f\n\x17max_sessions_per_stream\x18\x01 \x01(\r\x12\x17\n\x0fmax_constraints\x18\x02 \x01(\r\x12\x1d\n\x15max_events_per_second\x18\x03 \x01(\x02\x12\x1c\n\x14max_lookahead_frames\x18\x04 \x01(\r\x12\x13\n\x0bmax_prompts\x18\x06 \x01(\r\x12\x1d\n\x15max_prompt_characters\x18\x07 \x01(\r\x12\x19\n\x11max_request_bytes\x18\x08 \x01(\r\x12 \n\x18\x64\x65\x66\x61ult_lookahead_frames\x18\t \x01(\r\x12\x1d\n\x15max_trajectory_frames\x18\n \x01(\r\x12\x18\n\x10max_coordinate_m\x18\x0b \x01(\x02\x12\x14\n\x0cmax_guidance\x18\x0c \x01(\x02\x12$\n\x1cmax_stream_events_per_second\x18\r \x01(\x02\x12\x15\n\rmax_speed_mps\x18\x0e \x01(\x02\x12\x17\n\x0fmax_hold_frames\x18\x0f \x01(\r\x12\x17\n\x0fmax_clip_frames\x18\x10 \x01(\r\x12\x18\n\x10max_clip_samples\x18\x11 \x01(\r\x12/\n\x0cresume_grace\x18\x12 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\"\n\x1amax_held_trajectory_frames\x18\x13 \x01(\rJ\x04\x08\x05\x10\x06\"\xa1\x01\n\x13StreamMotionRequest\x12*\n\x06\x65vents\x18\x01 \x03(\x0b\x32\x1a.motiongen.v1.SessionEvent\x12*\n\x05hello\x18\n \x01(\x0b\x32\x19.motiongen.v1.ClientHelloH\x00\x12\"\n\x04ping\x18\x0b \x01(\x0b\x32\x12.motiongen.v1.PingH\x00\x42\x0e\n\x0cstream_event\"\xce\x01\n\x14StreamMotionResponse\x12,\n\x07updates\x18\x01 \x03(\x0b\x32\x1b.motiongen.v1.SessionUpdate\x12*\n\x05hello\x18\n \x01(\x0b\x32\x19.motiongen.v1.ServerHelloH\x00\x12\"\n\x04pong\x18\x0b \x01(\x0b\x32\x12.motiongen.v1.PongH\x00\x12(\n\x07goodbye\x18\x0c \x01(\x0b\x32\x15.motiongen.v1.GoodbyeH\x00\x42\x0e\n\x0cstream_event\"i\n\x13GenerateClipRequest\x12\'\n\x04open\x18\x01 \x01(\x0b\x32\x19.motiongen.v1.OpenSession\x12\x13\n\x0b\x66rame_count\x18\x04 \x01(\r\x12\x14\n\x0csample_count\x18\x05 \x01(\r\"\xb6\x01\n\x14GenerateClipResponse\x12\x0e\n\x06sample\x18\x01 \x01(\r\x12-\n\x06opened\x18\n \x01(\x0b\x32\x1b.motiongen.v1.SessionOpenedH\x00\x12)\n\x05\x63hunk\x18\x0b \x01(\x0b\x32\x18.motiongen.v1.FrameChunkH\x00\x12,\n\x07summary\x18\x0c \x01(\x0b\x32\x19.motiongen.v1.ClipSummaryH\x00\x42\x06\n\x04part\"B\n\x0b\x43lipSummary\x12\x33\n\tresiduals\x18\x01 \x03(\x0b\x32 .motiongen.v1.ConstraintResidual\"\xd7\x01\n\x12\x43onstraintResidual\x12\x15\n\rconstraint_id\x18\x01 \x01(\r\x12\x13\n\x0b\x66rame_count\x18\x02 \x01(\r\x12+\n\nposition_m\x18\x03 \x01(\x0b\x32\x17.motiongen.v1.Deviation\x12,\n\x0bheading_rad\x18\x04 \x01(\x0b\x32\x17.motiongen.v1.Deviation\x12-\n\x0crotation_rad\x18\x05 \x01(\x0b\x32\x17.motiongen.v1.Deviation\x12\x0b\n\x03met\x18\x06 \x01(\x08\"(\n\tDeviation\x12\x0c\n\x04mean\x18\x01 \x01(\x02\x12\r\n\x05worst\x18\x02 \x01(\x02\"V\n\x0b\x43lientHello\x12\x14\n\x0c\x63lient_agent\x18\x01 \x01(\t\x12\x31\n\x0e\x66lush_interval\x18\x02 \x01(\x0b\x32\x19.google.protobuf.Duration\"_\n\x0bServerHello\x12\x12\n\nreplica_id\x18\x01 \x01(\t\x12$\n\x06limits\x18\x02 \x01(\x0b\x32\x14.motiongen.v1.Limits\x12\x16\n\x0eserver_time_ns\x18\x03 \x01(\x03\"M\n\x04Ping\x12\x16\n\x0e\x63lient_time_ns\x18\x01 \x01(\x03\x12-\n\nround_trip\x18\x02 \x01(\x0b\x32\x19.google.protobuf.Duration\"6\n\x04Pong\x12\x16\n\x0e\x63lient_time_ns\x18\x01 \x01(\x03\x12\x16\n\x0eserver_time_ns\x18\x02 \x01(\x03\"\xc6\x01\n\x07Goodbye\x12+\n\x06reason\x18\x01 \x01(\x0e\x32\x1b.motiongen.v1.GoodbyeReason\x12(\n\x05grace\x18\x02 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x32\n\x0freconnect_after\x18\x03 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x30\n\rother_servers\x18\x04 \x03(\x0b\x32\x19.motiongen.v1.OtherServer*u\n\rGoodbyeReason\x12\x1e\n\x1aGOODBYE_REASON_UNSPECIFIED\x10\x00\x12\x1b\n\x17GOODBYE_REASON_DRAINING\x10\x01\x12\'\n#GOODBYE_REASON_CREDENTIALS_EXPIRING\x10\x02*{\n\x0b\x46ormSupport\x12\x1c\n\x18\x46ORM_SUPPORT_UNSPECIFIED\x10\x00\x12\x18\n\x14\x46ORM_SUPPORT_TRAINED\x10\x01\x12\x1a\n\x16\x46ORM_SUPPORT_UNTRAINED\x10\x02\x12\x18\n\x14\x46ORM_SUPPORT_REFUSED\x10\x03\x32\x94\x02\n\rMotionService\x12O\n\nGetCatalog\x12\x1f.motiongen.v1.GetCatalogRequest\x1a .motiongen.v1.GetCatalogResponse\x12Y\n\x0cStreamMotion\x12!.motiongen.v1.StreamMotionRequest\x1a\".motiongen.v1.StreamMotionResponse(\x01\x30\x01\x12W\n\x0cGenerateClip\x12!.motiongen.v1.GenerateClipRequest\x1a\".motiongen.v1.GenerateClipResponse0\x01\x42<\n\x0cmotiongen.v1P\x01Z\x18motiongen/v1;motiongenv1\xf8\x01\x01\xaa\x02\x0cMotiongen.V1b\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -35,10 +35,10 @@ _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'motiongen.v1.service_pb2', 
 if not _descriptor._USE_C_DESCRIPTORS:
   _globals['DESCRIPTOR']._loaded_options = None
   _globals['DESCRIPTOR']._serialized_options = b'\n\014motiongen.v1P\001Z\030motiongen/v1;motiongenv1\370\001\001\252\002\014Motiongen.V1'
-  _globals['_GOODBYEREASON']._serialized_start=3336
-  _globals['_GOODBYEREASON']._serialized_end=3453
-  _globals['_FORMSUPPORT']._serialized_start=3455
-  _globals['_FORMSUPPORT']._serialized_end=3578
+  _globals['_GOODBYEREASON']._serialized_start=3358
+  _globals['_GOODBYEREASON']._serialized_end=3475
+  _globals['_FORMSUPPORT']._serialized_start=3477
+  _globals['_FORMSUPPORT']._serialized_end=3600
   _globals['_GETCATALOGREQUEST']._serialized_start=131
   _globals['_GETCATALOGREQUEST']._serialized_end=172
   _globals['_GETCATALOGRESPONSE']._serialized_start=175
@@ -48,35 +48,35 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_CONSTRAINTFORM']._serialized_start=1041
   _globals['_CONSTRAINTFORM']._serialized_end=1115
   _globals['_LOCOMOTIONPRESET']._serialized_start=1117
-  _globals['_LOCOMOTIONPRESET']._serialized_end=1206
-  _globals['_PRESET']._serialized_start=1208
-  _globals['_PRESET']._serialized_end=1270
-  _globals['_LIMITS']._serialized_start=1273
-  _globals['_LIMITS']._serialized_end=1820
-  _globals['_STREAMMOTIONREQUEST']._serialized_start=1823
-  _globals['_STREAMMOTIONREQUEST']._serialized_end=1984
-  _globals['_STREAMMOTIONRESPONSE']._serialized_start=1987
-  _globals['_STREAMMOTIONRESPONSE']._serialized_end=2193
-  _globals['_GENERATECLIPREQUEST']._serialized_start=2195
-  _globals['_GENERATECLIPREQUEST']._serialized_end=2300
-  _globals['_GENERATECLIPRESPONSE']._serialized_start=2303
-  _globals['_GENERATECLIPRESPONSE']._serialized_end=2485
-  _globals['_CLIPSUMMARY']._serialized_start=2487
-  _globals['_CLIPSUMMARY']._serialized_end=2553
-  _globals['_CONSTRAINTRESIDUAL']._serialized_start=2556
-  _globals['_CONSTRAINTRESIDUAL']._serialized_end=2771
-  _globals['_DEVIATION']._serialized_start=2773
-  _globals['_DEVIATION']._serialized_end=2813
-  _globals['_CLIENTHELLO']._serialized_start=2815
-  _globals['_CLIENTHELLO']._serialized_end=2901
-  _globals['_SERVERHELLO']._serialized_start=2903
-  _globals['_SERVERHELLO']._serialized_end=2998
-  _globals['_PING']._serialized_start=3000
-  _globals['_PING']._serialized_end=3077
-  _globals['_PONG']._serialized_start=3079
-  _globals['_PONG']._serialized_end=3133
-  _globals['_GOODBYE']._serialized_start=3136
-  _globals['_GOODBYE']._serialized_end=3334
-  _globals['_MOTIONSERVICE']._serialized_start=3581
-  _globals['_MOTIONSERVICE']._serialized_end=3857
+  _globals['_LOCOMOTIONPRESET']._serialized_end=1228
+  _globals['_PRESET']._serialized_start=1230
+  _globals['_PRESET']._serialized_end=1292
+  _globals['_LIMITS']._serialized_start=1295
+  _globals['_LIMITS']._serialized_end=1842
+  _globals['_STREAMMOTIONREQUEST']._serialized_start=1845
+  _globals['_STREAMMOTIONREQUEST']._serialized_end=2006
+  _globals['_STREAMMOTIONRESPONSE']._serialized_start=2009
+  _globals['_STREAMMOTIONRESPONSE']._serialized_end=2215
+  _globals['_GENERATECLIPREQUEST']._serialized_start=2217
+  _globals['_GENERATECLIPREQUEST']._serialized_end=2322
+  _globals['_GENERATECLIPRESPONSE']._serialized_start=2325
+  _globals['_GENERATECLIPRESPONSE']._serialized_end=2507
+  _globals['_CLIPSUMMARY']._serialized_start=2509
+  _globals['_CLIPSUMMARY']._serialized_end=2575
+  _globals['_CONSTRAINTRESIDUAL']._serialized_start=2578
+  _globals['_CONSTRAINTRESIDUAL']._serialized_end=2793
+  _globals['_DEVIATION']._serialized_start=2795
+  _globals['_DEVIATION']._serialized_end=2835
+  _globals['_CLIENTHELLO']._serialized_start=2837
+  _globals['_CLIENTHELLO']._serialized_end=2923
+  _globals['_SERVERHELLO']._serialized_start=2925
+  _globals['_SERVERHELLO']._serialized_end=3020
+  _globals['_PING']._serialized_start=3022
+  _globals['_PING']._serialized_end=3099
+  _globals['_PONG']._serialized_start=3101
+  _globals['_PONG']._serialized_end=3155
+  _globals['_GOODBYE']._serialized_start=3158
+  _globals['_GOODBYE']._serialized_end=3356
+  _globals['_MOTIONSERVICE']._serialized_start=3603
+  _globals['_MOTIONSERVICE']._serialized_end=3879
 # @@protoc_insertion_point(module_scope)

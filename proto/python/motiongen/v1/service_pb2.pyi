@@ -106,16 +106,18 @@ class ConstraintForm(_message.Message):
     def __init__(self, form: _Optional[str] = ..., support: _Optional[_Union[FormSupport, str]] = ...) -> None: ...
 
 class LocomotionPreset(_message.Message):
-    __slots__ = ("name", "text", "from_speed_mps", "direction")
+    __slots__ = ("name", "text", "from_speed_mps", "direction", "to_speed_mps")
     NAME_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
     FROM_SPEED_MPS_FIELD_NUMBER: _ClassVar[int]
     DIRECTION_FIELD_NUMBER: _ClassVar[int]
+    TO_SPEED_MPS_FIELD_NUMBER: _ClassVar[int]
     name: str
     text: str
     from_speed_mps: float
     direction: str
-    def __init__(self, name: _Optional[str] = ..., text: _Optional[str] = ..., from_speed_mps: _Optional[float] = ..., direction: _Optional[str] = ...) -> None: ...
+    to_speed_mps: float
+    def __init__(self, name: _Optional[str] = ..., text: _Optional[str] = ..., from_speed_mps: _Optional[float] = ..., direction: _Optional[str] = ..., to_speed_mps: _Optional[float] = ...) -> None: ...
 
 class Preset(_message.Message):
     __slots__ = ("preset_id", "text", "description")

@@ -17,6 +17,7 @@ from motiongen_server.engine.types import (
 )
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert.forms import untrained_forms
+from motiongen_server.rpc.convert.speeds import too_fast_for
 
 MAX_QUOTED = 80
 """Characters of a prompt that are repeated."""
@@ -27,14 +28,14 @@ def warnings_of(message: session_pb2.SessionEvent, event: Event, catalog: Catalo
     match event:
         case Open():
             prompts = _prompt_warnings(message.open.prompts, event.spec.prompts, "open.prompts", catalog)
-            return (*prompts, *_form_warnings(event.spec.constraints, "open.constraints[{}]", catalog))
+            return (*prompts, *_target_warnings(event.spec.constraints, "open.constraints[{}]", catalog))
         case SetPrompts():
             spans = message.edit_prompts.upsert
             return tuple(_prompt_warnings(spans, event.upsert, "edit_prompts.upsert", catalog))
         case SetConstraints():
-            return tuple(_form_warnings(event.upsert, "edit_constraints.upsert[{}]", catalog))
+            return tuple(_target_warnings(event.upsert, "edit_constraints.upsert[{}]", catalog))
         case SetVelocity():
-            return tuple(_form_warnings((event,), "set_velocity", catalog))
+            return tuple(_target_warnings((event,), "set_velocity", catalog))
     return ()
 
 
@@ -54,7 +55,15 @@ def _prompt_warnings(
         yield Warned("PROMPT_OUTSIDE_DOMAIN", given, f"{field}[{index}].text")
 
 
-def _form_warnings(items: Sequence[Asked | SetVelocity], field: str, catalog: Catalog) -> Iterable[Warned]:
+def _target_warnings(items: Sequence[Asked | SetVelocity], field: str, catalog: Catalog) -> Iterable[Warned]:
+    """The first of each form, and of those that are too fast the first."""
     for form, index in untrained_forms(items, catalog).items():
         given = f"{catalog.facts.model_id} was not trained for constraints of the form {form}, and may miss this one"
         yield Warned("UNTRAINED_CONSTRAINT", given, field.format(index))
+    for index, item in enumerate(items):
+        way = too_fast_for(item, catalog)
+        if way is not None:  # without the speed that was asked for: sticks say another one ten times a second
+            most = f"{way.name.lower()} at up to {catalog.abilities.fastest_mps(way):g} m/s"
+            given = f"{catalog.facts.model_id} steps {most}; faster is taken, and feet may glide"
+            yield Warned("UNTRAINED_SPEED", given, field.format(index))
+            return

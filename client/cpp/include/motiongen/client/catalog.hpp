@@ -30,7 +30,8 @@ struct LocomotionPreset {
   std::string name;
   std::string text;
   float from_speed_mps = 0;
-  std::string direction;  // forward, backward, left or right of the heading
+  std::string direction;   // forward, backward, left or right of the heading
+  float to_speed_mps = 0;  // feet may glide at more, which is warned of; 0: nothing is claimed
 };
 
 struct Model {

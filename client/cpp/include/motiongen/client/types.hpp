@@ -82,7 +82,7 @@ using EditId = std::uint64_t;
 
 // What was taken although the model was not trained for it.
 struct Warning {
-  std::string reason;  // PROMPT_OUTSIDE_DOMAIN, UNTRAINED_CONSTRAINT
+  std::string reason;  // PROMPT_OUTSIDE_DOMAIN, UNTRAINED_CONSTRAINT, UNTRAINED_SPEED
   std::string message;
   std::string field;
 };

@@ -1,0 +1,59 @@
+"""Speeds that velocities and paths ask for, beside those at which a model's bodies step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from motiongen_server.engine.types import Asked, Direction, RootPath, RootTrajectory, SetVelocity, Unplaced
+from motiongen_server.rpc.catalog import Catalog
+
+_OVER_S = 0.5
+"""Of a trajectory: two steps of a walk. Captured roots sway within them, and are faster for a frame."""
+_SLACK = 1.01
+"""Numbers of a trajectory are rounded, and sticks are not round."""
+
+
+def speeds_of(item: Asked | RootPath | SetVelocity, fps: int) -> Mapping[Direction, float]:
+    """The greatest speed, metres a second, that something asks for in each direction, seen from where it faces.
+
+    Forward where no heading is asked for. Empty for a place to be at: how fast that is depends on where the character
+    is by then.
+    """
+    match item:
+        case SetVelocity():
+            angle = 0.0 if item.heading is None else math.atan2(item.x, item.z) - item.heading
+            return {_direction(angle): math.hypot(item.x, item.z)}
+        case RootPath():
+            return {Direction.FORWARD: item.speed_mps}
+        case Unplaced():
+            return speeds_of(item.target, fps)
+        case RootTrajectory():
+            return _of_trajectory(item, round(_OVER_S * fps), fps)
+    return {}
+
+
+def too_fast_for(item: Asked | SetVelocity, catalog: Catalog) -> Direction | None:
+    """The direction in which something is furthest beyond what the model's bodies step at; None where it is not."""
+    fastest = catalog.abilities.fastest_mps
+    over = {way: speed / fastest(way) for way, speed in speeds_of(item, catalog.facts.fps).items()}
+    return max((way for way in over if over[way] > _SLACK), key=over.__getitem__, default=None)
+
+
+def _of_trajectory(item: RootTrajectory, apart: int, fps: int) -> Mapping[Direction, float]:
+    way = item.xz[apart:].astype(np.float64) - item.xz[:-apart]
+    if not len(way):
+        return {}
+    speed = np.hypot(way[:, 0], way[:, 1]) * (fps / apart)
+    if item.heading is None:
+        return {Direction.FORWARD: float(speed.max())}
+    angle = np.arctan2(way[:, 0], way[:, 1]) - item.heading[apart // 2 :][: len(way)]
+    quarter = np.rint(angle / (np.pi / 2)).astype(int) % len(Direction)
+    return {each: float(speed[quarter == each].max()) for each in Direction if (quarter == each).any()}
+
+
+def _direction(angle: float) -> Direction:
+    """That of an angle from where a character faces, radians to its left: the quarter around it."""
+    return Direction(round(angle / (math.pi / 2)) % len(Direction))

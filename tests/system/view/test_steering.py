@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
 
 from motiongen_client import Motion
 from motiongen_client.blocking import MotionClient
@@ -47,6 +48,24 @@ def test_a_gamepad_walks_as_far_as_it_is_tilted(page: Page) -> None:
     page.run("pad.axes = [0, -1]; pad.buttons[0].pressed = true")
     page.until("Math.hypot(motiongen.velocity._last.x, motiongen.velocity._last.z) > 2.9")
     page.run("pad.axes = [0.1, 0.05]")  # at rest, as sticks are
+    page.until("motiongen.velocity._last === null")
+    assert page.complaints() == []
+
+
+def test_with_alt_it_faces_where_the_camera_looks(page: Page) -> None:
+    ahead = page.run(
+        "const d = motiongen.stage.camera.getWorldDirection(motiongen.stage.camera.position.clone()); return [d.x, d.z]"
+    )
+    page.run("document.getElementById('stage').focus()")
+    page.keys.key_down("s").perform()
+    assert page.until("motiongen.velocity._last")["heading"] is None
+    page.keys.key_up("s").perform()
+    page.until("motiongen.velocity._last === null")
+    page.keys.key_down(Keys.ALT).key_down("s").perform()
+    back = page.until("motiongen.velocity._last")
+    assert back["heading"] == pytest.approx(math.atan2(*ahead), abs=0.05)
+    assert back["x"] * ahead[0] + back["z"] * ahead[1] < -0.5
+    page.keys.key_up("s").key_up(Keys.ALT).perform()
     page.until("motiongen.velocity._last === null")
     assert page.complaints() == []
 

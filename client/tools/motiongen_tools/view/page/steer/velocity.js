@@ -10,7 +10,6 @@ const AGAIN_MS = 200; // a NEAR session is replanned five times a second at most
 const HOLD_S = 0.8;
 const STAND_S = 1.0;
 const DEAD_ZONE = 0.2;
-const SAME_MPS = 0.15;
 
 export class Velocity {
   /** say: sends a message to the chosen character. canSteer: whether it may at present. keepsPrompt: whether its prompt holds. */
@@ -39,10 +38,10 @@ export class Velocity {
       this._last = null;
       return;
     }
-    const isOther = !this._last || Math.hypot(wanted.x - this._last.x, wanted.z - this._last.z) > SAME_MPS;
-    if (nowMs - this._saidMs < (isOther && !this._last ? 0 : AGAIN_MS)) return;
-    this._last = wanted;
-    const heading = this.isStrafing ? null : Math.atan2(wanted.x, wanted.z);
+    if (this._last && nowMs - this._saidMs < AGAIN_MS) return;
+    const ahead = this._ahead();
+    const heading = this.isStrafing ? Math.atan2(ahead.x, ahead.z) : null; // null: where it goes, turning first
+    this._last = { ...wanted, heading };
     this._send({ op: "set_velocity", x_mps: wanted.x, z_mps: wanted.z, seconds: HOLD_S, heading_rad: heading }, nowMs);
   }
 
@@ -77,10 +76,15 @@ export class Velocity {
     }
     const length = Math.hypot(right, ahead);
     if (!length) return null;
-    const forward = this._stage.camera.getWorldDirection(new Vector3()).setY(0).normalize();
+    const forward = this._ahead();
     const side = new Vector3(-forward.z, 0, forward.x);
     const way = forward.multiplyScalar(ahead).addScaledVector(side, right).setLength(mps);
     return { x: way.x, z: way.z };
+  }
+
+  /** Where the camera looks, over the ground. */
+  _ahead() {
+    return this._stage.camera.getWorldDirection(new Vector3()).setY(0).normalize();
   }
 }
 

@@ -2,7 +2,7 @@
 import { make } from "./dom.js";
 
 const KEYS = [
-  ["W A S D, arrows", "walk, as the camera sees it; Shift runs, Alt does not turn first"],
+  ["W A S D, arrows", "walk, as the camera sees it; Shift runs, Alt faces where the camera looks"],
   ["gamepad", "left stick walks, first button runs"],
   ["1 to 5", "tools: walk, path, hand or foot, face, pose"],
   ["/", "to the prompt"], ["Tab", "to the next control"], ["n, p", "next and previous character"],

@@ -70,8 +70,7 @@ BACKWARD = ("fake steps backward at up to 1.5 m/s; faster is taken, and feet may
         (_velocity(0, -1.6, 0), BACKWARD),
         (_velocity(1.6, 0, -math.pi / 2), BACKWARD),
         (_velocity(1.6, 0, 5 * math.pi / 2), ()),  # ahead, after a turn
-        (_velocity(2.9, 0, 0), ()),  # sideways nothing is claimed but of forward
-        (_velocity(3.2, 0, 0), ("fake steps left at up to 3 m/s; faster is taken, and feet may glide",)),
+        (_velocity(9, 0, 0), ()),  # sideways nothing is claimed
     ],
 )
 def test_a_velocity_is_told_of_by_the_way_it_faces(event: session_pb2.SessionEvent, told: tuple[str, ...]) -> None:
@@ -88,6 +87,13 @@ def test_where_nothing_is_claimed_nothing_is_told() -> None:
     assert _told(_velocity(0, -9, 0), _catalog(Abilities())) == ()
     walk = GaitText("walk", "walk", 0.0, Direction.FORWARD)
     assert _told(_velocity(0, -9, 0), _catalog(Abilities(gaits=(walk,)))) == ()
+
+
+def test_a_body_that_only_stands_is_told_of_every_speed() -> None:
+    stand = GaitText("stand", "stand", 0.0, Direction.FORWARD, 0.0)
+    catalog = _catalog(Abilities(gaits=(stand,)))
+    assert len(_told(_velocity(0, 0.5), catalog)) == 1
+    assert _told(_velocity(0, 0), catalog) == ()
 
 
 def test_the_catalogue_has_the_speeds() -> None:

@@ -83,7 +83,7 @@ class Abilities:
     def fastest_mps(self, direction: Direction) -> float:
         """The speed up to which bodies step in a direction, seen from where they face; infinity: nothing is claimed."""
         fastest = {gait.direction: gait.to_mps for gait in sorted(self.gaits, key=lambda gait: gait.from_mps)}
-        return fastest.get(direction, fastest.get(Direction.FORWARD, math.inf))
+        return fastest.get(direction, math.inf)
 
 
 NOTHING_CLAIMED = Abilities()

@@ -38,8 +38,8 @@ def speeds_of(item: Asked | RootPath | SetVelocity, fps: int) -> Mapping[Directi
 def too_fast_for(item: Asked | SetVelocity, catalog: Catalog) -> Direction | None:
     """The direction in which something is furthest beyond what the model's bodies step at; None where it is not."""
     fastest = catalog.abilities.fastest_mps
-    over = {way: speed / fastest(way) for way, speed in speeds_of(item, catalog.facts.fps).items()}
-    return max((way for way in over if over[way] > _SLACK), key=over.__getitem__, default=None)
+    over = {way: speed - _SLACK * fastest(way) for way, speed in speeds_of(item, catalog.facts.fps).items()}
+    return max((way for way in over if over[way] > 0.0), key=over.__getitem__, default=None)
 
 
 def _of_trajectory(item: RootTrajectory, apart: int, fps: int) -> Mapping[Direction, float]:

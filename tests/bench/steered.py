@@ -2,8 +2,8 @@
 
 Characters of the built-in model are steered ten times a second, by the real engine in virtual time: the model computes,
 and the engine's clock goes on by what its calls cost elsewhere. The sticks are those of players: straight on, in a
-circle, weaving, about-face, and stop and go, where bodies face as they go; and sideways, backwards, and in a circle,
-facing one way. What was shown is measured as the evaluation measures it.
+circle, weaving, about-face, and stop and go, where bodies face as they go; sideways, backwards, and in a circle, facing
+one way; and backwards faster than bodies step, then ahead. What was shown is measured as the evaluation measures it.
 """
 
 from __future__ import annotations
@@ -58,10 +58,11 @@ _SPEED_M_S, _HOLD_FRAMES = 1.4, 10
 _STAND = "a person stands still"
 _STEERED_FROM_S = 2.0
 """Until then they do that."""
+_TOO_FAST_S = 3.0
 
 
 class Tilt(NamedTuple):
-    """Of a stick: the angle from z to x that it points at, how far out it is (1 is all the way), and the angle to face.
+    """Of a stick: the angle from z to x that it points at, its share of the stick's speed, and the angle to face.
 
     facing: None for the way the character goes.
     """
@@ -83,6 +84,7 @@ STICKS: dict[str, Stick] = {
     "sideways": lambda _: Tilt(math.pi / 2, facing=0.0),
     "backwards": lambda _: Tilt(math.pi, facing=0.0),
     "all round, facing one way": lambda time_s: Tilt(0.8 * time_s, facing=0.0),
+    "too fast, then ahead": lambda time_s: Tilt(math.pi, 1.7, 0.0) if time_s < _TOO_FAST_S else Tilt(0.0),
 }
 
 
@@ -229,12 +231,17 @@ def play(
     return players
 
 
-def measure(crew: Crew, screen: Screen, now: float) -> tuple[float, float, float, float]:
-    """What was shown while it was steered: the slowest foot's speed over the root's; share of frames in which all feet
-    glide; 99th percentile of accelerations, m/s2; 95th percentile of the jumps of acceleration where plans meet."""
+def measure(
+    crew: Crew, screen: Screen, now: float, from_s: float = _STEERED_FROM_S
+) -> tuple[float, float, float, float]:
+    """What was shown from a time on, while it was steered.
+
+    The slowest foot's speed over the root's; share of frames in which all feet glide; 99th percentile of accelerations,
+    m/s2; 95th percentile of the jumps of acceleration where plans meet.
+    """
     fps = crew.runner.facts.fps
     rows, seams = screen.shown(now)
-    first = int(_STEERED_FROM_S * fps)
+    first = int(from_s * fps)
     positions = torch.from_numpy(crew.runner.outputs([JOINT_POSITIONS], rows)).unflatten(1, (-1, 3))[first:]
     inside = [seam - 1 - first for seam in seams if seam > first]
     jumps = seam_jumps(positions, inside, fps)[:, 2]

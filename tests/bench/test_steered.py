@@ -31,3 +31,11 @@ def test_bodies_step_at_the_speeds_that_are_claimed(stick: str, fastest: str) ->
     players = play(crew, [STICKS[stick]] * 2, 4, 8.0, Costs(slower=0.2), claimed)
     feet = np.mean([measure(crew, screen, players.now)[0] for screen in players.screens.values()])
     assert feet < 0.1, "the slowest foot's speed over the root's: 0.2 to 0.6 half a metre a second faster"
+
+
+def test_who_was_led_too_fast_walks_again_when_led_slowly() -> None:
+    crew = Crew.built_in()
+    players = play(crew, [STICKS["too fast, then ahead"]] * 4, 4, 11.0, Costs(slower=0.2))
+    later = [measure(crew, screen, players.now, from_s=8.0) for screen in players.screens.values()]
+    assert max(feet for feet, *_ in later) < 0.05, "0.1 to 0.7 of half of them where nobody rights bodies that float"
+    assert max(glides for _, glides, *_ in later) < 0.15

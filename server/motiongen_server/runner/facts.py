@@ -45,6 +45,7 @@ def model_facts(model: Model, model_id: str, default_steps: int) -> ModelFacts:
         guidance=Guidance(own.text, own.constraint),
         guidance_joint=own.mode == "joint",
         steered_share=model.sampling.steered_share,
+        longest_flight=round(model.sampling.longest_flight_s * config.fps),
         num_parameters=model.num_parameters,
         outputs=output_blocks(skeleton),
     )

@@ -177,7 +177,8 @@ class SamplingOptions(CheckedOptions):
     the prompt's motion does not have; which those are, the checkpoint says. approach_frames: where a goal follows on
     a window within fewer frames than these, the window is kept only so far that the goal has as many of the next.
     steered_share: of the denoising steps asked for, what a window of a session takes that a velocity leads under the
-    prompt of a gait and that follows on another within a few frames.
+    prompt of a gait and that follows on another within a few frames. longest_flight_s: seconds without a foot in
+    contact after which a character is lost, and starts anew; 0: it may fly for ever.
     """
 
     guidance: GuidanceOptions = GuidanceOptions()
@@ -190,6 +191,7 @@ class SamplingOptions(CheckedOptions):
     fit_prompts: bool = False
     approach_frames: int = option(12, 0, 100)
     steered_share: float = option(1.0, 0.05, 1.0)
+    longest_flight_s: float = option(0.0, 0.0, 60.0)
     projection: ProjectionOptions = ProjectionOptions()
     plan: PlanOptions = PlanOptions()
     feet: FeetOptions = FeetOptions()

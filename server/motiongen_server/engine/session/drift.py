@@ -1,7 +1,9 @@
 """DriftGuard and DriftState: whether a character still stands as one should, and what rights it if it does not.
 
 A model that feeds on its own motion for minutes may come to lean further and further, to sink, or to fly off. A shorter
-history lets it forget the lean; one that is lost altogether starts anew where it was.
+history lets it forget the lean; one that is lost altogether starts anew where it was. Lost, too, is one that was led
+faster than it can step: it floats along behind its root, and does so when it is led slowly again, since that is its
+history.
 """
 
 from __future__ import annotations
@@ -28,10 +30,14 @@ class Correction(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class DriftGuard:
-    """Judges the rows of a window; shared by all sessions of a rig and a configuration."""
+    """Judges the rows of a window; shared by all sessions of a rig and a configuration.
+
+    longest_flight: frames without a foot on the ground after which a character is lost; 0: it may fly for ever.
+    """
 
     reader: PoseReader
     config: EngineConfig
+    longest_flight: int = 0
 
     def correction(self, rows: Float32Array) -> Correction | None:
         """What the rows of a window call for. A lean counts on average, so that bending down is no drift."""
@@ -47,6 +53,12 @@ class DriftGuard:
         if self.reader.lean(rows) > config.max_lean_rad:
             return Correction.SHORT_HISTORY
         return None
+
+    def flight(self, rows: Float32Array) -> int | None:
+        """The first of the rows from which on it floats; None where it does not for long."""
+        if not (self.config.guard_drift and self.longest_flight):
+            return None
+        return self.reader.flight(rows, self.longest_flight)
 
     def fresh_start(self, row: Float32Array) -> StartPose:
         """Where a character that shows this row starts anew: there, or as near as coordinates go."""
@@ -68,9 +80,13 @@ class DriftState:
         """Whether it must be righted at once."""
         return self.correction is Correction.FRESH_START
 
-    def judge(self, rows: Float32Array, first_frame: int) -> None:
-        """Look at the rows of a window that has landed, from first_frame on."""
+    def judge(self, rows: Float32Array, first_frame: int, before: Float32Array) -> None:
+        """Look at the rows of a window that has landed, from first_frame on. before: up to as many as one may float."""
         self.correction, self.lost_from = self.guard.correction(rows), first_frame
+        if self.correction is not Correction.FRESH_START:
+            floats_from = self.guard.flight(np.concatenate((before, rows)))
+            if floats_from is not None:
+                self.correction, self.lost_from = Correction.FRESH_START, first_frame - len(before) + floats_from
 
     def correction_from(self, first_frame: int) -> Correction | None:
         """What a window from first_frame on needs: before the frames where it was lost the character is sound."""

@@ -69,7 +69,7 @@ def open_session(
         delivery=Delivery(spec.session, spec.lookahead, config, clock, RoundTrip(config.rtt_s)),
         timeline=timeline,
         edits=EditQueue(config.max_waiting_edits),
-        drift_state=DriftState(DriftGuard(reader, config)),
+        drift_state=DriftState(DriftGuard(reader, config, facts.longest_flight)),
         reach=ReachWatch(spec.session),
         opened_at=received_at,
         last_playhead_at=opening.now,

@@ -208,7 +208,7 @@ def accept(state: SessionState, result: WindowResult, now: float, report: StepRe
     state.plan += 1
     state.holding = False
     state.restarts, state.extra_lead_s = 0, 0.0
-    state.drift_state.judge(rows, first_frame)
+    state.drift_state.judge(rows, first_frame, state.timeline.made_before(first_frame, state.facts.longest_flight))
     state.conditions = state.conditions.with_velocity_landed(running.velocity, first_frame)
     state.delivery.first_chunk_due |= running.job.cause in (PlanCause.EDIT, PlanCause.CUT)
     if not all(edit.prolongs for edit in running.answers):

@@ -1,4 +1,4 @@
-"""PoseReader: what the engine needs to know of a frame row: where the root is, where it faces, how far it leans."""
+"""PoseReader: what the engine needs to know of frame rows: where the root is and faces, its lean, feet in the air."""
 
 from __future__ import annotations
 
@@ -8,24 +8,29 @@ from dataclasses import dataclass
 import numpy as np
 
 from motiongen_server.engine.types import Float32Array, RigLayout
-from motiongen_server.engine.types.facts import ROOT_BLOCK, ROTATION_BLOCK
+from motiongen_server.engine.types.facts import CONTACT_BLOCK, ROOT_BLOCK, ROTATION_BLOCK
 
 
 @dataclass(frozen=True, slots=True)
 class PoseReader:
-    """Reads rows of one rig. root, rotation: the first column of the root's position and of its world quaternion."""
+    """Reads rows of one rig. root, rotation: the first column of the root's position and of its world quaternion.
+
+    contacts: the columns that say whether feet are on the ground.
+    """
 
     root: int | None
     rotation: int | None
+    contacts: slice | None = None
 
     @classmethod
     def of(cls, rig: RigLayout) -> PoseReader:
-        columns: dict[str, int] = {}
+        columns: dict[str, slice] = {}
         width = 0
         for block in rig.blocks:
-            columns[block.name] = width
+            columns[block.name] = slice(width, width + block.width)
             width += block.width
-        return cls(columns.get(ROOT_BLOCK), columns.get(ROTATION_BLOCK))
+        first = {name: block.start for name, block in columns.items()}
+        return cls(first.get(ROOT_BLOCK), first.get(ROTATION_BLOCK), columns.get(CONTACT_BLOCK))
 
     def positions(self, rows: Float32Array) -> Float32Array:
         """(T, 3) metres: the root of each row; the origin where the rig's rows do not tell."""
@@ -47,3 +52,12 @@ class PoseReader:
         x, z = rows[:, self.rotation + 1], rows[:, self.rotation + 3]
         up = 1 - 2 * float(x @ x + z @ z) / len(rows)
         return math.acos(min(max(up, -1.0), 1.0))
+
+    def flight(self, rows: Float32Array, num_frames: int) -> int | None:
+        """The first of num_frames or more rows in which no foot is on the ground; None where there are not so many."""
+        if self.contacts is None:
+            return None
+        grounded = np.flatnonzero((rows[:, self.contacts] > 0.5).any(axis=1))
+        landings = np.concatenate(([-1], grounded, [len(rows)]))
+        long = np.flatnonzero(np.diff(landings) > num_frames)
+        return int(landings[long[0]]) + 1 if len(long) else None

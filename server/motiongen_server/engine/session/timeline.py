@@ -147,6 +147,11 @@ class Timeline:
         stop = frame - self.first
         return self.features[stop - num_frames : stop]
 
+    def made_before(self, frame: int, most: int) -> Float32Array:
+        """Up to so many rows just before a frame: not those from before a cut, nor those that a session began with."""
+        begin = max(0, self.first, self.motion_from, frame - most)
+        return self.rows_between(min(begin, frame), frame)
+
     def tokens_before(self, frame: int, num_frames: int) -> Float32Array | None:
         """The tokens of the same frames; None where whole tokens do not cover them exactly, or there are none."""
         return self.run.before(frame, num_frames) if num_frames else None

@@ -56,8 +56,9 @@ class ModelFacts:
     token_width: floats of one token, root and latent. guidance_passes: most evaluations of the denoiser in one step,
     with the model's own guidance, the weights of a session that does not say. guidance_joint: one
     evaluation can be told text and constraints. steered_share: of a session's steps, what a stick's window takes that
-    follows closely on another. num_parameters: of all networks together. outputs: further blocks of a
-    frame row, that a session may ask for.
+    follows closely on another. longest_flight: frames without a foot in contact after which a character is lost;
+    0: any number is sound. num_parameters: of all networks together. outputs: further blocks of a frame row, that a
+    session may ask for.
     """
 
     model_id: str
@@ -76,6 +77,7 @@ class ModelFacts:
     guidance: Guidance = RELEASED_GUIDANCE
     guidance_joint: bool = False
     steered_share: float = 1.0
+    longest_flight: int = 0
     num_parameters: int = 0
     outputs: tuple[ChannelBlock, ...] = ()
 

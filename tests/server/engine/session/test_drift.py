@@ -1,6 +1,8 @@
 """Characters that lean, sink or fly off: what is noticed, and how a session rights them."""
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ import pytest
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.session.drift import Correction, DriftGuard
 from motiongen_server.engine.session.pose import PoseReader
-from motiongen_server.engine.types import Closed, PlanCause, StartPose, WindowJob
+from motiongen_server.engine.types import ChannelBlock, Closed, ModelFacts, PlanCause, StartPose, WindowJob
 from tests.server.engine.fakes import FACTS, ROW_WIDTH
 from tests.server.engine.stage import Stage, prompt
 from tests.server.engine.viewer import Viewer
@@ -68,12 +70,47 @@ def test_a_guard_that_is_off_notices_nothing() -> None:
     assert guard.correction(_rows(y=50.0, lean=1.5)) is None
 
 
+CONTACTS = PoseReader.of(replace(FACTS.rig, blocks=(*FACTS.rig.blocks[:2], ChannelBlock("foot_contact", 2))))
+
+
+def _contacts(told: str) -> np.ndarray:
+    """A row for each letter: o with the left foot on the ground, _ in the air."""
+    rows = np.zeros((len(told), ROW_WIDTH), np.float32)
+    rows[:, 7] = [each == "o" for each in told]
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("told", "floats_from"),
+    [
+        ("oooo", None),
+        ("o___o___", None),
+        ("o____o", 1),
+        ("____oo", 0),
+        ("oo___o_____", 6),
+        ("oo_______", 2),
+        ("", None),
+    ],
+)
+def test_who_has_no_foot_on_the_ground_for_long_floats(told: str, floats_from: int | None) -> None:
+    assert CONTACTS.flight(_contacts(told), 4) == floats_from
+
+
+def test_where_rows_do_not_tell_or_nothing_is_claimed_nobody_floats() -> None:
+    assert GUARD.reader.flight(_contacts("_" * 50), 4) is None
+    assert DriftGuard(CONTACTS, EngineConfig()).flight(_contacts("_" * 50)) is None
+    assert DriftGuard(CONTACTS, EngineConfig(guard_drift=False), 4).flight(_contacts("_" * 50)) is None
+    assert DriftGuard(CONTACTS, EngineConfig(), 4).flight(_contacts("_" * 50)) == 0
+
+
 # ---- in a session ----------------------------------------------------------------------------------------------------
 
 
-def _stage(moves: "dict[int, np.ndarray]", config: EngineConfig | None = None) -> tuple[Stage, Viewer]:
+def _stage(
+    moves: "dict[int, np.ndarray]", config: EngineConfig | None = None, facts: ModelFacts = FACTS
+) -> tuple[Stage, Viewer]:
     """A session whose windows of these plans have these rows: root position and rotation."""
-    stage = Stage(config)
+    stage = Stage(config, facts=facts)
     stage.runner.rights = True
 
     def move(job: WindowJob, frames: np.ndarray) -> None:
@@ -164,3 +201,41 @@ def test_a_model_that_never_stands_is_not_asked_for_more_than_the_cap_allows() -
     assert 20 < stage.total("soft_resets") <= 20 * 5 + 2
     assert not isinstance(stage.outputs[-1], Closed)
     assert viewer.underruns == 0
+
+
+# The last of the numbers that tests do not read: 1 where the left foot is on the ground.
+FLYING = replace(
+    FACTS, longest_flight=30,
+    rig=replace(FACTS.rig, blocks=(*FACTS.rig.blocks[:2], ChannelBlock("rest", 4), ChannelBlock("foot_contact", 1))),
+)  # fmt: skip
+
+
+def _flying(in_the_air: Callable[[int], bool]) -> tuple[Stage, Viewer]:
+    """A session that is in the air at some frames, until it starts anew."""
+    stage = Stage(facts=FLYING)
+    stage.runner.rights = True
+
+    def move(job: WindowJob, frames: np.ndarray) -> None:
+        fresh = any(each.start_pose and each.first_frame for each in stage.runner.prepared)
+        first = job.first_frame
+        frames[:, -1] = [fresh or not in_the_air(frame) for frame in range(first, first + len(frames))]
+
+    stage.runner.moves = move
+    return stage, stage.open(prompts=(prompt(1),))
+
+
+def test_one_that_floats_starts_anew_where_it_is_once_and_then_goes_on() -> None:
+    stage, viewer = _flying(lambda frame: frame >= 30)  # ten frames of one window, and on
+    stage.run(10.0)
+    (fresh,) = (job for job in stage.runner.prepared if job.start_pose and job.first_frame)
+    assert fresh.start_pose == StartPose(pytest.approx(0.025 * (fresh.first_frame - 1), abs=1e-4), 0.0, 0.0)
+    assert 30 < fresh.first_frame < 90
+    assert stage.total("soft_resets") == 2, "first with a short history, from before it floats, which does not help"
+    assert viewer.underruns == 0
+    stage.check_finished()
+
+
+def test_one_that_is_in_the_air_now_and_then_runs_on() -> None:
+    stage, _ = _flying(lambda frame: frame % 31 > 1)  # 29 frames at a time, across windows
+    stage.run(10.0)
+    assert not stage.total("soft_resets")

@@ -185,9 +185,9 @@ class Direction(Cuts):
         """Move over the ground at a velocity in the world, metres a second, as soon as possible; 0, 0 is to stand.
 
         Each call takes the place of the one before, and it ends `seconds` later: call it again while a stick is held.
-        heading_rad: where to face meanwhile; None: where it goes. The prompt is meanwhile the model's own for that speed
-        (`Model.locomotion_presets`), where it has any, unless keep_prompt says that the session's holds. Faster than
-        the model's bodies step, feet may glide, which the answer warns of.
+        heading_rad: where to face meanwhile; None: where it goes. The prompt is meanwhile the model's own for that
+        speed (`Model.locomotion_presets`), where it has any, unless keep_prompt says that the session's holds. Faster
+        than the model's bodies step, feet may glide, which the answer warns of.
         """
         for name, value in (("x_mps", x_mps), ("z_mps", z_mps), ("seconds", seconds)):
             check_finite(name, value)

@@ -148,8 +148,8 @@ class Timeline:
         return self.features[stop - num_frames : stop]
 
     def made_before(self, frame: int, most: int) -> Float32Array:
-        """Up to so many rows just before a frame: not those from before a cut, nor those that a session began with."""
-        begin = max(0, self.first, self.motion_from, frame - most)
+        """Up to so many rows just before a frame: none from before a cut or a held pose, nor what a session began with."""
+        begin = max(0, self.first, self.motion_from, self.held_to, frame - most)
         return self.rows_between(min(begin, frame), frame)
 
     def tokens_before(self, frame: int, num_frames: int) -> Float32Array | None:

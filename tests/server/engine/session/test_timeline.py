@@ -2,8 +2,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motiongen_server.engine.session.timeline import Timeline, TokenRun
+from motiongen_server.engine.session.timeline import Timeline, TokenRun, first_timeline
 from motiongen_server.engine.types import WindowJob
+from tests.server.engine.fakes import FACTS
 from tests.server.engine.stage import Stage
 
 
@@ -103,6 +104,20 @@ def test_frames_made_anew_bound_the_history() -> None:
     timeline = Timeline.empty(3, 3).spliced(0, _frames(0, 40), _frames(0, 40))
     assert timeline.spliced(30, _frames(30, 70), _frames(30, 70)).motion_from == 0
     assert timeline.spliced(30, _frames(30, 70), _frames(30, 70), anew=True).motion_from == 30
+
+
+def test_rows_of_the_same_motion_are_none_from_before_a_cut_a_held_pose_or_the_session() -> None:
+    timeline = Timeline.empty(3, 3, 1, 4).spliced(0, _frames(0, 40), _frames(0, 40))
+    assert timeline.made_before(20, 8)[:, 0].tolist() == list(range(12, 20))
+    assert timeline.made_before(5, 8)[:, 0].tolist() == list(range(5))
+    assert len(timeline.made_before(20, 0)) == 0
+    assert timeline.trimmed(15).made_before(20, 8)[:, 0].tolist() == list(range(15, 20))
+    assert len(timeline.held(6).made_before(46, 8)) == 0
+    cut = timeline.spliced(30, _frames(30, 70), _frames(30, 70), anew=True)
+    assert cut.made_before(34, 8)[:, 0].tolist() == list(range(30, 34))
+    assert len(cut.made_before(30, 8)) == 0
+    begun = first_timeline(FACTS, np.ones((8, FACTS.row_width), np.float32), np.ones((8, 3), np.float32))
+    assert len(begun.made_before(0, 8)) == 0
 
 
 def test_quaternions_of_neighbouring_frames_have_one_sign_from_window_to_window() -> None:

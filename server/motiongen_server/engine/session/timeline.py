@@ -148,7 +148,7 @@ class Timeline:
         return self.features[stop - num_frames : stop]
 
     def made_before(self, frame: int, most: int) -> Float32Array:
-        """Up to so many rows just before a frame: none from before a cut or a held pose, nor what a session began with."""
+        """Up to so many rows just before a frame: none from before a cut, a held pose, or the session."""
         begin = max(0, self.first, self.motion_from, self.held_to, frame - most)
         return self.rows_between(min(begin, frame), frame)
 

@@ -28,11 +28,25 @@ def test_hardly_a_step_is_thrown_away_and_nobody_misses_a_frame(name: str) -> No
     assert sum(seen.refused + seen.degraded for seen in found.outcomes.values()) == 0
 
 
-def test_a_crowd_plays_on_and_is_answered_while_heroes_steer() -> None:
-    found = _rehearse("mixed", 80).outcomes
-    assert found[Priority.CROWD].missed_s == 0
-    assert np.percentile(found[Priority.CROWD].latencies_s, 99) < 1.0
-    assert np.percentile(found[Priority.HERO].latencies_s, 99) < 0.4
+# A quarter above what was found on 2026-11-25: time is virtual, so that nothing else but the engine changes it.
+SLOWEST_S = {
+    "crowd": {Priority.CROWD: 0.225},
+    "hero": {Priority.HERO: 0.335},
+    "planner": {Priority.NEAR: 0.225},
+    "churn": {Priority.NEAR: 0.15},
+    "storm": {Priority.NEAR: 0.495},
+    "mixed": {Priority.HERO: 0.38, Priority.NEAR: 0.305, Priority.CROWD: 0.285},
+}
+"""Of a hundred edits, seconds to the first changed frame."""
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_edits_of_every_class_are_answered_as_soon_as_ever(name: str) -> None:
+    found = _rehearse(name, load_scenario(name).characters).outcomes
+    answered = {priority: seen.latencies_s for priority, seen in found.items() if seen.latencies_s}
+    slowest = {priority: float(np.percentile(seconds, 99)) for priority, seconds in answered.items()}
+    assert slowest.keys() == SLOWEST_S[name].keys()
+    assert {priority: s for priority, s in slowest.items() if s > SLOWEST_S[name][priority]} == {}
 
 
 def test_a_stick_is_followed_as_often_as_it_speaks() -> None:

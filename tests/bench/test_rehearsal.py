@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from tests.bench.rehearsal import Costs, Rehearsal, rehearse
 CONFIG = EngineConfig(max_sessions=4096)
 
 
+@cache  # several tests look at the same one
 def _rehearse(name: str, characters: int) -> Rehearsal:
     return rehearse(load_scenario(name), characters, 5, 1, costs=Costs(slower=1.25), engines=2, config=CONFIG)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,7 @@ def speeds_of(item: Asked | RootPath | SetVelocity, fps: int) -> Mapping[Directi
     match item:
         case SetVelocity():
             angle = 0.0 if item.heading is None else math.atan2(item.x, item.z) - item.heading
-            return {_direction(angle): math.hypot(item.x, item.z)}
+            return {Direction(int(_quarter(angle))): math.hypot(item.x, item.z)}
         case RootPath():
             return {Direction.FORWARD: item.speed_mps}
         case Unplaced():
@@ -37,6 +38,8 @@ def speeds_of(item: Asked | RootPath | SetVelocity, fps: int) -> Mapping[Directi
 
 def too_fast_for(item: Asked | SetVelocity, catalog: Catalog) -> Direction | None:
     """The direction in which something is furthest beyond what the model's bodies step at; None where it is not."""
+    if not catalog.abilities.gaits:
+        return None
     fastest = catalog.abilities.fastest_mps
     over = {way: speed - _SLACK * fastest(way) for way, speed in speeds_of(item, catalog.facts.fps).items()}
     return max((way for way in over if over[way] > 0.0), key=over.__getitem__, default=None)
@@ -49,11 +52,10 @@ def _of_trajectory(item: RootTrajectory, apart: int, fps: int) -> Mapping[Direct
     speed = np.hypot(way[:, 0], way[:, 1]) * (fps / apart)
     if item.heading is None:
         return {Direction.FORWARD: float(speed.max())}
-    angle = np.arctan2(way[:, 0], way[:, 1]) - item.heading[apart // 2 :][: len(way)]
-    quarter = np.rint(angle / (np.pi / 2)).astype(int) % len(Direction)
+    quarter = _quarter(np.arctan2(way[:, 0], way[:, 1]) - item.heading[apart // 2 :][: len(way)])
     return {each: float(speed[quarter == each].max()) for each in Direction if (quarter == each).any()}
 
 
-def _direction(angle: float) -> Direction:
-    """That of an angle from where a character faces, radians to its left: the quarter around it."""
-    return Direction(round(angle / (math.pi / 2)) % len(Direction))
+def _quarter(angle: Any) -> Any:
+    """Directions, as numbers, of angles from where a character faces, radians to its left: the quarter around each."""
+    return np.rint(angle / (math.pi / 2)) % len(Direction)

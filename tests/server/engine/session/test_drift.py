@@ -10,7 +10,7 @@ import pytest
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.session.drift import Correction, DriftGuard
 from motiongen_server.engine.session.pose import PoseReader
-from motiongen_server.engine.types import ChannelBlock, Closed, ModelFacts, PlanCause, StartPose, WindowJob
+from motiongen_server.engine.types import ChannelBlock, Closed, PlanCause, StartPose, WindowJob
 from tests.server.engine.fakes import FACTS, ROW_WIDTH
 from tests.server.engine.stage import Stage, prompt
 from tests.server.engine.viewer import Viewer
@@ -106,11 +106,9 @@ def test_where_rows_do_not_tell_or_nothing_is_claimed_nobody_floats() -> None:
 # ---- in a session ----------------------------------------------------------------------------------------------------
 
 
-def _stage(
-    moves: "dict[int, np.ndarray]", config: EngineConfig | None = None, facts: ModelFacts = FACTS
-) -> tuple[Stage, Viewer]:
+def _stage(moves: "dict[int, np.ndarray]", config: EngineConfig | None = None) -> tuple[Stage, Viewer]:
     """A session whose windows of these plans have these rows: root position and rotation."""
-    stage = Stage(config, facts=facts)
+    stage = Stage(config)
     stage.runner.rights = True
 
     def move(job: WindowJob, frames: np.ndarray) -> None:

@@ -25,6 +25,8 @@ ATTACKS = (
     Attack("one event of 400,000 empty constraints", "empty_constraints", 2),
     Attack("one event that removes 300,000 constraints", "many_removals", 2),
     Attack("256 paths of nine minutes an edit", "long_paths", 2),
+    Attack("256 rotations an edit, to be placed", "many_rotations", 2),
+    Attack("opens with 255 rotations and one that is wrong", "refused_rotations", 2),
     Attack("450,000 empty events a message, nothing read", "huge_messages", 1),
     Attack("pings", "pings", 2),
     Attack("opens that must fail, with new prompts (built-in model)", "failing_opens", 2, built_in=True),

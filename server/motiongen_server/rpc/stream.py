@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 
 from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_server.engine.types import (
@@ -20,7 +20,7 @@ from motiongen_server.engine.types.refusals import draining, handle_in_use, sess
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.identity.caller import ANYBODY
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
-from motiongen_server.rpc.budget import PATH_COST, REFUSAL_COST
+from motiongen_server.rpc.budget import CONSTRAINT_COST, PATH_COST, REFUSAL_COST
 from motiongen_server.rpc.convert import check_resume, num_paths, playhead_of
 from motiongen_server.rpc.durability import new_secret, token_of
 from motiongen_server.rpc.event_errors import (
@@ -109,7 +109,8 @@ class Stream(StreamTakeOvers):
             if kind == "open" and self.gateway_lag is not None and self.gateway_lag.is_too_long:
                 raise gateway_overloaded(self.gateway_lag.lag_s)
             if kind in ("open", "edit_constraints"):
-                self.budget.charge(PATH_COST * num_paths(_constraints_of(event)), now)
+                told = _constraints_of(event)
+                self.budget.charge(CONSTRAINT_COST * len(told) + PATH_COST * num_paths(told), now)
             pass_on(entry, event, now)
         except EventRefused as refusal:
             self.budget.charge(REFUSAL_COST, now)
@@ -280,6 +281,6 @@ class Stream(StreamTakeOvers):
         self.cut()
 
 
-def _constraints_of(event: session_pb2.SessionEvent) -> Iterable[motion_pb2.Constraint]:
+def _constraints_of(event: session_pb2.SessionEvent) -> Sequence[motion_pb2.Constraint]:
     """Those that it sets."""
     return event.open.constraints if event.WhichOneof("event") == "open" else event.edit_constraints.upsert

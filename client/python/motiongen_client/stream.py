@@ -250,6 +250,8 @@ class Stream:
         for session in self.sessions:
             session.fail(failure)
         self._sessions.clear()
+        if self._reporting is not None:
+            self._reporting.cancel()
 
     def _take(self, response: service_pb2.StreamMotionResponse) -> None:
         match response.WhichOneof("stream_event"):

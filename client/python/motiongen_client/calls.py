@@ -122,6 +122,10 @@ class Calls:
         if self._dropping is not None:
             await asyncio.shield(self._dropping)
 
+    def ask(self) -> None:
+        """Have a call made where there is none. Does not wait for it."""
+        self._wanted.set()
+
     async def until_connected(self) -> None:
         """Wait for a call. Raises why there will be none."""
         await self._until(lambda: self._call is not None and self.failure is None)
@@ -135,7 +139,7 @@ class Calls:
         while not holds():
             if self.failure is not None:
                 raise self.failure
-            self._wanted.set()
+            self.ask()
             await self._news.wait()
 
     # ---- one call after another

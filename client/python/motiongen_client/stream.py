@@ -169,6 +169,18 @@ class Stream:
             await asyncio.gather(self._reporting, return_exceptions=True)
         await self._calls.close()
 
+    async def ready(self) -> None:
+        """Wait for a call, and ask for one where there is none: servers end streams that carry nothing.
+
+        Raises ServerUnavailable where none comes within the policy's hello_timeout_s, StreamLost where none ever will.
+        """
+        within_s = self._policy.hello_timeout_s
+        try:
+            async with asyncio.timeout(within_s):
+                await self._calls.until_connected()
+        except TimeoutError:
+            raise ServerUnavailable(self._address, f"no call was made within {within_s:g} s") from None
+
     async def __aenter__(self) -> Stream:
         return await self.start()
 
@@ -219,6 +231,8 @@ class Stream:
         self._next_handle += 1
         self._sessions[handle] = session
         session.move(handle, self, self._catalog, now=self.is_connected)
+        if not self.is_connected:
+            self._calls.ask()
 
     async def ask_catalog(self) -> None:
         """Take the server's own catalogue in place of the one that is held. Raises ServerUnavailable."""

@@ -83,8 +83,9 @@ async def test_an_edit_is_undone(page: Page) -> None:
 
 
 async def test_mistakes_are_answered_and_the_page_goes_on(page: Page) -> None:
-    page.say("not json")
-    await page.until(lambda: [m for m in page.messages if m["type"] == "answer" and "JSON" in m.get("error", "")])
+    for number, said in enumerate(("not json", "9" * 5000, "[" * 100_000)):
+        page.say(said)
+        await page.until(lambda least=number: sum("JSON" in m.get("error", "") for m in page.messages) > least)
     assert "add one" in (await page.ask(op="set_prompt", character=1, text="run"))["error"]
     await page.ask(op="add")
     mistakes = (

@@ -22,6 +22,7 @@ from motiongen_tools.view.line import Line
 from motiongen_tools.view.motion_files import MAX_BYTES, read_upload
 from motiongen_tools.view.page_files import PAGE, ThreeMissing, three_folder
 from motiongen_tools.view.room import Room
+from motiongen_tools.view.session_file import FORMAT
 from motiongen_tools.view.web import DENIED, UNKNOWN_ROOM, web_app
 from tests.tools.view.conftest import LIMIT_S
 
@@ -140,6 +141,17 @@ async def test_takes_are_downloaded(bridge: Bridge, room: Room, three: Path, tmp
             refused = await site.get(wrong)
             assert refused.status_code == 400
             assert "allowed" in refused.json()["error"]
+
+
+async def test_a_session_file_with_a_mistake_is_refused_when_it_is_opened(bridge: Bridge, three: Path) -> None:
+    wrong = {"op": "remove_prompts", "prompt_ids": ["1"], "at_frame": 4}
+    whole = {"format": FORMAT, "opening": {}, "num_frames": 9, "edits": [wrong]}
+    async with await site_of(bridge, three) as site:
+        refused = await site.post("/session/main?name=a.json", content=json.dumps(whole))
+        assert (refused.status_code, list(bridge.room("main").characters)) == (400, [])
+        assert "edit at frame 4, prompt_ids: ['1'] was given" in refused.json()["error"]
+        taken = await site.post("/session/main?name=a.json", content=json.dumps({**whole, "edits": []}))
+        assert taken.json() == {"numbers": [1]}
 
 
 async def test_motion_files_are_opened(bridge: Bridge, three: Path, tmp_path: Path, stick_motion: Motion) -> None:

@@ -133,7 +133,7 @@ class Browser:
             said = await self._socket.receive_text()
             try:
                 message = json.loads(said)
-            except json.JSONDecodeError:
+            except (ValueError, RecursionError):  # ValueError: also a number of thousands of digits
                 message = None
             if not isinstance(message, dict):
                 self._answer(None, error="the message is not a JSON object")

@@ -71,9 +71,9 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
         return Response(pack_motion(Path(name).name, motion), media_type="application/octet-stream")
 
     async def load(request: Request) -> Response:
-        room = bridge.room(request.path_params["room"])
-        data = await _body(request)
-        number = await room.again(parse_session(data, request.query_params.get("name", "the file")), {})
+        data, name = await _body(request), request.query_params.get("name", "the file")
+        recorded = await asyncio.to_thread(parse_session, data, name)  # there may be thousands of edits
+        number = await bridge.room(request.path_params["room"]).again(recorded, {})
         return JSONResponse({"numbers": [number]})
 
     async def aim(request: Request) -> Response:

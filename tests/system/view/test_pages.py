@@ -38,6 +38,17 @@ def test_spectators_look_on(motion_server: ServerProcess, open_page: Callable[..
         assert "spectators" in refused
 
 
+def test_a_room_that_cannot_be_had_is_said_and_not_asked_for_again(view: str, open_page: Callable[..., Page]) -> None:
+    page = open_page(f"{view}?room=a%20b")
+    page.until("document.getElementById('status-server').value.includes('1 to 40 letters')")
+    page.run("globalThis.first = motiongen.connection._socket")
+    # timers come in the order of their times: whoever were to connect again would have done it by then
+    page.driver.execute_async_script("setTimeout(arguments[0], 1000)")
+    assert page.run("return motiongen.connection._socket === first && !motiongen.connection.isOpen")
+    refused = page.run("return motiongen.cast.ask({ op: 'add' }).then(() => 'taken', (error) => error.message)")
+    assert "1 to 40 letters" in refused
+
+
 def test_a_page_goes_on_with_the_next_bridge(motion_server: ServerProcess, open_page: Callable[..., Page]) -> None:
     with viewer(motion_server.address) as (address,):
         page = open_page(address)

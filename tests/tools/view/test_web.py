@@ -105,6 +105,13 @@ def test_a_room_without_a_proper_name_is_refused(open_site: TestClient) -> None:
         assert socket.receive()["code"] == UNKNOWN_ROOM
 
 
+def test_a_reason_is_as_long_as_a_close_frame_may_have_it(open_site: TestClient) -> None:
+    with open_site.websocket_connect(f"/ws?room={'%E5%AE%A4' * 60}%20", headers=HOST) as socket:
+        closed = socket.receive()
+    assert closed["code"] == UNKNOWN_ROOM
+    assert 100 < len(closed["reason"].encode()) <= 123
+
+
 def test_a_missing_three_says_how_to_have_it(tmp_path: Path) -> None:
     with pytest.raises(ThreeMissing, match="make viewer"):
         three_folder(tmp_path)

@@ -11,6 +11,7 @@ from motiongen_client.errors import InvalidInput, MotiongenError
 from motiongen_tools.view import fields
 from motiongen_tools.view.access import Role
 from motiongen_tools.view.bridge import Bridge
+from motiongen_tools.view.character import Character
 from motiongen_tools.view.fields import Message
 from motiongen_tools.view.room import Room
 from motiongen_tools.view.session_file import session_of
@@ -19,6 +20,8 @@ from motiongen_tools.view.wire import Head, catalog_json, pack_frames, pack_hist
 HEAD_PERIOD_S = 0.25
 """A page's clock runs by itself; this often it is told where the playhead really is."""
 MOST_HISTORY_FRAMES = 4000
+MOST_WAITING = 32
+"""Answers, pieces of history and requests under way; a page that has as many is not listened to until some are gone."""
 FOR_WATCHERS = ("ping", "history")
 
 _log = logging.getLogger(__name__)
@@ -49,7 +52,7 @@ class Browser:
         self._line: dict[str, Any] = {}
         self._has_catalog = False
         self._answers: list[dict[str, Any]] = []
-        self._histories: list[bytes] = []
+        self._histories: list[tuple[Character, int, int]] = []  # with first and end frame
         self._tasks: set[asyncio.Task[None]] = set()
 
     # ---- for the room
@@ -86,8 +89,8 @@ class Browser:
             for message in self.news():
                 await self._socket.send_text(json.dumps(message, separators=(",", ":")))
             histories, self._histories = self._histories, []
-            for history in histories:
-                await self._socket.send_bytes(history)
+            for character, first, end in histories:  # each is packed when it is sent: it may be of a megabyte
+                await self._socket.send_bytes(pack_history(character.number, *character.history(first, end)))
             heads = self.heads()
             if heads:
                 await self._socket.send_bytes(pack_frames(heads))
@@ -128,8 +131,15 @@ class Browser:
                 self._headed_at_s[number] = now_s
         return heads
 
+    @property
+    def num_waiting(self) -> int:
+        """What the page has asked for, and has not been sent."""
+        return len(self._answers) + len(self._histories) + len(self._tasks)
+
     async def _hear(self) -> None:
         while True:
+            while self.num_waiting >= MOST_WAITING:  # it asks for more than it reads
+                await self._bridge.beat()
             said = await self._socket.receive_text()
             try:
                 message = json.loads(said)
@@ -172,7 +182,7 @@ class Browser:
             case "history":
                 first = fields.whole(message, "first_frame")
                 end = fields.whole(message, "end_frame", first, first + MOST_HISTORY_FRAMES)
-                self._histories.append(pack_history(character.number, *character.history(first, end)))
+                self._histories.append((character, first, end))
                 return {}
             case "time_scale":
                 character.set_time_scale(fields.number(message, "scale"))

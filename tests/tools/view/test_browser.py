@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import json
 
 import numpy as np
@@ -157,6 +158,19 @@ async def test_a_page_that_reads_late_is_answered_in_full(page: Page) -> None:
         page.say(json.dumps({"op": "history", "character": 1, "first_frame": 0, "end_frame": 1, "request": -number}))
     await page.until(lambda: [m for m in page.messages if m.get("request") == 1 - 5 * MOST_WAITING])
     await page.until(lambda: sum(header["type"] == "history" for header, _ in page.frames) == 5 * MOST_WAITING)
+
+
+async def test_a_page_is_told_what_another_server_offers(bridge: Bridge, page: Page) -> None:
+    await page.until(lambda: page.last("characters"))
+    client = bridge.line.client
+    (model,) = client.catalog.models
+    client.catalog = dataclasses.replace(
+        client.catalog, etag="2", models=(dataclasses.replace(model, model_id="other"),)
+    )
+    await page.until(lambda: [model["id"] for model in page.last("catalog")["models"]] == ["other"])
+    for _ in range(3):
+        await bridge.beat()
+    assert sum(message["type"] == "catalog" for message in page.messages) == 2, "once each"
 
 
 async def test_what_was_played_can_be_asked_for_again(page: Page) -> None:

@@ -8,6 +8,7 @@ import logging
 from typing import Any, Protocol
 
 from motiongen_client.errors import InvalidInput, MotiongenError
+from motiongen_client.types import Catalog
 from motiongen_tools.view import fields
 from motiongen_tools.view.access import Role
 from motiongen_tools.view.bridge import Bridge
@@ -50,7 +51,7 @@ class Browser:
         self._headed_at_s: dict[int, float] = {}
         self._changes = -1
         self._line: dict[str, Any] = {}
-        self._has_catalog = False
+        self._catalog: Catalog | None = None
         self._answers: list[dict[str, Any]] = []
         self._histories: list[tuple[Character, int, int]] = []  # with first and end frame
         self._tasks: set[asyncio.Task[None]] = set()
@@ -104,9 +105,9 @@ class Browser:
         if shown != self._line:
             self._line = shown
             news.append({"type": "server", "role": self._role.value, **shown})
-        if line.has_catalog and not self._has_catalog:
-            self._has_catalog = True
-            news.append({"type": "catalog", **catalog_json(line.client.catalog)})
+        if line.has_catalog and line.client.catalog is not self._catalog:  # the first, or another server's
+            self._catalog = line.client.catalog
+            news.append({"type": "catalog", **catalog_json(self._catalog)})
         if room.changes != self._changes:
             self._changes = room.changes
             news.append(room.listed())

@@ -45,6 +45,9 @@ class Carrier(Protocol):
     def take_now(self, *outputs: Output) -> None:
         """The same, and they do not wait for the flush interval."""
 
+    def fail(self, error: Exception) -> None:
+        """A fault of the server's own has kept it from taking outputs: what they were about ends, and nothing else."""
+
 
 def session_name(key: SessionKey) -> str:
     """A session's name for the logs, another one whenever it is called."""

@@ -38,6 +38,7 @@ from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.session_entry import SessionEntry
+from motiongen_server.rpc.stream_errors import stream_failed
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 from motiongen_server.rpc.stream_take_overs import StreamTakeOvers
 from motiongen_server.rpc.token_bucket import TokenBucket
@@ -69,7 +70,8 @@ class Stream(StreamTakeOvers):
         self.listening_since: float | None = None  # monotonic seconds, while it waits for the client to say something
         self.cut: Callable[[], object] = lambda: None  # ends the writing
         self.is_cut = False  # whether that ends with what is being written
-        self.refusal: StreamRefused | None = None  # why the stream is ended, where its client is at fault
+        self.refusal: StreamRefused | None = None  # why the stream is ended before its client has finished
+        self._has_failed = False
         self.rtt_s: float | None = None  # the client's last measurement
 
     # ---- from the client --------------------------------------------------------------------------------------------
@@ -274,11 +276,27 @@ class Stream(StreamTakeOvers):
         self.refusal = refusal
         self._drop_line()
 
+    def fail(self, error: Exception) -> None:
+        """End the stream for a fault of the server's own, which is logged once.
+
+        Its sessions are closed with the call: nobody goes on with books that the fault may have left half written.
+        """
+        if not self._has_failed:
+            self._has_failed = True
+            self.refusal = stream_failed(self.number, error)
+            self.end()
+            self._forget_unsent()
+            self.cut()
+
     def _drop_line(self) -> None:
+        self._forget_unsent()  # else what the sessions are told of the end may be too much for the client once more
         self.lose()
+        self._forget_unsent()
+        self.cut()
+
+    def _forget_unsent(self) -> None:
         self.send_queue.clear()
         self.responses.clear()
-        self.cut()
 
 
 def _constraints_of(event: session_pb2.SessionEvent) -> Sequence[motion_pb2.Constraint]:

@@ -147,7 +147,8 @@ class StreamSessions(StreamOutput):
             return
         self._stream_metrics.count_resume("refused")
         self._remove(entry)
-        self._kept.park(entry)  # it ends with its grace, unless the client finds out where it is
+        if not self._kept.park(entry):  # else it ends with its grace, unless the client finds out where it is
+            self._kept.end(entry)
         self._say(resume_out_of_range().outcome(SessionKey(self.number, entry.handle), 1), None)
 
     def _welcome_back(self, entry: SessionEntry, start_frame: int, notice: PlanNotice | None = None) -> None:

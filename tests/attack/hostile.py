@@ -27,6 +27,7 @@ from tests.attack.hostile_load import (
     watches,
     welcome_crowds,
 )
+from tests.attack.hostile_memory import first_messages, unconfirmed_edits
 from tests.attack.hostile_sockets import connections, garbage, idle_connections, unread_metrics
 from tests.attack.mutation import mutations
 
@@ -222,6 +223,7 @@ KINDS: dict[str, Kind] = {
         silent_streams, unread_clips, unread_streams, catalogs, connections, garbage, heroes, playheads, empty_streams,
         long_names, idle_connections, unread_metrics, mutations, byte_a_second, burst_streams, crowds, watches,
         edits_behind_prompts, health_checks, long_paths, reflections, welcome_crowds, many_rotations, refused_rotations,
+        unconfirmed_edits, first_messages,
     )
 }  # fmt: skip
 ELSEWHERE = {connections, idle_connections, unread_metrics, welcome_crowds}

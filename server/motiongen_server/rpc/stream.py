@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
 from collections.abc import Callable, Sequence
 
@@ -38,6 +37,7 @@ from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.session_entry import SessionEntry
+from motiongen_server.rpc.stream_errors import stream_failed
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 from motiongen_server.rpc.stream_take_overs import StreamTakeOvers
 from motiongen_server.rpc.token_bucket import TokenBucket
@@ -69,7 +69,8 @@ class Stream(StreamTakeOvers):
         self.listening_since: float | None = None  # monotonic seconds, while it waits for the client to say something
         self.cut: Callable[[], object] = lambda: None  # ends the writing
         self.is_cut = False  # whether that ends with what is being written
-        self.refusal: StreamRefused | None = None  # why the stream is ended, where its client is at fault
+        self.refusal: StreamRefused | None = None  # why the stream is ended before its client has finished
+        self._has_failed = False
         self.rtt_s: float | None = None  # the client's last measurement
 
     # ---- from the client --------------------------------------------------------------------------------------------
@@ -79,10 +80,13 @@ class Stream(StreamTakeOvers):
 
         unread: why its content was not read.
         """
-        kind, handle = event.WhichOneof("event"), event.session
-        if handle in self._held_back:
+        if event.session in self._held_back:
             self._hold_back(event, now, unread)
-            return
+        else:
+            self._receive(event, now, unread)
+
+    def _receive(self, event: session_pb2.SessionEvent, now: float, unread: EventRefused | None) -> None:
+        kind, handle = event.WhichOneof("event"), event.session
         entry = self._entries.get(handle)
         try:
             if unread is not None and (kind == "open" or entry is None):
@@ -150,7 +154,8 @@ class Stream(StreamTakeOvers):
             raise handle_away(handle)
         if event.event_seq != 1:
             raise sequence_gap(event.event_seq, 1)
-        if len(self._entries) + len(self._held_back) >= limits.max_sessions_per_stream:
+        num_on_their_way = sum(each not in self._entries for each in self._held_back)
+        if len(self._entries) + num_on_their_way >= limits.max_sessions_per_stream:
             raise too_many_sessions(len(self._entries), limits.max_sessions_per_stream)
         if event.open.resume_token:
             self._resume(event, now)
@@ -200,27 +205,6 @@ class Stream(StreamTakeOvers):
     def _take_token(self, entry: SessionEntry, now: float) -> None:
         if not entry.bucket.take(now):
             raise too_fast(self._limits.events_per_second, entry.bucket.wait_s)
-
-    async def turn(self) -> None:
-        """Let other streams have a turn in the middle of a message, and wait as `room` does."""
-        await asyncio.sleep(0)
-        await self.room()
-
-    async def room(self) -> None:
-        """Wait until the stream may be read on, or ends.
-
-        Not while it owes for what it has sent, nor while more answers wait than its client reads. Not reading on passes
-        the wait to the client, by gRPC's own flow control.
-        """
-        while not self.ended:
-            owed_s = self.budget.owed_s(time.monotonic())
-            if not owed_s and not self._is_backlogged:
-                return
-            self._room.clear()
-            timer = asyncio.get_running_loop().call_later(owed_s, self._room.set) if owed_s else None
-            await self._room.wait()
-            if timer is not None:
-                timer.cancel()
 
     # ---- ends -------------------------------------------------------------------------------------------------------
 
@@ -274,11 +258,27 @@ class Stream(StreamTakeOvers):
         self.refusal = refusal
         self._drop_line()
 
+    def fail(self, error: Exception) -> None:
+        """End the stream for a fault of the server's own, which is logged once.
+
+        Its sessions are closed with the call: nobody goes on with books that the fault may have left half written.
+        """
+        if not self._has_failed:
+            self._has_failed = True
+            self.refusal = stream_failed(self.number, error)
+            self.end()
+            self._forget_unsent()
+            self.cut()
+
     def _drop_line(self) -> None:
+        self._forget_unsent()  # else what the sessions are told of the end may be too much for the client once more
         self.lose()
+        self._forget_unsent()
+        self.cut()
+
+    def _forget_unsent(self) -> None:
         self.send_queue.clear()
         self.responses.clear()
-        self.cut()
 
 
 def _constraints_of(event: session_pb2.SessionEvent) -> Sequence[motion_pb2.Constraint]:

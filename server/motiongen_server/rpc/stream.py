@@ -11,6 +11,8 @@ from motiongen_server.engine.types import (
     Closed,
     CloseReason,
     Code,
+    Outcome,
+    Output,
     Priority,
     Resume,
     SessionKey,
@@ -32,7 +34,7 @@ from motiongen_server.rpc.event_errors import (
     too_fast,
     too_many_sessions,
 )
-from motiongen_server.rpc.event_path import end_waiting, pass_on, tell_internal_error
+from motiongen_server.rpc.event_path import SESSION_CLOSED, end_waiting, pass_on, tell_internal_error
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.peers import Peer
@@ -41,6 +43,9 @@ from motiongen_server.rpc.stream_errors import stream_failed
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 from motiongen_server.rpc.stream_take_overs import StreamTakeOvers
 from motiongen_server.rpc.token_bucket import TokenBucket
+
+_FREE = (Code.OK, Code.INTERNAL, Code.UNAVAILABLE)
+"""Answers that are not charged: the client is not at fault."""
 
 
 class Stream(StreamTakeOvers):
@@ -117,7 +122,6 @@ class Stream(StreamTakeOvers):
                 self.budget.charge(CONSTRAINT_COST * len(told) + PATH_COST * num_paths(told), now)
             pass_on(entry, event, now)
         except EventRefused as refusal:
-            self.budget.charge(REFUSAL_COST, now)
             self.take(refusal.outcome(entry.key, event.event_seq))
         except Exception as error:
             tell_internal_error(entry, event.event_seq, error)
@@ -205,6 +209,12 @@ class Stream(StreamTakeOvers):
     def _take_token(self, entry: SessionEntry, now: float) -> None:
         if not entry.bucket.take(now):
             raise too_fast(self._limits.events_per_second, entry.bucket.wait_s)
+
+    def _book(self, said: Output, entry: SessionEntry) -> None:
+        """A refusal is charged whoever has found what is wrong; not the server's own faults, nor ends of sessions."""
+        if isinstance(said, Outcome) and said.code not in _FREE and said.reason != SESSION_CLOSED:
+            self.budget.charge(REFUSAL_COST, time.monotonic())
+        super()._book(said, entry)
 
     # ---- ends -------------------------------------------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_server.engine.types import Chunk, Close, Closed, CloseReason, Code, Open, Outcome
+from motiongen_server.engine.types.refusals import session_closed
 from motiongen_server.replicas.hint import OtherServer
 from motiongen_server.rpc.budget import CONSTRAINT_COST, PATH_COST, REFUSAL_COST
 from motiongen_server.rpc.event_path import MAX_WAITING_EVENTS
@@ -237,3 +238,13 @@ async def test_constraints_are_charged_though_they_are_refused(line: Line) -> No
     line.stream.receive(session_pb2.SessionEvent(session=HANDLE, event_seq=2, edit_constraints=edit), now)
     assert [seq for seq, _ in line.refusals()] == [2]
     assert line.stream.budget.charged - before == 20 * CONSTRAINT_COST + REFUSAL_COST
+
+
+async def test_a_refusal_is_charged_though_the_engine_has_found_what_is_wrong(line: Line) -> None:
+    line.open()
+    key, before = line.engine.events[0].session, line.stream.budget.charged
+    line.stream.take(Outcome(key, 2, Code.NOT_FOUND, reason="UNKNOWN_CONSTRAINT"))
+    assert line.stream.budget.charged - before == REFUSAL_COST
+    fault = Outcome(key, 3, Code.INTERNAL, reason="INTERNAL")
+    line.stream.take(fault, session_closed().outcome(key, 4), Outcome(key, 5, Code.OK))
+    assert line.stream.budget.charged - before == REFUSAL_COST, "none of these is its client's fault"

@@ -75,7 +75,7 @@ class PeerLimits:
     share: float = 1.0
     steps_per_second: float = inf
     waiting_bytes: int = 16 << 20
-    held_bytes: int = 64 << 20
+    held_bytes: int = 128 << 20
 
 
 @dataclass(frozen=True, slots=True)

@@ -87,7 +87,7 @@ def no_memory_left(most: int) -> StreamRefused:
 
 def too_much_unpaid(most: int, kind: str) -> StreamRefused:
     """Of messages that were read, and whose events the stream owes for."""
-    message = f"your {kind} has sent {most} bytes that are not paid for, and this stream owes most; send fewer events"
+    message = f"messages of your {kind} that are not paid for take {most} bytes, and this stream owes most; send fewer"
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MUCH_UNPAID", message, retry_after_s=5.0)
 
 

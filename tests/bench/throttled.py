@@ -63,7 +63,7 @@ class Machine:
 
 @dataclass(frozen=True)
 class Effort:
-    """scenario: its name. seconds: measured in each run. times: as many ask as could be served. ramp_s: all come within.
+    """scenario: its name. seconds: measured in each run. times: as many ask as could be served, all within ramp_s.
 
     program: a motiongen-load that plays instead of Python, which takes half a core for a hundred characters.
     """

@@ -16,8 +16,10 @@ OUT ?= out
 PAGE := client/tools/motiongen_tools/view/page
 DATA ?= $(OUT)/data
 RUN ?= $(OUT)/mini
-# labels that the built-in model was seen not to show: their prompts are outside of what it knows
-UNLEARNED ?= bow
+# the encoder of prompts that a model is trained with; the server is to be given the same
+TEXT_ENCODER ?= static
+# labels that a trained model was seen not to show, whose prompts are outside of what it knows: bow, of the built-in one
+UNLEARNED ?=
 RECIPE ?= ardy/motiongen_ardy/train/configs/mini.yaml
 MODEL ?= motiongen-mini
 ARGS ?=
@@ -214,9 +216,16 @@ data: $(READY) ## turn motion capture into a training set: make data CLIPS=folde
 .PHONY: train-mini
 train-mini: $(READY) ## train what RECIPE says on DATA (the built-in model): tokenizer, then denoiser; goes on where it was stopped
 	$(PYTHON) -m motiongen_ardy.train.tokenizer "$(DATA)" "$(RUN)/tokenizer" --config "$(RECIPE)" $(ARGS)
-	$(PYTHON) -m motiongen_ardy.train.denoiser "$(DATA)" "$(RUN)/denoiser" --tokenizer "$(RUN)/tokenizer" --config "$(RECIPE)" $(ARGS)
-	$(PYTHON) -m motiongen_ardy.train.prompt_domain "$(DATA)" "$(RUN)/denoiser" --without $(UNLEARNED)
-	$(PYTHON) -m motiongen_ardy.train.prompt_paces "$(DATA)" "$(RUN)/denoiser"
+	$(PYTHON) -m motiongen_ardy.train.denoiser "$(DATA)" "$(RUN)/denoiser" --tokenizer "$(RUN)/tokenizer" --config "$(RECIPE)" \
+		--text-encoder "$(TEXT_ENCODER)" $(ARGS)
+	@if [ ! -e "$(RUN)/denoiser/capabilities.yaml" ]; then \
+		echo "no prompt_paces and no prompt_domain: the files of $(RECIPE) have no capabilities.yaml, which says what they are of"; \
+	else \
+		set -x; \
+		$(PYTHON) -m motiongen_ardy.train.prompt_paces "$(DATA)" "$(RUN)/denoiser" --text-encoder "$(TEXT_ENCODER)"; \
+		$(PYTHON) -m motiongen_ardy.train.prompt_domain "$(DATA)" "$(RUN)/denoiser" --text-encoder "$(TEXT_ENCODER)" \
+			$(if $(UNLEARNED),--without $(UNLEARNED)); \
+	fi
 
 .PHONY: gate
 gate: $(READY) ## judge the motion of MODEL on the test split of DATA; exit code 1 if it misses a bound

@@ -30,6 +30,9 @@ from motiongen_client import (
         (lambda: Waypoint(1, math.nan, 0), "x_m"),
         (lambda: Waypoint(1, 0, math.inf), "z_m"),
         (lambda: Waypoint(1, 0, "3"), "z_m"),  # type: ignore[arg-type]
+        (lambda: Waypoint(1, 0, 10**400), "z_m"),
+        (lambda: Waypoint(1, 0, 0, tolerance_m=10**400), "tolerance_m"),
+        (lambda: RootTrajectory(0, [[1, 10**400]]), "positions_m"),  # type: ignore[arg-type]
         (lambda: Waypoint(1, 0, 0, heading_rad=math.nan), "heading_rad"),
         (lambda: RootTrajectory(0, np.zeros((4, 3), np.float32)), "positions_m"),
         (lambda: RootTrajectory(0, np.zeros((0, 2), np.float32)), "positions_m"),

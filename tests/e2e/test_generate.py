@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -105,11 +106,20 @@ def test_every_format_of_a_person(live_server: LiveServer, tmp_path: Path, capsy
     assert "waypoint at frame 40" in capsys.readouterr().out
     for name in names[:2]:
         assert read_motion(tmp_path / name).motion.num_frames == 50
-    assert (tmp_path / "walk.glb").read_bytes().startswith(b"glTF")
+    extras = glb_json(tmp_path / "walk.glb")["animations"][0]["extras"]
+    assert extras == {"text": "a person walks; then a person runs", "frames_per_second": 20}
     assert run([*line, "--samples", "2", "--out", str(tmp_path / "run.npz")]) == 0
     assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["run_00.npz", "run_01.npz"]
     assert run([*line, "--out", str(tmp_path / "walk.csv")]) == 1, "a person is no robot"
     assert "walk.csv" in capsys.readouterr().err
+
+
+def glb_json(path: Path) -> Any:
+    """The JSON chunk, which is the first of a binary glTF."""
+    content = path.read_bytes()
+    magic, length, kind = content[:4], int.from_bytes(content[12:16], "little"), content[16:20]
+    assert (magic, kind) == (b"glTF", b"JSON")
+    return json.loads(content[20 : 20 + length])
 
 
 def test_every_format_of_a_robot_and_on_from_its_state(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -39,6 +39,12 @@ def test_a_clip_takes_a_timeline_and_settings_of_its_server() -> None:
     assert options.script.prompts == [(0.0, "walk"), (2.0, "run")]
     assert options.out == [Path("a.npz"), Path("b.glb")]
     assert options.server_arguments == ["--model", "g1"]
+    assert options.start_timeout is None, "the first start of a model takes as long as its weights take to come"
+
+
+@pytest.mark.parametrize("command", ["generate walk", "bench", "view", "gallery motiongen-mini", "demo"])
+def test_commands_that_start_a_server_may_bound_its_start(command: str) -> None:
+    assert parse([*command.split(), "--start-timeout", "30"]).start_timeout == 30
 
 
 @pytest.mark.parametrize(("given", "file"), [("walk.bvh", "walk.bvh"), ("out/walk", "out/walk.bvh")])

@@ -11,7 +11,9 @@ import pytest
 import torch
 
 from motiongen_ardy.core.constraint import limb_chains
+from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.core.skeleton import load_skeleton
+from motiongen_ardy.core.stats import Stats
 from motiongen_ardy.formats.constraints import (
     PoseConstraint,
     RootConstraint,
@@ -51,6 +53,28 @@ def test_whole_poses_are_keyframes(name: str, tmp_path: Path) -> None:
         assert isinstance(keyframe, Keyframe)
         expected = np.array([targets.positions[frame, joint] for joint in range(len(keyframe.positions_m))])
         np.testing.assert_allclose(keyframe.positions_m, expected, atol=1e-5)
+
+
+def test_a_file_that_is_too_large_is_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("motiongen_tools.constraint_file.MAX_BYTES", 1)
+    (tmp_path / "c.json").write_text("[]")
+    with pytest.raises(InvalidInput, match=r"at most 1 bytes$"):
+        read_constraints(tmp_path / "c.json", rig_of("core27"), 20)
+
+
+@pytest.mark.parametrize("limbs", [("LeftHand", "Hips"), ("LeftHand",)])
+def test_limbs_are_as_far_from_a_root_that_shall_be_elsewhere(limbs: tuple[str, ...], tmp_path: Path) -> None:
+    constraint = poses("core27", 2, limbs=limbs, moved=True)
+    write_constraints(tmp_path / "c.json", [constraint])
+    skeleton = load_skeleton("core27")
+    mean, std = (torch.full((330,), number) for number in (0.0, 1.0))
+    layout = Representation(skeleton, 20, Stats(mean, std))
+    observed, _ = constraint_targets(skeleton, [constraint]).fill(layout, 2, 1)
+    joints, _ = read_constraints(tmp_path / "c.json", rig_of("core27"), 3)
+    assert isinstance(joints, JointTargets)
+    seen = np.asarray(layout.positions_block(observed)[0])
+    for joint, place in zip(joints.joints[1:], joints.positions_m[1:], strict=True):
+        np.testing.assert_allclose(place, seen[joint], atol=1e-5)
 
 
 @pytest.mark.parametrize("name", SKELETONS)
@@ -131,6 +155,8 @@ ROOT: dict[str, Any] = {"type": "root2d", "frame_indices": [3], "root_2d": [[1, 
         (json.dumps([{**ROOT, "global_root_heading": [[3, 4]]}]), "constraint 0, global_root_heading"),
         (json.dumps([{"type": "fullbody", "frame_indices": [1]}]), "constraint 0, local_joints_rot"),
         ('[{"type": "root2d", "frame_indices": [1], "root_2d": [[NaN, 1]]}]', "constraint 0, root_2d"),
+        (json.dumps([{**ROOT, "root_2d": [[1, 10**400]]}]), "constraint 0, root_2d"),
+        (json.dumps([ROOT]).replace("[1, 2]", f"[1, {'9' * 5000}]"), "path"),
     ],
 )
 def test_a_mistake_names_entry_and_field(content: str, named: str, tmp_path: Path) -> None:

@@ -50,6 +50,34 @@ def test_a_server_that_takes_too_long_is_ended() -> None:
         ServerProcess(TINY, ready_timeout_s=0.01).start()
 
 
+@pytest.mark.parametrize("line", ["fetching 15 GiB", "fetching 1 GiB\\rfetching 15 GiB\\r"])
+def test_one_that_takes_long_is_waited_for_and_shows_what_it_does(
+    line: str, pretend: Callable[[str], None], tmp_path: Path
+) -> None:
+    """It becomes ready only once its log has been told, however long that takes."""
+    os.mkfifo(tmp_path / "go")
+    ports = json.dumps({"grpc_port": 1, "ops_port": 2})
+    go_on = f"read _ < {tmp_path}/go"
+    pretend(f"trap 'exit 0' TERM; printf '{line}' >&2; {go_on}; echo '{ports}'; {go_on}; exit 0")
+    told: list[str] = []
+
+    def go(line: str) -> None:
+        told.append(line)
+        if line == "fetching 15 GiB":
+            (tmp_path / "go").write_text("\n")
+
+    with ServerProcess(tell=go) as server:
+        assert server.address == "127.0.0.1:1"
+        (tmp_path / "go").write_text("\n")
+    assert told[-1] == "fetching 15 GiB"
+
+
+def test_one_that_is_killed_by_others_was_not_too_late(pretend: Callable[[str], None]) -> None:
+    pretend("kill -9 $$")
+    with pytest.raises(ServerFailed, match=r"did not start \(exit code -9\)"):
+        ServerProcess(ready_timeout_s=100).start()
+
+
 def test_a_failure_inside_is_not_hidden_by_a_server_that_died() -> None:
     def kill_and_fail(server: ServerProcess) -> None:
         assert server.pid is not None

@@ -57,7 +57,7 @@ class Targets:
     planned, faced: frames whose ground position, and whose heading, nobody asked for, but which lead to what was asked:
     the root may sway about them. All is held, and may be given, as float32 arrays on the CPU: there are many small
     ones, and tensors take longer to make. ground: (2); height: (); heading: (2) cosine and sine; positions: (3);
-    rotations: (3, 3).
+    rotations: (3, 3). own_roots: (2), where the root is in the pose that a limb was taken from, of limbs without it.
     """
 
     def __init__(self, skeleton: Skeleton) -> None:
@@ -67,6 +67,7 @@ class Targets:
         self.heading: dict[int, Floats] = {}
         self.positions: dict[tuple[int, int], Floats] = {}
         self.rotations: dict[tuple[int, int], Floats] = {}
+        self.own_roots: dict[tuple[int, int], Floats] = {}
         self.planned: set[int] = set()
         self.faced: set[int] = set()
 
@@ -113,13 +114,16 @@ class Targets:
         self.ground |= other.ground
         self.height |= other.height
         self.heading |= other.heading
+        for key in self.own_roots.keys() & other.positions.keys():
+            del self.own_roots[key]
+        self.own_roots |= other.own_roots
         self.positions |= other.positions
         self.rotations |= other.rotations
 
     def copy(self) -> Targets:
         """The same targets, to be changed apart from these."""
         other = Targets(self.skeleton)
-        for name in ("ground", "height", "heading", "positions", "rotations", "planned", "faced"):
+        for name in ("ground", "height", "heading", "positions", "rotations", "own_roots", "planned", "faced"):
             setattr(other, name, getattr(self, name).copy())
         return other
 
@@ -146,7 +150,8 @@ class Targets:
         ground: Tensor | Floats | None = None,
     ) -> None:
         """Limbs of whole poses: positions of each chain's joints, rotation of its first, and the root's ground,
-        height and heading. limbs: names out of `limb_chains`; positions: (K, J, 3); rotations: (K, J, 3, 3) global.
+        height and heading. limbs: names out of `limb_chains`; positions: (K, J, 3); rotations: (K, J, 3, 3) global;
+        ground: (K, 2), where the root shall be if elsewhere, the limbs being as far from it as in their pose.
         """
         places = require_numbers("joint positions", positions, (len(frames), self.skeleton.num_joints, 3))
         turns = require_numbers("joint rotations", rotations, (len(frames), self.skeleton.num_joints, 3, 3))
@@ -158,6 +163,7 @@ class Targets:
             for name in limbs:
                 for joint in chains[name]:
                     self.positions[frame, joint] = places[row, joint]
+                    self.own_roots[frame, joint] = places[row, 0, [0, 2]]
                 first = chains[name][0]
                 self.rotations[frame, first] = turns[row, first]
 
@@ -177,6 +183,7 @@ class Targets:
         self._require_joints(joints)
         for row, joint in enumerate(joints):
             self.positions[frame, joint] = places[row]
+            self.own_roots.pop((frame, joint), None)
             if turns is not None:
                 self.rotations[frame, joint] = turns[row]
             if joint == 0:
@@ -240,10 +247,17 @@ class Targets:
                 f"frame {frame} constrains joint {self.skeleton.joint_names[joint]} but not where the root is;"
                 f" give the position of {self.skeleton.joint_names[0]} at that frame too, or its place on the ground"
             )
-        root = self.positions.get((frame, 0))
         place = self.positions[frame, joint].copy()
-        place[[0, 2]] -= self.ground[frame] if root is None else root[[0, 2]]
+        place[[0, 2]] -= self.root_of(frame, joint)
         return place
+
+    def root_of(self, frame: int, joint: int) -> Floats | None:
+        """Where (2) the root is in the pose that a joint's position is of, None where nothing tells.
+
+        A root whose position is asked at the frame comes before the one of the limb's own pose, whoever asked for it.
+        """
+        root = self.positions.get((frame, 0))
+        return self.own_roots.get((frame, joint), self.ground.get(frame)) if root is None else root[[0, 2]]
 
     def planned_frames(self, first_frame: int, num_frames: int) -> Tensor:
         """(num_frames, 2) bool of frames from first_frame on: whose ground position, whose heading was only planned."""

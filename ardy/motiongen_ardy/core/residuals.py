@@ -95,14 +95,10 @@ def _doubles(rows: Sequence[Floats | np.float32]) -> Tensor:
 
 def _asked_position(targets: Targets, frame: int, joint: int) -> Floats:
     """Where (3) a joint shall be: as far from the root as in its own pose, whose root may be asked elsewhere."""
-    position, root, ground = (
-        targets.positions[frame, joint],
-        targets.positions.get((frame, 0)),
-        targets.ground.get(frame),
-    )
+    position, root, ground = targets.positions[frame, joint], targets.root_of(frame, joint), targets.ground.get(frame)
     if root is None or ground is None:
         return position
-    shift = ground - root[[0, 2]]
+    shift = ground - root
     return position + np.array([shift[0], 0.0, shift[1]], np.float32)
 
 

@@ -21,6 +21,7 @@ from motiongen_ardy.data.labels import Label, read_labels
 from motiongen_ardy.data.recipes import make
 from motiongen_ardy.data.retarget import RetargetedClip, apply_retarget, choose_retarget
 from motiongen_ardy.data.retarget_rules import Retarget, RetargetError
+from motiongen_ardy.data.validation import CUT_MARK
 
 # No captured joint moves this fast; a file in which one does has a jump in it.
 MAX_JOINT_SPEED_M_S = 25.0
@@ -156,7 +157,7 @@ def cut(clip: Clip, max_frames: int) -> Iterable[Clip]:
     for number, (start, end) in enumerate(itertools.pairwise(edges), start=1):
         yield replace(
             clip,
-            id=f"{clip.id}~cut{number}",
+            id=f"{clip.id}{CUT_MARK}{number}",
             segments=(),
             local_rotations=clip.local_rotations[start:end],
             root_positions=clip.root_positions[start:end],

@@ -46,7 +46,7 @@ class Clip:
     """One motion. local_rotations: (T, J, 4) as (w, x, y, z); root_positions: (T, 3) metres.
 
     mirror_allowed: whether the mirror image may be trained on; it may not if its labels are kept for the test.
-    derived_from: the id of the captured clip of which this one was made, "" for a captured clip itself.
+    derived_from: the ids of the clips of which this one was made, joined by "+", "" for a captured clip itself.
     figures: numbers noted while building, for example how far planted feet drift.
     """
 

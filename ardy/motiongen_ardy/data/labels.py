@@ -6,6 +6,8 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 
+from motiongen_ardy.data.validation import SEPARATOR
+
 SPLITS = ("train", "test", "test_unseen")
 _REQUIRED = ("id", "file", "content", "style", "texts", "split")
 _OPTIONAL = ("dataset", "fps", "rest_group", "flags")
@@ -63,6 +65,8 @@ def _label(row: dict[str, str | None], place: str) -> Label:
             raise LabelsError(f"{place}: column {column} is empty")
     if not cells["texts"].strip("| "):
         raise LabelsError(f"{place}: column texts has no text, only bars that part texts")
+    if SEPARATOR in cells["id"]:
+        raise LabelsError(f"{place}: id {cells['id']!r} has a {SEPARATOR}, which joins ids; write another character")
     if cells["split"] not in SPLITS:
         raise LabelsError(f"{place}: unknown split {cells['split']!r}; splits are {', '.join(SPLITS)}")
     return Label(

@@ -15,6 +15,7 @@ from motiongen_ardy.data.poses import global_pose
 from motiongen_ardy.data.quality import Quality, quality
 from motiongen_ardy.data.shelf import Made, Shelf, Unfit, moving_content
 from motiongen_ardy.data.standing_recipes import start_or_stop, transition
+from motiongen_ardy.data.validation import SEPARATOR
 from motiongen_ardy.data.way_recipes import bend, on_the_spot, speed_change, strafe
 
 # Each recipe, and the hours of it in a whole set.
@@ -65,7 +66,10 @@ def _captions(content: str, style: str) -> tuple[str, ...]:
 
 
 def clip_of(made: Made, figures: Quality, number: int) -> Clip:
-    """The clip of the set. Its own captions name what follows on what; each segment's are those of its frames."""
+    """The clip of the set. Its own captions name what follows on what; each segment's are those of its frames.
+
+    Raises Unfit where a label has no phrases, as labels of other tables may have none.
+    """
     frames = made.motion.poses.num_frames
     edges = [min(max(span[0], 0), frames) for span in made.spans] + [frames]
     parts = [
@@ -73,6 +77,8 @@ def clip_of(made: Made, figures: Quality, number: int) -> Clip:
         for k, (_, content, style) in enumerate(made.spans)
         if edges[k + 1] > edges[k]
     ]
+    if not all(part.captions for part in parts):
+        raise Unfit("no phrases")
     whole = parts[0].captions
     if len(parts) > 1:
         whole = tuple(
@@ -95,7 +101,7 @@ def clip_of(made: Made, figures: Quality, number: int) -> Clip:
         captions=tuple(dict.fromkeys(whole)),
         segments=tuple(parts) if len(parts) > 1 else (),
         mirror_allowed=allowed,
-        derived_from=first.id,
+        derived_from=SEPARATOR.join(dict.fromkeys(source.id for source in made.sources)),
         flags=tuple(sorted(flags | {f"derived-{made.kind}"})),
         figures=figures.rounded(),
         local_rotations=torch.from_numpy(made.motion.poses.quaternions).float(),
@@ -122,14 +128,13 @@ def make(
                 poses = made.motion.poses
                 if poses.num_frames < 30:
                     raise Unfit("too short")
+                figures = quality(skeleton, poses.quaternions, poses.root, fps)
+                if reason := fault(made, figures, skeleton):
+                    raise Unfit(reason)
+                made_clips.append(clip_of(made, figures, tries))
             except Unfit as error:
                 reason = f"{name}: {error}"
                 dropped[reason] = dropped.get(reason, 0) + 1
                 continue
-            figures = quality(skeleton, poses.quaternions, poses.root, fps)
-            if reason := fault(made, figures, skeleton):
-                dropped[f"{name}: {reason}"] = dropped.get(f"{name}: {reason}", 0) + 1
-                continue
-            made_clips.append(clip_of(made, figures, tries))
             frames += poses.num_frames
     return made_clips, dropped

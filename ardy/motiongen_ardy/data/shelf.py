@@ -15,6 +15,8 @@ from motiongen_ardy.data.replant import Replanted
 
 GESTURES = ("wave-", "raise-up-", "bow", "bye", "byebye")
 UNFIT_FLAGS = frozenset({"short", "uneven_ground", "root_travel", "fragment"})
+# Single clips of many people, each with a skeleton of its own: nothing is derived of them.
+UNFIT_DATASETS = frozenset({"cmu"})
 # Feet that are taken to stand may have shifted by this in the capture, metres.
 MAX_SHIFT_M = 0.06
 
@@ -46,11 +48,7 @@ class Shelf:
     cache: dict[str, Poses] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        good = [
-            clip
-            for clip in self.clips
-            if not set(clip.flags) & UNFIT_FLAGS and (clip.dataset.startswith("dataset") or clip.content == "idle")
-        ]
+        good = [clip for clip in self.clips if not set(clip.flags) & UNFIT_FLAGS and clip.dataset not in UNFIT_DATASETS]
         self.walks = [clip for clip in good if clip.content == "walk" and clip.num_frames >= 50]
         self.runs = [clip for clip in good if clip.content in ("run", "dash") and clip.num_frames >= 40]
         self.turns = [clip for clip in good if clip.content.startswith("walk-turn")]

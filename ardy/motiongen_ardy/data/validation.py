@@ -1,4 +1,4 @@
-"""The validation split: one train clip in 25, by a hash of its id, with all that was derived from it."""
+"""The validation split: one train capture in 25, by a hash of its id, with all that was derived from it."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from collections.abc import Mapping, Sequence
 
 SHARE = 25
 SEPARATOR = "+"
+CUT_MARK = "~cut"  # between the id of a capture and the number of a piece of it
 
 
 def is_validation(origins: Sequence[str]) -> bool:
     """Whether a clip belongs to validation. origins: the ids of the captured clips that it was made of.
 
-    A clip made of several belongs to it as soon as one of them does, so that training sees none of their frames.
+    A clip made of several belongs to it as soon as one of them does, so that training sees none of their frames. Pieces
+    of one capture belong together.
     """
-    return any(int(hashlib.sha1(f"validation:{one}".encode()).hexdigest(), 16) % SHARE == 0 for one in origins)
+    captures = {one.partition(CUT_MARK)[0] for one in origins}
+    return any(int(hashlib.sha1(f"validation:{one}".encode()).hexdigest(), 16) % SHARE == 0 for one in captures)
 
 
 def origins(clip_id: str, derived_from: Mapping[str, str]) -> list[str]:

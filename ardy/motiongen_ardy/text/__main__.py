@@ -1,6 +1,7 @@
 """Encode prompts into a file for servers: python -m motiongen_ardy.text IN.txt OUT.safetensors --encoder llm2vec
 
-A line of prompts.txt is an id, a tab and a prompt; or a prompt alone, which then is its own id.
+A line of prompts.txt is an id, a tab and a prompt; or a prompt alone, which then is its own id (of one longer than 64
+characters the beginning, with a hash). All lines, and where to write, are checked before anything is encoded.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from motiongen_ardy.text.loading import FORMS, load_text_encoder
-from motiongen_ardy.text.prompt_file import encode_prompts, write_prompt_file
+from motiongen_ardy.text.prompt_file import check_place, check_prompts, encode_prompts, id_of, write_prompt_file
 
 
 def read_lines(path: Path) -> list[tuple[str, str]]:
@@ -20,7 +21,8 @@ def read_lines(path: Path) -> list[tuple[str, str]]:
     for line in path.read_text(encoding="utf-8").splitlines():
         name, separator, prompt = line.partition("\t")
         if line.strip():
-            pairs.append((name.strip(), (prompt if separator else name).strip()))
+            text = (prompt if separator else name).strip()
+            pairs.append((name.strip() if separator else id_of(text), text))
     return pairs
 
 
@@ -38,8 +40,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     given = parser.parse_args(arguments)
     try:
+        lines = read_lines(given.prompts)
+        check_prompts([name for name, _ in lines], [text for _, text in lines])
+        check_place(given.out)
         encoder = load_text_encoder(given.encoder, given.width, given.device, given.precision)
-        prompts = encode_prompts(encoder, read_lines(given.prompts))
+        prompts = encode_prompts(encoder, lines)
         write_prompt_file(given.out, prompts)
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)

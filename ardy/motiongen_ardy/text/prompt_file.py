@@ -5,7 +5,10 @@ safetensors: the tensor `vectors` (N, W) float32, and in the metadata the encode
 
 from __future__ import annotations
 
+import hashlib
 import json
+import os
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,26 +50,48 @@ class PromptFile:
             )
         if self.vectors.dtype != np.float32 or not np.isfinite(self.vectors).all():
             raise PromptFileError("the vectors must be finite numbers in float32")
-        for what, values in (("id", self.ids), ("text", self.texts)):
-            if len(set(values)) < len(values):
-                raise PromptFileError(
-                    f"a {what} is there twice: {next(v for v in values if values.count(v) > 1)[:80]!r}"
-                )
-        for identifier in self.ids:
-            if not 0 < len(identifier) <= MAX_ID_CHARACTERS:
-                raise PromptFileError(f"the id {identifier[:80]!r} must have 1 to {MAX_ID_CHARACTERS} characters")
-        if any(is_blank(text) for text in self.texts):
-            raise PromptFileError("a prompt is blank; no prompt at all means the same")
+        check_prompts(self.ids, self.texts)
+
+
+def check_prompts(ids: Sequence[str], texts: Sequence[str]) -> None:
+    """Raise PromptFileError unless ids and texts can stand in a file: known before anything is encoded."""
+    for what, values in (("id", ids), ("text", texts)):
+        if len(set(values)) < len(values):
+            twice = next(value for value, count in Counter(values).items() if count > 1)
+            raise PromptFileError(f"a {what} is there twice: {twice[:80]!r}")
+    for identifier in ids:
+        if not 0 < len(identifier) <= MAX_ID_CHARACTERS:
+            raise PromptFileError(f"the id {identifier[:80]!r} must have 1 to {MAX_ID_CHARACTERS} characters")
+    if any(is_blank(text) for text in texts):
+        raise PromptFileError("a prompt is blank; no prompt at all means the same")
+
+
+def id_of(text: str) -> str:
+    """The id of a prompt that was given none: the prompt itself, of a long one the beginning and a hash of it all."""
+    if len(text) <= MAX_ID_CHARACTERS:
+        return text
+    mark = "~" + hashlib.sha256(text.encode()).hexdigest()[:8]
+    return text[: MAX_ID_CHARACTERS - len(mark)].rstrip() + mark
+
+
+def check_place(path: Path) -> None:
+    """Raise PromptFileError unless a file can be written there."""
+    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK | os.X_OK):
+        raise PromptFileError(f"{path} cannot be written: {path.parent} is no folder that can be written to")
+    if path.is_dir():
+        raise PromptFileError(f"{path} cannot be written: it is a folder")
 
 
 def encode_prompts(encoder: TextEncoder, prompts: Sequence[tuple[str, str]]) -> PromptFile:
-    """The pairs (id, text) with their vectors. Raises PromptFileError, and what the encoder raises."""
-    texts = tuple(text for _, text in prompts)
-    return PromptFile(encoder.identity, tuple(name for name, _ in prompts), texts, encoder.encode(texts))
+    """The pairs (id, text) with their vectors. Raises PromptFileError before encoding, and what the encoder raises."""
+    ids, texts = tuple(name for name, _ in prompts), tuple(text for _, text in prompts)
+    check_prompts(ids, texts)
+    return PromptFile(encoder.identity, ids, texts, encoder.encode(texts))
 
 
 def write_prompt_file(path: Path, prompts: PromptFile) -> None:
-    """Write it, in place of what is there."""
+    """Write it, in place of what is there. Raises PromptFileError where that cannot be."""
+    from safetensors import SafetensorError
     from safetensors.numpy import save_file
 
     metadata = {
@@ -75,7 +100,10 @@ def write_prompt_file(path: Path, prompts: PromptFile) -> None:
         "ids": json.dumps(prompts.ids),
         "texts": json.dumps(prompts.texts),
     }
-    save_file({"vectors": np.ascontiguousarray(prompts.vectors)}, path, metadata)
+    try:
+        save_file({"vectors": np.ascontiguousarray(prompts.vectors)}, path, metadata)
+    except (SafetensorError, OSError) as error:
+        raise PromptFileError(f"{path} cannot be written: {error}") from error
 
 
 def read_prompt_file(path: Path) -> PromptFile:

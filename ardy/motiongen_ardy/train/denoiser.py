@@ -7,7 +7,9 @@ that the model made itself, which is what it will start from when it serves.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import shutil
+import sys
 from collections.abc import Hashable, Sequence
 from pathlib import Path
 
@@ -23,7 +25,7 @@ from motiongen_ardy.model.tokenizer.model import Tokenizer
 from motiongen_ardy.text import load_text_encoder
 from motiongen_ardy.train.denoiser_loss import DenoiserLoss
 from motiongen_ardy.train.feature_bank import build_feature_bank, natural_layout
-from motiongen_ardy.train.loop import Trainer, distributed
+from motiongen_ardy.train.loop import ResumeError, Trainer, distributed
 from motiongen_ardy.train.loop_settings import LoopSettings, add_loop_arguments, loop_settings
 from motiongen_ardy.train.recipe import Recipe, read_recipe
 from motiongen_ardy.train.windows import OwnHistory, TrainingWindows, WindowSampler, WindowShape
@@ -40,6 +42,7 @@ class DenoiserTask:
         self.sampler = sampler
         self.files = recipe.files
         self.module = DenoiserLoss(model, recipe.loss)
+        self.fingerprint = "" if model.tokenizer is None else fingerprint_of(model.tokenizer)
 
     def kinds(self, progress: float) -> Sequence[tuple[Hashable, float]]:
         """The windows' shapes, and later in the training windows that start from the model's own motion."""
@@ -63,6 +66,15 @@ class DenoiserTask:
         save_checkpoint(Model(model.config, model.representation, averaged.denoiser, model.tokenizer), folder)
         for name, source in self.files:
             shutil.copyfile(source, folder / name)
+
+
+def fingerprint_of(tokenizer: Tokenizer) -> str:
+    """Tells a tokenizer from all others by its weights. Statistics of latents are measured anew at every export."""
+    digest = hashlib.sha256()
+    for name, tensor in sorted(tokenizer.state_dict().items()):
+        digest.update(f"{name} {tuple(tensor.shape)}".encode())
+        digest.update(tensor.detach().cpu().float().contiguous().numpy().tobytes())
+    return digest.hexdigest()
 
 
 def train_denoiser(
@@ -113,23 +125,28 @@ def starting_model(tokenizer: Tokenizer, recipe: Recipe, init: Path | None) -> M
     return model
 
 
-def main() -> None:
-    """Command line."""
+def main(given: Sequence[str] | None = None) -> int:
+    """Command line. Returns 0 when all steps are done, 3 when some are left, 2 for a run that cannot go on."""
     parser = argparse.ArgumentParser(prog="python -m motiongen_ardy.train.denoiser", description=__doc__)
     add_loop_arguments(parser, steps=60_000, learning_rate=5e-4, batch=64)
     parser.add_argument("--tokenizer", type=Path, required=True, help="folder of a trained tokenizer")
     parser.add_argument("--text-encoder", default="static", help="static, hashed or a folder (default %(default)s)")
     parser.add_argument("--config", type=Path, help="YAML with sections tokenizer, denoiser, model, loss")
     parser.add_argument("--init", type=Path, help="checkpoint folder whose denoiser the training starts from")
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(given)
     recipe = read_recipe(arguments.config)
     with distributed():  # before anything is put on a device: "cuda" is the device that this process has by then
         tokenizer = load_tokenizer(arguments.tokenizer, arguments.device)
         torch.manual_seed(arguments.seed)
         model = starting_model(tokenizer, recipe, arguments.init)
         dataset = MotionDataset.load(arguments.data, "train")
-        train_denoiser(model, dataset, arguments.text_encoder, loop_settings(arguments), arguments.batch, recipe)
+        settings = loop_settings(arguments)
+        try:
+            return train_denoiser(model, dataset, arguments.text_encoder, settings, arguments.batch, recipe).exit_code
+        except ResumeError as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 2
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -31,6 +31,7 @@ from motiongen_ardy.train.moving_average import MovingAverage
 from motiongen_ardy.train.optimizer import AdamAtan2, warmup_cosine
 
 STATE_FILE = "state.pt"
+UNFINISHED = 3
 
 
 WARM_UP_UPDATES = 3
@@ -46,10 +47,18 @@ STOP_EVERY = 10
 Batch = Any
 
 
+class ResumeError(ValueError):
+    """Raised for a run folder whose training cannot go on with what is given; the message says what to do."""
+
+
 class Task(Protocol):
-    """What is trained. `module(batch)` gives the total loss and its named parts."""
+    """What is trained. `module(batch)` gives the total loss and its named parts.
+
+    fingerprint: of what the module is trained on top of and does not change; "" where that is nothing.
+    """
 
     module: nn.Module
+    fingerprint: str
 
     def kinds(self, progress: float) -> Sequence[tuple[Hashable, float]]:
         """The kinds of batches, each of one shape, and how often each is drawn, at a share 0..1 of the training."""
@@ -119,6 +128,11 @@ class Trainer:
         if not path.exists():
             return
         state = torch.load(path, map_location="cpu", weights_only=True)
+        if state.get("fingerprint", self.task.fingerprint) != self.task.fingerprint:  # older states have none
+            raise ResumeError(
+                f"{path} is of a denoiser that began with another tokenizer, whose latents meant something else: give"
+                " that one, or another run folder, or delete this one to begin anew"
+            )
         self.task.module.load_state_dict(state["module"])
         self.averaged.load_state_dict(state["averaged"])
         self.optimizer.load_state_dict(state["optimizer"])
@@ -142,11 +156,17 @@ class Trainer:
             "averaged": self.averaged.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "step": self.step,
+            "fingerprint": self.task.fingerprint,
         }
         partial = self.settings.out / (STATE_FILE + ".partial")
         torch.save(state, partial)
         partial.replace(self.settings.out / STATE_FILE)
         self.task.export(copy.deepcopy(self.averaged.module).eval(), self.settings.out)
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command line: not 0 where steps are left, so that nothing is built upon what is unfinished."""
+        return UNFINISHED if self.step < self.settings.steps else 0
 
     def train_step(self) -> dict[str, Tensor]:
         """One batch, one update. Returns the named losses, which the next step may overwrite."""

@@ -16,6 +16,8 @@ from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
+from motiongen_ardy.capabilities import CAPABILITIES_FILE, read_capabilities
+from motiongen_ardy.checkpoint.files import CheckpointError
 from motiongen_ardy.data.dataset import Clip, DatasetError, MotionDataset
 from motiongen_ardy.text import load_text_encoder
 from motiongen_ardy.text.domain import DOMAIN_FILE, DomainError, best_threshold, make_domain, write_domain
@@ -70,6 +72,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--most", type=int, default=MOST_KEPT, help="captions to keep (default: %(default)s)")
     options = parser.parse_args(arguments)
     try:
+        if not read_capabilities(options.out).knows:  # a domain alone would make the folder one that nothing reads
+            raise CheckpointError(
+                f"{options.out} says nothing under knows in a {CAPABILITIES_FILE}, whose part this is"
+            )
         clips = MotionDataset.load(options.data, "train").clips
         labels = {part.content for clip in clips for part in (clip, *clip.segments)}
         if unknown := sorted(set(options.without) - labels):
@@ -82,7 +88,7 @@ def main(arguments: list[str] | None = None) -> int:
         near, far = (domain.distances(encoder.encode(texts)) for texts in (inside, outside))
         threshold, alarms, misses = best_threshold(near, far)
         write_domain(options.out / DOMAIN_FILE, replace(domain, threshold=threshold))
-    except (DatasetError, DomainError, UnknownTextEncoder, ConnectionError) as error:
+    except (CheckpointError, DatasetError, DomainError, UnknownTextEncoder, ConnectionError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     print(f"{len(domain.directions)} of {len(captions)} captions kept; threshold {threshold:.3f}")

@@ -20,6 +20,7 @@ import torch
 from motiongen_ardy.capabilities import DIRECTIONS, read_capabilities
 from motiongen_ardy.checkpoint.files import CheckpointError
 from motiongen_ardy.checkpoint.paces_file import PACES_FILE, write_paces
+from motiongen_ardy.checkpoint.sampling_file import SAMPLING_FILE
 from motiongen_ardy.data.dataset import Clip, DatasetError, MotionDataset
 from motiongen_ardy.model.sampling.paces import SPEED_FRAMES, PromptPaces
 from motiongen_ardy.text import load_text_encoder
@@ -75,6 +76,11 @@ def main(arguments: list[str] | None = None) -> int:
         dataset = MotionDataset.load(options.data, "train")
         measured = caption_speeds(dataset.clips, dataset.fps)
         captions = [text for text in known_captions(dataset.clips, MIN_CLIPS) if text in measured]
+        if not captions:
+            raise DomainError(
+                f"no label is shown by {MIN_CLIPS} captured clips or parts of clips, so no paces are known: "
+                f"set fit_prompts to false in {options.folder / SAMPLING_FILE}, if it is true there"
+            )
         encoder = load_text_encoder(options.text_encoder)
         vectors = encoder.encode(captions)
         mean, directions, kept = spread_out(vectors, options.most)

@@ -8,6 +8,7 @@ velocities, and rotations, of what is decoded, in world units. Positions alone w
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -103,6 +104,8 @@ class TokenizerLoss(nn.Module):
 class TokenizerTask:
     """Draws random crops, 1 to 10 s long, turned at random; exports weights with the latents' statistics."""
 
+    fingerprint = ""
+
     def __init__(self, config: TokenizerConfig, bank: FeatureBank, representation: Representation, batch: int) -> None:
         self.bank = bank
         self.representation = representation
@@ -177,16 +180,16 @@ def train_tokenizer(
         return trainer
 
 
-def main() -> None:
-    """Command line."""
+def main(given: Sequence[str] | None = None) -> int:
+    """Command line. Returns 0 when all steps are done, 3 when some are left."""
     parser = argparse.ArgumentParser(prog="python -m motiongen_ardy.train.tokenizer", description=__doc__)
     add_loop_arguments(parser, steps=30_000, learning_rate=1e-3, batch=64)
     parser.add_argument("--config", type=Path, help="YAML with sections tokenizer, denoiser, model, loss")
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(given)
     config = read_recipe(arguments.config).tokenizer
     dataset = MotionDataset.load(arguments.data, "train")
-    train_tokenizer(config, dataset, loop_settings(arguments), arguments.batch, arguments.device)
+    return train_tokenizer(config, dataset, loop_settings(arguments), arguments.batch, arguments.device).exit_code
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

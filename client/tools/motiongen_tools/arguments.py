@@ -21,6 +21,17 @@ def number_above_zero(text: str) -> float:
     return number
 
 
+def add_start_timeout(parser: argparse.ArgumentParser) -> None:
+    """The option of commands that may start a server of their own."""
+    parser.add_argument(
+        "--start-timeout",
+        type=number_above_zero,
+        metavar="SECONDS",
+        help="end the server that this starts if it is not ready by then (default: wait as long as it runs; the first "
+        "start of a model may have gigabytes to fetch)",
+    )
+
+
 def check_file_to_write(option: str, path: Path) -> None:
     """Find out before the work whether its file can be written; makes the folder. Raises InvalidInput."""
     check_folder_to_write(option, path.parent)

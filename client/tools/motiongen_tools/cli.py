@@ -21,6 +21,7 @@ from motiongen_tools import (
     cli_stream,
     cli_view,
 )
+from motiongen_tools.arguments import add_start_timeout
 from motiongen_tools.cli_script import AtAction, PromptAction, Script, check_generate, check_stream
 from motiongen_tools.connection import add_connection
 from motiongen_tools.demo import command
@@ -162,6 +163,7 @@ def _parser() -> argparse.ArgumentParser:
     bound = "what a waypoint may be missed by (default: %(default)s)"
     show.add_argument("--bound", type=_positive, default=PLACE_BOUND_M, metavar="METRES", help=bound)
     show.add_argument("--server", metavar="HOST:PORT", help="use this server instead of starting one")
+    add_start_timeout(show)
     add_connection(show)
 
     bench = commands.add_parser(

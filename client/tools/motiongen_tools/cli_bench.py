@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from motiongen_client.errors import InvalidInput, MissingExtra
-from motiongen_tools.arguments import check_folder_to_write, number_above_zero
+from motiongen_tools.arguments import add_start_timeout, check_folder_to_write, number_above_zero
 from motiongen_tools.bench import terminal
 from motiongen_tools.bench.load import Load
 from motiongen_tools.bench.report import write_report
@@ -23,7 +23,7 @@ from motiongen_tools.bench.run import run_load
 from motiongen_tools.bench.scenario import BUILT_IN, load_scenario
 from motiongen_tools.bench.search import Found, find_most
 from motiongen_tools.connection import connection_of
-from motiongen_tools.console import make_console
+from motiongen_tools.console import make_console, starting
 from motiongen_tools.server_process import ServerProcess
 
 VOID = 3  # exit code of a run whose figures do not count
@@ -85,6 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, default=Path("out/load"), metavar="FOLDER", help="of the report (default: %(default)s)"
     )
+    add_start_timeout(parser)
 
 
 async def bench(options: argparse.Namespace) -> int:
@@ -107,7 +108,9 @@ async def bench(options: argparse.Namespace) -> int:
     with contextlib.ExitStack() as stack:
         pid, ops_address = None, ""
         if options.start_server:
-            server = stack.enter_context(ServerProcess(options.server_arguments))
+            with starting(console, "starting a server") as tell:
+                own = ServerProcess(options.server_arguments, ready_timeout_s=options.start_timeout, tell=tell)
+                server = stack.enter_context(own)
             load, pid, ops_address = replace(load, address=server.address), server.pid, server.ops_address
         console.print(terminal.describe(load), soft_wrap=True)
 

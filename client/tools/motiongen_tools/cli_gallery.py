@@ -8,9 +8,9 @@ from pathlib import Path
 
 from motiongen_client.client import MotionClient
 from motiongen_client.types import Model
-from motiongen_tools.arguments import check_file_to_write
+from motiongen_tools.arguments import add_start_timeout, check_file_to_write
 from motiongen_tools.connection import PLAIN, connection_of
-from motiongen_tools.console import make_console
+from motiongen_tools.console import make_console, starting
 from motiongen_tools.gallery.asking import ask_all
 from motiongen_tools.gallery.evaluated import read_takes
 from motiongen_tools.gallery.page_file import Gallery, write_gallery
@@ -35,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, default=Path("gallery.html"), metavar="FILE", help="the page (default: %(default)s)"
     )
     parser.add_argument("--server", metavar="HOST:PORT", help="ask this server instead of starting one a model")
+    add_start_timeout(parser)
 
 
 async def gallery(options: argparse.Namespace) -> int:
@@ -49,9 +50,10 @@ async def gallery(options: argparse.Namespace) -> int:
         with contextlib.ExitStack() as stack:
             address, connection = options.server, connection_of(options)
             if address is None:
-                with console.status(f"starting a server with {model}"):
+                with starting(console, f"starting a server with {model}") as tell:
                     # nobody watches: as many clips at once as it can make, each with all of its steps
-                    one = ServerProcess(["--model", model, "--degrade", "false"])
+                    settings = ["--model", model, "--degrade", "false"]
+                    one = ServerProcess(settings, ready_timeout_s=options.start_timeout, tell=tell)
                     address, connection = stack.enter_context(one).address, PLAIN
             async with connection.client(address) as client:
                 asked = _model(client, model, is_own=options.server is None)

@@ -26,14 +26,13 @@ from motiongen_client.types import (
     SessionOptions,
 )
 from motiongen_tools.ardy_npz import read_ardy_npz, write_ardy_npz
-from motiongen_tools.arguments import check_file_to_write
+from motiongen_tools.arguments import add_start_timeout, check_file_to_write
 from motiongen_tools.bvh import write_bvh
 from motiongen_tools.cli_stream import parse_seconds, parse_waypoint
 from motiongen_tools.connection import client_of
-from motiongen_tools.console import make_console, make_table
+from motiongen_tools.console import make_console, make_table, starting
 from motiongen_tools.constraint_file import read_constraints
 from motiongen_tools.conversion import convert_file
-from motiongen_tools.npz import write_npz
 from motiongen_tools.server_process import ServerProcess
 
 # Longer ends first: the first that fits decides.
@@ -70,6 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rate-hz", type=_positive, metavar="N", help="rows a second of .controller.csv")
     parser.add_argument("--timeout", type=_positive, metavar="SECONDS", help="give up after so long")
     parser.add_argument("--model", default="", metavar="NAME", help="model of the catalogue (default: its first)")
+    add_start_timeout(parser)
 
 
 async def generate(options: argparse.Namespace) -> int:
@@ -82,8 +82,9 @@ async def generate(options: argparse.Namespace) -> int:
     with contextlib.ExitStack() as stack:
         address = options.server
         if options.start_server:
-            with console.status("starting a server"):
-                address = stack.enter_context(ServerProcess(options.server_arguments)).address
+            with starting(console, "starting a server") as tell:
+                server = ServerProcess(options.server_arguments, ready_timeout_s=options.start_timeout, tell=tell)
+                address = stack.enter_context(server).address
         async with client_of(options, address) as client:
             catalog = client.catalog
             model = catalog.model(options.model) if options.model else catalog.models[0]
@@ -177,7 +178,7 @@ def write_motion(path: Path, motion: Motion, text: str, rate_hz: float | None) -
     else:
         with tempfile.TemporaryDirectory() as folder:
             source = Path(folder) / "motion.npz"
-            write_npz(source, motion)
+            write_ardy_npz(source, motion, text)  # the client's own form has no place for the prompt
             is_controller = path.name.endswith(".controller.csv") and rate_hz is not None
             return convert_file(source, path, *(("--rate-hz", str(rate_hz)) if is_controller else ()))
     return []

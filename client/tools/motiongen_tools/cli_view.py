@@ -11,8 +11,9 @@ import webbrowser
 from pathlib import Path
 
 from motiongen_client.errors import InvalidInput, MissingExtra
+from motiongen_tools.arguments import add_start_timeout
 from motiongen_tools.connection import client_of
-from motiongen_tools.console import make_console
+from motiongen_tools.console import make_console, starting
 from motiongen_tools.server_process import ServerProcess
 
 DEFAULT_PORT = 8321
@@ -30,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--token", action="store_true", help="have tokens on loopback too")
     parser.add_argument("--open", action="store_true", help="open the page in a browser")
     parser.add_argument("--three", type=Path, metavar="FOLDER", help="the npm package three, if it is elsewhere")
+    add_start_timeout(parser)
 
 
 async def view(options: argparse.Namespace) -> int:
@@ -52,7 +54,9 @@ async def view(options: argparse.Namespace) -> int:
         stack.callback(listening.close)
         address = options.server
         if options.start_server:
-            address = stack.enter_context(ServerProcess([])).address
+            with starting(make_console(), "starting a server with the built-in model") as tell:
+                own = ServerProcess([], ready_timeout_s=options.start_timeout, tell=tell)
+                address = stack.enter_context(own).address
         bridge = Bridge(Line(lambda: client_of(options, address)))
         settings = uvicorn.Config(
             web_app(bridge, access, three), ws="websockets-sansio", log_config=None, access_log=False, lifespan="off",

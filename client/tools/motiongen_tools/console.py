@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from motiongen_client.errors import MissingExtra
@@ -33,6 +35,21 @@ def make_progress(console: Console) -> Progress:
         console=console,
         transient=True,
     )
+
+
+@contextlib.contextmanager
+def starting(console: Console, what: str) -> Iterator[Callable[[str], None]]:
+    """Show that something is being started. Gives a function that shows a line of its log below, as a sign of life."""
+    from rich.text import Text
+
+    with console.status(what) as status:
+
+        def tell(line: str) -> None:
+            shown = Text.from_ansi(line)
+            shown.truncate(console.width - 4, overflow="ellipsis")
+            status.update(Text(f"{what}\n  ").append_text(shown))
+
+        yield tell
 
 
 def make_table(title: str, *columns: str) -> Table:

@@ -41,9 +41,11 @@ def read_constraints(path: Path | str, rig: Rig, num_frames: int, max_path_frame
         if Path(path).stat().st_size > MAX_BYTES:
             raise InvalidInput("path", str(path), f"a file of at most {MAX_BYTES} bytes")
         entries = json.loads(Path(path).read_text(encoding="utf-8"))
+    except InvalidInput:
+        raise
     except OSError as error:
         raise InvalidInput("path", str(path), f"a file that can be read ({error.strerror})") from None
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # no text, no JSON, or a number of thousands of digits
         raise InvalidInput("path", str(path), f"a JSON list of constraints: {error}") from None
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         raise InvalidInput("path", str(path), "a JSON list of objects with type and frame_indices")

@@ -6,6 +6,7 @@ The server is another distribution and is run, never imported.
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -13,12 +14,14 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from motiongen_client.errors import MotiongenError
 
 _LOG_TAIL_LINES = 30
+_LAST_LINE_BYTES = 4096
+_LOOK_EVERY_S = 0.2
 
 
 class ServerFailed(MotiongenError):
@@ -33,15 +36,24 @@ class ServerProcess:
     """`python -m motiongen_server` as a child process. Use it as `with ServerProcess() as server`; it is ready then.
 
     arguments: further settings for the server, such as ["--denoise-steps", "10"]; `motiongen-server --help` lists them.
+    ready_timeout_s: end it if it is not ready by then; None: wait as long as it lives, as a first start may have
+    gigabytes to fetch. tell: told the last line of its log, by another thread, whenever that is another one.
     address: host:port of the service; ops_address: of health checks and metrics. ready_s: seconds from start to ready.
     """
 
-    def __init__(self, arguments: Sequence[str] = (), *, ready_timeout_s: float = 120.0) -> None:
+    def __init__(
+        self,
+        arguments: Sequence[str] = (),
+        *,
+        ready_timeout_s: float | None = None,
+        tell: Callable[[str], None] | None = None,
+    ) -> None:
         self._command = [
             sys.executable, "-m", "motiongen_server",
             "--host", "127.0.0.1", "--port", "0", "--ops-port", "0", "--print-ports", *arguments,
         ]  # fmt: skip
         self._ready_timeout_s = ready_timeout_s
+        self._tell = tell
         self._process: subprocess.Popen[str] | None = None
         self.address = ""
         self.ops_address = ""
@@ -103,6 +115,13 @@ class ServerProcess:
         text = self._log_path.read_text(encoding="utf-8", errors="replace")
         return "\n".join(text.splitlines()[-_LOG_TAIL_LINES:])
 
+    def _last_line(self) -> str:
+        """The last line of the log that says something; a progress bar's is what it shows now."""
+        with self._log_path.open("rb") as log:
+            log.seek(max(0, self._log_path.stat().st_size - _LAST_LINE_BYTES))
+            lines = log.read().decode("utf-8", errors="replace").splitlines()
+        return next((line.strip() for line in reversed(lines) if line.strip()), "")
+
     def __enter__(self) -> ServerProcess:
         return self.start()
 
@@ -114,22 +133,37 @@ class ServerProcess:
                 raise  # else what went wrong first is the news
 
     def _read_ports(self, process: subprocess.Popen[str]) -> dict[str, int]:
-        """The line the server prints once it is ready; a timer ends a server that never prints it."""
+        """The line printed once it is ready; a thread tells of the log meanwhile, and ends a server that is late."""
         assert process.stdout is not None
-        too_late = threading.Timer(self._ready_timeout_s, process.kill)
-        too_late.start()
+        over, late = threading.Event(), threading.Event()
+        watching = threading.Thread(target=self._watch, args=(process, over, late), daemon=True)
+        watching.start()
         try:
             line = process.stdout.readline()
         finally:
-            too_late.cancel()
+            over.set()
+            watching.join()
         if line:
             ports: dict[str, int] = json.loads(line)
             return ports
         code = process.wait()
-        if code == -signal.SIGKILL:
+        if late.is_set():
             what = f"the server was not ready within {self._ready_timeout_s:g} s"
         elif "No module named motiongen_server" in self.log_tail():
             what = f"the server is not installed in {os.path.basename(sys.executable)}: install motiongen-server"
         else:
             what = f"the server did not start (exit code {code})"
         raise ServerFailed(what, self.log_tail())
+
+    def _watch(self, process: subprocess.Popen[str], over: threading.Event, late: threading.Event) -> None:
+        """Until it is over: tell new last lines of the log, and kill a process that has had its time."""
+        most_s = math.inf if self._ready_timeout_s is None else self._ready_timeout_s
+        end_s, told = time.monotonic() + most_s, ""
+        while not over.wait(min(_LOOK_EVERY_S, most_s)):
+            if time.monotonic() >= end_s:
+                late.set()
+                process.kill()
+                return
+            if self._tell is not None and (line := self._last_line()) != told:
+                told = line
+                self._tell(line)

@@ -112,6 +112,32 @@ def test_an_end_effector_constrains_its_chain_and_the_root(layout: Any, pose: An
     torch.testing.assert_close(observed[0, first : first + 6], matrix_to_6d(rotations[0, chain[0]]))
 
 
+def test_a_limb_without_hips_is_as_far_from_its_root_wherever_that_shall_be(layout: Any, pose: Any) -> None:
+    rotations, positions = pose
+    plain, shifted, later, copied = (Targets(layout.skeleton) for _ in range(4))
+    plain.add_end_effectors([0], ["LeftHand"], positions, rotations)
+    shifted.add_end_effectors([0], ["LeftHand"], positions, rotations, torch.tensor([[-3.0, 4.0]]))
+    later.add_end_effectors([0], ["LeftHand"], positions, rotations)
+    later.add_waypoints([0], torch.tensor([[-3.0, 4.0]]))
+    copied.add_all(shifted.copy())
+    expected = plain.fill(layout, 0, 1)[0]
+    for targets in (shifted, later, copied):
+        assert columns(targets.fill(layout, 0, 1)[0] - expected, 0) == {0, 2}
+
+
+def test_a_root_of_another_pose_comes_before_that_of_a_limb_without_hips(layout: Any, pose: Any) -> None:
+    rotations, positions = pose
+    targets, expected = Targets(layout.skeleton), Targets(layout.skeleton)
+    moved = positions + torch.tensor([5.0, 0.0, 0.0])
+    targets.add_keyframes([0], moved)
+    targets.add_end_effectors([0], ["LeftHand"], positions, rotations)
+    expected.add_keyframes([0], moved)
+    chain = limb_chains(layout.skeleton)["LeftHand"]
+    expected.add_joints(0, chain, positions[0, list(chain)])
+    seen, told = (each.fill(layout, 0, 1)[0][:, layout.position_block] for each in (targets, expected))
+    assert torch.equal(seen, told)
+
+
 def test_any_joints_leave_the_heading_free(layout: Any, pose: Any) -> None:
     targets = Targets(layout.skeleton)
     targets.add_joints(0, [0, 5], pose[1][0, [0, 5]])

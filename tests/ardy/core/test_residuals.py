@@ -74,10 +74,11 @@ def test_a_turn_of_the_whole_is_off_by_the_turn(turn: float) -> None:
     assert measured.rotation_rad.mean == pytest.approx(abs(turn), abs=1e-3)
 
 
-def test_a_pose_asked_elsewhere_is_measured_there() -> None:
+@pytest.mark.parametrize("limbs", [None, ("LeftHand", "Hips"), ("LeftHand",)])
+def test_a_pose_asked_elsewhere_is_measured_there(limbs: tuple[str, ...] | None) -> None:
     pose = pose_constraint(MOTION, [5])
     there = MOTION.root_positions[[5]][:, [0, 2]] + torch.tensor([2.0, -1.0])
-    elsewhere = PoseConstraint(pose.frames, pose.rotation_vectors, pose.root_positions, None, there)
+    elsewhere = PoseConstraint(pose.frames, pose.rotation_vectors, pose.root_positions, limbs, there)
     reached = one(moved(MOTION, (2.0, 0.0, -1.0)), elsewhere)
     assert reached.position_m is not None
     assert reached.position_m.worst < 1e-4

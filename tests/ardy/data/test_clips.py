@@ -39,6 +39,13 @@ def test_a_clip_without_a_text_is_refused(tmp_path: Path) -> None:
         read_labels(labels_table(tmp_path / "bars.csv", "| |"))
 
 
+def test_an_id_with_the_sign_that_joins_ids_is_refused(tmp_path: Path) -> None:
+    path = labels_table(tmp_path / "plus.csv", "he walks")
+    path.write_text(path.read_text().replace("\na,", "\na+b,"))
+    with pytest.raises(LabelsError, match=r"line 2: id 'a\+b' has a \+"):
+        read_labels(path)
+
+
 @pytest.mark.parametrize(("skeleton", "fps"), [("g134", 20), ("core27", 25)])
 def test_a_model_of_another_skeleton_or_frame_rate_is_refused(skeleton: str, fps: int) -> None:
     dataset = swinging_dataset()

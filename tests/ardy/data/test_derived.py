@@ -59,12 +59,37 @@ def test_the_same_seed_gives_the_same_clips_and_says_of_what_they_are_made() -> 
     assert [entry.id for entry in made] == [entry.id for entry in again]
     assert all(torch.equal(a.root_positions, b.root_positions) for a, b in zip(made, again, strict=True))
     ids = {entry.id for entry in clips}
+    assert any("+" in entry.derived_from for entry in made), "a start is made of a walk and a stand"
     for entry in made:
-        assert entry.derived_from in ids
+        sources = entry.derived_from.split("+")
+        assert set(sources) <= ids
+        assert len(set(sources)) == len(sources)
+        assert entry.id.startswith(sources[0])
         assert any(flag.startswith("derived-") for flag in entry.flags)
         if entry.segments:
             assert sum(part.length for part in entry.segments) == entry.num_frames
             assert entry.segments[0].start == 0
+
+
+@pytest.mark.parametrize("dataset", ["", "mine", "dataset-1"])
+def test_captures_of_any_name_are_drawn_from(dataset: str) -> None:
+    named = [dataclasses.replace(entry, dataset=dataset) for entry in captures()]
+    shelf = Shelf(CORE, FPS, named, np.random.default_rng(0))
+    assert [len(kind) for kind in (shelf.walks, shelf.runs, shelf.gestures, shelf.stands)] == [3, 1, 1, 1]
+
+
+def test_what_is_known_to_be_unfit_is_not_drawn_from() -> None:
+    walk = captures()[0]
+    unfit = [dataclasses.replace(walk, dataset="cmu"), dataclasses.replace(walk, flags=("uneven_ground",))]
+    assert Shelf(CORE, FPS, unfit, np.random.default_rng(0)).walks == []
+
+
+def test_a_label_without_phrases_makes_no_clip_and_is_counted() -> None:
+    named = [dataclasses.replace(entry, content="raise-up-a-flag") for entry in captures()[-1:]]
+    made, dropped = make([*captures()[:-1], *named], CORE, FPS, 5, 0.01)
+    assert dropped["transition: no phrases"]
+    assert all(entry.captions and all(part.captions for part in entry.segments) for entry in made)
+    assert not any("flag" in entry.content for entry in made)
 
 
 def test_nothing_turns_left_in_the_style_kept_for_the_test() -> None:

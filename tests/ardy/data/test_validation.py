@@ -34,5 +34,15 @@ def test_derived_clips_follow_what_they_were_made_of() -> None:
     }
 
 
+def test_pieces_of_a_capture_stay_together() -> None:
+    held = next(one for one in IDS if is_validation([one]))
+    free = next(one for one in IDS if not is_validation([one]))
+    pieces = {one: [f"{one}~cut{number}" for number in range(1, 100)] for one in (held, free)}
+    made = {f"{piece}~start1": piece for piece in pieces[held]}
+    cut = with_validation(dict.fromkeys([*pieces[held], *pieces[free], *made], "train"), made)
+    assert {cut[piece] for piece in (*pieces[held], *made)} == {"validation"}
+    assert {cut[piece] for piece in pieces[free]} == {"train"}
+
+
 def test_a_ring_of_derivations_ends() -> None:
     assert origins("a", {"a": "b", "b": "a"}) == []

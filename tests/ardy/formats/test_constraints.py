@@ -171,6 +171,8 @@ def test_frames_beyond_the_clip_are_refused() -> None:
         (b"\xff\xfe[]", "not UTF-8"),
         (b"[" * 100_000, "nested too deeply"),
         (b'[{"type": "root2d", "type": "fullbody"}]', "'type' twice"),
+        # with a look at all names for each of them this would take minutes
+        (b"[{" + b",".join(b'"%d": 0' % (number % 200_000) for number in range(200_001)) + b"}]", "'0' twice"),
         (b'[{"type": "root2d", "frame_indices": [0], "root_2d": [[NaN, 0]]}]', "the number NaN"),
         (b'[{"type": "root2d", "frame_indices": [0], "root_2d": [[1e999, 0]]}]', "NaN or infinite"),
         (b"[" + b"9" * 5000 + b"]", "not JSON"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from safetensors.numpy import save_file
 
 from motiongen_ardy.text import HashedTextEncoder, TextWidthMismatch, load_text_encoder
 from motiongen_ardy.text.__main__ import main
-from motiongen_ardy.text.encoder import PromptNotEncoded
+from motiongen_ardy.text.encoder import PromptNotEncoded, Vectors
 from motiongen_ardy.text.prompt_file import FORMAT, PromptFileError, encode_prompts, read_prompt_file, write_prompt_file
 
 PROMPTS = [("wave", "a person waves"), ("walk", "a person walks, déjà vu")]
@@ -72,6 +73,55 @@ def test_the_command_says_what_is_wrong(
     assert main([str(tmp_path / "prompts.txt"), str(tmp_path / "out"), *options]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+class NeverAsked(HashedTextEncoder):
+    def encode(self, texts: Sequence[str]) -> Vectors:
+        raise AssertionError(f"{len(texts)} prompts were encoded")
+
+
+@pytest.mark.parametrize(
+    ("lines", "out", "said"),
+    [
+        ("a person waves\na person waves\n", "out", "there twice"),
+        ("wave\ta person waves\nwalk\ta person waves\n", "out", "a text is there twice"),
+        ("wave\t \n", "out", "blank"),
+        ("x" * 65 + "\ta person waves\n", "out", "1 to 64 characters"),
+        ("\ta person waves\n", "out", "1 to 64 characters"),
+        ("wave\n", "none/out", "none is no folder"),
+        ("wave\n", ".", "it is a folder"),
+    ],
+)
+def test_nothing_is_encoded_that_could_not_be_written(
+    lines: str, out: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("motiongen_ardy.text.__main__.load_text_encoder", lambda *_: NeverAsked(4))
+    (tmp_path / "prompts.txt").write_text(lines)
+    assert main([str(tmp_path / "prompts.txt"), str(tmp_path / out)]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_wrong_prompts_are_refused_before_they_are_encoded() -> None:
+    with pytest.raises(PromptFileError, match="there twice"):
+        encode_prompts(NeverAsked(4), [("wave", "a"), ("wave", "b")])
+
+
+def test_long_prompts_alone_have_short_ids_of_their_own(tmp_path: Path) -> None:
+    start = "a person walks forward, stops, looks around and then goes on " * 2
+    (tmp_path / "prompts.txt").write_text(f"{start}slowly\n{start}fast\n{'x' * 64}\n")
+    out = tmp_path / "out.safetensors"
+    assert main([str(tmp_path / "prompts.txt"), str(out), "--encoder", "hashed", "--width", "5"]) == 0
+    prompts = read_prompt_file(out)
+    assert prompts.texts == (f"{start}slowly", f"{start}fast", "x" * 64)
+    assert all(
+        len(name) <= 64 and text.startswith(name[:50]) for name, text in zip(prompts.ids, prompts.texts, strict=True)
+    )
+    assert prompts.ids[2] == "x" * 64
+
+
+def test_a_disk_that_takes_nothing_is_told(path: Path, tmp_path: Path) -> None:
+    with pytest.raises(PromptFileError, match="cannot be written"):
+        write_prompt_file(tmp_path / "none" / "out", read_prompt_file(path))
 
 
 GOOD = {"format": FORMAT, "text_encoder": "e", "ids": '["a", "b"]', "texts": '["A", "B"]'}

@@ -13,6 +13,7 @@ from motiongen_ardy.model.config import TokenizerConfig, TransformerConfig
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
 from motiongen_ardy.model.rollout import RolloutRequest, rollout
 from motiongen_ardy.train.denoiser import denoiser_of, train_denoiser
+from motiongen_ardy.train.loop import STATE_FILE, UNFINISHED, ResumeError
 from motiongen_ardy.train.loop_settings import LoopSettings
 from motiongen_ardy.train.recipe import MINI_DENOISER
 from motiongen_ardy.train.tokenizer import train_tokenizer
@@ -51,10 +52,34 @@ def test_a_finished_run_is_not_trained_further(settings: LoopSettings) -> None:
     train_tokenizer(TOKENIZER, dataset, settings, batch=2)
     again = train_tokenizer(TOKENIZER, dataset, settings, batch=2)
     assert again.step == settings.steps
+    assert again.exit_code == 0
+
+
+def test_a_denoiser_does_not_go_on_with_another_tokenizer(settings: LoopSettings) -> None:
+    dataset = swinging_dataset()
+    train_tokenizer(TOKENIZER, dataset, replace(settings, steps=2), batch=2)
+    denoising = replace(settings, out=settings.out / "denoiser", steps=1)
+    config = replace(MINI_DENOISER, transformer=SMALL, latent_dim=8, text_dim=8)
+
+    def go_on(steps: int) -> int:
+        model = denoiser_of(load_tokenizer(settings.out), config, horizon=16)
+        return train_denoiser(model, dataset, "hashed", replace(denoising, steps=steps), batch=2).step
+
+    assert go_on(1) == 1
+    train_tokenizer(TOKENIZER, dataset, replace(settings, steps=2), batch=2)  # done already: its weights stay
+    assert go_on(2) == 2
+    train_tokenizer(TOKENIZER, dataset, replace(settings, steps=8), batch=2)
+    with pytest.raises(ResumeError, match="began with another tokenizer"):
+        go_on(3)
+    state = torch.load(denoising.out / STATE_FILE, weights_only=True)
+    del state["fingerprint"]
+    torch.save(state, denoising.out / STATE_FILE)
+    assert go_on(3) == 3, "states of before have no fingerprint"
 
 
 def test_it_stops_when_asked_and_has_saved(settings: LoopSettings) -> None:
     trainer = train_tokenizer(TOKENIZER, swinging_dataset(), replace(settings, steps=10_000, minutes=0.01), batch=2)
     assert 0 < trainer.step < 10_000
+    assert trainer.exit_code == UNFINISHED
     assert (settings.out / "state.pt").exists()
     assert load_tokenizer(settings.out).config == TOKENIZER

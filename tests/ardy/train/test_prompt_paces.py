@@ -61,6 +61,10 @@ def test_the_command_writes_what_a_checkpoint_reads(tmp_path: Path, capsys: pyte
     found = paces.of(torch.from_numpy(load_text_encoder("static").encode(["a person walks forward"]))[0])
     assert found == pytest.approx((1.2, 1.2), abs=0.01)
     assert main([str(tmp_path / "none"), str(folder)]) == 2
+    MotionDataset(load_skeleton("core27"), 20.0, tuple(clips[9:15])).save(tmp_path / "few")
+    capsys.readouterr()
+    assert main([str(tmp_path / "few"), str(folder)]) == 2
+    assert "set fit_prompts to false" in capsys.readouterr().err
 
 
 def test_the_built_in_model_knows_how_fast_its_prompts_go() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -10,7 +12,7 @@ from motiongen_client.errors import InvalidInput
 
 def check_tolerance(tolerance_m: float | None, tolerance_rad: float | None) -> None:
     """Raise InvalidInput unless both are numbers that may be, or None."""
-    if tolerance_m is not None and not (np.isfinite(tolerance_m) and tolerance_m >= 0):
+    if tolerance_m is not None and not (_is_finite(tolerance_m) and tolerance_m >= 0):
         raise InvalidInput("tolerance_m", tolerance_m, "finite metres, 0 or more, or None")
     if tolerance_rad is not None and not 0 <= tolerance_rad <= np.pi:
         raise InvalidInput("tolerance_rad", tolerance_rad, "radians, 0 to pi, or None")
@@ -18,8 +20,15 @@ def check_tolerance(tolerance_m: float | None, tolerance_rad: float | None) -> N
 
 def check_finite(name: str, value: float) -> None:
     """Raise InvalidInput unless `value` is a finite number."""
-    if not isinstance(value, int | float | np.number) or not np.isfinite(value):
+    if not isinstance(value, int | float | np.number) or not _is_finite(value):
         raise InvalidInput(name, value, "a finite number")
+
+
+def _is_finite(value: float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number that no float can hold
+        return False
 
 
 def check_frame(name: str, value: int) -> None:
@@ -36,6 +45,8 @@ def as_array(name: str, values: ArrayLike, shape: tuple[int | None, ...]) -> NDA
         array = np.asarray(values, dtype=np.float32)
     except (TypeError, ValueError):
         raise InvalidInput(name, values, allowed) from None
+    except OverflowError:
+        raise InvalidInput(name, "a whole number that no float can hold", allowed) from None
     fits = array.ndim == len(shape) and all(w in (None, s) for w, s in zip(shape, array.shape, strict=True))
     if not fits:
         raise InvalidInput(name, f"shape {array.shape}", allowed)

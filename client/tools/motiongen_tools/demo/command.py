@@ -15,7 +15,7 @@ from motiongen_client.client import MotionClient
 from motiongen_client.errors import MissingExtra, MotiongenError
 from motiongen_tools.bvh import write_bvh
 from motiongen_tools.connection import PLAIN, connection_of
-from motiongen_tools.console import make_console, make_progress
+from motiongen_tools.console import make_console, make_progress, starting
 from motiongen_tools.demo.play import Take, close, open_cast, play
 from motiongen_tools.demo.report import missed_places, print_report
 from motiongen_tools.demo.script import CAST
@@ -32,11 +32,12 @@ async def demo(options: argparse.Namespace) -> int:
     with contextlib.ExitStack() as stack:
         address, problems, connection = options.server, [], connection_of(options)
         if address is None:
-            with console.status("starting the server with the built-in model"):
+            with starting(console, "starting the server with the built-in model") as tell:
                 # Played this fast, the cast would look like a crowd that has to make do with fewer steps; and as
                 # nothing is shown in real time, a slow machine only takes longer.
                 settings = ["--degrade", "false", "--admit-load", "1000", "--playback-rate", "1000"]
-                server = stack.enter_context(ServerProcess(settings))
+                own = ServerProcess(settings, ready_timeout_s=options.start_timeout, tell=tell)
+                server = stack.enter_context(own)
             console.print(f"server ready on {server.address} after {server.ready_s:.1f} s (process {server.pid})")
             address, connection = server.address, PLAIN
         try:

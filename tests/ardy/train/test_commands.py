@@ -1,0 +1,132 @@
+"""The commands of `make train-mini`, one after another: what comes of them is a folder that everything can load."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from motiongen_ardy.capabilities import read_capabilities
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.core.skeleton import load_skeleton
+from motiongen_ardy.data.dataset import MotionDataset
+from motiongen_ardy.train import denoiser, prompt_domain, prompt_paces, tokenizer
+from motiongen_ardy.train.loop import UNFINISHED
+from tests.ardy.train.clips import swinging_clip
+from tests.conftest import ROOT
+
+SMALL = "transformer: {width: 16, feed_forward: 32, num_layers: 1, num_heads: 2}"
+RECIPE = f"tokenizer: {{latent_dim: 8, levels: 16, {SMALL}}}\ndenoiser: {{{SMALL}}}\nmodel: {{horizon: 16}}\n"
+FILES = "files: {sampling.yaml: mini-sampling.yaml, capabilities.yaml: mini-capabilities.yaml}\n"
+LAST_TWO = ["prompt_paces", "prompt_domain"]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A set that shows two contents in eight clips each, and nobody who bows."""
+    folder = tmp_path_factory.mktemp("data")
+    texts = ("a person stands still", "a person walks forward")
+    clips = [replace(swinging_clip(number, 60), captions=(texts[number % 2],)) for number in range(16)]
+    MotionDataset(load_skeleton("core27"), 20.0, tuple(clips)).save(folder)
+    return folder
+
+
+def trained(data: Path, folder: Path, recipe: str) -> Path:
+    """A checkpoint folder of two steps of both parts; a second call stops in the middle first."""
+    for file in prompt_domain.CONFIGS.glob("mini-*.yaml"):
+        shutil.copy(file, folder)
+    (folder / "recipe.yaml").write_text(recipe)
+    options = ["--config", str(folder / "recipe.yaml"), "--steps", "2", "--batch", "2", "--float32", "--device", "cpu"]
+    first, second = str(folder / "tokenizer"), str(folder / "denoiser")
+    assert tokenizer.main([str(data), first, *options, "--minutes", "1e-9"]) == UNFINISHED
+    assert tokenizer.main([str(data), first, *options]) == 0
+    assert denoiser.main([str(data), second, "--tokenizer", first, *options, "--minutes", "1e-9"]) == UNFINISHED
+    assert denoiser.main([str(data), second, "--tokenizer", first, *options]) == 0
+    return folder / "denoiser"
+
+
+def test_captures_of_ones_own_become_a_model_that_loads(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = trained(data, tmp_path, RECIPE + FILES)
+    assert prompt_paces.main([str(data), str(folder)]) == 0
+    assert load_checkpoint(folder).paces is not None
+    assert prompt_domain.main([str(data), str(folder), "--without", "bow"]) == 2
+    assert "no such label; it has stand, walk" in capsys.readouterr().err
+    assert prompt_domain.main([str(data), str(folder)]) == 0
+    assert read_capabilities(folder).domain is not None
+
+
+def test_a_recipe_without_files_becomes_a_model_that_loads_and_claims_nothing(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = trained(data, tmp_path, RECIPE)
+    assert prompt_domain.main([str(data), str(folder)]) == 2
+    assert "says nothing under knows in a capabilities.yaml" in capsys.readouterr().err
+    assert prompt_paces.main([str(data), str(folder)]) == 2
+    assert load_checkpoint(folder).paces is None
+    assert not read_capabilities(folder).forms
+
+
+def test_a_denoiser_of_another_tokenizer_is_refused_with_a_message(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trained(data, tmp_path, RECIPE)
+    options = ["--config", str(tmp_path / "recipe.yaml"), "--steps", "2", "--batch", "2", "--float32", "--seed", "1"]
+    assert tokenizer.main([str(data), str(tmp_path / "other"), *options]) == 0
+    line = [str(data), str(tmp_path / "denoiser"), "--tokenizer", str(tmp_path / "other"), *options]
+    assert denoiser.main(line) == 2
+    assert "error: " in (said := capsys.readouterr().err)
+    assert "began with another tokenizer" in said
+
+
+def made(tmp_path: Path, code: int, *variables: str) -> tuple[list[list[str]], subprocess.CompletedProcess[str]]:
+    """What `make train-mini` runs, with a program in place of Python that ends the tokenizer with `code`."""
+    program, log = tmp_path / "python", tmp_path / "log"
+    program.write_text(f'#!/bin/sh\necho "$@" >> {log}\ncase "$2" in *.tokenizer) exit {code};; esac\n')
+    program.chmod(0o755)
+    named = (f"PYTHON={program}", f"RUN={tmp_path / 'run'}", f"READY={program}", *variables)
+    command = ["make", "--old-file", str(program), "train-mini", *named]
+    plain = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}
+    done = subprocess.run(command, cwd=ROOT, env=plain, capture_output=True, text=True, check=False)
+    lines = [shlex.split(line)[1:] for line in log.read_text().splitlines()]
+    return [[line[0].rpartition(".")[2], *line[1:]] for line in lines], done
+
+
+@pytest.fixture
+def claims(tmp_path: Path) -> None:
+    (tmp_path / "run" / "denoiser").mkdir(parents=True)
+    (tmp_path / "run" / "denoiser" / "capabilities.yaml").touch()
+
+
+@pytest.mark.usefixtures("claims")
+def test_make_names_labels_only_where_they_are_given_and_the_encoder_where_it_is_needed(tmp_path: Path) -> None:
+    lines, done = made(tmp_path, 0, "TEXT_ENCODER=mine", "ARGS=--steps 2")
+    assert done.returncode == 0, done.stderr
+    assert [line[0] for line in lines] == ["tokenizer", "denoiser", *LAST_TWO]
+    assert [("--text-encoder mine" in " ".join(line), "--steps" in line) for line in lines] == [
+        (False, True), (True, True), (True, False), (True, False)
+    ]  # fmt: skip
+    assert not any("--without" in line for line in lines)
+    (tmp_path / "log").unlink()
+    lines, done = made(tmp_path, 0, "UNLEARNED=bow jump")
+    assert lines[3][-3:] == ["--without", "bow", "jump"]
+
+
+def test_make_says_why_it_makes_nothing_of_prompts_without_capabilities(tmp_path: Path) -> None:
+    lines, done = made(tmp_path, 0, "RECIPE=mine.yaml")
+    assert done.returncode == 0, done.stderr
+    assert [line[0] for line in lines] == ["tokenizer", "denoiser"]
+    assert "the files of mine.yaml have no capabilities.yaml" in done.stdout
+
+
+@pytest.mark.usefixtures("claims")
+def test_make_builds_nothing_upon_what_is_unfinished(tmp_path: Path) -> None:
+    lines, done = made(tmp_path, UNFINISHED)
+    assert done.returncode != 0
+    assert [line[0] for line in lines] == ["tokenizer"]

@@ -97,6 +97,11 @@ class OtherServers:
                 _log.warning("what room other servers have is not known: %s", error)
             self._is_away = True
             return
+        except Exception:  # without this thread no other server would know of this one any more
+            if not self._is_away:
+                _log.exception("what room other servers have is not known")
+            self._is_away = True
+            return
         self._known, self._known_at, self._is_away = known, self._clock(), False
 
     def _work(self) -> None:

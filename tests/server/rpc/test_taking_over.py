@@ -23,7 +23,6 @@ from motiongen_server.rpc.durability import Durability, lease_of
 from motiongen_server.rpc.limits import Limits, PeerLimits
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.session_entry import Carrier
-from motiongen_server.rpc.sparing_log import SparingLog
 from motiongen_server.rpc.taking_over import adopted, claimed
 from motiongen_server.snapshots.record import write_record
 from motiongen_server.snapshots.sqlite_store import SqliteStore
@@ -92,9 +91,10 @@ async def test_who_may_does(durability: Durability, store: SqliteStore) -> None:
 async def test_who_makes_up_tokens_fills_no_log(
     durability: Durability, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    now, name = [0.0], "motiongen_server.rpc.taking_over"
-    monkeypatch.setattr(taking_over, "_log", SparingLog(logging.getLogger(name), lambda: now[0]))
-    caplog.set_level(logging.INFO, name)
+    now = [0.0]
+    monkeypatch.setattr(taking_over._log, "_clock", lambda: now[0])
+    monkeypatch.setattr(taking_over._log, "_quiet_until", 0.0)
+    caplog.set_level(logging.INFO, taking_over.__name__)
     opening, peer, models = resuming(9), Peer(PeerLimits(), 0.0, "studio"), of_model("fake")
     opening.resume_token = "made up"
     for _ in range(1000):

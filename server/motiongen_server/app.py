@@ -289,7 +289,7 @@ class Application:
         await asyncio.to_thread(self._service.write_last_snapshots)
         await self._stop_engines()
         await self.stop_ops()
-        self._factory.close()
+        await asyncio.to_thread(self._factory.close)  # an encoder in this process may be at work
         _log.info("stopped%s", " after the engine failed" if failed else "")
         return 1 if failed else 0
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 
 from motiongen_server.processor_quota import quota_cores, quota_use
@@ -32,6 +33,7 @@ KERNELS_KEPT = {"ONEDNN_PRIMITIVE_CACHE_CAPACITY": "192", "LRU_CACHE_CAPACITY": 
 in each thread, of 0.3 where the product has gone; an operator's own setting holds. What has gone is made anew: a
 product in 0.3 ms, a description in 0.02. Both are full after some minutes, so that memory does not grow from then on.
 """
+CUDA_VISIBLE = "CUDA_VISIBLE_DEVICES"
 _CPU = re.compile(r"cpu:(\d{1,4})(?:x(\d{1,4}))?")
 _CUDA = re.compile(r"cuda:(\d{1,3}|all)")
 _PROBE = "import torch; print(torch.cuda.device_count() if torch.cuda.is_available() else 0)"
@@ -52,10 +54,20 @@ class EngineDevice:
         kept["OMP_NUM_THREADS"] = str(self.threads)
         if self.kind != "cuda":
             return kept
-        visible = [name for name in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if name]
         # One device to a process: it can then neither fill the memory of another nor fail with it.
-        chosen = visible[self.index] if self.index < len(visible) else str(self.index)
-        return {**kept, "CUDA_VISIBLE_DEVICES": chosen}
+        return {**kept, CUDA_VISIBLE: self.cuda_name()}
+
+    def cuda_name(self) -> str:
+        """Of a CUDA device, for the driver. Raises SettingError where this process's environment shows none of it."""
+        visible = _visible_cuda()
+        if visible is None:
+            return str(self.index)
+        if self.index >= len(visible):
+            raise SettingError(
+                f"devices has {self}, counted from 0 among the {len(visible)} that {CUDA_VISIBLE} shows; it is "
+                f"{os.environ[CUDA_VISIBLE]!r}"
+            )
+        return visible[self.index]
 
     def __str__(self) -> str:
         return f"cuda:{self.index}" if self.kind == "cuda" else f"cpu x {self.threads}"
@@ -76,8 +88,24 @@ def devices_of(given: str, count_cuda: Callable[[], int] | None = None) -> tuple
     if not given:
         cuda = count()
         given = "cuda:all" if cuda else f"cpu:{min(usable_cores(), MOST_BY_DEFAULT)}"
-        return _parsed(given, lambda: cuda)
-    return _parsed(given, count)
+        devices = _parsed(given, lambda: cuda)
+    else:
+        devices = _parsed(given, count)
+    for device in devices:
+        if device.kind == "cuda":
+            device.cuda_name()  # that there is none is said at once, not by an engine process that does not start
+    return devices
+
+
+def _visible_cuda() -> tuple[str, ...] | None:
+    """What the environment has this process see, by names that the driver knows; None where it says nothing of it.
+
+    As CUDA reads it: what comes after one that is no device is not seen, and neither is any where it is empty.
+    """
+    said = os.environ.get(CUDA_VISIBLE)
+    if said is None:
+        return None
+    return tuple(takewhile(lambda name: name and not name.startswith("-"), (name.strip() for name in said.split(","))))
 
 
 def _parsed(given: str, count_cuda: Callable[[], int]) -> tuple[EngineDevice, ...]:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import asyncio
 import socket
 import threading
+from collections.abc import Sequence
 from typing import Any
 
 import grpc
 import grpc.aio
+import numpy as np
 import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
+from numpy.typing import NDArray
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_compliance.talk import Talk
@@ -19,7 +22,7 @@ from motiongen_server.settings import SettingError
 from tests.contract.local import LengthEncoder
 from tests.server.application import NOT_SERVING, SERVING, SlowLoad, application_of, config, get, load
 from tests.server.engine.fakes import FACTS
-from tests.server.in_process import ENGINE, InProcessEngines
+from tests.server.in_process import ENGINE, InProcessEngines, in_process
 from tests.waiting import LIMIT_S, until_true
 
 
@@ -99,6 +102,35 @@ async def test_engines_that_are_being_made_when_it_is_asked_to_stop_are_ended_to
             await starting
         await application.stop_ops()
     assert log == ["stop", "join"]
+
+
+class SlowEncoder(LengthEncoder):
+    """Encodes until the event loop has heard that it is to end."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        self.begun, self._may_end = asyncio.Event(), threading.Event()
+        self.has_been_let = False
+
+    def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
+        self._loop.call_soon_threadsafe(self.begun.set)
+        self.has_been_let = self._may_end.wait(LIMIT_S / 4)
+        return super().encode(texts)
+
+    def close(self) -> None:
+        self._loop.call_soon_threadsafe(self._may_end.set)
+
+
+async def test_the_event_loop_goes_on_while_an_encoder_at_work_is_waited_for() -> None:
+    encoder = SlowEncoder()
+    async with asyncio.timeout(LIMIT_S):
+        application = Application(config(), in_process(load, encoder))
+        await application.start()
+        asking = asyncio.create_task(application._manager.kept[0].prompts.encode("a person walks"))
+        await encoder.begun.wait()
+        assert await application.drain() == 0
+        assert encoder.has_been_let
+        await asking
 
 
 async def test_a_client_that_does_not_read_does_not_hold_up_the_end() -> None:

@@ -75,6 +75,28 @@ def test_an_engine_process_sees_its_own_device_only(monkeypatch: pytest.MonkeyPa
     assert EngineDevice("cpu", 0, 3).environment() == {"OMP_NUM_THREADS": "3", **KERNELS_KEPT}
 
 
+@pytest.mark.parametrize(
+    ("visible", "given", "number"), [("2,3", "cuda:0,cuda:2", 2), ("", "cuda:0", 0), ("4,-1,5", "cuda:1", 1)]
+)
+def test_a_device_beyond_those_that_the_environment_shows_is_refused(
+    visible: str, given: str, number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible)
+    with pytest.raises(SettingError, match=rf"cuda:{number}.* CUDA_VISIBLE_DEVICES shows"):
+        devices_of(given, lambda: 0)
+    with pytest.raises(SettingError, match="CUDA_VISIBLE_DEVICES shows"):
+        EngineDevice("cuda", number, 1).environment()
+    check_devices(given)  # what is no mistake of the setting alone
+
+
+def test_those_that_the_environment_shows_are_named_to_the_driver_as_it_names_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "2, GPU-5f")
+    found = [device.environment()["CUDA_VISIBLE_DEVICES"] for device in devices_of("cuda:all", lambda: 2)]
+    assert found == ["2", "GPU-5f"]
+
+
 def test_an_operator_says_how_many_kernels_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in KERNELS_KEPT:
         monkeypatch.setenv(name, "4096")

@@ -56,7 +56,7 @@ class RunningWindows:
             max_rows,
             failed=lambda job_id, why: failed(self._owners[job_id], why),
             begins=self._begin_elsewhere,
-            spent=None if lease.quota is None else lease.quota.spent_s,
+            lease=lease,
         )
 
     def __len__(self) -> int:
@@ -77,8 +77,8 @@ class RunningWindows:
         return self._executor.prices()
 
     def wake_at(self) -> float:
-        """When the scheduler wants to be asked again though nothing has come in."""
-        return self._scheduler.wake_at()
+        """When to step again though nothing has come in: as the scheduler says, or for a background held back."""
+        return min(self._scheduler.wake_at(), self._executor.held_until)
 
     def features(self, rows: Float32Array) -> Float32Array | None:
         """The features (H, D) of a client's frames (H, row_width); None where the model can make none of them."""

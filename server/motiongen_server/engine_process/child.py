@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import signal
 import subprocess
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
 from motiongen_server.engine_process import signals
 
+_log = logging.getLogger(__name__)
+
 END_S = 5.0
 """How long an engine process that has said its last may take to end."""
+KILL_S = 5.0
+"""How long one that was killed is waited for: what waits for a device or a disk in the kernel does not die yet."""
 
 
 class Child(Protocol):
@@ -29,7 +35,10 @@ class Child(Protocol):
         """At once, from any thread."""
 
     def end(self, patience_s: float) -> str:
-        """Wait for its end, kill it where that does not come, and say how it ended."""
+        """Wait for its end, kill it where that does not come, and say how it ended.
+
+        Nobody waits longer than `KILL_S` for one that has been killed.
+        """
 
     def close(self) -> None:
         """After `end`."""
@@ -72,14 +81,23 @@ class FreshChild:
             self._process.kill()
 
     def end(self, patience_s: float) -> str:
-        try:
-            code = self._process.wait(patience_s)
-        except subprocess.TimeoutExpired:
+        code = self._code_within(patience_s)
+        if code is None:
             self.kill()
-            code = self._process.wait()
+            code = self._code_within(KILL_S)
         if self._process.stdin is not None:
             self._process.stdin.close()
+        if code is None:
+            # Whenever it ends, its number is given back.
+            threading.Thread(target=self._process.wait, name=f"reap-{self.pid}", daemon=True).start()
+            return left_behind(self.pid)
         return how_it_ended(code)
+
+    def _code_within(self, patience_s: float) -> int | None:
+        try:
+            return self._process.wait(patience_s)
+        except subprocess.TimeoutExpired:
+            return None
 
     def close(self) -> None:
         os.close(self._death)
@@ -88,3 +106,9 @@ class FreshChild:
 def how_it_ended(code: int) -> str:
     """code: an exit code, or below 0 the number of a signal."""
     return f"killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+
+
+def left_behind(pid: int) -> str:
+    """What is said of a process that was killed and has not died."""
+    _log.error("process %d was killed and is still there after %g s: nobody waits for it any longer", pid, KILL_S)
+    return f"was killed, but is still there: process {pid}"

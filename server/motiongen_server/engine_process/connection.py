@@ -63,6 +63,7 @@ class Connection:
         self._bell = bell
         self._is_stopping = is_stopping
         self._has_died = False
+        self._has_left = False  # its sockets are gone; it may have died, of which its descriptor tells
         said: list[zmq.Socket[bytes] | int] = [self._end.back, bell.fileno(), self._child.fileno()]
         self._news = poller_of(said)
         self._news_or_room = poller_of(said, self._end.events)
@@ -82,18 +83,33 @@ class Connection:
         if not 0 <= apart_s < CLOCK_TOLERANCE_S:
             raise EngineLost(f"the engine process's monotonic clock is {apart_s:g} s from this one's")
         for socket in (self._end.events, self._end.ahead):
-            socket.send(TO_ENGINE.encode(message))
+            self._send_first(socket, message)
         self._await(TO_GATEWAY, Joined)
         self._end.seal()
+
+    def _send_first(self, socket: zmq.Socket[bytes], message: Begin) -> None:
+        """Once it has connected there, which may be after its greeting came."""
+        ends_at = time.monotonic() + GREETING_S
+        connected_or_died = poller_of([self._bell.fileno(), self._child.fileno()], socket)
+        while not socket.poll(0, zmq.POLLOUT):
+            self._check_patience(ends_at, "has not connected")
+            ready = connected_or_died.poll(500)
+            self._bell.quiet()
+            if any(each == self._child.fileno() for each, _ in ready):
+                raise EngineLost(f"the engine process {self._child.end(END_S)} before it was ready")
+        self._push(socket, message)
+
+    def _check_patience(self, ends_at: float, what: str) -> None:
+        if self._is_stopping():
+            raise Stopped
+        if time.monotonic() > ends_at:
+            raise EngineLost(f"the engine process {what} within {GREETING_S:g} s")
 
     def _await(self, codec: Codec[Any], kind: type[Any]) -> Any:
         """The next message, of this kind."""
         ends_at = time.monotonic() + GREETING_S
         while (data := self._receive()) is None:
-            if self._is_stopping():
-                raise Stopped
-            if time.monotonic() > ends_at:
-                raise EngineLost(f"the engine process said no {kind.__name__} within {GREETING_S:g} s")
+            self._check_patience(ends_at, f"said no {kind.__name__}")
             self.wait(0.5, for_room=False)
             self._bell.quiet()
             if self._has_died and (data := self._receive(LAST_READ_MS)) is None:
@@ -115,12 +131,18 @@ class Connection:
         return bool(self._end.events.poll(0, zmq.POLLOUT))
 
     def send(self, events: Events) -> None:
-        """While there is room."""
-        self._end.events.send(TO_ENGINE.encode(events), zmq.NOBLOCK)
+        """While there is room. Where it has died nothing is sent, and `next_message` says so."""
+        self._push(self._end.events, events)
 
     def send_ahead(self, message: ToEngine) -> None:
-        """Past the events that wait."""
-        self._end.ahead.send(TO_ENGINE.encode(message))
+        """Past the events that wait. Where it has died nothing is sent, and `next_message` says so."""
+        self._push(self._end.ahead, message)
+
+    def _push(self, socket: zmq.Socket[bytes], message: ToEngine) -> None:
+        try:
+            socket.send(TO_ENGINE.encode(message), zmq.NOBLOCK)
+        except zmq.Again:  # there was room, so there is nobody; to wait would be to wait for ever
+            self._has_left = True
 
     def wait(self, timeout_s: float, for_room: bool) -> None:
         """Until it says something or dies, the bell rings, or (for_room) it takes events again."""
@@ -130,10 +152,11 @@ class Connection:
     def next_message(self) -> ToGateway | None:
         """What it said next; None if there is nothing now. Raises EngineLost for what is no message, or its death."""
         data = self._receive()
-        if data is None and self._has_died:
+        if data is None and (self._has_died or self._has_left):
             data = self._receive(LAST_READ_MS)
             if data is None:
-                raise EngineLost(f"the engine process {self._child.end(END_S)}")
+                how = self._child.end(END_S) if self._has_died else "takes no messages any more"
+                raise EngineLost(f"the engine process {how}")
         if data is None:
             return None
         message: ToGateway = _decoded(TO_GATEWAY, data)

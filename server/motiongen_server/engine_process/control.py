@@ -5,7 +5,9 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 
+from motiongen_server.engine_process.connection import Connection
 from motiongen_server.engine_process.messages import EncodeTexts, Load, Stop, ToEngine, Unload
 from motiongen_server.engine_process.model_link import ModelLink
 
@@ -53,6 +55,8 @@ class ControlQueue:
                 self._unsent.append(Unload(link.slot))
                 return True
             self._links.pop(link.slot, None)
+            with suppress(ValueError):  # the engine process may be loading it already
+                self._unsent.remove(Load(link.slot, link.source))
             return False
 
     def remove(self, link: ModelLink) -> None:
@@ -60,18 +64,21 @@ class ControlQueue:
         with self._lock:
             self._links.pop(link.slot, None)
 
-    def serve_text(self, told_first: Callable[[], Sequence[ToEngine]]) -> None:
-        """told_first: what this process and each after it is told about prompts."""
+    def serve_text(self, told_first: Callable[[], Sequence[ToEngine]]) -> bool:
+        """told_first: what this process and each after it is told about prompts. False where none will be."""
         with self._lock:
             self._told_first = told_first
             self._unsent += told_first()
+            return not self._is_closed
 
     # ---- what there is to say ---------------------------------------------------------------------------------------
 
-    def tell(self, message: ToEngine) -> None:
-        """Have a message sent ahead of events."""
+    def tell(self, message: ToEngine) -> bool:
+        """Have a message sent ahead of events. False where no process will come any more to take it."""
         with self._lock:
-            self._unsent.append(message)
+            if not self._is_closed:
+                self._unsent.append(message)
+            return not self._is_closed
 
     def stop(self) -> None:
         """Have the process end, and load nothing more."""
@@ -85,6 +92,20 @@ class ControlQueue:
             unsent = tuple(self._unsent)
             self._unsent.clear()
             return unsent
+
+    def send(self, connection: Connection) -> bool:
+        """Send what waits and there is room for. True if events are left. On the engine process's own thread."""
+        control = self.take()
+        is_waiting = False
+        for link in self:
+            if link.has_events and connection.has_room and (events := link.take_events()) is not None:
+                connection.send(events)
+            is_waiting |= link.has_events
+            for close in link.take_closes():
+                connection.send_ahead(close)
+        for message in control:
+            connection.send_ahead(message)
+        return is_waiting
 
     # ---- one process after the other --------------------------------------------------------------------------------
 

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from motiongen_server.engine_process import signals
-from motiongen_server.engine_process.child import how_it_ended
+from motiongen_server.engine_process.child import KILL_S, how_it_ended, left_behind
 from motiongen_server.engine_process.fork_server import NUMBER_BYTES
 
 FORK_SERVER = (sys.executable, "-m", "motiongen_server.engine_process.fork_server")
@@ -53,16 +53,17 @@ class ForkedChild:
     def end(self, patience_s: float) -> str:
         if not self._has_died(patience_s):
             self.kill()
-            self._has_died(None)
-        code = _told_number(self._told, None)
+            if not self._has_died(KILL_S):
+                return left_behind(self._pid)  # its fork server waits for it
+        code = _told_number(self._told, KILL_S)
         return "ended after what it was forked from" if code is None else how_it_ended(code)
 
     def close(self) -> None:
         for descriptor in (self._lifeline, self._death, self._told):
             os.close(descriptor)
 
-    def _has_died(self, patience_s: float | None) -> bool:
-        """Waits for it so long, None for as long as it takes."""
+    def _has_died(self, patience_s: float) -> bool:
+        """Waits for it so long."""
         return _can_be_read(self._death, patience_s)
 
 
@@ -139,7 +140,7 @@ class ForkServerLink:
             self._process.wait()
 
 
-def _told_number(told: int, patience_s: float | None) -> int | None:
+def _told_number(told: int, patience_s: float) -> int | None:
     """The next number from a fork server; None where none comes in time, or ever."""
     if not _can_be_read(told, patience_s):
         return None
@@ -147,7 +148,7 @@ def _told_number(told: int, patience_s: float | None) -> int | None:
     return int.from_bytes(data, "little", signed=True) if data else None
 
 
-def _can_be_read(descriptor: int, patience_s: float | None) -> bool:
+def _can_be_read(descriptor: int, patience_s: float) -> bool:
     poll = select.poll()  # `select.select` takes small descriptors only
     poll.register(descriptor, select.POLLIN)
-    return bool(poll.poll(None if patience_s is None else 1000 * patience_s))
+    return bool(poll.poll(1000 * patience_s))

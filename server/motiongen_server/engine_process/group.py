@@ -127,8 +127,13 @@ class EngineGroup:
         free = [member for member in self._members if member[1].is_up]
         if not free:  # one was lost since
             return refused_without_engine(event)
-        is_clip = event.spec.is_clip
-        _, link = min(free, key=lambda member: _taken(member[0], member[1], is_clip))
+        is_clip, priority = event.spec.is_clip, event.spec.priority
+
+        def taken(member: tuple[EngineProcess, ModelLink]) -> tuple[bool, int, int, int]:
+            # What an engine has told of is what it would refuse by; clips are let in wherever there is a place.
+            return not is_clip and priority in member[1].full, *_taken(*member, is_clip)
+
+        _, link = min(free, key=taken)
         return link.submit(event)
 
     def drain(self) -> None:

@@ -11,6 +11,7 @@ from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.mailbox import Mailbox, pending_refusal
 from motiongen_server.engine.ports import Deliver, Observe
 from motiongen_server.engine.types import (
+    Closed,
     CloseReason,
     Event,
     Open,
@@ -19,9 +20,11 @@ from motiongen_server.engine.types import (
     Playhead,
     Priority,
     Resume,
+    ServiceTier,
     SessionKey,
     StepsOf,
 )
+from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine_process.ledger import Ledger, engine_restarting
 from motiongen_server.engine_process.messages import TO_GATEWAY, CloseAhead, Events, Pulse, Ready
 
@@ -181,6 +184,10 @@ class ModelLink:
             outputs = self._ledger.end_all(reason, message)
         if outputs:
             self._deliver(outputs)
+        if self.observe is not None:  # what the engine said last is no longer so, and it will not say that
+            closes = [output.reason for output in outputs if isinstance(output, Closed)]
+            tiers = dict.fromkeys(Priority, ServiceTier.FULL)
+            self.observe(StepReport(sessions={}, load=0.0, asked=0.0, tiers=tiers, closes=closes))
 
     def end(self, error: Exception | None = None) -> None:
         """It is held no more. error: why it never was."""

@@ -144,7 +144,7 @@ def start_engine_processes(
     """The engine processes that the settings ask for. Raises SettingError where there are no such devices."""
 
     def observer_of(model_id: str, engine: str) -> Observe:
-        return metrics.of_engine(model_id, engine).observe
+        return metrics.of_engine(model_id, engine).observer()
 
     pool = EnginePool(config, devices_of(config.devices), deliver, observer_of, command)
     for process in pool.processes:

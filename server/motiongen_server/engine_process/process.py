@@ -24,10 +24,12 @@ from motiongen_server.engine_process.messages import (
     Ready,
     ToEngine,
     ToGateway,
+    Unload,
     Unloaded,
 )
 from motiongen_server.engine_process.model_link import ModelLink
 from motiongen_server.engine_process.restarts import REST_S, Restarts
+from motiongen_server.engine_process.silence import Silence
 from motiongen_server.ops.memory import resident_bytes
 from motiongen_server.settings import SettingError
 
@@ -136,13 +138,15 @@ class EngineProcess:
     ) -> None:
         """Encode prompts too. on_begin: what each new process is told; take: what it answers; on_loss: it is gone."""
         self._take_text, self._on_loss = take, on_loss
-        self._control.serve_text(on_begin)
+        if not self._control.serve_text(on_begin):
+            on_loss()
         self._bell.ring()
 
-    def tell(self, message: ToEngine) -> None:
-        """Send a message ahead of events."""
-        self._control.tell(message)
+    def tell(self, message: ToEngine) -> bool:
+        """Send a message ahead of events. False where no process will take one any more."""
+        is_taken = self._control.tell(message)
         self._bell.ring()
+        return is_taken
 
     def drain(self) -> None:
         """Start no more engine processes."""
@@ -153,9 +157,8 @@ class EngineProcess:
         self._is_draining = True
         self._stopping.set()
         self._control.stop()
-        connection = self._connection
-        if connection is not None and self._control.is_loading:
-            connection.kill()
+        if self._control.is_loading:
+            self._kill()
         self._bell.ring()
 
     def join(self, timeout_s: float) -> bool:
@@ -178,7 +181,7 @@ class EngineProcess:
                 self._serve(self._begin())
                 break
             except Stopped:
-                self._close()
+                self._kill()
                 break
             except (EngineLost, SettingError, OSError) as lost:
                 error = lost
@@ -188,9 +191,10 @@ class EngineProcess:
             self._lose(error)
             if not self._stopping.is_set() and not self._may_start_again(error):
                 break
-        self._close(END_S)
         for link in self._control.close():
             link.end(error or EngineLost("the server is going away"))
+        self._on_loss()
+        self._close(END_S)
 
     def _begin(self) -> Connection:
         connection = Connection(self._start_child, self._bell, self._stopping.is_set, self.device.environment())
@@ -202,24 +206,18 @@ class EngineProcess:
 
     def _serve(self, connection: Connection) -> None:
         """Carry events there and outputs back. Returns after Stop; raises EngineLost when the process is lost."""
-        looked_at = time.monotonic()
+        silence = Silence(self._control, 2 * TICK_S)
         while True:
-            connection.wait(TICK_S, for_room=self._send(connection))
+            connection.wait(TICK_S, for_room=self._control.send(connection))
             self._bell.quiet()
-            now = time.monotonic()
-            # Not by the clock alone: when this process was stopped for a while, the engine process is not to blame.
-            passed_s, looked_at = min(now - looked_at, 2 * TICK_S), now
-            links = tuple(self._control)
-            for link in links:
-                link.silent_s = link.silent_s + passed_s if link.is_up else 0.0
+            silence.look()
             while (message := connection.next_message()) is not None:
                 if isinstance(message, Ended):
                     if message.error:
                         raise EngineLost(message.error)
                     return
                 self._take(message)
-            silent_s = max((link.silent_s for link in links), default=0.0)
-            if silent_s > self._hung_s:
+            if (silent_s := silence.longest_s) > self._hung_s:
                 raise EngineLost(f"an engine of the process has said nothing for {silent_s:.1f} s")
 
     def _take(self, message: ToGateway) -> None:
@@ -229,9 +227,13 @@ class EngineProcess:
             return
         if not isinstance(message, Outputs | Pulse | Ready | Unloaded):
             raise EngineLost(f"the engine process said {type(message).__name__} while it served")
-        link = self._control.get(message.slot)
-        if link is None:
-            return
+        if (link := self._control.get(message.slot)) is not None:
+            self._take_of(link, message)
+        if isinstance(message, Ready) and self._control.get(message.slot) is None:
+            # It was given up while it was loaded anew: nobody else would have it unloaded.
+            self.tell(Unload(message.slot))
+
+    def _take_of(self, link: ModelLink, message: Outputs | Pulse | Ready | Unloaded) -> None:
         if isinstance(message, Outputs):
             link.take_outputs(message.outputs)
         elif isinstance(message, Pulse):
@@ -253,32 +255,22 @@ class EngineProcess:
             self._failure = None
             _log.info("engine %s serves %s again, process %s", self.name, message.facts.model_id, self.pid)
 
-    def _send(self, connection: Connection) -> bool:
-        """Send what waits and there is room for. True if events are left."""
-        control = self._control.take()
-        is_waiting = False
-        for link in self._control:
-            if link.has_events and connection.has_room and (events := link.take_events()) is not None:
-                connection.send(events)
-            is_waiting |= link.has_events
-            for close in link.take_closes():
-                connection.send_ahead(close)
-        for message in control:
-            connection.send_ahead(message)
-        return is_waiting
-
     # ---- loss -------------------------------------------------------------------------------------------------------
 
     def _lose(self, error: Exception) -> None:
-        """Kill what may be left of the process, end its sessions, and let go of what it never held, or no more."""
+        """Kill what may be left of the process, end its sessions, and let go of what it never held, or no more.
+
+        Its sessions hear of it before anybody waits for its end: what hangs in a driver does not die at once.
+        """
         if not self._stopping.is_set():
             _log.error("lost engine process %s with %d sessions: %s", self.name, self.num_sessions, error)
-        self._close()
+        self._kill()
         for link in self._control.lose():
             link.end(error)
         for link in self._control:
             link.lose(CloseReason.ENGINE_FAULT, "the server's engine was lost; open a new session")
         self._on_loss()
+        self._close()
 
     def _may_start_again(self, error: Exception) -> bool:
         """Wait for as long as is wise before another process is started. False where there is to be none."""
@@ -292,6 +284,10 @@ class EngineProcess:
             _log.error("%s; it rests for %g s", self._failure, wait_s)
         self._stopping.wait(wait_s)
         return not self._is_draining
+
+    def _kill(self) -> None:
+        if (connection := self._connection) is not None:
+            connection.kill()
 
     def _close(self, patience_s: float = 0.0) -> None:
         connection, self._connection = self._connection, None

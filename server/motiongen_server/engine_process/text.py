@@ -47,8 +47,9 @@ class EngineTextEncoder:
         number, answer = next(self._numbers), Future[Float32Array]()
         with self._lock:
             self._waiting[number] = answer
-        self._process.tell(EncodeTexts(number, tuple(texts)))
         try:
+            if not self._process.tell(EncodeTexts(number, tuple(texts))):
+                raise EncoderLost("the text encoder has ended")
             return answer.result(self._timeout_s)
         except TimeoutError:
             raise EncoderLost(f"the text encoder takes longer than {self._timeout_s:g} s") from None
@@ -84,10 +85,12 @@ class EngineTextEncoder:
             self._break_off("the text encoder could not be loaded again")
 
     def _lose(self) -> None:
-        """The engine process is gone; the next one loads the encoder again."""
+        """The engine process is gone; if there is a next one, it loads the encoder again."""
         self._is_missing = False
         self._break_off("the text encoder is being started anew")
-        if not self._ready.done():
+        with self._lock:
+            if self._ready.done():
+                return
             self._ready.set_exception(SettingError("the engine process was lost while it loaded the text encoder"))
 
     def _break_off(self, why: str) -> None:

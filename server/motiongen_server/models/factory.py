@@ -70,6 +70,7 @@ class ModelFactory:
         self._engines: Engines | None = None
         self._encoders: dict[int, TextEncoder] = {}
         self._prompts: dict[tuple[str, int], PromptEncoder] = {}
+        self._served: set[str] = set()  # models by their ids
 
     def use(self, engines: Engines) -> None:
         """Compute there; before anything is loaded."""
@@ -82,6 +83,7 @@ class ModelFactory:
         prompts = self._prompts_for(parts.encoder, facts)
         for preset in parts.repertoire.presets:
             prompts.remember(preset.text, preset.embedding)
+        self._served.add(facts.model_id)
         self._metrics.build.labels(facts.model_id, facts.rig.rig_id).set(1)
         catalog = make_catalog(self._config, facts, parts.engine.licence, parts.encoder.identity, parts.repertoire)
         return LoadedModel(source, parts.engine, prompts, catalog, parts.engine.licence)
@@ -99,11 +101,14 @@ class ModelFactory:
             return _Parts(engine, encoder, load_repertoire(self._config, encoder, engine.facts, engine.abilities))
         except Exception:
             engine.stop()
+            if engine.facts.model_id not in self._served:  # else its metrics are those of the one that is
+                self._metrics.forget_model(engine.facts.model_id)
             raise
 
     def forget(self, model: LoadedModel) -> None:
         """Measure nothing more of a model that has been unloaded."""
         facts = model.catalog.facts
+        self._served.discard(facts.model_id)
         self._metrics.build.remove(facts.model_id, facts.rig.rig_id)
         self._metrics.forget_model(facts.model_id)
 

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import partial
+from typing import TypeVar
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Metric
 from prometheus_client.registry import Collector
 from prometheus_client.samples import Sample
 
+from motiongen_server.engine.ports import Observe
 from motiongen_server.engine.types import Code, PlayState, Priority, ServiceTier
 from motiongen_server.engine.types.report import StepReport
+
+T = TypeVar("T")
 
 LATENCY_BUCKETS = (0.005, 0.01, 0.02, 0.03, 0.05, 0.075, 0.1, 0.15, 0.25, 0.5, 1.0, 2.5)
 STEP_BUCKETS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
@@ -91,11 +96,19 @@ class EngineMetrics:
             "motiongen_service_tier", "What a class is served: 1 all, 2 fewer steps, 3 no guidance, 5 a held pose.",
             ["class"], registry=registry,
         )  # fmt: skip
-        self._set_sessions({})
-        self._set_tiers(dict.fromkeys(Priority, ServiceTier.FULL))
+        # By who reports: while a model is loaded anew there are two, of whom one has fewer and fewer sessions.
+        self._sessions: dict[object, Mapping[tuple[Priority, PlayState], int]] = {}
+        self._loads: dict[object, float] = {}
+        self._tiers: dict[object, Mapping[Priority, ServiceTier]] = {}
+        self._set_sessions()
+        self._set_tiers()
 
-    def observe(self, report: StepReport) -> None:
-        """Count what one engine step did; called on the engine's thread."""
+    def observer(self) -> Observe:
+        """For the reports of one engine; others may report beside it."""
+        return partial(self.observe, source=object())
+
+    def observe(self, report: StepReport, source: object = None) -> None:
+        """Count what one engine step did; called on the engine's thread. source: which engine's."""
         if report.rows:
             self.batch_rows.observe(report.rows)
             self.step_seconds.labels(str(report.bucket)).observe(report.step_seconds)
@@ -128,28 +141,43 @@ class EngineMetrics:
         self.soft_resets.inc(report.soft_resets)
         self.held.inc(report.frames_held)
         if report.load is not None:
-            self.load.set(report.load)
+            _put(self._loads, source, report.load, report.load > 0)
+            self.load.set(max(self._loads.values(), default=0.0))
         if report.tiers is not None:
-            self._set_tiers(report.tiers)
-        self._count_sessions(report)
+            _put(self._tiers, source, report.tiers, any(tier > ServiceTier.FULL for tier in report.tiers.values()))
+            self._set_tiers()
+        self._count_sessions(report, source)
 
-    def _count_sessions(self, report: StepReport) -> None:
+    def _count_sessions(self, report: StepReport, source: object) -> None:
         for code in report.opens:
             self.opens.labels(Code(code).name).inc()
         for reason in report.closes:
             self.closes.labels(reason.name).inc()
         if report.sessions is not None:
-            self._set_sessions(report.sessions)
+            _put(self._sessions, source, report.sessions, any(report.sessions.values()))
+            self._set_sessions()
 
-    def _set_tiers(self, tiers: Mapping[Priority, ServiceTier]) -> None:
-        for priority, tier in tiers.items():
-            self.tier.labels(priority.name).set(tier.value)
+    def _set_tiers(self) -> None:
+        said = tuple(self._tiers.values())
+        for priority in Priority:
+            worst = max((tiers.get(priority, ServiceTier.FULL) for tiers in said), default=ServiceTier.FULL)
+            self.tier.labels(priority.name).set(worst.value)
 
-    def _set_sessions(self, counts: Mapping[tuple[Priority, PlayState], int]) -> None:
+    def _set_sessions(self) -> None:
         # All of them, 0 too: a series that comes and goes makes gaps, and clearing first would race with a scrape.
+        said = tuple(self._sessions.values())
         for priority in Priority:
             for state in PlayState:
-                self.sessions.labels(priority.name, state.name).set(counts.get((priority, state), 0))
+                count = sum(counts.get((priority, state), 0) for counts in said)
+                self.sessions.labels(priority.name, state.name).set(count)
+
+
+def _put(said: dict[object, T], source: object, what: T, is_something: bool) -> None:
+    """Keep what an engine has said last; of one that says that there is nothing, nothing is kept."""
+    if is_something:
+        said[source] = what
+    else:
+        said.pop(source, None)
 
 
 class ByEngine(Collector):

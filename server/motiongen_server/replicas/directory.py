@@ -100,7 +100,7 @@ def read_replica(name: str, text: bytes) -> Replica | None:
         said: Any = json.loads(text)
         address, key, free = said["address"], said["key"], said["free"]
         shares = {str(model): float(share) for model, share in free.items()}
-    except (ValueError, TypeError, KeyError, AttributeError):
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
         return None
     if not all(isinstance(each, str) and len(each) <= MOST_CHARACTERS for each in (address, key)):
         return None

@@ -89,12 +89,17 @@ class OtherServers:
 
     def exchange(self) -> None:
         """Tell of this server, and learn of others."""
-        own = Replica(self._name, self._address, self._routing_key, self._free_shares())
         try:
+            own = Replica(self._name, self._address, self._routing_key, self._free_shares())
             known = self._directory.exchange(own)
         except StoreFailed as error:
             if not self._is_away:
                 _log.warning("what room other servers have is not known: %s", error)
+            self._is_away = True
+            return
+        except Exception:  # without this thread no other server would know of this one any more
+            if not self._is_away:
+                _log.exception("what room other servers have is not known")
             self._is_away = True
             return
         self._known, self._known_at, self._is_away = known, self._clock(), False
@@ -110,6 +115,6 @@ class OtherServers:
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(2 * EVERY_S)
-        with suppress(StoreFailed):
+        with suppress(Exception):  # then it is forgotten in a moment
             self._directory.leave(self._name)
         self._directory.close()

@@ -14,10 +14,11 @@ from motiongen_server.rpc.durability import Durability, NotKept
 from motiongen_server.rpc.event_errors import events_not_saved, resume_superseded, session_not_kept
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.session_entry import Carrier, SessionEntry
+from motiongen_server.rpc.sparing_log import SparingLog
 from motiongen_server.rpc.token_bucket import TokenBucket
 from motiongen_server.snapshots.record import SessionRecord
 
-_log = logging.getLogger(__name__)
+_log = SparingLog(logging.getLogger(__name__))  # any client can make tokens up
 
 
 async def claimed(

@@ -15,8 +15,17 @@ CALL_S = 0.5
 
 
 def open_client(url: str) -> redis.Redis:
-    """Connections are made when they are needed, and anew when they break. Raises ValueError for no address of one."""
-    return redis.Redis.from_url(url, socket_timeout=CALL_S, socket_connect_timeout=CALL_S, health_check_interval=0)
+    """Connections are made when they are needed, and anew when they break.
+
+    Raises ValueError for no address of one, and for options in it that no connection takes.
+    """
+    client = redis.Redis.from_url(url, socket_timeout=CALL_S, socket_connect_timeout=CALL_S, health_check_interval=0)
+    pool = client.connection_pool
+    try:
+        pool.connection_class(**pool.connection_kwargs)  # connects to nobody; else the first call would find out
+    except (TypeError, redis.RedisError) as error:
+        raise ValueError(f"{name_of(url)} is given an option that no connection takes: {error}") from error
+    return client
 
 
 def name_of(url: str) -> str:

@@ -15,12 +15,15 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import NamedTuple, Protocol
+from functools import partial
+from typing import NamedTuple, Protocol, TypeVar
 
 from motiongen_server.snapshots.record import RecordRefused, SessionRecord, write_record
 from motiongen_server.snapshots.store import Held, Lease, Renewal, SnapshotStore, StoreFailed
 
 _log = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 MOST_AT_ONCE = 64
 """Records in one call of the store, so that the first of many is durable soon."""
@@ -32,6 +35,8 @@ MAX_LAG_S = 2.0
 MOST_DROPPED = 4096
 TAKERS = 4
 LAST_WRITES_S = 2.0
+NO_SESSION = "none"
+"""A name of no record: those of sessions are hashes."""
 NICENESS = 5
 """Of the writer's thread, above its process's: where all cores are at work, whoever answers clients goes first."""
 
@@ -97,6 +102,11 @@ class SnapshotWriter:
             oldest = min((since for _, since in self._waiting.values()), default=None)
         return 0.0 if oldest is None else max(0.0, self._clock() - oldest)
 
+    @property
+    def _is_behind(self) -> bool:
+        """Whether a record waits for so long that the store is not to be relied upon, though it answers."""
+        return bool(self._waiting) and self.lag_s > MAX_LAG_S
+
     def save(self, lease: Lease, record: SessionRecord) -> None:
         """Write a record soon, in place of one of the same session that still waits."""
         with self._lock:
@@ -121,11 +131,21 @@ class SnapshotWriter:
 
     def read(self, name: str) -> Future[bytes | None]:
         """The record of a session, whoever holds it. Its exception is StoreFailed."""
-        return self._takers.submit(self._store.read, name)
+        return self._takers.submit(self._asked, partial(self._store.read, name))
 
     def take(self, name: str) -> Future[Held | None]:
         """Take a session over from whoever held it. Its exception is StoreFailed."""
-        return self._takers.submit(self._store.take, name, self._holder)
+        return self._takers.submit(self._asked, partial(self._store.take, name, self._holder))
+
+    def _asked(self, call: Callable[[], T]) -> T:
+        """What a call of the store answers. Whatever goes wrong with it, who asked is told that the store failed."""
+        try:
+            return call()
+        except StoreFailed:
+            raise
+        except Exception as error:
+            _log.exception("%s failed as no store should", self._store)
+            raise StoreFailed(f"{self._store}: {type(error).__name__}: {error}") from error
 
     def close(self) -> None:
         """Write what waits, for as long as that is worth, and end. The store is closed."""
@@ -154,7 +174,13 @@ class SnapshotWriter:
                 if self._clock() >= self._renew_at:
                     self._renew()
             except StoreFailed as error:
-                self._fail(error, dropped)
+                self._fail(str(error), dropped)
+                if is_closing:
+                    return
+            except Exception as error:  # without this thread nothing would be saved any more, and nobody would know
+                if not self._is_failing:
+                    _log.exception("%s failed as no store should", self._store)
+                self._fail(f"{self._store}: {type(error).__name__}: {error}", dropped)
                 if is_closing:
                     return
             if is_closing and not self._waiting:
@@ -172,7 +198,7 @@ class SnapshotWriter:
         if not records:
             return
         answers = self._store.save(records)
-        if self._clock() - min(since for _, since in batch.values()) > MAX_LAG_S:
+        if self.lag_s > MAX_LAG_S:  # of all that wait, those of this call among them: others may fare worse than these
             self._doubt(f"{self._store} takes more than {MAX_LAG_S:g} s")
         elif self._is_failing:
             self._renew_at = self._clock()
@@ -202,25 +228,28 @@ class SnapshotWriter:
             _log.warning("a session is not saved: %s", error)
 
     def _settle(self, lease: Lease, record: SessionRecord) -> None:
-        """A record was dealt with: it waits no more, unless a newer one has taken its place."""
+        """A record was dealt with: it waits no more, unless a newer one has taken its place, which goes to the end.
+
+        There all others have their turn before it. Else those who are saved often would be all that is ever written.
+        """
         with self._lock:
-            if (held := self._waiting.get(lease)) is not None:
-                if held[0] is record:
-                    del self._waiting[lease]
-                else:
-                    self._waiting[lease] = held[0], self._clock()
+            held = self._waiting.pop(lease, None)
+            if held is not None and held[0] is not record:
+                self._waiting[lease] = held[0], self._clock()
 
     def _renew(self) -> None:
         # To write a record is to renew it, and tells as much. Where the store has failed, all are asked after.
         fresh, self._fresh = set() if self._is_failing else self._fresh, set()
         with self._lock:
             leases = [lease for lease in self._leases if lease not in self._waiting and lease not in fresh]
+        if self._is_failing and not leases:
+            self._store.read(NO_SESSION)  # where there is none to ask after, the store has to be asked something
         answers: list[Renewal] = []
         for begin in range(0, len(leases), MOST_AT_ONCE):
             answers += self._store.renew(leases[begin : begin + MOST_AT_ONCE])
         self._renew_at = self._clock() + RENEW_EVERY_S
         of = {each: [lease for lease, said in zip(leases, answers, strict=True) if said is each] for each in Renewal}
-        if self._is_failing and leases:
+        if self._is_failing and not self._is_behind:
             self._is_failing = False
             _log.warning("sessions are saved again, in %s", self._store)
             self._listener.renewed(of[Renewal.KEPT])
@@ -247,8 +276,8 @@ class SnapshotWriter:
         self._leases.discard(lease)
         self._refused.discard(lease)
 
-    def _fail(self, error: StoreFailed, dropped: list[Lease]) -> None:
-        self._doubt(str(error))
+    def _fail(self, why: str, dropped: list[Lease]) -> None:
+        self._doubt(why)
         with self._lock:
             self._dropped = [*dropped, *self._dropped][:MOST_DROPPED]  # what is forgotten here expires there
             self._news.wait_for(lambda: self._is_closing, RETRY_S)

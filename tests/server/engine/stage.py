@@ -11,6 +11,7 @@ import numpy as np
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.scheduling.device import DeviceLease
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.types import (
     NOBODY,
@@ -91,7 +92,8 @@ _Edit: TypeAlias = SetPrompts | SetConstraints | SetVelocity | SetPlayState | Se
 class Stage:
     """Drives the engine by hand. Viewers report their playheads every `report_every_s`, unless told to be silent.
 
-    delay_s: how long everything takes from a viewer to the engine, and from the engine to a viewer.
+    delay_s: how long everything takes from a viewer to the engine, and from the engine to a viewer. clock, lease: those
+    of several stages, of which who takes turns runs the steps.
     """
 
     def __init__(
@@ -101,10 +103,13 @@ class Stage:
         delay_s: float = 0.0,
         scheduler: SchedulingPolicy | None = None,
         facts: ModelFacts = FACTS,
+        *,
+        clock: FakeClock | None = None,
+        lease: DeviceLease | None = None,
     ) -> None:
         self._delay_s = delay_s
         self._under_way: deque[tuple[float, Callable[[float], object]]] = deque()
-        self.clock = FakeClock()
+        self.clock = FakeClock() if clock is None else clock
         self.clock.ticked = self._let_arrive
         self.runner = FakeRunner(self.clock)
         self.runner.facts = facts
@@ -114,6 +119,7 @@ class Stage:
             lambda outputs: self.deliver(outputs),
             config or EngineConfig(),
             scheduler=scheduler,
+            lease=lease,
         )
         self.viewers: dict[SessionKey, Viewer] = {}
         self.reports: list[StepReport] = []
@@ -227,7 +233,7 @@ class Stage:
         """Let the engine and the viewers live for so many virtual seconds."""
         end = self.clock.now() + seconds
         while self.clock.now() < end:
-            self._report_playheads()
+            self.report_playheads()
             if not self.step().rows:
                 self.clock.advance(min(max(self.engine.idle_s(), 0.001), 0.05, max(end - self.clock.now(), 1e-6)))
         for viewer in self.viewers.values():
@@ -239,7 +245,7 @@ class Stage:
             assert self.clock.now() < end, "it never came true"
             self.run(0.001)
 
-    def _report_playheads(self) -> None:
+    def report_playheads(self) -> None:
         now = self.clock.now()
         for key, viewer in self.viewers.items():
             due = viewer.buffered_to > 0 and viewer.closed is None and now >= self.next_report_at[key]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from typing import Any, cast
 
-from motiongen_server.engine.types import Open, SessionKey
+from motiongen_server.engine.types import Open, Priority, SessionKey
 from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine_process.group import EngineGroup
 from motiongen_server.engine_process.messages import Pulse
@@ -60,3 +61,22 @@ def test_who_takes_longer_for_a_session_is_given_fewer() -> None:
 def test_an_engine_that_told_nothing_yet_is_given_as_many() -> None:
     found = given([(0.0, 0.0), (0.0, 0.0)])
     assert found[0] == found[1]
+
+
+def test_one_that_is_full_for_a_class_is_given_none_of_it_while_another_is_not() -> None:
+    links = [ModelLink(1, "model", lambda outputs: None, lambda: None) for _ in range(2)]
+    group = EngineGroup(cast(Any, [(Process(link), link) for link in links]), 1 << 16, 0.9)
+    for link, asked, full in zip(links, (0.5, 0.8), ([Priority.NEAR, Priority.CROWD], []), strict=True):
+        link._is_up = True
+        link.take_pulse(Pulse(1, 0.0, (StepReport(asked=asked, full=full),)))
+
+    def opened(handle: int, priority: Priority, is_clip: bool = False) -> int:
+        """The number of the engine that is given it."""
+        key = SessionKey(1, handle)
+        given = replace(spec(key, priority=priority), clip_frames=40 if is_clip else None)
+        assert group.submit(Open(given, 1, 0.0)) is None
+        return next(number for number, link in enumerate(links) if link.holds(key))
+
+    assert opened(1, Priority.NEAR) == 1, "the other one asks for less, and has told that it lets none in"
+    assert opened(2, Priority.HERO) == 0
+    assert opened(3, Priority.NEAR, is_clip=True) == 0, "clips take what is left"

@@ -15,7 +15,7 @@ import pytest
 
 from motiongen_server.config import ServerConfig
 from motiongen_server.devices import EngineDevice
-from motiongen_server.engine.types import Chunk, Closed, CloseReason, Opened, SessionKey
+from motiongen_server.engine.types import Chunk, Closed, CloseReason, Opened, Priority, ServiceTier, SessionKey
 from motiongen_server.engine_process.connection import EngineLost
 from motiongen_server.engine_process.group import EngineGroup
 from motiongen_server.engine_process.pool import EnginePool
@@ -75,6 +75,20 @@ def test_a_killed_engine_ends_its_sessions_and_another_takes_its_place() -> None
         assert there.pid() != first
         assert engine.failure is None
         assert there.pool.processes[0].num_restarts == 1
+
+
+def test_a_lost_engine_has_no_sessions_and_no_load_until_another_reports() -> None:
+    with remote() as there:
+        there.engine.submit(opening())
+        there.audience.wait_for(lambda heard: any(report.sessions for report in heard.reports))
+        pid = there.pid()
+        assert pid is not None
+        os.kill(pid, signal.SIGKILL)
+        there.audience.wait_for(lambda heard: any(report.closes for report in heard.reports))
+        last = next(report for report in there.audience.reports if report.closes)
+        assert last.closes == [CloseReason.ENGINE_FAULT]
+        assert (last.sessions, last.load) == ({}, 0.0)
+        assert last.tiers == dict.fromkeys(Priority, ServiceTier.FULL)
 
 
 def test_sessions_of_other_engines_notice_nothing_and_new_ones_go_there() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
 from typing import cast
 
@@ -12,7 +13,8 @@ from motiongen_server.engine_process.messages import Encoded, EncoderReady, Enco
 from motiongen_server.engine_process.process import EngineProcess, TakeText
 from motiongen_server.engine_process.text import EncoderLost, EngineTextEncoder
 from motiongen_server.settings import SettingError
-from tests.server.engine_process.audience import LIMIT_S, pool_of, stopped
+from tests.server.engine_process.audience import LIMIT_S, pool_of, stop, stopped
+from tests.waiting import until
 
 
 def test_prompts_are_encoded_there_and_what_cannot_be_is_said() -> None:
@@ -47,6 +49,33 @@ def test_one_that_cannot_be_loaded_is_a_wrong_setting() -> None:
         EngineTextEncoder(pool.processes[0], 2, LIMIT_S)
 
 
+def test_the_end_breaks_off_what_is_encoded_and_nothing_is_asked_afterwards() -> None:
+    refused: list[EncoderLost] = []
+
+    def ask(encoder: EngineTextEncoder) -> None:
+        try:
+            encoder.encode(["abc"])
+        except EncoderLost as error:
+            refused.append(error)
+
+    with pool_of() as (pool, _):
+        encoder = EngineTextEncoder(pool.processes[0], 2, LIMIT_S)
+        pid = pool.processes[0].pid
+        assert pid is not None
+        stop(pid)  # it answers nothing, and `join` ends it
+        asking = threading.Thread(target=ask, args=(encoder,))
+        asking.start()
+        until(lambda: encoder._waiting)
+        pool.stop()
+        assert pool.join(0.0)
+        asking.join(LIMIT_S / 2)
+        assert len(refused) == 1
+        with pytest.raises(EncoderLost, match="has ended"):
+            encoder.encode(["abc"])
+        with pytest.raises(SettingError, match="was lost"):
+            EngineTextEncoder(pool.processes[0], 2, LIMIT_S)
+
+
 class Process:
     """Stands for an engine process that says what a test has it say."""
 
@@ -58,9 +87,10 @@ class Process:
         self.say, self.is_lost = take, on_loss
         take(EncoderReady("length-1", 2, ""))
 
-    def tell(self, message: ToEngine) -> None:
+    def tell(self, message: ToEngine) -> bool:
         assert isinstance(message, EncodeTexts)
         self.say(Encoded(message.number, np.ones((1, 2), np.float32), ""))
+        return True
 
 
 def test_one_that_cannot_be_loaded_again_says_so_at_once_and_comes_back_with_the_next_process() -> None:

@@ -6,15 +6,80 @@ import weakref
 
 import pytest
 
+from motiongen_server.config import ServerConfig
+from motiongen_server.devices import EngineDevice
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.ports import Deliver, Inbox, Observe
-from motiongen_server.engine_process.messages import EncoderReady, LoadEncoder, Stop, Unload, Unloaded
+from motiongen_server.engine.types import CloseReason
+from motiongen_server.engine_process.child import FreshChild
+from motiongen_server.engine_process.messages import (
+    Begin,
+    EncoderReady,
+    Load,
+    LoadEncoder,
+    Ready,
+    Stop,
+    Unload,
+    Unloaded,
+)
+from motiongen_server.engine_process.model_link import ModelLink
+from motiongen_server.engine_process.process import EngineProcess
 from motiongen_server.engine_process.slot import Built
 from motiongen_server.ops.memory import settled_objects
-from tests.server.engine.fakes import FakeRunner
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED
+from tests.server.engine.fakes import FACTS, FakeRunner
 from tests.server.engine_process.fake_engine import RealTime
 from tests.server.engine_process.test_host import Process
+
+READY = Ready(1, FACTS, "CC0-1.0", NOTHING_CLAIMED)
+
+
+def restarting() -> tuple[EngineProcess, ModelLink]:
+    """One that was lost, and its next process is being told to load the model that it held."""
+
+    def start(*_: object) -> FreshChild:
+        raise OSError("nothing is started here")
+
+    process = EngineProcess(
+        "0", EngineDevice("cpu", 0, 1), Begin(ServerConfig(), "cpu", 1, 1), lambda outputs: None, start
+    )
+    link = process.load_model(1, "model")
+    link.take_ready(READY)
+    link.lose(CloseReason.ENGINE_FAULT, "it was killed")
+    process._control.begin()
+    return process, link
+
+
+def test_a_model_that_is_given_up_while_it_is_loaded_anew_is_unloaded_when_it_is_there() -> None:
+    process, link = restarting()
+    assert process._control.take() == (Load(1, "model"),)
+    process.unload_model(link)
+    assert link.ended.is_set()
+    process._take(READY)
+    assert process._control.take() == (Unload(1),)
+    process._take(Unloaded(1))
+    assert process._control.take() == ()
+
+
+def test_a_model_that_is_given_up_before_the_next_process_is_told_of_it_is_not_loaded() -> None:
+    process, link = restarting()
+    process.unload_model(link)
+    assert process._control.take() == ()
+
+
+def test_a_model_that_is_given_up_just_when_it_is_there_is_unloaded(monkeypatch: pytest.MonkeyPatch) -> None:
+    process, link = restarting()
+    process._control.take()
+    take_ready = link.take_ready
+
+    def given_up_first(message: Ready) -> bool:
+        process.unload_model(link)
+        return take_ready(message)
+
+    monkeypatch.setattr(link, "take_ready", given_up_first)
+    process._take(READY)
+    assert process._control.take() == (Unload(1),)
 
 
 class RealEngines(Process):

@@ -167,6 +167,19 @@ def test_every_class_and_state_is_there_from_the_start_and_falls_back_to_0() -> 
     assert value("motiongen_sessions", **{"class": "NEAR", "state": "PLAYING"}) == 0
 
 
+def test_while_a_model_is_loaded_anew_both_of_its_engines_count_and_the_end_of_one_is_not_that_of_the_other() -> None:
+    metrics = Metrics()
+    old, new = (metrics.of_engine("tiny", "0").observer() for _ in range(2))
+    playing = partial(value_of, metrics, "motiongen_sessions", **{"class": "NEAR", "state": "PLAYING"})
+    tier = partial(value_of, metrics, "motiongen_service_tier", **{"class": "NEAR"})
+    counts = {(Priority.NEAR, PlayState.PLAYING): 3}
+    old(StepReport(sessions=counts, load=0.75, tiers={Priority.NEAR: ServiceTier.FEWER_STEPS}))
+    new(StepReport(sessions={(Priority.NEAR, PlayState.PLAYING): 2}, load=0.5, tiers={Priority.NEAR: ServiceTier.FULL}))
+    assert (playing(), metrics.load_of("tiny"), tier()) == (5, 0.75, 2)
+    old(StepReport(sessions={}, load=0.0, tiers={Priority.NEAR: ServiceTier.FULL}))
+    assert (playing(), metrics.load_of("tiny"), tier()) == (2, 0.5, 1)
+
+
 def test_models_are_told_apart_and_one_that_is_gone_is_told_no_more() -> None:
     metrics = Metrics()
     metrics.of_engine("tiny", "0").observe(full_report())

@@ -109,6 +109,26 @@ def test_it_ends_also_where_the_store_is_away() -> None:
     assert told.is_closed
 
 
+def test_what_no_store_should_do_ends_nothing_and_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+    class Broken(Told):
+        is_broken = True
+
+        def exchange(self, own: Replica) -> list[Replica]:
+            if self.is_broken:
+                raise TypeError("an option that there is not")
+            return super().exchange(own)
+
+    told = Broken(replica("free", 0.5))
+    servers = OtherServers(told)
+    servers.exchange()
+    servers.exchange()
+    assert servers.named("m") == ()
+    assert [record.message for record in caplog.records] == ["what room other servers have is not known"]
+    told.is_broken = False
+    servers.exchange()
+    assert names(servers) == ["free"]
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -121,6 +141,8 @@ def test_it_ends_also_where_the_store_is_away() -> None:
         b'{"address": "", "key": "", "free": {"m": "much"}}',
         b'{"address": "", "key": "", "free": {"m": 1.5}}',
         b'{"address": "", "key": "", "free": {"m": NaN}}',
+        b'{"address": "", "key": "", "free": {"m": 1%s}}' % (b"0" * 400),
+        b"[" * MOST_BYTES,
         json.dumps({"address": "a" * 257, "key": "", "free": {}}).encode(),
         json.dumps({"address": "", "key": "", "free": {}, "more": "a" * MOST_BYTES}).encode(),
     ],

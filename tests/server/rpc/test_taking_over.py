@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import threading
 import time
 from collections.abc import AsyncIterator
@@ -17,6 +18,7 @@ from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from motiongen_server.engine.types import Guidance
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
+from motiongen_server.rpc import taking_over
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.durability import Durability, lease_of
 from motiongen_server.rpc.kept_answers import MAX_KEPT_BYTES
@@ -88,6 +90,24 @@ async def test_who_may_does(durability: Durability, store: SqliteStore) -> None:
     token, record = await claimed(durability, resuming(9), peer, of_model("fake"))
     assert (token, record.taken_seq) == ("secret.2", RECORD.taken_seq)
     assert store.renew([lease_of(TOKEN)]) == [Renewal.FENCED]
+
+
+async def test_who_makes_up_tokens_fills_no_log(
+    durability: Durability, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr(taking_over._log, "_clock", lambda: now[0])
+    monkeypatch.setattr(taking_over._log, "_quiet_until", 0.0)
+    caplog.set_level(logging.INFO, taking_over.__name__)
+    opening, peer, models = resuming(9), Peer(PeerLimits(), 0.0, "studio"), of_model("fake")
+    opening.resume_token = "made up"
+    for _ in range(1000):
+        now[0] += 0.02
+        with pytest.raises(EventRefused):
+            await claimed(durability, opening, peer, models)
+    lines = [record.message for record in caplog.records]
+    assert 2 <= len(lines) <= 3, "one in ten seconds, and twenty have passed"
+    assert ["like it since the last one" in line for line in lines] == [False] + [True] * (len(lines) - 1)
 
 
 def test_its_steps_count_for_its_tenant_as_those_of_any_session() -> None:

@@ -121,7 +121,17 @@ def test_a_call_that_is_at_work_when_the_store_is_closed_ends_as_it_would(tmp_pa
     assert SqliteStore(tmp_path / "a.sqlite", KEEP_S).read("a") == b"x"
 
 
-@pytest.mark.parametrize("asked", ["file.sqlite", "http://localhost", "redis://localhost:port"])
+@pytest.mark.parametrize(
+    "asked",
+    [
+        "file.sqlite",
+        "http://localhost",
+        "redis://localhost:port",
+        "redis://localhost/0?timeout=3",
+        "redis://localhost/0?ssl_cert_reqs=none",
+        "rediss://localhost/0?ssl_cert_reqs=bogus",
+    ],
+)
 def test_a_store_that_there_is_not_is_refused(asked: str, tmp_path: Path) -> None:
     with pytest.raises(SettingError, match="snapshot_store"):
         open_snapshot_store(asked, KEEP_S, tmp_path)
@@ -137,6 +147,8 @@ def test_the_store_is_where_the_setting_says(tmp_path: Path) -> None:
     assert str(named) == f"sqlite:{tmp_path}/named"
     redis = open_snapshot_store("redis://:secret@localhost:7000/2", KEEP_S, tmp_path)
     assert str(redis) == "redis://localhost:7000/2"
+    for options in ("redis://localhost/0?max_connections=1", "rediss://localhost/0?ssl_cert_reqs=none"):
+        assert open_snapshot_store(options, KEEP_S, tmp_path) is not None
 
 
 def test_where_nothing_can_be_written_only_who_asked_for_a_file_is_refused(

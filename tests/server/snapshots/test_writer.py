@@ -4,123 +4,18 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator, Sequence
 
 import pytest
 
 from motiongen_server.snapshots import writer
 from motiongen_server.snapshots.record import MAX_BYTES, read_record
-from motiongen_server.snapshots.store import Held, Lease, Renewal, StoreFailed
+from motiongen_server.snapshots.store import Held, Lease, StoreFailed
 from motiongen_server.snapshots.writer import SnapshotWriter, Written
+from tests.server.snapshots.kept import Heard, Store
 from tests.server.snapshots.records import a_record
-from tests.waiting import LIMIT_S, until
+from tests.waiting import until
 
 A, B = Lease("a", 1), Lease("b", 1)
-
-
-class Store:
-    """Keeps records in memory. gate: saves wait for it; fails: it does nothing; others: epochs that others raised."""
-
-    def __init__(self) -> None:
-        self.records: dict[str, tuple[int, bytes]] = {}
-        self.gate = threading.Event()
-        self.gate.set()
-        self.fails = False
-        self.others: dict[str, int] = {}
-        self.num_saves = 0
-        self.dropped: list[Lease] = []
-        self.renewed: list[Lease] = []
-        self.is_closed = False
-
-    def save(self, records: Sequence[tuple[Lease, bytes]]) -> list[bool]:
-        self.num_saves += 1
-        self.gate.wait()
-        self._check()
-        answers = [self.others.get(lease.name, 0) <= lease.epoch for lease, _ in records]
-        for (lease, data), is_kept in zip(records, answers, strict=True):
-            if is_kept:
-                self.records[lease.name] = lease.epoch, data
-        return answers
-
-    def read(self, name: str) -> bytes | None:
-        self._check()
-        return self.records[name][1] if name in self.records else None
-
-    def take(self, name: str, holder: str) -> Held | None:
-        self._check()
-        return Held(2, b"") if name in self.records else None
-
-    def renew(self, leases: Sequence[Lease]) -> list[Renewal]:
-        self._check()
-        self.renewed += leases
-        fenced = [self.others.get(lease.name, 0) > lease.epoch for lease in leases]
-        there = [lease.name in self.records for lease in leases]
-        kept = [Renewal.KEPT if each else Renewal.GONE for each in there]
-        return [Renewal.FENCED if lost else other for lost, other in zip(fenced, kept, strict=True)]
-
-    def drop(self, leases: Sequence[Lease]) -> None:
-        self._check()
-        self.dropped += leases
-
-    def close(self) -> None:
-        self.is_closed = True
-
-    def _check(self) -> None:
-        if self.fails:
-            raise StoreFailed("away")
-
-
-class Heard:
-    """What the writer says, in order."""
-
-    def __init__(self) -> None:
-        self.said: list[object] = []
-
-    def written(self, written: list[Written]) -> None:
-        self.said += written
-
-    def renewed(self, leases: list[Lease]) -> None:
-        self.said.append(("renewed", *leases))
-
-    def fenced(self, leases: list[Lease]) -> None:
-        self.said.append(("fenced", *leases))
-
-    def lost(self, leases: list[Lease]) -> None:
-        self.said.append(("lost", *leases))
-
-    def failed(self) -> None:
-        self.said.append("failed")
-
-
-@pytest.fixture(autouse=True)
-def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(writer, "RETRY_S", 0.01)
-    monkeypatch.setattr(writer, "RENEW_EVERY_S", 0.02)
-    monkeypatch.setattr(writer, "MAX_LAG_S", LIMIT_S)  # a busy machine is no slow store
-
-
-@pytest.fixture
-def rare_renewals(short_waits: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """None comes by itself: only a write finds out that the store fails."""
-    monkeypatch.setattr(writer, "RENEW_EVERY_S", LIMIT_S)
-
-
-@pytest.fixture
-def store() -> Store:
-    return Store()
-
-
-@pytest.fixture
-def heard() -> Heard:
-    return Heard()
-
-
-@pytest.fixture
-def saving(store: Store, heard: Heard) -> Iterator[SnapshotWriter]:
-    saving = SnapshotWriter(store, heard)
-    yield saving
-    store.gate.set()
-    saving.close()
 
 
 def test_what_is_saved_is_told_with_the_events_that_it_holds(
@@ -145,7 +40,7 @@ def test_a_slow_store_is_given_only_the_newest_of_each_session(
     assert saving.lag_s > 0
     store.gate.set()
     until(lambda: len(heard.said) == 3)
-    assert heard.said == [Written(A, 1), Written(A, 49), Written(B, 49)]
+    assert heard.said == [Written(A, 1), Written(B, 49), Written(A, 49)]
 
 
 def test_the_thread_that_writes_lets_others_go_first(saving: SnapshotWriter) -> None:

@@ -5,15 +5,26 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Sequence
+from math import inf
 from types import TracebackType
 
 from motiongen_server.engine.ports import Runner
 from motiongen_server.engine.scheduling.quota_share import QuotaAccount
 from motiongen_server.engine.types import Float32Array, ModelFacts, RowStatus, WindowJob, WindowResult
 
+BACKGROUND_SHARE = 0.2
+"""What an engine whose windows are all in the background may take of the device beside others: such a share of what the
+turns of those take that have windows somebody waits for. In one engine the background makes a step as much longer.
+"""
+
 
 class Device:
-    """Gives turns in the order in which they were asked for: an engine waits for one step of each other at most."""
+    """Gives turns in the order in which they were asked for: an engine waits for one step of each other at most.
+
+    The background of one engine takes what is left by the windows of all others that somebody waits for, not of its own
+    engine only. It is told by its lease how much that is; where it took more, as a step takes that cannot be smaller,
+    it has none until that is made up for.
+    """
 
     def __init__(self, quota: QuotaAccount | None = None) -> None:
         """quota: of the processor, None where there is none or nobody tells what is used of it."""
@@ -22,6 +33,7 @@ class Device:
         self._taken = False
         self._waiting: deque[threading.Lock] = deque()
         self._seats: list[DeviceLease] = []
+        self._spare_s = 0.0  # of the background beside others; only who has the turn touches it
 
     def lease(self) -> DeviceLease:
         """A place for one more engine, to be left at its end."""
@@ -43,6 +55,26 @@ class Device:
     def num_waiting(self) -> int:
         """How many wait for a turn."""
         return len(self._waiting)
+
+    def is_waited_for(self, but: DeviceLease) -> bool:
+        """Whether another engine has windows under way that somebody waits for."""
+        return any(seat.num_waited_for and seat is not but for seat in tuple(self._seats))
+
+    def has_background(self, but: DeviceLease) -> bool:
+        """Whether another engine has windows in the background under way."""
+        return any(seat.num_background and seat is not but for seat in tuple(self._seats))
+
+    def spare_s(self, lease: DeviceLease) -> float:
+        """As `DeviceLease.spare_s`."""
+        return max(0.0, self._spare_s) if self.is_waited_for(lease) else inf
+
+    def settle(self, lease: DeviceLease, waited_for_s: float, background_s: float) -> None:
+        """At the end of a turn: note what calls in it took, by whom they were for."""
+        if waited_for_s:
+            share_s = BACKGROUND_SHARE * (waited_for_s + background_s)
+            self._spare_s = min(self._spare_s + share_s, share_s)  # what was not taken is not kept
+        elif background_s and self.is_waited_for(lease):
+            self._spare_s -= background_s
 
     def leave(self, lease: DeviceLease) -> None:
         """Give up a place."""
@@ -73,12 +105,15 @@ class Device:
 class DeviceLease:
     """One engine's place at the device. `with lease:` is a turn.
 
-    load: the share of the device that this engine uses; it tells it itself.
+    load: the share of the device that this engine uses; num_waited_for, num_background: its windows under way. It tells
+    these itself.
     """
 
     def __init__(self, device: Device) -> None:
         self._device = device
         self.load = 0.0
+        self.num_waited_for = self.num_background = 0
+        self._waited_for_s = self._background_s = 0.0  # in this turn
 
     def __enter__(self) -> DeviceLease:
         self._device.take()
@@ -87,7 +122,22 @@ class DeviceLease:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._device.settle(self, self._waited_for_s, self._background_s)
+        self._waited_for_s = self._background_s = 0.0
         self._device.pass_on()
+
+    def note_call(self, seconds: float, background: float) -> None:
+        """A call of the runner in this turn took so long. background: the share of it that is the background's."""
+        self._waited_for_s += (1.0 - background) * seconds
+        self._background_s += background * seconds
+
+    @property
+    def spare_s(self) -> float:
+        """How long a step may take now that is for the background alone; 0 where there is to be none.
+
+        Infinity where no other engine has windows under way that somebody waits for. Asked in a turn.
+        """
+        return self._device.spare_s(self)
 
     @property
     def quota(self) -> QuotaAccount | None:
@@ -105,11 +155,14 @@ class DeviceLease:
 
         1 where nobody else is busy; at most the number of engines, since the turns go round.
         """
-        return 1.0 / max(1.0 - self.elsewhere, 1.0 / max(1, self._device.num_seats))
+        most = max(1, self._device.num_seats)
+        beside = BACKGROUND_SHARE if self._device.has_background(self) else 0.0
+        return min(most, beside + 1.0 / max(1.0 - self.elsewhere, 1.0 / most))
 
     def leave(self) -> None:
         """The engine has ended."""
         self.load = 0.0
+        self.num_waited_for = self.num_background = 0
         self._device.leave(self)
 
 

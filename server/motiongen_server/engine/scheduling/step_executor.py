@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from math import ceil
+from itertools import accumulate
+from math import ceil, inf
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from motiongen_server.engine.ports import Clock, DeviceLost, OutOfMemory, Runner
 from motiongen_server.engine.scheduling.admission import Prices
 from motiongen_server.engine.scheduling.batch_retry import BatchRetry, CallTime
 from motiongen_server.engine.scheduling.costs import bucket
+from motiongen_server.engine.scheduling.device import DeviceLease
 from motiongen_server.engine.scheduling.device_use import DeviceUse
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.scheduled_job import ScheduledJob
@@ -25,6 +27,8 @@ _log = logging.getLogger(__name__)
 
 # How fast the mean number of evaluations of a step follows what is seen, for every row.
 _PASSES_RATE = 1 / 4096
+# How long a background that is held back waits before it asks again. It asks in turn with those it is held back for.
+_HELD_BACK_S = 0.005
 _NOT_FINITE = "the model made numbers that are not finite for this session; open a new session"
 _NO_ROOM = "the device has no memory left for this session's window; open a new session"
 _FAILED = "the model failed for this session's window; open a new session"
@@ -35,7 +39,7 @@ class StepExecutor:
 
     failed: told of every job that the model cannot do, and why, in words for the client; it is to call `discard`.
     begins: asked of every job before it is prepared, with the seconds that it will take, for one to take its place.
-    spent: seconds of processor time so far, where that is what there is only so much of.
+    lease: the engine's place at the device, whose turn it is whenever something is called here.
     """
 
     def __init__(
@@ -47,13 +51,15 @@ class StepExecutor:
         failed: Callable[[int, str], None],
         *,
         begins: Callable[[int, float], WindowJob | None],
-        spent: Callable[[], float] | None = None,
+        lease: DeviceLease,
     ) -> None:
         self._runner = runner
         self._policy = policy
         self._now = clock.now
         self._failed = failed
         self._begins = begins
+        self._lease = lease
+        spent = None if lease.quota is None else lease.quota.spent_s
         self._default_steps = runner.facts.default_steps
         self._report = StepReport()
 
@@ -75,6 +81,8 @@ class StepExecutor:
         if spent is not None:
             policy.costs.follow_processor()
         self.use = DeviceUse()
+        self.held_until = inf
+        """When to ask again for the next step, where the background is held back for other engines."""
 
     def __len__(self) -> int:
         """Jobs under way."""
@@ -85,22 +93,25 @@ class StepExecutor:
         if job.background:
             self._background.add(job.job_id)
         self._policy.add(job, self._runner.num_passes(job))
+        self._tell_others()
 
     def finish(self, job_id: int) -> None:
         """Let go of a job whose window has been decoded."""
         self._background.discard(job_id)
         self._policy.remove(job_id)
+        self._tell_others()
 
     def discard(self, job_id: int) -> None:
         """Forget a job at any stage, here and in the runner."""
         self._background.discard(job_id)
         self._policy.remove(job_id)
+        self._tell_others()
         # Also where `prepare` has not succeeded: it may have got half way, and an unknown id is no error.
         self._runner.discard([job_id])
 
     def step(self, report: StepReport) -> tuple[list[RowStatus], list[int]]:
         """One denoising step for those who are most urgent: how far they are, and which are ready to be decoded."""
-        batch = self._policy.schedule(self._now())
+        batch = self._batch()
         if not batch:
             return [], []
         self._report = report
@@ -123,6 +134,25 @@ class StepExecutor:
         report.step_seconds = self._now() - begun_at - report.prepare_seconds
         self._stream_metrics(report)
         return statuses, finished
+
+    def _batch(self) -> Sequence[ScheduledJob]:
+        """Who is in the next step; where all are in the background, only as far as other engines leave time for it."""
+        self.held_until = inf
+        if not self._background or len(self._background) < len(self._policy):
+            return self._policy.schedule(self._now())
+        spare_s = self._lease.spare_s
+        if spare_s <= 0.0:
+            self.held_until = self._now() + _HELD_BACK_S
+            return ()
+        batch = self._policy.schedule(self._now())
+        most = inf if spare_s == inf else self._policy.costs.step.largest_within(spare_s)
+        evaluations = accumulate(held.passes for held in batch)
+        return batch[: max(1, sum(each <= most for each in evaluations))]
+
+    def _tell_others(self) -> None:
+        """What the other engines of the device are to know of this one's windows."""
+        self._lease.num_background = len(self._background)
+        self._lease.num_waited_for = len(self._policy) - len(self._background)
 
     def _settle_starts(self, new: Sequence[ScheduledJob]) -> None:
         """Only now is it known who goes along, so how long jobs will take; some do better from another frame on."""
@@ -210,6 +240,7 @@ class StepExecutor:
 
     def _count(self, took: CallTime, share: float, work_s: float) -> None:
         """share: of the call that is not the background's."""
+        self._lease.note_call(took.seconds, 1.0 - share)
         use = self.use
         self.use = DeviceUse(use.work_s + work_s, use.busy_s + share * took.seconds, use.spent_s + share * took.spent_s)
 

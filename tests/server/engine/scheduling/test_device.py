@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Sequence
 
@@ -10,7 +11,7 @@ import pytest
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.scheduling.admission import Admission, Prices
-from motiongen_server.engine.scheduling.device import Device, InTurns
+from motiongen_server.engine.scheduling.device import BACKGROUND_SHARE, Device, DeviceLease, InTurns
 from motiongen_server.engine.scheduling.profile import profile
 from motiongen_server.engine.scheduling.window_rates import EXPECTED_HZ
 from motiongen_server.engine.types import Code, Open, Priority, SessionKey
@@ -100,6 +101,33 @@ def test_a_window_takes_no_longer_than_one_turn_of_each_engine_for_each_of_its_s
     mine, other = device.lease(), device.lease()
     other.load = 3.0
     assert mine.stretch == 2.0
+
+
+def turn(lease: DeviceLease, seconds: float, background: float = 0.0) -> None:
+    with lease:
+        lease.note_call(seconds, background)
+
+
+def test_the_background_has_a_share_of_the_turns_of_others_and_makes_up_for_what_it_takes_more() -> None:
+    device = Device()
+    clips, sessions = device.lease(), device.lease()
+    clips.num_background = 8
+    turn(clips, 0.05, background=1.0)
+    assert clips.spare_s == math.inf, "nobody waits for anything"
+    sessions.num_waited_for = 1
+    assert clips.spare_s == 0.0
+    turn(sessions, 0.02)
+    assert clips.spare_s == pytest.approx(BACKGROUND_SHARE * 0.02)
+    turn(sessions, 0.02)
+    assert clips.spare_s == pytest.approx(BACKGROUND_SHARE * 0.02), "what was not taken is not kept"
+    turn(clips, 0.01, background=1.0)
+    turn(sessions, 0.02)
+    assert clips.spare_s == 0.0
+    turn(sessions, 0.02)
+    assert clips.spare_s == pytest.approx(3 * BACKGROUND_SHARE * 0.02 - 0.01)
+    assert sessions.stretch == pytest.approx(1.0 + BACKGROUND_SHARE)
+    sessions.leave()
+    assert clips.spare_s == math.inf
 
 
 @pytest.mark.parametrize("elsewhere", [0.45, 0.95])

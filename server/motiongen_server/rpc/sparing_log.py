@@ -1,0 +1,30 @@
+"""SparingLog: says what clients can cause as often as they like, and does not say it as often."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+
+QUIET_S = 10.0
+
+
+class SparingLog:
+    """One line in ten seconds, with how many were left out since the last one. Used from the event loop only."""
+
+    def __init__(self, log: logging.Logger, clock: Callable[[], float] = time.monotonic) -> None:
+        self._log = log
+        self._clock = clock
+        self._quiet_until = -QUIET_S
+        self._left_out = 0
+
+    def info(self, message: str, *values: object) -> None:
+        """Log it, unless something was logged just now."""
+        now = self._clock()
+        if now < self._quiet_until:
+            self._left_out += 1
+            return
+        self._quiet_until = now + QUIET_S
+        left_out, self._left_out = self._left_out, 0
+        since = f" (and {left_out} like it since the last one)" if left_out else ""
+        self._log.info(message + since, *values)

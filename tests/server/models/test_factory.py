@@ -1,0 +1,77 @@
+"""What is left of a model that could not be loaded to its end: nothing, unless one of its name is served."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import pytest
+
+from motiongen_server.config import ServerConfig
+from motiongen_server.engine.types import ModelFacts
+from motiongen_server.engine.types.report import StepReport
+from motiongen_server.models.factory import Engines, ModelFactory
+from motiongen_server.ops.metrics import Metrics
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED
+from motiongen_server.settings import SettingError
+from motiongen_server.text.prompts import TextEncoder
+from tests.contract.local import LengthEncoder
+from tests.server.engine.fakes import FACTS
+
+
+@dataclass
+class Model:
+    """One that is loaded."""
+
+    facts: ModelFacts = FACTS
+    licence: str = "CC0-1.0"
+    abilities: Any = NOTHING_CLAIMED
+    is_stopped: bool = False
+
+    def stop(self) -> None:
+        self.is_stopped = True
+
+
+@dataclass
+class Loads:
+    """Loads the same model again and again, of which an engine reports at once. is_sound: it can be served."""
+
+    metrics: Metrics
+    is_sound: bool = True
+    made: list[Model] = field(default_factory=list)
+
+    def load(self, source: str) -> Model:
+        self.metrics.of_engine(FACTS.model_id, "0").observe(StepReport(frames_sent=40))
+        self.made.append(Model(abilities=NOTHING_CLAIMED if self.is_sound else None))
+        return self.made[-1]
+
+    def load_text(self, facts: ModelFacts) -> TextEncoder:
+        if not self.is_sound:
+            raise SettingError("there is no such encoder")
+        return LengthEncoder()
+
+
+async def test_a_model_whose_text_encoder_does_not_fit_leaves_no_metrics() -> None:
+    metrics = Metrics()
+    factory, loads = ModelFactory(ServerConfig(), metrics), Loads(metrics, is_sound=False)
+    factory.use(cast(Engines, loads))
+
+    def frames_sent() -> float | None:
+        labels = {"model": FACTS.model_id, "engine": "0"}
+        return metrics.registry.get_sample_value("motiongen_frames_sent_total", labels)
+
+    with pytest.raises(SettingError):
+        await factory.load("fake")
+    assert loads.made[0].is_stopped
+    assert frames_sent() is None
+    loads.is_sound = True
+    served = await factory.load("fake")
+    assert frames_sent() == 40
+    loads.is_sound = False
+    with pytest.raises(AttributeError):
+        await factory.load("fake")
+    assert loads.made[2].is_stopped
+    assert frames_sent() == 80, "they are those of the model of this name that is served"
+    factory.forget(served)
+    assert frames_sent() is None
+    factory.close()

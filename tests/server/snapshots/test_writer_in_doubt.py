@@ -1,0 +1,111 @@
+"""A store that is slow, broken, or away: no session is forgotten, and all are told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+
+from motiongen_server.snapshots import writer
+from motiongen_server.snapshots.record import read_record
+from motiongen_server.snapshots.store import Lease, StoreFailed
+from motiongen_server.snapshots.writer import SnapshotWriter
+from tests.server.snapshots.kept import Heard, Store
+from tests.server.snapshots.records import a_record
+from tests.waiting import LIMIT_S, until
+
+A, B = Lease("a", 1), Lease("b", 1)
+
+
+class Pressed(Store):
+    """During each of its first saves all sessions are saved anew, and time passes, though no call takes too long.
+
+    seen: of each save, of how many sessions there is a record, and whether the writer was in doubt.
+    """
+
+    def __init__(self, leases: Sequence[Lease]) -> None:
+        super().__init__()
+        self.now = 0.0
+        self.saving: SnapshotWriter | None = None
+        self.leases = leases
+        self.seen: list[tuple[int, bool]] = []
+
+    def save(self, records: Sequence[tuple[Lease, bytes]]) -> list[bool]:
+        assert self.saving is not None
+        self.now += 1.5
+        if self.num_saves < 20:
+            for lease in self.leases:
+                self.saving.save(lease, a_record(1, num_frames=1))
+        answers = super().save(records)
+        self.seen.append((len(self.records), self.saving.is_failing))
+        return answers
+
+
+@pytest.mark.usefixtures("rare_renewals")
+def test_sessions_that_are_saved_often_take_no_turns_of_others_and_what_waits_too_long_is_told(
+    heard: Heard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(writer, "MAX_LAG_S", 2.0)
+    leases = [Lease(f"session-{number}", 1) for number in range(100)]
+    store = Pressed(leases)
+    saving = SnapshotWriter(store, heard, lambda: store.now)
+    store.saving = saving
+    with saving._lock:
+        saving._waiting.update((lease, (a_record(1, num_frames=1), 0.0)) for lease in leases)
+        saving._leases.update(leases)
+        saving._news.notify()
+    until(lambda: len(store.seen) > 10)
+    assert store.seen[1] == (100, False), "the second call brings those that the first had no room for"
+    assert store.seen[4][1], "each waits for more than two seconds"
+    assert "failed" in heard.said
+    until(lambda: not saving._waiting)
+    saving.close()
+
+
+@pytest.mark.usefixtures("rare_renewals")
+def test_a_store_that_answers_is_not_relied_upon_while_others_wait_too_long(
+    store: Store, heard: Heard, saving: SnapshotWriter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    saving.save(B, a_record(1))
+    until(lambda: heard.said)
+    monkeypatch.setattr(writer, "MAX_LAG_S", -1.0)
+    store.gate.clear()
+    saving.save(A, a_record(1))
+    until(lambda: store.num_saves == 2)
+    saving._is_failing = True
+    saving._renew()
+    assert store.renewed == [B]
+    assert saving.is_failing
+    store.gate.set()
+    until(lambda: not saving._waiting)
+    saving._renew()
+    assert not saving.is_failing
+
+
+def test_a_store_that_fails_is_seen_to_be_well_again_though_no_session_is_left(
+    store: Store, heard: Heard, saving: SnapshotWriter
+) -> None:
+    saving.save(A, a_record(1))
+    until(lambda: heard.said)
+    store.fails = True
+    until(lambda: saving.is_failing)
+    saving.release(A)
+    store.fails = False
+    until(lambda: not saving.is_failing)
+
+
+def test_what_no_store_should_do_ends_nothing_and_is_told(
+    store: Store, heard: Heard, saving: SnapshotWriter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def break_down() -> None:
+        raise TypeError("an option that there is not")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(store, "_check", break_down)
+        saving.save(A, a_record(1))
+        until(lambda: "failed" in heard.said)
+        for asked in (saving.read("a"), saving.take("a")):
+            with pytest.raises(StoreFailed, match="TypeError"):
+                asked.result(LIMIT_S)
+    until(lambda: not saving.is_failing)
+    assert read_record(store.records["a"][1]).taken_seq == 1

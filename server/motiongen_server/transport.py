@@ -8,10 +8,11 @@ from pathlib import Path
 import grpc.aio
 
 from motiongen_server.config import ServerConfig
+from motiongen_server.rpc.limits import HEALTH_CALLS, OTHER_CALLS
 from motiongen_server.settings import SettingError
 
-OTHER_CALLS = 1024
-"""Besides streams and clips, which the service counts itself: health, catalogue, reflection."""
+SPARE_CALLS = 256
+"""That are just being refused."""
 RESERVED_FILES = 128
 """Descriptors for everything but clients: engine processes, operations, logs, what libraries open."""
 LEAST_CONNECTIONS = 32
@@ -41,7 +42,8 @@ def make_grpc_server(config: ServerConfig) -> grpc.aio.Server:
             ("grpc.http2.max_ping_strikes", 4),
             ("grpc.so_reuseport", 0),
         ],
-        maximum_concurrent_rpcs=config.max_streams + config.max_clip_calls + OTHER_CALLS,
+        # No more than this are let in by those who know whose they are, each of its kind: so that none takes all.
+        maximum_concurrent_rpcs=config.max_streams + config.max_clip_calls + OTHER_CALLS + HEALTH_CALLS + SPARE_CALLS,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
 
 import grpc
@@ -12,6 +12,7 @@ import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from motiongen_server.rpc import health
+from motiongen_server.rpc.bounded_write import write_within
 from motiongen_server.rpc.call_context import streaming_method
 from motiongen_server.rpc.health import Health, add_health
 from motiongen_server.rpc.requests import Requests
@@ -113,13 +114,23 @@ async def watched(checks: Health, watcher: Stuck) -> None:
 
 
 async def test_a_watcher_that_takes_nothing_keeps_no_change_from_being_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    given_up = asyncio.Event()
+
+    async def within(limit_s: float, write: Coroutine[None, None, None]) -> None:
+        try:
+            await write_within(limit_s, write)
+        finally:
+            given_up.set()
+
     monkeypatch.setattr(health, "STUCK_S", 0.05)
+    monkeypatch.setattr(health, "write_within", within)
     checks, stuck = Health(), Stuck()
     watching = asyncio.create_task(watched(checks, stuck))
     await stuck.is_writing.wait()
     checks.set("", SERVING)
     async with served(checks) as stub:
         assert (await stub.Check(WHOLE)).status == SERVING
+    await given_up.wait()
     assert not watching.done(), "gRPC holds its call, so that it has to be counted"
     stuck.takes.set()
     await watching

@@ -11,6 +11,8 @@ from motiongen_server.config import ServerConfig
 from motiongen_server.rpc.limits import HEALTH_CALLS, OTHER_CALLS
 from motiongen_server.settings import SettingError
 
+MOST_PENDING = 4096
+"""Calls that have come and were not begun: gRPC begins them one after another, and cancels what is more by chance."""
 SPARE_CALLS = 256
 """That are just being refused."""
 RESERVED_FILES = 128
@@ -31,6 +33,8 @@ def make_grpc_server(config: ServerConfig) -> grpc.aio.Server:
             ("grpc.max_receive_message_length", config.max_request_bytes),
             ("grpc.max_send_message_length", 8 << 20),
             ("grpc.max_concurrent_streams", 256),
+            ("grpc.server.max_pending_requests", MOST_PENDING),
+            ("grpc.server.max_pending_requests_hard_limit", MOST_PENDING),
             ("grpc.max_allowed_incoming_connections", allowed_connections()),
             ("grpc.server_handshake_timeout_ms", HANDSHAKE_MS),
             ("grpc.http2.lookahead_bytes", READ_AHEAD_BYTES),

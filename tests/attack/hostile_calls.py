@@ -11,9 +11,9 @@ import grpc.aio
 from motiongen_server.rpc.handlers import SERVICE_NAME
 from tests.attack.calls import HELLO, OPTIONS, channel_to, many
 
-CONNECTIONS = 14
-CALLS_OF_A_CONNECTION = 243
-"""3,402 in all: more than there are places for all kinds of calls together."""
+CONNECTIONS = 17
+CALLS_OF_A_CONNECTION = 250
+"""4,250 in all: more than there are places for all kinds of calls together."""
 RETRY_S = 0.5
 CHECK = "/grpc.health.v1.Health/Check"
 HALF_OPEN = (f"/{SERVICE_NAME}/GetCatalog", CHECK, f"/{SERVICE_NAME}/GenerateClip", "/grpc.health.v1.Health/Watch")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from typing import Any
@@ -52,10 +53,11 @@ async def channels(**settings: object) -> AsyncIterator[tuple[grpc.aio.Channel, 
 async def end_of(channel: grpc.aio.Channel, path: str, sends: Sequence[bytes], is_over: bool = True) -> tuple[Any, str]:
     """Code and reason with which a call ends. is_over: the client ends its side."""
     call = channel.stream_stream(path)()
-    for message in sends:
-        await call.write(message)
-    if is_over:
-        await call.done_writing()
+    with contextlib.suppress(grpc.aio.AioRpcError, asyncio.InvalidStateError):  # it may have been ended already
+        for message in sends:
+            await call.write(message)
+        if is_over:
+            await call.done_writing()
     code = await call.code()
     error = grpc.aio.AioRpcError(
         code, await call.initial_metadata(), await call.trailing_metadata(), await call.details()

@@ -12,7 +12,7 @@ import grpc.aio
 from google.protobuf.message import Message
 
 from motiongen_server.errors import StreamRefused
-from motiongen_server.rpc.requests import Context, Requests
+from motiongen_server.rpc.requests import Context, Requests, look_at
 from motiongen_server.rpc.stream_errors import CLIENT_GONE
 
 
@@ -49,13 +49,13 @@ class CallContext:
     async def read(self) -> Any:
         """The next of several. It is read on where this is cancelled."""
         self._reading = asyncio.ensure_future(self._context.read())
-        self._reading.add_done_callback(_look_at)
+        self._reading.add_done_callback(look_at)
         return await asyncio.shield(self._reading)
 
     async def write(self, message: Message) -> None:
         """It is written on where this is cancelled."""
         self._writing = asyncio.ensure_future(self._context.write(message))
-        self._writing.add_done_callback(_look_at)
+        self._writing.add_done_callback(look_at)
         await asyncio.shield(self._writing)
 
     async def abort_with_status(self, status: grpc.Status) -> NoReturn:
@@ -106,9 +106,3 @@ def streaming_method(
 
 def _serialized(message: Message) -> bytes:
     return message.SerializeToString()
-
-
-def _look_at(done: asyncio.Future[Any]) -> None:
-    """Else asyncio would log what nobody was there for."""
-    if not done.cancelled():
-        done.exception()

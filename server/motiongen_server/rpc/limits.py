@@ -11,7 +11,7 @@ MAX_GUIDANCE = 10.0
 MAX_SPEED_MPS = 10.0
 """Of a SetVelocity; a sprinter's."""
 MAX_REQUEST_ID_CHARACTERS = 64
-OTHER_CALLS = 1024
+OTHER_CALLS = 512
 """Besides streams and clips, whose numbers are settings: catalogues, reflection, and clips that are not begun yet."""
 HEALTH_CALLS = 1024
 """Checks and watches of the health, which have places of their own."""

@@ -55,7 +55,7 @@ class Requests:
     async def only(self, context: Context) -> bytes:
         """The request of a call. Raises StreamRefused where it does not come in time, or is not the only one."""
         reading = asyncio.ensure_future(_only(context))
-        reading.add_done_callback(_look_at)
+        reading.add_done_callback(look_at)
         with self._waiting(address_of(context.peer())) as waiting:
             # What is read is never cancelled, since gRPC would lose it: a call that is ended ends its reading.
             either: set[asyncio.Future[Any]] = {reading, waiting.over}
@@ -96,10 +96,10 @@ async def _only(context: Context) -> bytes:
     return request
 
 
-def _look_at(reading: asyncio.Future[bytes]) -> None:
-    """Else asyncio would log what nobody was there for."""
-    if not reading.cancelled():
-        reading.exception()
+def look_at(done: asyncio.Future[Any]) -> None:
+    """Of a task that goes on when nobody waits for it any more: else asyncio logs how it failed."""
+    if not done.cancelled():
+        done.exception()
 
 
 def parsed_as(kind: type[M], request: bytes) -> M:

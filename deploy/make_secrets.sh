@@ -12,9 +12,17 @@ if [ -e "$folder" ]; then
     echo "$folder is there already; take it away to make new secrets" >&2
     exit 1
 fi
+# Before anything is made: what is half made would be there already the next time.
+if ! $identity --help > /dev/null 2>&1; then
+    echo "no tokens can be made by: $identity" >&2
+    echo "install motiongen-server, or say what makes them, IDENTITY as at the top of $0" >&2
+    exit 1
+fi
 # Closed to others here; single files are open, since the containers' users read them where they are mounted.
 mkdir -m 700 "$folder"
 cd "$folder"
+folder=$(pwd)
+trap 'status=$?; if [ $status -ne 0 ]; then cat openssl.log entry >&2 2> /dev/null; rm -rf "$folder"; fi' EXIT
 umask 022
 
 key="-newkey ec -pkeyopt ec_paramgen_curve:P-256 -noenc"

@@ -103,7 +103,9 @@ class ServerConfig:
     empty_timeout_s: float = setting(300.0, "after which a stream without sessions is ended", 1, 1e6)
     stuck_timeout_s: float = setting(30.0, "after which a stream or clip that nobody reads is ended", 1, 3600)
     silent_timeout_s: float = setting(90.0, "after which a stream from which nothing comes is lost", 0.1, 1e6)
-    max_waiting_mib: int = setting(256, "unsent updates of all streams together, MiB", 1, 1_000_000)
+    max_waiting_mib: int = setting(
+        256, "unsent updates of all streams together, and what else is held for them, MiB", 1, 1_000_000
+    )
     max_clip_calls: int = setting(256, "calls for clips that are under way", 1, 100_000)
     peer_streams: int = setting(1024, "streams of one address", 1, 100_000)
     peer_calls: int = setting(256, "calls of one address for catalogues and clips, open at once", 1, 100_000)

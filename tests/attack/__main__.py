@@ -25,7 +25,16 @@ ATTACKS = (
     Attack("one event of 400,000 empty constraints", "empty_constraints", 2),
     Attack("one event that removes 300,000 constraints", "many_removals", 2),
     Attack("256 paths of nine minutes an edit", "long_paths", 2),
+    Attack("256 rotations an edit, to be placed", "many_rotations", 2),
+    Attack("opens with 255 rotations and one that is wrong", "refused_rotations", 2),
     Attack("450,000 empty events a message, nothing read", "huge_messages", 1),
+    Attack(
+        "450,000 empty events a message, from 1,000 streams at one moment",
+        "first_messages",
+        settings=("--peer-calls-per-second", "5000"),  # else it would take them ten seconds to begin
+        grown_mib=600.0,  # all of them are on their way at once: 860 MiB, which were held for minutes
+        takes_places=True,
+    ),
     Attack("pings", "pings", 2),
     Attack("opens that must fail, with new prompts (built-in model)", "failing_opens", 2, built_in=True),
     Attack("16 new prompts an edit (built-in model)", "new_prompts", 2, built_in=True),
@@ -45,6 +54,7 @@ ATTACKS = (
     Attack("opens with names of 5,000 characters", "long_names", 2),
     Attack("messages with some bytes changed, on streams and as requests of all methods", "mutations", 2),
     Attack("long edits behind prompts that wait", "edits_behind_prompts", 1),
+    Attack("edits that are answered at length, and never confirmed", "unconfirmed_edits", 1, takes_places=True),
     Attack("4,000 watches of the health", "watches", 1),
     Attack("health, checked without end, 256 times at once", "health_checks", 1),
     Attack("reflection, asked for without end", "reflections", 1),

@@ -14,6 +14,7 @@ from collections.abc import Callable
 
 from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from tests.attack.calls import HELLO, STREAMS, Event, Request, bare_stream, channel_to, drain, flood, for_ever, many
+from tests.attack.heavy_edits import long_paths, many_rotations, refused_rotations
 from tests.attack.hostile_calls import half_open_calls, unread_calls
 from tests.attack.hostile_load import (
     Kind,
@@ -27,6 +28,7 @@ from tests.attack.hostile_load import (
     watches,
     welcome_crowds,
 )
+from tests.attack.hostile_memory import first_messages, unconfirmed_edits
 from tests.attack.hostile_sockets import connections, garbage, idle_connections, unread_metrics
 from tests.attack.mutation import mutations
 
@@ -46,17 +48,6 @@ async def many_removals(address: str) -> None:
     events = [Event(session=1, event_seq=number, edit_constraints=edit) for number in range(2, 40)]
     opening = Event(session=1, event_seq=1, open=session_pb2.OpenSession())
     await flood(address, [Request(events=[event]).SerializeToString() for event in (opening, *events)])
-
-
-async def long_paths(address: str) -> None:
-    """Edits of 256 paths each, every one a walk of nine minutes in a few bytes."""
-    path = motion_pb2.RootPath(positions=[0.0, 600.0], speed_mps=1.2)
-    paths = [motion_pb2.Constraint(constraint_id=number, root_path=path) for number in range(1, 257)]
-    edit = session_pb2.EditConstraints(upsert=paths)
-    opens = [Event(session=n, event_seq=1, open=session_pb2.OpenSession()) for n in range(32)]
-    edits = [Event(session=n, event_seq=number, edit_constraints=edit) for number in range(2, 40) for n in range(32)]
-    messages = [Request(events=opens), *(Request(events=[event]) for event in edits)]
-    await flood(address, [message.SerializeToString() for message in messages])
 
 
 async def huge_messages(address: str) -> None:
@@ -232,7 +223,8 @@ KINDS: dict[str, Kind] = {
         empty_events, empty_constraints, many_removals, huge_messages, pings, failing_opens, new_prompts, liars,
         silent_streams, unread_clips, unread_streams, catalogs, connections, garbage, heroes, playheads, empty_streams,
         long_names, idle_connections, unread_metrics, mutations, byte_a_second, burst_streams, crowds, watches,
-        edits_behind_prompts, health_checks, long_paths, reflections, welcome_crowds, half_open_calls, unread_calls,
+        edits_behind_prompts, health_checks, long_paths, reflections, welcome_crowds, many_rotations, refused_rotations,
+        unconfirmed_edits, first_messages, half_open_calls, unread_calls,
     )
 }  # fmt: skip
 ELSEWHERE = {connections, idle_connections, unread_metrics, welcome_crowds}

@@ -2,7 +2,8 @@
 
 A server with its engines runs under a quota of processor time (`tests.bench.cpu_quota`), the load beside it without.
 First the most characters that it serves in full when it refuses and degrades nobody; then, on a server with the
-settings that there are by default, how many of so many times as many are let in, and what they get.
+settings that there are by default, how many of so many times as many are let in, and what they get. Both come within
+the same time: a rush leaves windows behind that those who are served late miss frames by long after.
 `tests.bench.admission` is the same in virtual time.
 """
 
@@ -62,7 +63,7 @@ class Machine:
 
 @dataclass(frozen=True)
 class Effort:
-    """scenario: its name. seconds: measured in each run. times: as many ask as could be served, within ramp_s.
+    """scenario: its name. seconds: measured in each run. times: as many ask as could be served, all within ramp_s.
 
     program: a motiongen-load that plays instead of Python, which takes half a core for a hundred characters.
     """
@@ -76,10 +77,8 @@ class Effort:
     program: Path | None = None
 
 
-async def play(server: ServerProcess, characters: int, effort: Effort, ramp_s: float | None = None) -> Result:
-    """ramp_s: within which they come; None: as the scenario says."""
-    scenario = load_scenario(effort.scenario)
-    scenario = scenario if ramp_s is None else replace(scenario, ramp_s=ramp_s)
+async def play(server: ServerProcess, characters: int, effort: Effort) -> Result:
+    scenario = replace(load_scenario(effort.scenario), ramp_s=effort.ramp_s)
     load = Load(server.address, scenario, characters, effort.seconds, effort.seed, program=effort.program)
     result = await run_load(load, lambda _: None, Standard(max_lag_ms=effort.max_lag_ms), server.pid)
     missed, use = result.figures().miss_ratio, result.server_use
@@ -119,7 +118,7 @@ async def measure(machine: Machine, effort: Effort, could: int | None) -> str:
     if could is None:
         could = await most_servable(machine, effort, max(4, round(_CHARACTERS_A_CORE * machine.cores)))
     with machine.server() as server:
-        result = await play(server, max(1, round(effort.times * could)), effort, effort.ramp_s)
+        result = await play(server, max(1, round(effort.times * could)), effort)
     return row(machine, effort, could, result, others())
 
 
@@ -136,7 +135,7 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument(
         "--times", type=float, default=2.0, help="as many ask as could be served (default: %(default)g)"
     )
-    parser.add_argument("--ramp-s", type=float, default=20.0, help="within which these come (default: %(default)g)")
+    parser.add_argument("--ramp-s", type=float, default=20.0, help="within which all come (default: %(default)g)")
     parser.add_argument("--could", type=int, help="be served, where it is known already: only the crowd is played")
     parser.add_argument("--max-lag-ms", type=float, default=5.0, help="later loads are void (default: %(default)g)")
     parser.add_argument("--program", type=Path, metavar="PATH", help="of motiongen-load, to play in place of Python")

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import grpc
 
@@ -17,6 +18,8 @@ from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from tests.client.synthetic import HORIZON, LOOKAHEAD, catalog, synthetic_rows
 
 LEAD = 50
+
+Refuse: TypeAlias = Callable[[session_pb2.SessionEvent], str | session_pb2.EditOutcome]
 
 
 @dataclass
@@ -135,7 +138,7 @@ class FakeStream:
             session_id=f"s{event.session}",
             seed=character.seed,
             rig_id="stick9",
-            model_id="synthetic",
+            model_id=message.model_id or "synthetic",
             lookahead_frames=character.lookahead,
             denoise_steps=4,
         )
@@ -200,7 +203,7 @@ class FakeServer(service_pb2_grpc.MotionServiceServicer):
         self.frame_rate = frame_rate
         self.streams: list[FakeStream] = []
         self.metadata: list[dict[str, str | bytes]] = []  # of every call
-        self.refuse: Callable[[session_pb2.SessionEvent], str | session_pb2.EditOutcome] = lambda event: ""
+        self.refuse: Refuse = lambda event: ""
         self.turned_away: list[grpc.Status] = []  # how the next streams are refused
         self._threads = ThreadPoolExecutor(16)
         self._server = grpc.server(self._threads)
@@ -242,3 +245,18 @@ class FakeServer(service_pb2_grpc.MotionServiceServicer):
             stream.end()
         self._server.stop(None).wait()
         self._threads.shutdown()
+
+
+def full(*others: tuple[str, str]) -> Refuse:
+    """What a server refuses that lets nobody in, and names others: addresses and keys."""
+
+    def refuse(event: session_pb2.SessionEvent) -> str | session_pb2.EditOutcome:
+        if not event.HasField("open"):
+            return ""
+        outcome = session_pb2.EditOutcome(code=8, reason="OVERLOADED", message="full")
+        outcome.retry_after.FromSeconds(3600)
+        for address, key in others:
+            outcome.other_servers.add(address=address, routing_key=key)
+        return outcome
+
+    return refuse

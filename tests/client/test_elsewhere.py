@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import grpc
 import pytest
@@ -11,25 +11,8 @@ import pytest
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_client import EventRefused, MotionClient, OtherServer
 from motiongen_client.channel import ChannelSettings, Route
-from tests.client.fake_server import FakeServer
+from tests.client.fake_server import FakeServer, full
 from tests.client.waiting import received, until
-
-Refuse = Callable[[session_pb2.SessionEvent], str | session_pb2.EditOutcome]
-
-
-def full(*others: tuple[str, str]) -> Refuse:
-    """A server that lets nobody in, and names others: addresses and keys."""
-
-    def refuse(event: session_pb2.SessionEvent) -> str | session_pb2.EditOutcome:
-        if not event.HasField("open"):
-            return ""
-        outcome = session_pb2.EditOutcome(code=8, reason="OVERLOADED", message="full")
-        outcome.retry_after.FromSeconds(3600)
-        for address, key in others:
-            outcome.other_servers.add(address=address, routing_key=key)
-        return outcome
-
-    return refuse
 
 
 @pytest.fixture

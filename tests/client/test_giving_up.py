@@ -6,12 +6,14 @@ import asyncio
 import logging
 import threading
 from collections.abc import Iterator
+from typing import Any
 
 import grpc
+import grpc.aio
 import pytest
 
 from motiongen.v1 import service_pb2, session_pb2
-from motiongen_client import MotionClient, StreamLost
+from motiongen_client import LinePolicy, MotionClient, StreamLost
 from tests.client.fake_server import FakeServer
 from tests.client.synthetic import HORIZON, catalog
 from tests.client.waiting import received, until
@@ -65,6 +67,32 @@ async def test_a_client_keeps_no_streams_that_are_over(client: MotionClient) -> 
             pass
     async with client.stream() as last:
         assert client._streams == [last]
+
+
+@pytest.mark.parametrize("policy", [LinePolicy(recover_s=0), LinePolicy(ping_s=0.01, pong_timeout_s=0.01, recover_s=0)])
+async def test_nothing_is_left_of_streams_that_ended_for_good(
+    server: FakeServer, monkeypatch: pytest.MonkeyPatch, policy: LinePolicy
+) -> None:
+    channels: list[grpc.aio.Channel] = []
+    make = grpc.aio.insecure_channel
+
+    def channel(*arguments: Any, **more: Any) -> grpc.aio.Channel:
+        channels.append(make(*arguments, **more))
+        return channels[-1]
+
+    monkeypatch.setattr(grpc.aio, "insecure_channel", channel)
+    async with MotionClient(server.address, policy=policy) as client:
+        for _ in range(5):
+            await client.open("walk")
+            if policy.ping_s < 1:
+                server.stream.answers_pings = False  # it is the stream's own watch that ends it
+            else:
+                server.stream.fail(grpc.StatusCode.UNAVAILABLE)
+            await until(lambda: client._own_stream is not None and client._own_stream.is_over)
+    left = {task.get_name() for task in asyncio.all_tasks()}
+    assert {name for name in left if name.startswith("motiongen-")} == set()
+    assert len(channels) == 6
+    assert {each.get_state() for each in channels} == {grpc.ChannelConnectivity.SHUTDOWN}
 
 
 async def test_a_client_that_is_closed_says_so_to_who_opens(server: FakeServer) -> None:

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator
 import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
-from motiongen_client import InvalidInput, LinePolicy, MotionClient, convert
+from motiongen_client import EventRefused, InvalidInput, LinePolicy, MotionClient, Priority, SessionOptions, convert
 from motiongen_client.backoff import FIRST_DELAY_S, LONGEST_DELAY_S, LONGEST_SOON_DELAY_S, SOON_S, Backoff
 from motiongen_client.frame_shift import shifted
 from motiongen_client.wishes import Wishes
@@ -181,6 +181,29 @@ async def test_where_no_session_is_resumed_it_is_opened_anew_with_what_was_held(
     assert sent.edit_constraints.upsert[0].frame == 100
     with pytest.raises(InvalidInput, match="frames still to come"):
         session.add_waypoint(1, 2, frame=frame - 10)
+
+
+async def test_a_session_opened_anew_has_all_options_that_were_accepted(
+    client: MotionClient, server: FakeServer
+) -> None:
+    session = await client.open("one", options=SessionOptions(text_guidance=2.0))
+    server.refuse = lambda event: "NO_ROOM" if event.set_options.history_frames else ""
+    edits = [
+        session.set_options(denoise_steps=10, lookahead_frames=90),
+        session.set_options(priority=Priority.HERO),
+        session.set_options(guidance=(None, 3.0)),
+    ]
+    with pytest.raises(EventRefused, match="NO_ROOM"):
+        await session.set_options(history_frames=8)
+    assert all(edit.outcome for edit in edits)
+    with pytest.raises(InvalidInput, match="denoise_steps"):
+        session.set_options(denoise_steps=0)
+    server.stream.end()
+    await until(lambda: session.reopenings or None)
+    opening = server.stream.received[0].open
+    assert (opening.denoise_steps, opening.lookahead_frames, opening.history_frames) == (10, 90, 0)
+    assert opening.priority == session_pb2.PRIORITY_CLASS_HERO
+    assert opening.guidance == session_pb2.Guidance(constraint=3.0)
 
 
 async def test_a_session_that_nobody_looks_at_says_where_it_stands(client: MotionClient, server: FakeServer) -> None:

@@ -52,6 +52,11 @@ def test_the_c_interface_passes_its_unit_tests(program: Program, tmp_path: Path)
     subprocess.run([program("c_tests"), "--gtest_brief=1"], check=True, cwd=tmp_path)
 
 
+def test_the_c_interface_on_a_real_server(program: Program, live_server: LiveServer, tmp_path: Path) -> None:
+    environment = {**os.environ, "MOTIONGEN_ADDRESS": live_server.address}
+    subprocess.run([program("c_stream_tests"), "--gtest_brief=1"], check=True, cwd=tmp_path, env=environment)
+
+
 def test_the_library_for_engines_shows_its_c_interface_alone(program: Program) -> None:
     library = program("c_tests").parents[1] / "libmotiongen_c.so"
     listing = run("nm", "--dynamic", "--defined-only", library)

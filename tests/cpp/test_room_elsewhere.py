@@ -9,10 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from motiongen.v1 import session_pb2
 from motiongen_client import MotionClient
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.replicas.directory import Replica
 from motiongen_server.replicas.other_servers import OtherServers
+from tests.client.fake_server import FakeServer
 from tests.contract.local import LocalServer
 from tests.cpp.test_client import character
 from tests.e2e.lost_line import FACTS_AS_SERVED
@@ -67,3 +69,26 @@ async def test_it_is_told_where_it_may_go_nowhere(program: Program, named: Calla
     async with pair(named) as (first, second):
         await asyncio.to_thread(play, first.address)
         assert second.service.num_streams == 0
+
+
+def test_it_goes_for_the_next_where_one_was_closed_before_it_was_refused(program: Program) -> None:
+    """The server refuses both: the first, which is closed by then, and the next, which may go elsewhere."""
+    with FakeServer() as full, FakeServer() as other:
+
+        def refuse(event: session_pb2.SessionEvent) -> session_pb2.EditOutcome | str:
+            refused = session_pb2.EditOutcome(event_seq=1, code=8, reason="SESSION_LIMIT", message="it is full")
+            refused.other_servers.add(address=other.address)
+            if event.HasField("close"):
+                full.stream.push(event.session, outcome=refused)
+                return "SESSION_NOT_OPEN"
+            if event.HasField("open"):
+                return refused if event.session > 1 else session_pb2.EditOutcome()  # of the first it says nothing yet
+            return ""
+
+        full.refuse = refuse
+        with character(program, full.address, MOTIONGEN_OTHER=other.address) as walker:
+            walker.tell("close")
+            walker.tell("another")
+            assert walker.hear("lost")[1] == "UNAVAILABLE"
+            walker.hear("opened")
+        assert [event.session for event in other.stream.received if event.HasField("open")] == [2]

@@ -31,6 +31,12 @@ def read_compose() -> dict[str, Any]:
     return dict(yaml.safe_load((DEPLOY / "compose.yaml").read_text(encoding="utf-8")))
 
 
+def mounted(service: dict[str, Any]) -> dict[str, Path]:
+    """What of this repository a service mounts, by where it has it."""
+    pairs = (volume.split(":") for volume in service.get("volumes", ()) if volume.startswith("./"))
+    return {target: DEPLOY / source for source, target, *_ in pairs}
+
+
 def make_secrets(folder: Path) -> Path:
     """What deploy/make_secrets.sh makes, by the real server's tokens."""
     made = folder / "secrets"
@@ -45,7 +51,6 @@ class ComposeHere:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self.services = read_compose()["services"]
-        self.configs = read_compose()["configs"]
         self.secrets = make_secrets(folder)
         self.port = {name: free_port() for name in self.services}
         self.ops_port = {name: free_port() for name in (*SERVERS, "encoder")}
@@ -147,10 +152,9 @@ class ComposeHere:
         *shell, line = self.services["proxy"]["command"]
         made = self._folder / "haproxy.cfg"
         making, running = self.here(line).replace("/dev/shm/haproxy.cfg", str(made)).split(" && exec ")
-        resolvers = self._folder / "resolvers.cfg"
-        resolvers.write_text(self.configs["resolvers"]["content"], encoding="utf-8")
-        source = str(DEPLOY / "proxies" / "haproxy.cfg")
-        subprocess.run([*shell, making.replace("/etc/haproxy/motiongen.cfg", source)], check=True)
+        source = {name: str(here) for name, here in mounted(self.services["proxy"]).items()}
+        making = making.replace("/etc/haproxy/motiongen.cfg", source["/etc/haproxy/motiongen.cfg"])
+        subprocess.run([*shell, making], check=True)
         text = made.read_text(encoding="utf-8").replace("bind :50051", f"bind 127.0.0.1:{self.port['proxy']}")
         text = text.replace("/etc/haproxy/motiongen.pem", str(self.secrets / "proxy-with-key.pem"))
         for name in SERVERS:
@@ -158,7 +162,8 @@ class ComposeHere:
             theirs = f"localhost:{self.port[name]} check port {self.ops_port[name]}"
             text = text.replace(f"{name}:50051", theirs)
         made.write_text(text, encoding="utf-8")
-        self._run("proxy", running.replace("/etc/haproxy/resolvers.cfg", str(resolvers)).split())
+        resolvers = "/etc/haproxy/resolvers.cfg"
+        self._run("proxy", running.replace(resolvers, source[resolvers]).split())
         self._wait_for("proxy")
 
     def _wait_for(self, name: str) -> None:

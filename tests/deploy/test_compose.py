@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -19,11 +20,11 @@ SERVICES: dict[str, Any] = COMPOSE["services"]
 
 
 def names_in(service: dict[str, Any], kind: str) -> set[str]:
-    """Secrets, configs or networks that a service uses."""
+    """Secrets or networks that a service uses."""
     return {each["source"] if isinstance(each, dict) else each for each in service.get(kind, ())}
 
 
-@pytest.mark.parametrize("kind", ["secrets", "configs", "networks"])
+@pytest.mark.parametrize("kind", ["secrets", "networks"])
 def test_what_services_use_is_declared_and_all_of_it_is_used(kind: str) -> None:
     used = {name for service in SERVICES.values() for name in names_in(service, kind)}
     assert used == set(COMPOSE[kind])
@@ -37,6 +38,31 @@ def test_the_script_makes_every_secret(tmp_path: Path) -> None:
     assert made.stat().st_mode & 0o077 == 0, "others must not reach the keys"
     ignored = (DEPLOY.parent / ".gitignore").read_text(encoding="utf-8").split()
     assert "/deploy/secrets/" in ignored
+
+
+def test_a_script_that_can_make_no_tokens_says_so_and_leaves_nothing(tmp_path: Path) -> None:
+    environment = {**os.environ, "IDENTITY": "false"}
+    command = [str(DEPLOY / "make_secrets.sh"), str(tmp_path / "secrets")]
+    made = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert made.returncode == 1
+    assert "IDENTITY" in made.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_tokens_that_fail_half_way_leave_nothing_either(tmp_path: Path) -> None:
+    program = tmp_path / "identity"
+    program.write_text('#!/bin/sh\ntest "$1" = --help || { echo "no more tokens" >&2; exit 3; }\n', encoding="utf-8")
+    program.chmod(0o755)
+    command = [str(DEPLOY / "make_secrets.sh"), str(tmp_path / "secrets")]
+    made = subprocess.run(command, env={**os.environ, "IDENTITY": str(program)}, capture_output=True, text=True)
+    assert made.returncode == 3
+    assert "no more tokens" in made.stderr
+    assert list(tmp_path.iterdir()) == [program]
+
+
+def test_what_is_mounted_into_a_service_that_may_not_write_is_a_file() -> None:
+    """Compose copies configs that are written in its own file, which a root that is read-only refuses."""
+    assert all(config.keys() == {"file"} for config in COMPOSE.get("configs", {}).values())
 
 
 def test_files_that_are_mounted_are_there() -> None:

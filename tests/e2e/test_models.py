@@ -134,11 +134,34 @@ async def test_a_client_that_is_connected_follows_the_models(two_models: TwoMode
         MotionClient(two_models.address) as client,
         AdminClient(two_models.admin) as admin,
     ):
+        default = client.catalog.models[0]
         await admin.unload_model(BUILT_IN_MODEL)
-        session = await client.open("a person walks")  # the default that the client knows is gone
-        assert session.rig.rig_id != client.catalog.models[0].rig_id
+        (clip,) = await client.generate_clip(
+            "a person walks", num_frames=8
+        )  # the default that the client knows is gone
+        session = await client.open("a person walks")
+        assert clip.model_id == session.opened.model_id == client.catalog.models[0].model_id == two_models.tiny
+        assert clip.motion.rig.rig_id == session.rig.rig_id != default.rig_id
         await played(session)
         await admin.load_model(BUILT_IN_MODEL)
-        session = await client.open("a person walks", options=SessionOptions(model_id=BUILT_IN_MODEL))
-        assert session.rig.rig_id == client.catalog.models[0].rig_id
+        own = SessionOptions(model_id=BUILT_IN_MODEL)
+        (clip,) = await client.generate_clip("a person walks", num_frames=8, options=own)
+        session = await client.open("a person walks", options=own)
+        assert clip.motion.rig.rig_id == session.rig.rig_id == default.rig_id
         await played(session)
+
+
+async def test_a_session_follows_the_models_too(two_models: TwoModels) -> None:
+    async with (
+        asyncio.timeout(LIMIT_S),
+        MotionClient(two_models.address) as client,
+        AdminClient(two_models.admin) as admin,
+    ):
+        default = client.catalog.models[0]
+        await admin.unload_model(default.model_id)
+        session = await client.open("a person walks")  # the default that the client knows is gone
+        assert session.opened.model_id == client.catalog.models[0].model_id != default.model_id
+        await played(session)
+        await admin.load_model(BUILT_IN_MODEL if default.model_id == BUILT_IN_MODEL else str(TINY))
+        await played(await client.open("a person walks", options=SessionOptions(model_id=default.model_id)))
+        assert default.model_id in [model.model_id for model in client.catalog.models]

@@ -40,6 +40,7 @@ def check(motion: Motion) -> None:
     turns = torch.from_numpy(motion.joint_rotation_quat_wxyz.copy())
     expected = qpos_of_rows(turns, torch.from_numpy(motion.root_translation_m.copy()))
     np.testing.assert_allclose(qpos, expected, atol=1e-4)
+    assert (qpos[1:, 3:7] * qpos[:-1, 3:7]).sum(axis=1).min() >= 0, "of q and -q the nearer one, from window to window"
     robot = load_g1()
     assert (qpos[:, 7:] >= robot.lower.numpy() - 1e-6).all()
     assert (qpos[:, 7:] <= robot.upper.numpy() + 1e-6).all()

@@ -184,6 +184,33 @@ def test_frames_that_come_in_time_are_given_as_they_are() -> None:
     np.testing.assert_allclose(commands[9::10, 7:], WALK[:80, 7:], atol=1e-9)
 
 
+def yawed(radians: float, sign: float = 1.0) -> np.ndarray:
+    """The robot upright at angles 0, turned about the vertical."""
+    qpos = np.zeros(36)
+    qpos[2], qpos[3], qpos[6] = 0.793, sign * np.cos(radians / 2), sign * np.sin(radians / 2)
+    return qpos
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_root_turns_the_short_way_back_to_frames_of_either_sign(sign: float) -> None:
+    hold, held, back = SafeHold(), np.radians(17.2), np.radians(20.05)
+    for now_s in (0.0, 1.0, 2.0):
+        hold.command(now_s, yawed(held) if now_s == 0 else None)
+    assert hold.state is HoldState.HOLDING
+    commands = np.array([hold.command(3.0 + tick / 20, yawed(back, sign)) for tick in range(20)])
+    yaw = np.arctan2(2 * commands[:, 3] * commands[:, 6], 1 - 2 * commands[:, 6] ** 2)
+    assert (np.diff(yaw) >= -1e-9).all()
+    assert (yaw[0], yaw[-1]) == pytest.approx((held, back))
+    assert (commands[1:, 3:7] * commands[:-1, 3:7]).sum(axis=1).min() > 0.9, "its commands keep to one sign"
+
+
+def test_the_array_of_a_frame_may_be_used_again() -> None:
+    hold, buffer = SafeHold(), yawed(0.3)
+    hold.command(0.0, buffer)
+    buffer[:] = yawed(2.0)
+    np.testing.assert_allclose(hold.command(0.01), yawed(0.3))
+
+
 def test_what_has_no_meaning_is_refused() -> None:
     with pytest.raises(InvalidInput, match="a first state"):
         SafeHold().command(0.0)

@@ -12,14 +12,14 @@ import pytest
 
 from tests.client.fake_server import FakeServer
 from tests.conftest import LiveServer
-from tests.cpp import test_goodbye
+from tests.cpp import test_goodbye, test_lost_clients
 from tests.cpp.building import SOURCE, build, run
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(1500)]
 
 CONSUMER = SOURCE / "tests" / "consumer"
 UNIT_TESTS = ("core_tests", "client_parts_tests", "stream_tests")
-servers = test_goodbye.servers
+servers, server = test_goodbye.servers, test_lost_clients.server
 
 
 def built() -> Path:
@@ -75,11 +75,12 @@ def test_nothing_for_the_sanitizers(
     sanitizer: str,
     live_server: LiveServer,
     servers: Sequence[FakeServer],
+    server: FakeServer,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     settings = [f"-DMOTIONGEN_SANITIZE={sanitizer}", "-DMOTIONGEN_TESTS=ON"]
-    folder = build(f"sanitize-{sanitizer}", *settings, targets=(*UNIT_TESTS, "told_events")) / "tests"
+    folder = build(f"sanitize-{sanitizer}", *settings, targets=(*UNIT_TESTS, "told_events", "lost_clients")) / "tests"
     options = f"ignore_noninstrumented_modules=1 suppressions={SOURCE / 'tests' / 'tsan.supp'}"
     leaks = f"suppressions={SOURCE / 'tests' / 'lsan.supp'}"
     monkeypatch.setenv("MOTIONGEN_ADDRESS", live_server.address)
@@ -90,6 +91,8 @@ def test_nothing_for_the_sanitizers(
     test_goodbye.test_where_nobody_answers_that_was_named_it_goes_to_the_next_and_then_on_in_turn(
         folder.joinpath, servers
     )
+    for way in test_lost_clients.WAYS:
+        test_lost_clients.test_a_lost_call_is_used_by_nobody_once_it_is_gone(folder.joinpath, server, way)
 
 
 def test_ten_thousand_connects_leave_no_memory_behind(live_server: LiveServer) -> None:

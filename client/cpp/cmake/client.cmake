@@ -32,6 +32,7 @@ add_library(motiongen_client
   src/client/book.cpp
   src/client/call.cpp
   src/client/client.cpp
+  src/client/client_options.cpp
   src/client/clip.cpp
   src/client/connection.cpp
   src/client/moving.cpp
@@ -52,6 +53,7 @@ add_library(motiongen_client
   src/client/session_waiting.cpp
   src/client/short_call.cpp
   src/client/status_details.cpp
+  src/client/texts.cpp
   src/client/wire.cpp
   src/client/worker.cpp
   $<TARGET_OBJECTS:motiongen_proto>)

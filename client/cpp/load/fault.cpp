@@ -1,6 +1,7 @@
 // What makes a load unplayable.
 #include <string>
 
+#include "client/texts.hpp"
 #include "player.hpp"
 
 namespace motiongen::load {
@@ -40,6 +41,8 @@ std::string find_fault(const Load& load) {
       !(load.end_s() > 0 && load.end_s() < 1e6)) {
     return "frame_rate, jitter_s, max_request_bytes, report_hz and end_s must be above 0, end_s below 1e6";
   }
+  const Status token = check_token(load.access().token());
+  if (!token) return token.message();
   for (const Group& group : load.groups()) {
     for (const Rule& rule : group.rules()) {
       if (rule.kind() != "prompt" && rule.kind() != "constraints" && rule.kind() != "velocity") {

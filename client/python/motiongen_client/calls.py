@@ -77,6 +77,7 @@ class Calls:
         self._wanted = asyncio.Event()
         self._watching: asyncio.Task[None] | None = None
         self._recovering: asyncio.Task[None] | None = None
+        self._dropping: asyncio.Task[None] | None = None
         self._backoff = Backoff()
         self.failure: MotiongenError | None = None
         self.number = 0
@@ -118,7 +119,12 @@ class Calls:
         if self._call is not None:
             await self._call.close()
         self._end(StreamLost("CANCELLED", "the stream was closed here"))
-        await self._drop_channel()
+        if self._dropping is not None:
+            await asyncio.shield(self._dropping)
+
+    def ask(self) -> None:
+        """Have a call made where there is none. Does not wait for it."""
+        self._wanted.set()
 
     async def until_connected(self) -> None:
         """Wait for a call. Raises why there will be none."""
@@ -133,7 +139,7 @@ class Calls:
         while not holds():
             if self.failure is not None:
                 raise self.failure
-            self._wanted.set()
+            self.ask()
             await self._news.wait()
 
     # ---- one call after another
@@ -187,7 +193,7 @@ class Calls:
         if isinstance(failure, StreamLost) and failure.reason == CREDENTIALS_EXPIRED:
             is_final = False  # where the next call has no better ones, it is refused for good
         if is_final or not self.recovers:
-            self._end(failure)
+            self._end(failure, call)
             return
         _log.warning("the line to %s is lost (%s); trying for another", self._address, failure)
         self._wanted.clear()
@@ -224,11 +230,20 @@ class Calls:
                 self._route.pass_over(is_starting=isinstance(failure, StreamLost) and failure.reason == STARTING)
         self._end(failure)
 
-    def _end(self, failure: MotiongenError) -> None:
+    def _end(self, failure: MotiongenError, call: Call | None = None) -> None:
+        """There will be no call any more, and nothing is left of the last one, whether `close` comes or not."""
         if self.failure is None:
             self.failure = failure
             self._events.over(failure)
+            if self._watching is not None:
+                self._watching.cancel()  # also where it is the one that has found the last call silent
+            self._dropping = asyncio.get_running_loop().create_task(self._let_go(call), name="motiongen-drop")
         self._tell()
+
+    async def _let_go(self, call: Call | None) -> None:
+        if call is not None:
+            await call.close()
+        await self._drop_channel()
 
     def _tell(self) -> None:
         news, self._news = self._news, asyncio.Event()

@@ -110,6 +110,11 @@ class Route:
         self._is_allowed = is_allowed
         self._named: list[ChannelSettings] = []
 
+    @property
+    def is_at_home(self) -> bool:
+        """Whether it leads to the client's own address at present, and not to one that a server has named."""
+        return self._settings.address == self._own_address
+
     def open(self) -> grpc.aio.Channel:
         """A new channel."""
         return self._settings.open()

@@ -14,9 +14,10 @@ from motiongen.v1 import service_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_client import clip, convert
 from motiongen_client.backoff import Backoff
+from motiongen_client.catalogs import has_model, newest_catalog
 from motiongen_client.channel import REPLICA_KEY, ChannelSettings, Option, Route, Token, drawn_key, has_drawn_key
 from motiongen_client.elsewhere import Elsewhere
-from motiongen_client.errors import ServerUnavailable, StreamLost
+from motiongen_client.errors import EventRefused, ServerUnavailable, StreamLost
 from motiongen_client.line_policy import LinePolicy
 from motiongen_client.prompts import Prompt
 from motiongen_client.session import Session
@@ -31,6 +32,8 @@ class MotionClient:
     address, credentials, token, metadata, channel_options: as `ChannelSettings` has them; a token that expires is best
     given as a function that returns the present one. connect_timeout_s: how long to wait for a server that is there and
     ready. policy: what to do when the line to it is lost.
+    catalog: what the server offered when it was asked last: on connecting, with each new line to it, and where a model
+    is wanted that it did not have.
     """
 
     def __init__(
@@ -96,6 +99,13 @@ class MotionClient:
                 raise ServerUnavailable(self.address, waited) from None
             await asyncio.sleep(wait_s)
 
+    async def _renew_catalog(self) -> None:
+        """Models may have been loaded and unloaded since. Raises ServerUnavailable."""
+        self._take_catalog(await newest_catalog(self._stub, self.catalog, self.address, self._policy.hello_timeout_s))
+
+    def _take_catalog(self, catalog: Catalog) -> None:
+        self.catalog = catalog
+
     def stream(self, *, report_hz: float = 4.0) -> Stream:
         """A new stream, to be entered with `async with`. One stream carries many sessions; one is enough for most."""
         return self._stream("", "", report_hz, moves=False)
@@ -114,6 +124,7 @@ class MotionClient:
             policy=self._policy,
             move=self._elsewhere.move if moves else None,
             route=route,
+            on_catalog=None if address or routing_key else self._take_catalog,  # another server may have other models
         )
         self._streams = [each for each in self._streams if not each.is_over]
         self._streams.append(stream)
@@ -173,21 +184,34 @@ class MotionClient:
         """Bounded motion: num_samples clips of num_frames frames, made as fast as the server has room for them.
 
         later_prompts: by the frame they take over at. Sample n has the seed + n. timeout_s: after which the server
-        stops working on it. Raises InvalidInput, EventRefused, DeadlineExceeded or ServerUnavailable.
+        stops working on it. Raises InvalidInput, UnknownName, EventRefused, DeadlineExceeded or ServerUnavailable.
         """
         self._check_connected()
-        return await clip.generate_clip(
-            self._stub,
-            self.address,
-            self.catalog,
-            prompt,
-            num_frames=num_frames,
-            num_samples=num_samples,
-            later_prompts=later_prompts,
-            options=options or SessionOptions(),
-            constraints=constraints,
-            timeout_s=timeout_s,
-        )
+        wanted = options or SessionOptions()
+
+        async def made() -> list[Clip]:
+            return await clip.generate_clip(
+                self._stub,
+                self.address,
+                self.catalog,
+                prompt,
+                num_frames=num_frames,
+                num_samples=num_samples,
+                later_prompts=later_prompts,
+                options=wanted,
+                constraints=constraints,
+                timeout_s=timeout_s,
+            )
+
+        if not has_model(self.catalog, wanted):
+            await self._renew_catalog()
+        try:
+            return await made()
+        except EventRefused as refusal:
+            if wanted.model_id or refusal.reason != "UNKNOWN_MODEL":
+                raise
+        await self._renew_catalog()  # the default was unloaded since
+        return await made()
 
     def _check_connected(self) -> None:
         if self._channel is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import grpc
 import grpc.aio
@@ -13,6 +13,7 @@ import numpy as np
 from motiongen.v1 import service_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_client import convert
+from motiongen_client.catalogs import model_of
 from motiongen_client.errors import DeadlineExceeded, InvalidInput, ProtocolViolation
 from motiongen_client.motion import Float32, Motion, Rig
 from motiongen_client.prompts import Prompt
@@ -69,8 +70,9 @@ async def generate_clip(
     constraints: Sequence[Constraint],
     timeout_s: float | None,
 ) -> list[Clip]:
-    """See `MotionClient.generate_clip`."""
-    model = catalog.model(options.model_id) if options.model_id else catalog.models[0]
+    """See `MotionClient.generate_clip`. Raises UnknownName for a model that the catalogue has not."""
+    model = model_of(catalog, options)
+    options = replace(options, model_id=model.model_id)  # the default that its rig is looked up of, and no newer one
     asked = {name: model.outputs[name] for name in options.outputs if name in model.outputs}
     rig = catalog.rig(model.rig_id).with_outputs(asked)  # the server refuses those it has not
     check_request(catalog, num_frames, num_samples, options)

@@ -61,10 +61,14 @@ class Elsewhere:
 
     async def _move(self, stream: Stream, session: Session, refusal: EventRefused) -> None:
         call = stream.call_number
-        following = await self._next(refusal, {stream.replica_id})
+        try:
+            following = await self._next(refusal, {stream.replica_id})
+        except Exception as fault:  # of what gives the token: its own line may be as lost as this one
+            _log.warning("session %d cannot go on at another server: %s", session.handle, fault)
+            following = None
         if not session.is_waiting or stream.call_number != call:
             return  # it has ended, or its own server has been asked anew
-        if following is None:
+        if following is None or following.is_over:
             session.wait_for_room(refusal)
             return
         _log.info("session %d goes on at another server: %s", session.handle, refusal.reason)
@@ -72,7 +76,11 @@ class Elsewhere:
         following.adopt(session)
 
     async def _next(self, refusal: EventRefused, asked: set[str]) -> Stream | None:
-        """A stream to one of the servers that a refusal names, that has not been asked; None where there is none."""
+        """A stream to one of the servers that a refusal names, that has not been asked; None where there is none.
+
+        It has a call: one that was ended for it carried nothing, or that waits for a server that is gone, would have a
+        session wait for ever where another server, or its own, may take it.
+        """
         if len(asked) >= MOST_ASKED:
             return None
         for server in refusal.other_servers:
@@ -81,6 +89,7 @@ class Elsewhere:
                 continue
             try:
                 stream = await self._stream(way)
+                await stream.ready()
             except MotiongenError as error:
                 _log.info("a server that was named cannot be reached: %s", error)
                 continue
@@ -112,7 +121,11 @@ class Elsewhere:
             if other.replica_id == stream.replica_id and other.is_connected:  # another way to it
                 await stream.close()
                 return other
-        await stream.ask_catalog()
+        try:
+            await stream.ask_catalog()
+        except BaseException:
+            await stream.close()
+            raise
         return stream
 
     async def close(self) -> None:

@@ -12,6 +12,7 @@ import enum
 import logging
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -92,19 +93,21 @@ class Recovery(Direction):
         guidance: of text and of constraints, both set anew, None within it for the model's own. The server may refuse
         more than there is room for. A session that is opened anew after a loss has what was accepted last.
         """
-        text, constraint = guidance or (self._options.text_guidance, self._options.constraint_guidance)
-        changed = replace(
-            self._options,
-            priority=priority or self._options.priority,
-            lookahead_frames=self._options.lookahead_frames if lookahead_frames is None else lookahead_frames,
-            denoise_steps=self._options.denoise_steps if denoise_steps is None else denoise_steps,
-            history_frames=self._options.history_frames if history_frames is None else history_frames,
-            text_guidance=text,
-            constraint_guidance=constraint,
-        )
+        counts = {
+            "lookahead_frames": lookahead_frames,
+            "denoise_steps": denoise_steps,
+            "history_frames": history_frames,
+        }
+        given: dict[str, Any] = {name: count for name, count in counts.items() if count is not None}
+        if priority is not None:
+            given["priority"] = priority
+        if guidance is not None:
+            given["text_guidance"], given["constraint_guidance"] = guidance
+        replace(self._options, **given)  # raises InvalidInput where one has no meaning
         message = convert.set_options(priority, lookahead_frames, denoise_steps, guidance, history_frames)
         sent = self._send_edit("the options", session_pb2.SessionEvent(set_options=message))
-        sent.when_accepted(lambda: setattr(self, "_options", changed))
+        # Others may have been accepted by then: to those of that moment.
+        sent.when_accepted(lambda: setattr(self, "_options", replace(self._options, **given)))
         return sent
 
     # ---- for the stream

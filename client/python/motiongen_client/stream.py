@@ -12,12 +12,12 @@ from motiongen.v1 import service_pb2, session_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_client import convert
 from motiongen_client.calls import CallEvents, Calls
+from motiongen_client.catalogs import has_model, newest_catalog
 from motiongen_client.channel import Route
 from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError, ServerUnavailable
 from motiongen_client.line_policy import LinePolicy
 from motiongen_client.prompts import Prompt
 from motiongen_client.session import Session
-from motiongen_client.status import answer_of
 from motiongen_client.types import NO_PROMPTS, Catalog, Constraint, SessionOptions
 
 _MIN_REPORT_GAP_S = 0.025  # 40 a second; servers allow 50 events of a session
@@ -41,11 +41,13 @@ class Stream:
         policy: LinePolicy | None = None,
         move: Callable[[Stream, Session, EventRefused], bool] | None = None,
         route: Route | None = None,
+        on_catalog: Callable[[Catalog], None] | None = None,
     ) -> None:
         """connect: makes a channel to the server, for one call.
 
         move: has another stream carry a session for which there is no room here; False where none is known. route: of
-        the channels that `connect` makes; None: they all lead to one server.
+        the channels that `connect` makes; None: they all lead to one server. on_catalog: is told of each catalogue that
+        is fetched from the route's own address.
         """
         if not 1 <= report_hz <= 5:
             raise InvalidInput("report_hz", report_hz, "a number from 1 to 5")
@@ -56,7 +58,7 @@ class Stream:
         events = CallEvents(self._take, self._hear_hello, self._begin, self._interrupt, self._fail)
         most = catalog.limits.max_request_bytes
         self._calls = Calls(connect, address, agent, self._policy, max_request_bytes=most, events=events, route=route)
-        self._move = move
+        self._move, self._route, self._on_catalog = move, route, on_catalog
         self._sessions: dict[int, Session] = {}
         self._next_handle = 1
         self._report_wanted = asyncio.Event()
@@ -104,7 +106,7 @@ class Stream:
         while True:
             await self._calls.until_connected()
             call = self._calls.number
-            if options.model_id and not any(model.model_id == options.model_id for model in self._catalog.models):
+            if not has_model(self._catalog, options):
                 await self._fetch_catalog(self._calls.channel)
             try:
                 return await self._open(options, prompt, later_prompts, constraints, keep_s)
@@ -145,14 +147,10 @@ class Stream:
         """The server may have loaded and unloaded models since the client connected, or be another one."""
         if channel is None:
             return
-        request = service_pb2.GetCatalogRequest(catalog_etag=self._catalog.etag)
-        try:
-            call = MotionServiceStub(channel).GetCatalog(request, timeout=self._policy.hello_timeout_s)
-            response = await answer_of(call)
-        except grpc.aio.AioRpcError as error:
-            raise ServerUnavailable(self._address, f"{error.code().name}, {error.details()}") from None
-        if response.models:  # else it is the one that we hold
-            self._catalog = convert.catalog(response)
+        stub, timeout_s = MotionServiceStub(channel), self._policy.hello_timeout_s
+        self._catalog = await newest_catalog(stub, self._catalog, self._address, timeout_s)
+        if self._on_catalog is not None and (self._route is None or self._route.is_at_home):
+            self._on_catalog(self._catalog)
 
     async def start(self) -> Stream:
         """Make the call and exchange hellos. `async with` does it. Raises ServerUnavailable or StreamLost."""
@@ -170,6 +168,18 @@ class Stream:
             self._reporting.cancel()
             await asyncio.gather(self._reporting, return_exceptions=True)
         await self._calls.close()
+
+    async def ready(self) -> None:
+        """Wait for a call, and ask for one where there is none: servers end streams that carry nothing.
+
+        Raises ServerUnavailable where none comes within the policy's hello_timeout_s, StreamLost where none ever will.
+        """
+        within_s = self._policy.hello_timeout_s
+        try:
+            async with asyncio.timeout(within_s):
+                await self._calls.until_connected()
+        except TimeoutError:
+            raise ServerUnavailable(self._address, f"no call was made within {within_s:g} s") from None
 
     async def __aenter__(self) -> Stream:
         return await self.start()
@@ -221,6 +231,8 @@ class Stream:
         self._next_handle += 1
         self._sessions[handle] = session
         session.move(handle, self, self._catalog, now=self.is_connected)
+        if not self.is_connected:
+            self._calls.ask()
 
     async def ask_catalog(self) -> None:
         """Take the server's own catalogue in place of the one that is held. Raises ServerUnavailable."""
@@ -252,6 +264,8 @@ class Stream:
         for session in self.sessions:
             session.fail(failure)
         self._sessions.clear()
+        if self._reporting is not None:
+            self._reporting.cancel()
 
     def _take(self, response: service_pb2.StreamMotionResponse) -> None:
         match response.WhichOneof("stream_event"):

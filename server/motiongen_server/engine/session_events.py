@@ -22,7 +22,6 @@ from motiongen_server.engine.types import (
     SetPrompts,
     SetVelocity,
 )
-from motiongen_server.engine.types.refusals import prior_frames_failed
 from motiongen_server.engine.types.report import StepReport
 
 EventWithin = SetPrompts | SetConstraints | SetVelocity | Playhead | SetPlayState | SetOptions | Seek | Resume
@@ -60,10 +59,7 @@ class SessionEvents:
         return said
 
     def _cut(self, state: SessionState, event: Seek, now: float, report: StepReport) -> list[Output]:
-        features = None if event.prior_rows is None else self._windows.features(event.prior_rows)
-        if event.prior_rows is not None and features is None:
-            return [prior_frames_failed("seek.prior_frames").outcome(event.session, event.event_seq)]
-        return events.cut(state, event, features, now, report)
+        return events.cut(state, event, self._windows.features, now, report)
 
     def _change(self, state: SessionState, event: SetOptions) -> list[Output]:
         """Give a session other options, where there is room for what they ask."""

@@ -141,7 +141,9 @@ class Metrics:
             registry=registry,
         )
         self.queue_bytes = Gauge(
-            "motiongen_outbound_queue_bytes", "What waits to be written to all streams.", registry=registry
+            "motiongen_outbound_queue_bytes",
+            "What waits to be written to all streams, or to be taken from them.",
+            registry=registry,
         )
         self.heartbeat_age = Gauge(
             "motiongen_engine_heartbeat_age_seconds", "Since the engine's loop last went round.", registry=registry

@@ -14,27 +14,34 @@ MESSAGE_COST = 1.0
 EVENT_COST = 1.0
 REFUSAL_COST = 9.0
 """More, for an event that is refused: its answer costs the server several times what taking it does."""
+CONSTRAINT_COST = 3.0
+"""More, for each constraint that is set: what converts it here, and places it in an engine, takes the time of so many
+other events."""
 PATH_COST = 50.0
 """More, for each path: the engine works out where it leads, in the time of so many other events."""
 BYTES_A_TOKEN = 256.0
 CALL_COST = 1.0
 """Of a call, of those that a peer may make in a second; a clip's costs more by its bytes."""
+CONSTRAINT_CALLS = 0.01
+"""More, for each constraint of each sample of a clip."""
 PATH_CALLS = 0.25
-"""More, for each path of each sample of a clip."""
+"""More, for each path of them."""
 BYTES_A_CALL = 16_384.0
 
 
 class StreamBudget:
-    """Lives on the event loop. now: monotonic seconds."""
+    """Lives on the event loop. now: monotonic seconds. charged: tokens so far."""
 
     def __init__(self, rate: float, peer: Peer, now: float) -> None:
         self.peer = peer
+        self.charged = 0.0
         self._bucket = TokenBucket(rate, now)
         self._share = Share(peer.events, lambda: peer.num_streams, now)
         self._bytes = Share(peer.bytes, lambda: peer.num_streams, now)
 
     def charge(self, tokens: float, now: float) -> None:
         """Use tokens, of the stream and of its peer."""
+        self.charged += tokens
         self._bucket.charge(tokens, now)
         self._share.charge(tokens, now)
 

@@ -185,7 +185,7 @@ def _record_of(entry: SessionEntry, taken: SnapshotTaken) -> SessionRecord:
         taken_seq=taken_seq,
         opened=replace(entry.opened, session_token=""),
         level=entry.level,
-        answers=tuple(answer for seq, answer in entry.answers.items() if seq <= taken_seq),
+        answers=entry.answers.up_to(taken_seq),
         reached=tuple(entry.reached),
         warnings={seq: said for seq, said in entry.warnings.items() if seq in waiting},
         attempt=entry.attempt,

@@ -117,8 +117,8 @@ def peer_steps(asked_hz: float, most_hz: float, kind: str, field: str) -> EventR
 
 
 def peer_waiting(most: int, kind: str) -> EventRefused:
-    """Of events that come behind a prompt that is being encoded."""
-    message = f"your {kind} has {most} bytes of events waiting for prompts to be encoded"
+    """Of events that come behind a prompt that is being encoded, or a session that is being taken over."""
+    message = f"your {kind} has {most} bytes of events waiting for prompts to be encoded, or for the store of sessions"
     allowed = (
         "events once those before them have been answered; prompts that were used before, and presets, wait for nothing"
     )

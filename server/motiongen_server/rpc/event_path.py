@@ -16,7 +16,6 @@ from motiongen_server.engine.types import Close, Closed, Open, Outcome, Output, 
 from motiongen_server.engine.types.refusals import session_closed, too_many_pending
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import LoadedModel
-from motiongen_server.rpc.budget import REFUSAL_COST
 from motiongen_server.rpc.convert import UNENCODED, coding_of, engine_event, prompt_texts, warnings_of
 from motiongen_server.rpc.encoding import encoded
 from motiongen_server.rpc.event_errors import internal
@@ -48,7 +47,6 @@ def pass_on(entry: SessionEntry, event: session_pb2.SessionEvent, now: float) ->
     # All that can be wrong with it is found before anything is encoded for it, or waits.
     checked = engine_event(event, entry.key, now, UNENCODED, entry.model.catalog)
     if isinstance(checked, Open) and (refusal := entry.model.engine.refusal_of(checked)) is not None:
-        entry.place.peer.events.charge(REFUSAL_COST, now)
         entry.carrier.take_now(refusal)
         return
     kept = session_pb2.SessionEvent()

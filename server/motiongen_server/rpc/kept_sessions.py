@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import logging
+import secrets
 import time
 
 from motiongen_server.engine.types import (
@@ -23,6 +25,8 @@ from motiongen_server.rpc.durability import Durability
 from motiongen_server.rpc.event_path import end_waiting, refuse_waiting, without_needless_refusals
 from motiongen_server.rpc.session_entry import Carrier, SessionEntry
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
+
+_log = logging.getLogger(__name__)
 
 
 class KeptSessions:
@@ -98,6 +102,14 @@ class KeptSessions:
             entry.carrier = _Nobody(entry, self)
             self._away[entry.key] = entry
 
+    def end(self, entry: SessionEntry) -> None:
+        """A session that no stream carries, and that cannot be kept, is closed at once."""
+        self._stop_timer(entry)
+        entry.place.release()
+        self.see_out(entry)
+        if entry.known_to_engine and not entry.closing:
+            self._close(entry, CloseReason.CLIENT)
+
     def move(self, entry: SessionEntry, carrier: Carrier, handle: int) -> None:
         """Another stream carries a session from now on."""
         self._stop_timer(entry)
@@ -166,3 +178,7 @@ class _Nobody:
 
     def take_now(self, *outputs: Output) -> None:
         self.take(*outputs)
+
+    def fail(self, error: Exception) -> None:
+        _log.error("a session that no stream carries failed, error id %s", secrets.token_hex(4), exc_info=error)
+        self._kept.end(self._entry)

@@ -61,7 +61,8 @@ class PeerLimits:
     `rpc.budget`. prompts_per_second: texts that were not known. calls_per_second: new streams, clips, catalogues.
     bytes_per_second: received. session_weight: of `peers.SESSION_WEIGHTS`; heroes, nears, crowds, batches: sessions of
     each class. clip_samples: under way. share: its weight beside others where there is more to denoise than time;
-    steps_per_second: rows of denoising steps. waiting_bytes: of events that wait for prompts to be encoded.
+    steps_per_second: rows of denoising steps. waiting_bytes: of events that wait for prompts to be encoded, or for the
+    store. held_bytes: of messages that wait until they are paid for, with what they are taken apart into.
     """
 
     streams: int = 1024
@@ -79,6 +80,7 @@ class PeerLimits:
     share: float = 1.0
     steps_per_second: float = inf
     waiting_bytes: int = 16 << 20
+    held_bytes: int = 128 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +90,9 @@ class ServiceLimits:
     hello_timeout_s: within which a stream must say hello; empty_timeout_s: after which one without sessions is ended.
     stuck_timeout_s: after which one is ended, or a clip, whose client takes nothing of what is written.
     silent_timeout_s: after which one counts as lost from which nothing comes; clients ping every 10 s. max_clip_calls:
-    calls for clips that are under way. max_waiting_bytes: of unsent updates, and of events that wait for prompts, of
-    all streams together. reconnect_after_s: when clients are told to connect again as the server goes away; 0: at once.
+    calls for clips that are under way. max_waiting_bytes: of unsent updates, answers that clients have not confirmed,
+    and what has come and waits, of all streams together. reconnect_after_s: when clients are told to connect again as
+    the server goes away; 0: at once.
     """
 
     max_streams: int = 2048

@@ -5,12 +5,14 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import Any, cast
 
 from motiongen_server.engine.types import Owner, Priority
 from motiongen_server.identity.caller import Caller
 from motiongen_server.rpc.event_errors import peer_class, peer_clips, peer_sessions, peer_steps, peer_waiting
+from motiongen_server.rpc.held_requests import HeldRequests, Holder
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.stream_errors import too_many_calls
 from motiongen_server.rpc.token_bucket import Share, TokenBucket
@@ -41,7 +43,8 @@ class Peer:
         self.num_streams = 0
         self._sessions: Counter[Priority] = Counter()
         self._clip_samples = 0
-        self.waiting_bytes = 0  # of events that wait for prompts to be encoded
+        self.waiting_bytes = 0  # of events that wait for prompts to be encoded, or for the store
+        self.held = HeldRequests()
         self._steps_hz = 0.0
         self.limits = limits
         self.events = TokenBucket(limits.events_per_second, now)
@@ -146,10 +149,14 @@ class Peer:
         self._sessions[after] += 1
 
     def check_waiting(self, num_bytes: int) -> None:
-        """Raises EventRefused where no event of that size may wait for a prompt besides those that do."""
+        """Raises EventRefused where no event of that size may wait besides those that do."""
         most = self.limits.waiting_bytes
         if self.waiting_bytes + num_bytes > most:
             raise peer_waiting(most, self.kind)
+
+    def holding(self, stream: Holder, num_bytes: int) -> AbstractContextManager[None]:
+        """A message of one of its streams is held for a block; see `HeldRequests.holding`. Raises Ended."""
+        return self.held.holding(stream, num_bytes, self.limits.held_bytes, self.kind)
 
     def begin_clip(self, num_samples: int) -> None:
         """Note samples that are about to be made. Raises EventRefused where it has as many as it may."""

@@ -14,6 +14,7 @@ class ReaderPatience:
     def __init__(self, limits: Limits, give_up: Callable[[], None]) -> None:
         self._limits = limits
         self._give_up = give_up
+        self._is_giving_up = False
         self._timer: asyncio.TimerHandle | None = None  # runs while more waits than may wait for long
 
     def check(self, waiting_bytes: int) -> None:
@@ -34,4 +35,10 @@ class ReaderPatience:
 
     def _lose(self) -> None:
         self.end()
-        self._give_up()
+        if self._is_giving_up:  # what its sessions are told of that waits for the client too, and is counted here
+            return
+        self._is_giving_up = True
+        try:
+            self._give_up()
+        finally:
+            self._is_giving_up = False

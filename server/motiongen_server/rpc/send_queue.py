@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections import deque
 from typing import TypeAlias
 
-from motiongen_server.engine.types import Chunk, Closed, Float32Array, Outcome, Output, PlanNotice
+from motiongen_server.engine.types import Chunk, Closed, Float32Array, Opened, Outcome, Output, PlanNotice
 
 UPDATE_OVERHEAD_BYTES = 64
+PLACEMENT_BYTES = 64
+EVENT_SEQ_BYTES = 10
+"""Of a placement, and of an event's number in a plan: the most that they take on the wire."""
 MAX_RUN_FRAMES = 80
 """Frames that one update may carry: the longest look-ahead there is by default."""
 
@@ -161,6 +164,13 @@ class SendQueue:
 
 def size_of(output: Output) -> int:
     """About how many bytes an output without frames takes on the wire."""
+    size = UPDATE_OVERHEAD_BYTES
+    if isinstance(output, PlanNotice):
+        return size + EVENT_SEQ_BYTES * len(output.event_seqs)
     if isinstance(output, Outcome):
-        return UPDATE_OVERHEAD_BYTES + len(output.reason + output.message + output.field + output.allowed)
-    return UPDATE_OVERHEAD_BYTES
+        size += len(output.reason + output.message + output.field + output.allowed)
+    if isinstance(output, Outcome | Opened):
+        size += PLACEMENT_BYTES * len(output.placements)
+        for each in output.warnings:
+            size += UPDATE_OVERHEAD_BYTES + len(each.reason + each.message + each.field)
+    return size

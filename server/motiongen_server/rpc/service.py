@@ -11,9 +11,6 @@ from collections import defaultdict
 from collections.abc import AsyncIterator, Sequence
 from functools import partial
 
-import grpc
-import grpc.aio
-
 from motiongen.v1 import service_pb2
 from motiongen_server.engine.types import CloseReason, Output
 from motiongen_server.errors import StreamRefused
@@ -34,7 +31,7 @@ from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.requests import parsed_as
 from motiongen_server.rpc.session_entry import Carrier
 from motiongen_server.rpc.stream import Stream
-from motiongen_server.rpc.stream_errors import too_many_streams
+from motiongen_server.rpc.stream_errors import stream_failed, too_many_streams
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 from motiongen_server.rpc.stream_reader import StreamReader
 from motiongen_server.rpc.stream_tracing import RecordWindow, StreamTracing
@@ -110,7 +107,7 @@ class MotionService:
 
     @property
     def num_waiting_bytes(self) -> int:
-        """What waits to be written to all streams."""
+        """What is held for all streams: to be written, to be told again, or of what has come."""
         return sum(stream.num_waiting_bytes for stream in list(self._streams.values()))
 
     # ---- from the engine's thread -----------------------------------------------------------------------------------
@@ -129,11 +126,13 @@ class MotionService:
             carrier = None if carrier_of is None else carrier_of(output.session)
             by_carrier[output.session.stream if carrier is None else carrier].append(output)
         for of, said in by_carrier.items():
-            if not isinstance(of, int):
-                of.take(*said)
-            elif (stream := self._streams.get(of)) is not None:
-                stream.take_all(said)
-            else:  # a clip's, or of a client that has gone
+            found: Carrier | None = self._streams.get(of) if isinstance(of, int) else of
+            if found is not None:
+                try:
+                    found.take(*said)
+                except Exception as error:  # what the others are told must not be lost with it
+                    found.fail(error)
+            elif isinstance(of, int):  # a clip's, or of a client that has gone
                 self.clips.take(of, said)
 
     # ---- calls ------------------------------------------------------------------------------------------------------
@@ -189,13 +188,15 @@ class MotionService:
         return stream
 
     def _end(self, stream: Stream) -> None:
-        stream.lose()
-        if stream.tracing is not None:
-            stream.tracing.end_all()
-        stream.peer.num_streams -= 1
-        del self._streams[stream.number]
-        if not self._streams:
-            self._all_ended.set()
+        try:
+            stream.lose()
+        finally:  # its place is another's, whatever went wrong
+            if stream.tracing is not None:
+                stream.tracing.end_all()
+            stream.peer.num_streams -= 1
+            del self._streams[stream.number]
+            if not self._streams:
+                self._all_ended.set()
 
     async def _serve(self, stream: Stream, context: StreamContext) -> None:
         reader = asyncio.create_task(self._reader.read(stream, context))
@@ -222,10 +223,7 @@ class MotionService:
         except StreamRefused as refusal:
             await context.abort_with_status(refusal.status())
         except Exception as error:
-            error_id = secrets.token_hex(4)
-            _log.error("stream %d failed, error id %s", stream.number, error_id, exc_info=error)
-            message = f"the stream failed inside the server, error id {error_id}"
-            await context.abort_with_status(StreamRefused(grpc.StatusCode.INTERNAL, "INTERNAL", message).status())
+            await context.abort_with_status(stream_failed(stream.number, error).status())
         finally:
             for task in (reader, writer):
                 task.cancel()

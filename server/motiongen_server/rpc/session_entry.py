@@ -28,13 +28,12 @@ from motiongen_server.engine.types import (
 from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.convert.frames import PLAIN, FrameCoding
 from motiongen_server.rpc.event_errors import invalid_event_seq, sequence_gap
+from motiongen_server.rpc.kept_answers import MAX_KEPT_ANSWERS, PLACEMENT_OBJECT_BYTES, KeptAnswers
 from motiongen_server.rpc.peers import Place
 from motiongen_server.rpc.token_bucket import TokenBucket
 from motiongen_server.snapshots.store import Lease
 
-MAX_KEPT_ANSWERS = 128
 _LEAVING = (CloseReason.DRAINED, CloseReason.TAKEN_OVER)
-"""Of those that a client has not said it heard; more than a second's at the rate that events may come."""
 
 
 class Carrier(Protocol):
@@ -45,6 +44,9 @@ class Carrier(Protocol):
 
     def take_now(self, *outputs: Output) -> None:
         """The same, and they do not wait for the flush interval."""
+
+    def fail(self, error: Exception) -> None:
+        """A fault of the server's own has kept it from taking outputs: what they were about ends, and nothing else."""
 
 
 def session_name(key: SessionKey) -> str:
@@ -65,7 +67,7 @@ class SessionEntry:
     model: what it was opened with. warnings: by event number, of events that have not been answered. token: by which it
     can be resumed, "" while it cannot. attempt: the last one to resume it; is_resuming: until the engine has taken that
     up, and nothing is told. opened, level, closed: the last of each kind that the engine has said. answers: outcomes
-    that the client may not have heard, by number. asked_options: by event number, those that the engine has not
+    that the client may not have heard. asked_options: by event number, those that the engine has not
     answered, and what their place is to be told then. coding: of its frames. reached: what became of constraints that
     the client may not have heard of, oldest first. lease: to write its record in the store, None where nothing is kept
     of it; durable: the last said of what is kept.
@@ -95,7 +97,7 @@ class SessionEntry:
     opened: Opened | None = None
     level: ServiceLevel | None = None
     closed: Closed | None = None
-    answers: dict[int, Outcome] = field(default_factory=dict)
+    answers: KeptAnswers = field(default_factory=KeptAnswers)
     asked_options: dict[int, tuple[SetOptions, Callable[[bool], None]]] = field(default_factory=dict)
     coding: FrameCoding = PLAIN
     reached: deque[ConstraintReached] = field(default_factory=lambda: deque(maxlen=MAX_KEPT_ANSWERS))
@@ -132,6 +134,12 @@ class SessionEntry:
         self.waiting_bytes += num_bytes
         self.place.peer.waiting_bytes += num_bytes
 
+    @property
+    def kept_bytes(self) -> int:
+        """Of what is kept to be told again, about."""
+        placements = () if self.opened is None else self.opened.placements
+        return self.answers.num_bytes + PLACEMENT_OBJECT_BYTES * len(placements)
+
     def is_answered(self, event_seq: int) -> bool:
         """Whether an event has been answered."""
         return event_seq <= self.applied_seq or event_seq in self.answered
@@ -153,9 +161,7 @@ class SessionEntry:
             if self.asked_options:
                 self._hear_options(said)
             if self.token:
-                self.answers[said.event_seq] = said
-                if len(self.answers) > MAX_KEPT_ANSWERS:
-                    del self.answers[next(iter(self.answers))]
+                self.answers.keep(said)
         elif isinstance(said, ConstraintReached) and self.token:
             self.reached.append(said)
         elif isinstance(said, ServiceLevel):
@@ -202,8 +208,7 @@ class SessionEntry:
 
     def confirm(self, answered_seq: int) -> None:
         """The client has heard the answers to all events up to a number."""
-        for number in [number for number in self.answers if number <= answered_seq]:
-            del self.answers[number]
+        self.answers.confirm(answered_seq)
 
     def note_shown(self, frame: int) -> None:
         """The client shows a frame, so it holds what came after the news of constraints of a look-ahead before it."""
@@ -218,6 +223,6 @@ class SessionEntry:
         """
         said: list[Output] = [] if self.opened is None else [replace(self.opened, start_frame=start_frame)]
         said += () if notice is None else (notice,)
-        said += self.answers.values()
+        said += self.answers
         said += self.reached
         return [*said, *(each for each in (self.level, self.durable, self.closed) if each is not None)]

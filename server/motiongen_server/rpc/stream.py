@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 
 from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_server.engine.types import (
@@ -12,6 +11,8 @@ from motiongen_server.engine.types import (
     Closed,
     CloseReason,
     Code,
+    Outcome,
+    Output,
     Priority,
     Resume,
     SessionKey,
@@ -20,7 +21,7 @@ from motiongen_server.engine.types.refusals import draining, handle_in_use, sess
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.identity.caller import ANYBODY
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
-from motiongen_server.rpc.budget import PATH_COST, REFUSAL_COST
+from motiongen_server.rpc.budget import CONSTRAINT_COST, PATH_COST, REFUSAL_COST
 from motiongen_server.rpc.convert import check_resume, num_paths, playhead_of
 from motiongen_server.rpc.durability import new_secret, token_of
 from motiongen_server.rpc.event_errors import (
@@ -33,14 +34,18 @@ from motiongen_server.rpc.event_errors import (
     too_fast,
     too_many_sessions,
 )
-from motiongen_server.rpc.event_path import end_waiting, pass_on, tell_internal_error
+from motiongen_server.rpc.event_path import SESSION_CLOSED, end_waiting, pass_on, tell_internal_error
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.session_entry import SessionEntry
+from motiongen_server.rpc.stream_errors import stream_failed
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 from motiongen_server.rpc.stream_take_overs import StreamTakeOvers
 from motiongen_server.rpc.token_bucket import TokenBucket
+
+_FREE = (Code.OK, Code.INTERNAL, Code.UNAVAILABLE)
+"""Answers that are not charged: the client is not at fault."""
 
 
 class Stream(StreamTakeOvers):
@@ -69,7 +74,8 @@ class Stream(StreamTakeOvers):
         self.listening_since: float | None = None  # monotonic seconds, while it waits for the client to say something
         self.cut: Callable[[], object] = lambda: None  # ends the writing
         self.is_cut = False  # whether that ends with what is being written
-        self.refusal: StreamRefused | None = None  # why the stream is ended, where its client is at fault
+        self.refusal: StreamRefused | None = None  # why the stream is ended before its client has finished
+        self._has_failed = False
         self.rtt_s: float | None = None  # the client's last measurement
 
     # ---- from the client --------------------------------------------------------------------------------------------
@@ -79,10 +85,13 @@ class Stream(StreamTakeOvers):
 
         unread: why its content was not read.
         """
-        kind, handle = event.WhichOneof("event"), event.session
-        if handle in self._held_back:
+        if event.session in self._held_back:
             self._hold_back(event, now, unread)
-            return
+        else:
+            self._receive(event, now, unread)
+
+    def _receive(self, event: session_pb2.SessionEvent, now: float, unread: EventRefused | None) -> None:
+        kind, handle = event.WhichOneof("event"), event.session
         entry = self._entries.get(handle)
         try:
             if unread is not None and (kind == "open" or entry is None):
@@ -109,10 +118,10 @@ class Stream(StreamTakeOvers):
             if kind == "open" and self.gateway_lag is not None and self.gateway_lag.is_too_long:
                 raise gateway_overloaded(self.gateway_lag.lag_s)
             if kind in ("open", "edit_constraints"):
-                self.budget.charge(PATH_COST * num_paths(_constraints_of(event)), now)
+                told = _constraints_of(event)
+                self.budget.charge(CONSTRAINT_COST * len(told) + PATH_COST * num_paths(told), now)
             pass_on(entry, event, now)
         except EventRefused as refusal:
-            self.budget.charge(REFUSAL_COST, now)
             self.take(refusal.outcome(entry.key, event.event_seq))
         except Exception as error:
             tell_internal_error(entry, event.event_seq, error)
@@ -149,7 +158,8 @@ class Stream(StreamTakeOvers):
             raise handle_away(handle)
         if event.event_seq != 1:
             raise sequence_gap(event.event_seq, 1)
-        if len(self._entries) + len(self._held_back) >= limits.max_sessions_per_stream:
+        num_on_their_way = sum(each not in self._entries for each in self._held_back)
+        if len(self._entries) + num_on_their_way >= limits.max_sessions_per_stream:
             raise too_many_sessions(len(self._entries), limits.max_sessions_per_stream)
         if event.open.resume_token:
             self._resume(event, now)
@@ -200,26 +210,11 @@ class Stream(StreamTakeOvers):
         if not entry.bucket.take(now):
             raise too_fast(self._limits.events_per_second, entry.bucket.wait_s)
 
-    async def turn(self) -> None:
-        """Let other streams have a turn in the middle of a message, and wait as `room` does."""
-        await asyncio.sleep(0)
-        await self.room()
-
-    async def room(self) -> None:
-        """Wait until the stream may be read on, or ends.
-
-        Not while it owes for what it has sent, nor while more answers wait than its client reads. Not reading on passes
-        the wait to the client, by gRPC's own flow control.
-        """
-        while not self.ended:
-            owed_s = self.budget.owed_s(time.monotonic())
-            if not owed_s and not self._is_backlogged:
-                return
-            self._room.clear()
-            timer = asyncio.get_running_loop().call_later(owed_s, self._room.set) if owed_s else None
-            await self._room.wait()
-            if timer is not None:
-                timer.cancel()
+    def _book(self, said: Output, entry: SessionEntry) -> None:
+        """A refusal is charged whoever has found what is wrong; not the server's own faults, nor ends of sessions."""
+        if isinstance(said, Outcome) and said.code not in _FREE and said.reason != SESSION_CLOSED:
+            self.budget.charge(REFUSAL_COST, time.monotonic())
+        super()._book(said, entry)
 
     # ---- ends -------------------------------------------------------------------------------------------------------
 
@@ -273,13 +268,29 @@ class Stream(StreamTakeOvers):
         self.refusal = refusal
         self._drop_line()
 
+    def fail(self, error: Exception) -> None:
+        """End the stream for a fault of the server's own, which is logged once.
+
+        Its sessions are closed with the call: nobody goes on with books that the fault may have left half written.
+        """
+        if not self._has_failed:
+            self._has_failed = True
+            self.refusal = stream_failed(self.number, error)
+            self.end()
+            self._forget_unsent()
+            self.cut()
+
     def _drop_line(self) -> None:
+        self._forget_unsent()  # else what the sessions are told of the end may be too much for the client once more
         self.lose()
-        self.send_queue.clear()
-        self.responses.clear()
+        self._forget_unsent()
         self.cut()
 
+    def _forget_unsent(self) -> None:
+        self.send_queue.clear()
+        self.responses.clear()
 
-def _constraints_of(event: session_pb2.SessionEvent) -> Iterable[motion_pb2.Constraint]:
+
+def _constraints_of(event: session_pb2.SessionEvent) -> Sequence[motion_pb2.Constraint]:
     """Those that it sets."""
     return event.open.constraints if event.WhichOneof("event") == "open" else event.edit_constraints.upsert

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import logging
+import secrets
 
 import grpc
 import grpc.aio
 
 from motiongen_server.errors import StreamRefused
+
+_log = logging.getLogger(__name__)
 
 CLIENT_GONE = (grpc.aio.AioRpcError, grpc.aio.InternalError, grpc.aio.UsageError, asyncio.InvalidStateError)
 """What gRPC raises for a write to a client that has gone, whose cancellation has not been seen yet."""
@@ -77,5 +81,19 @@ def client_silent(after_s: float) -> StreamRefused:
 
 
 def no_memory_left(most: int) -> StreamRefused:
-    message = f"more than {most} bytes wait to be read by clients, or for their prompts, and most are this one's"
+    message = f"more than {most} bytes are held of what clients have not read or paid for, and most are this one's"
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "SLOW_READER", message)
+
+
+def too_much_unpaid(most: int, kind: str) -> StreamRefused:
+    """Of messages that were read, and whose events the stream owes for."""
+    message = f"messages of your {kind} that are not paid for take {most} bytes, and this stream owes most; send fewer"
+    return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MUCH_UNPAID", message, retry_after_s=5.0)
+
+
+def stream_failed(number: int, error: Exception) -> StreamRefused:
+    """Of a fault of the server's own, which is logged beside the number that the client is told."""
+    error_id = secrets.token_hex(4)
+    _log.error("stream %d failed, error id %s", number, error_id, exc_info=error)
+    message = f"the stream failed inside the server, error id {error_id}"
+    return StreamRefused(grpc.StatusCode.INTERNAL, "INTERNAL", message)

@@ -7,13 +7,15 @@ import time
 from collections.abc import Iterable
 
 from motiongen.v1 import service_pb2, session_pb2
+from motiongen_server.errors import StreamRefused
 from motiongen_server.models.registry import ModelRegistry
 from motiongen_server.rpc.budget import EVENT_COST
 from motiongen_server.rpc.convert import round_trip_s
 from motiongen_server.rpc.event_errors import too_many_fields
 from motiongen_server.rpc.goodbye import say_draining
 from motiongen_server.rpc.handlers import StreamContext
-from motiongen_server.rpc.request_parts import SMALL_BYTES, RequestParts, parsed
+from motiongen_server.rpc.held_requests import Ended
+from motiongen_server.rpc.request_parts import SMALL_BYTES, SMALL_EVENT_BYTES, RequestParts, parsed
 from motiongen_server.rpc.stream import Stream
 from motiongen_server.rpc.stream_errors import (
     client_agent_too_long,
@@ -30,6 +32,10 @@ MAX_AGENT_CHARACTERS = 128
 EVENTS_A_TURN = 64
 EVENTS_A_WALK = 1024
 """Of a long message, counted before others have a turn."""
+TAKEN_APART = 2
+"""Times its bytes a long message takes in memory, with the parts that it is taken apart into."""
+PARSED = 25
+"""Times its bytes a small one takes, which is parsed as a whole, where all that it holds is empty."""
 
 
 class StreamReader:
@@ -55,33 +61,55 @@ class StreamReader:
                 return
             now = time.monotonic()
             stream.budget.charge_message(len(data), now)
+            refusal: StreamRefused | None = None
             try:
                 await self._take(stream, data, now)
+            except Ended:
+                return
             except Malformed as error:
-                raise malformed(str(error)) from error
+                refusal = malformed(str(error))
+            except StreamRefused as error:
+                refusal = error.with_traceback(None)  # which would keep the message until it is collected
+            finally:
+                del data  # else it would be held until the next one comes
+            if refusal is not None:
+                raise refusal
 
     async def _take(self, stream: Stream, data: bytes, now: float) -> None:
-        """Take one message. Raises Malformed, and StreamRefused for what is not allowed on the stream now."""
+        """Take one message. Raises Malformed, StreamRefused for what is not allowed on the stream now, and Ended."""
         if len(data) <= SMALL_BYTES:
             request = parsed(data)
             if events := request.events:
                 stream.budget.charge(EVENT_COST * len(events), now)
             self._control(stream, request)
-            if events:
+            if events and len(data) <= SMALL_EVENT_BYTES:
                 await self._events(stream, events)
+            elif events:
+                with stream.peer.holding(stream, PARSED * len(data)):
+                    await self._events(stream, events)
             return
-        parts = RequestParts(data, self._models.limits.max_event_fields)
+        with stream.peer.holding(stream, TAKEN_APART * len(data)):
+            await self._take_parts(stream, RequestParts(data, self._models.limits.max_event_fields))
+
+    async def _take_parts(self, stream: Stream, parts: RequestParts) -> None:
         while not parts.is_done:
             stream.budget.charge(EVENT_COST * parts.walk(EVENTS_A_WALK), time.monotonic())
-            await stream.turn()
+            await self._turn(stream)
         self._control(stream, parts.control())
         for request, is_overgrown in parts.events():
-            await stream.turn()
+            await self._turn(stream)
             if is_overgrown:
                 refusal = too_many_fields(self._models.limits.max_event_fields)
                 stream.receive(request.events[0], time.monotonic(), refusal)
             else:
                 await self._events(stream, request.events)
+
+    @staticmethod
+    async def _turn(stream: Stream) -> None:
+        """Raises Ended once the stream is: what is left of its message is let go at once."""
+        await stream.turn()
+        if stream.refusal is not None:
+            raise Ended
 
     def _control(self, stream: Stream, request: service_pb2.StreamMotionRequest) -> None:
         """What a message says of the stream itself."""
@@ -95,13 +123,15 @@ class StreamReader:
             pong = service_pb2.Pong(client_time_ns=request.ping.client_time_ns, server_time_ns=time.time_ns())
             stream.reply(service_pb2.StreamMotionResponse(pong=pong))
 
-    @staticmethod
-    async def _events(stream: Stream, events: Iterable[session_pb2.SessionEvent]) -> None:
-        now, receive = time.monotonic(), stream.receive
+    async def _events(self, stream: Stream, events: Iterable[session_pb2.SessionEvent]) -> None:
+        now, receive, budget = time.monotonic(), stream.receive, stream.budget
+        charged = budget.charged
         for number, event in enumerate(events, 1):
             receive(event, now)
-            if number % EVENTS_A_TURN == 0:
-                await stream.turn()
+            # Events were charged before; what is charged besides is for those that take longer than others.
+            if number % EVENTS_A_TURN == 0 or budget.charged - charged >= EVENTS_A_TURN:
+                await self._turn(stream)
+                charged = budget.charged
 
     def _greet(self, stream: Stream, hello: service_pb2.ClientHello) -> None:
         if len(hello.client_agent) > MAX_AGENT_CHARACTERS:

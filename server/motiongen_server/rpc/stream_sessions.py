@@ -51,8 +51,9 @@ class StreamSessions(StreamOutput):
 
     @property
     def num_waiting_bytes(self) -> int:
-        """What waits to be written, and of what has come waits for prompts, about."""
-        return super().num_waiting_bytes + sum(entry.waiting_bytes for entry in self._entries.values())
+        """What waits to be written, of what has come waits for prompts, and is kept to be told again, about."""
+        entries = self._entries.values()
+        return super().num_waiting_bytes + sum(entry.waiting_bytes + entry.kept_bytes for entry in entries)
 
     def take(self, *outputs: Output) -> None:
         """Take outputs for this stream's client, in order."""
@@ -146,7 +147,8 @@ class StreamSessions(StreamOutput):
             return
         self._stream_metrics.count_resume("refused")
         self._remove(entry)
-        self._kept.park(entry)  # it ends with its grace, unless the client finds out where it is
+        if not self._kept.park(entry):  # else it ends with its grace, unless the client finds out where it is
+            self._kept.end(entry)
         self._say(resume_out_of_range().outcome(SessionKey(self.number, entry.handle), 1), None)
 
     def _welcome_back(self, entry: SessionEntry, start_frame: int, notice: PlanNotice | None = None) -> None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from abc import abstractmethod
+from collections import deque
+from dataclasses import dataclass, field
 
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import SessionKey
@@ -19,6 +22,14 @@ from motiongen_server.rpc.stream_metrics import StreamMetrics
 from motiongen_server.rpc.stream_sessions import StreamSessions
 from motiongen_server.rpc.taking_over import adopted, claimed
 from motiongen_server.snapshots.record import SessionRecord
+
+
+@dataclass(slots=True)
+class _HeldBack:
+    """What a client has said of a session that is on its way, in order. num_bytes: of its OpenSession and of these."""
+
+    num_bytes: int = 0
+    events: deque[tuple[session_pb2.SessionEvent, float, EventRefused | None]] = field(default_factory=deque)
 
 
 class StreamTakeOvers(StreamSessions):
@@ -41,18 +52,59 @@ class StreamTakeOvers(StreamSessions):
         self.budget = StreamBudget(models.limits.stream_events_per_second, peer, now)
         self.accepts_opens = True
         self._models = models
-        self._held_back: dict[int, list[tuple[session_pb2.SessionEvent, float, EventRefused | None]]] = {}
+        self._held_back: dict[int, _HeldBack] = {}
         self._taking_over: set[asyncio.Task[None]] = set()
 
+    @property
+    def num_waiting_bytes(self) -> int:
+        """What waits to be written, is kept to be told again, and of what has come waits for anything, about."""
+        held_back = sum(each.num_bytes for each in self._held_back.values())
+        return super().num_waiting_bytes + held_back + self.peer.held.of(self)
+
     @abstractmethod
-    def receive(self, event: session_pb2.SessionEvent, now: float, unread: EventRefused | None = None) -> None:
-        """Take one event of the client."""
+    def fail(self, error: Exception) -> None:
+        """End the stream for a fault of the server's own."""
+
+    def owed_s(self, now: float) -> float:
+        """Seconds until the stream may be read on."""
+        return self.budget.owed_s(now)
+
+    async def turn(self) -> None:
+        """Let other streams have a turn in the middle of a message, and wait as `room` does."""
+        await asyncio.sleep(0)
+        await self.room()
+
+    async def room(self) -> None:
+        """Wait until the stream may be read on, or ends.
+
+        Not while it owes for what it has sent, nor while more answers wait than its client reads. Not reading on passes
+        the wait to the client, by gRPC's own flow control.
+        """
+        while not self.ended:
+            owed_s = self.owed_s(time.monotonic())
+            if not owed_s and not self._is_backlogged:
+                return
+            self._room.clear()
+            timer = asyncio.get_running_loop().call_later(owed_s, self._room.set) if owed_s else None
+            await self._room.wait()
+            if timer is not None:
+                timer.cancel()
+
+    @abstractmethod
+    def _receive(self, event: session_pb2.SessionEvent, now: float, unread: EventRefused | None) -> None:
+        """Take one event of a session that is not on its way."""
 
     def _begin_take_over(self, event: session_pb2.SessionEvent, durability: Durability, now: float) -> None:
-        """Go on with a session that another server holds, or held, as soon as the store has told of it."""
+        """Go on with a session that another server holds, or held, as soon as the store has told of it.
+
+        Raises EventRefused where the peer has too much waiting.
+        """
+        num_bytes = event.open.ByteSize()
+        self.peer.check_waiting(num_bytes)
         opening = session_pb2.OpenSession()
         opening.CopyFrom(event.open)  # else the whole message would be kept with it
-        self._held_back[event.session] = []
+        held_back = self._held_back[event.session] = _HeldBack()
+        self._count(held_back, num_bytes)
         task = asyncio.get_running_loop().create_task(self._take_over(event.session, opening, durability, now))
         self._taking_over.add(task)
         task.add_done_callback(self._taking_over.discard)
@@ -78,9 +130,24 @@ class StreamTakeOvers(StreamSessions):
             self.budget.charge(REFUSAL_COST, now)
             self._say(refusal.outcome(key, 1), None)
         finally:
-            held_back = self._held_back.pop(handle)
-        for event, received_at, unread in held_back:
-            self.receive(event, received_at, unread)
+            await self._go_through(handle)
+
+    async def _go_through(self, handle: int) -> None:
+        """Take what was held back, as the stream can pay for it; what comes meanwhile is held back behind it."""
+        held_back = self._held_back[handle]
+        try:
+            while held_back.events:
+                await self.turn()
+                event, received_at, unread = held_back.events.popleft()
+                self._count(held_back, -event.ByteSize())
+                self._receive(event, received_at, unread)
+        finally:
+            self._count(held_back, -held_back.num_bytes)
+            del self._held_back[handle]
+
+    def _count(self, held_back: _HeldBack, num_bytes: int) -> None:
+        held_back.num_bytes += num_bytes
+        self.peer.waiting_bytes += num_bytes
 
     def _adopt(
         self,
@@ -112,15 +179,21 @@ class StreamTakeOvers(StreamSessions):
             self.take_now(refusal)
 
     def _hold_back(self, event: session_pb2.SessionEvent, now: float, unread: EventRefused | None) -> None:
-        """Keep an event until its session is there, or is not."""
-        waiting = self._held_back[event.session]
-        if event.WhichOneof("event") == "playhead":
+        """Keep an event until its session is there, or is not, and those before it were taken."""
+        held_back, handle, num_bytes = self._held_back[event.session], event.session, event.ByteSize()
+        if event.WhichOneof("event") == "playhead":  # it is about now
+            if handle in self._entries:
+                self._receive(event, now, unread)
             return
-        if len(waiting) >= MAX_WAITING_EVENTS:
+        try:
+            if len(held_back.events) >= MAX_WAITING_EVENTS:
+                raise too_many_pending("events", MAX_WAITING_EVENTS)
+            self.peer.check_waiting(num_bytes)
+        except EventRefused as refusal:
             self.budget.charge(REFUSAL_COST, now)
-            refusal = too_many_pending("events", MAX_WAITING_EVENTS)
-            self._say(refusal.outcome(SessionKey(self.number, event.session), event.event_seq), None)
+            self._say(refusal.outcome(SessionKey(self.number, handle), event.event_seq), None)
             return
         kept = session_pb2.SessionEvent()
         kept.CopyFrom(event)  # else the whole message would be kept with it
-        waiting.append((kept, now, unread))
+        held_back.events.append((kept, now, unread))
+        self._count(held_back, num_bytes)

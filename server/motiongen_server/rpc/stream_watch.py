@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
 from motiongen_server.errors import StreamRefused
 from motiongen_server.identity.caller import ANYBODY, CREDENTIALS_EXPIRED
@@ -33,22 +34,19 @@ class StreamWatch:
 
     def _look(self) -> None:
         self._timer = None
-        self.look(time.monotonic())
-        if self._streams:
-            self.begin()
+        try:
+            self.look(time.monotonic())
+        finally:  # else a fault would leave all streams unwatched until another begins
+            if self._streams:
+                self.begin()
 
     def look(self, now: float) -> None:
         """End the streams that are due at `now`, in monotonic seconds."""
         self._callers.look()
         live = [stream for stream in self._streams.values() if stream.refusal is None]
         for stream in live:
-            if (refusal := self.refusal(stream, now)) is not None:
-                stream.refuse(refusal)
-            elif self.is_silent(stream, now):
-                # Its machine may have stopped behind a proxy, which answers gRPC's own keepalives.
-                stream.expire(client_silent(self._limits.silent_timeout_s))
-            else:
-                self._check_caller(stream)
+            with _alone(stream):
+                self._look_at(stream, now)
         most = self._limits.max_waiting_bytes
         total = sum(stream.num_waiting_bytes for stream in live)
         if total > most:
@@ -56,7 +54,17 @@ class StreamWatch:
             while total > most:
                 stream = live.pop()
                 total -= stream.num_waiting_bytes
-                stream.refuse(no_memory_left(most))
+                with _alone(stream):
+                    stream.refuse(no_memory_left(most))
+
+    def _look_at(self, stream: Stream, now: float) -> None:
+        if (refusal := self.refusal(stream, now)) is not None:
+            stream.refuse(refusal)
+        elif self.is_silent(stream, now):
+            # Its machine may have stopped behind a proxy, which answers gRPC's own keepalives.
+            stream.expire(client_silent(self._limits.silent_timeout_s))
+        else:
+            self._check_caller(stream)
 
     def _check_caller(self, stream: Stream) -> None:
         """Tell a client whose credentials are about to expire, and end its stream when they have."""
@@ -87,3 +95,12 @@ class StreamWatch:
             return reader_stuck(limits.stuck_timeout_s)
         is_empty = not stream.num_sessions and now - stream.empty_since > limits.empty_timeout_s
         return stream_empty(limits.empty_timeout_s) if is_empty and not stream.ended else None
+
+
+@contextmanager
+def _alone(stream: Stream) -> Iterator[None]:
+    """A fault of the server's own ends the stream that it is about, and the others are looked at all the same."""
+    try:
+        yield
+    except Exception as error:
+        stream.fail(error)

@@ -83,7 +83,8 @@ def adopted(
     )
     entry.opened = replace(record.opened, session=key, session_token=token)
     entry.level = None if record.level is None else replace(record.level, session=key)
-    entry.answers = {answer.event_seq: replace(answer, session=key) for answer in record.answers}
+    for answer in record.answers:
+        entry.answers.keep(replace(answer, session=key))
     entry.reached.extend(replace(each, session=key) for each in record.reached)
     entry.confirm(point.answered_seq)
     held_to = point.next_frame  # who does not say what it shows may show all that it holds

@@ -76,6 +76,7 @@ class SnapshotWriter:
         self._dropped: list[Lease] = []
         self._leases: set[Lease] = set()
         self._fresh: set[Lease] = set()  # written since the last renewal
+        self._refused: set[Lease] = set()  # of which a record was too big, as the log says
         self._untold: dict[Lease, int] = {}  # written while the store was in doubt, and up to which event
         self._is_closing = False
         self._is_failing = False
@@ -116,6 +117,7 @@ class SnapshotWriter:
         with self._lock:
             self._leases.discard(lease)
             self._untold.pop(lease, None)
+            self._refused.discard(lease)
 
     def read(self, name: str) -> Future[bytes | None]:
         """The record of a session, whoever holds it. Its exception is StoreFailed."""
@@ -164,8 +166,8 @@ class SnapshotWriter:
             try:
                 records.append((lease, write_record(record)))
             except RecordRefused as error:
-                _log.error("a session is not saved: %s", error)
                 self._settle(lease, record)
+                self._log_refused(lease, error)
                 self._listener.lost([lease])
         if not records:
             return
@@ -189,6 +191,15 @@ class SnapshotWriter:
         elif written:
             self._listener.written(written)
         self._give_up(fenced)
+
+    def _log_refused(self, lease: Lease, error: RecordRefused) -> None:
+        """Once a session: clients bring it about, and each plan is another record."""
+        with self._lock:
+            is_new = lease in self._leases and lease not in self._refused
+            if is_new:
+                self._refused.add(lease)
+        if is_new:
+            _log.warning("a session is not saved: %s", error)
 
     def _settle(self, lease: Lease, record: SessionRecord) -> None:
         """A record was dealt with: it waits no more, unless a newer one has taken its place."""
@@ -234,6 +245,7 @@ class SnapshotWriter:
         self._waiting.pop(lease, None)
         self._untold.pop(lease, None)
         self._leases.discard(lease)
+        self._refused.discard(lease)
 
     def _fail(self, error: StoreFailed, dropped: list[Lease]) -> None:
         self._doubt(str(error))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.types import CloseReason, Code, Playhead, Priority, SessionKey, Waypoint
+from motiongen_server.engine.types import CloseReason, Code, Playhead, Priority, SessionKey, Waypoint, WindowJob
 from tests.server.engine.fakes import CONSTRAINTS, FRAME, PROMPT, ROW_WIDTH, SEED
 from tests.server.engine.stage import Stage, prompt
 
@@ -185,3 +185,20 @@ def test_sessions_have_steps_almost_to_themselves_while_they_want_some() -> None
     ]
     assert shared
     assert max(shared) <= 3, "itself and what the class is owed"
+
+
+@pytest.mark.parametrize("lost_plans", [{2}, {2, 3}, set(range(2, 100))])
+def test_a_character_that_is_lost_holds_its_clip_up_for_no_longer_than_a_window(lost_plans: set[int]) -> None:
+    """Nobody reports a playhead, so that nothing but its own windows ever wakes it."""
+    stage = Stage()
+    stage.runner.rights = True
+
+    def move(job: WindowJob, frames: np.ndarray) -> None:
+        if job.plan in lost_plans:
+            frames[:, 1] = 9.0
+
+    stage.runner.moves = move
+    clip = stage.open_clip(1, 300)
+    stage.run(5.0)
+    assert len(clip.rows) == 300
+    assert clip.closed is not None

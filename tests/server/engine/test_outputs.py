@@ -40,6 +40,13 @@ def test_the_first_frame_of_all_and_the_first_after_a_cut_have_no_speed() -> Non
     np.testing.assert_allclose(cut_within, np.array([9, 0, 13]) * FACTS.fps)
 
 
+def test_each_of_several_cuts_has_no_speed_across_it() -> None:
+    held = timeline(0, 4)
+    for frame in (4, 6):
+        held = held.spliced(frame, timeline(10 * frame, 4).rows, np.zeros((4, 3), np.float32), anew=True)
+    np.testing.assert_allclose(extended(held, 3, 9)[:, ROW_WIDTH], np.array([5, 0, 81, 0, 121, 123]) * FACTS.fps)
+
+
 def test_frames_before_the_first_give_it_a_speed() -> None:
     np.testing.assert_allclose(extended(timeline(-4, 10, cut_at=-4), 0, 2)[:, ROW_WIDTH], np.array([-1, 1]) * FACTS.fps)
 

@@ -36,6 +36,7 @@ from motiongen_server.rpc.event_errors import too_many_fields
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import Limits
 from motiongen_server.rpc.stream import Stream
+from motiongen_server.rpc.stream_metrics import StreamMetrics
 
 HANDLE = 7
 
@@ -102,10 +103,11 @@ class Line:
     prompts: Prompts = field(default_factory=Prompts)
     kept: KeptSessions | None = None
     number: int = 1
+    metrics: StreamMetrics | None = None
 
     def __post_init__(self) -> None:
-        models = ModelRegistry(LoadedModel("fake", self.engine, self.prompts, self.catalog))  # type: ignore[arg-type]
-        self.stream = Stream(self.number, models, kept=self.kept)
+        self.models = ModelRegistry(LoadedModel("fake", self.engine, self.prompts, self.catalog))  # type: ignore[arg-type]
+        self.stream = Stream(self.number, self.models, self.metrics, kept=self.kept)
         self.heard: list[session_pb2.SessionUpdate] = []
 
     def send(self, event_seq: int, at: float | None = None, **event: object) -> None:

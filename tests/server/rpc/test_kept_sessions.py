@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Open, Outcome, Resume, SessionKey
+from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Open, Outcome, Resume, Resumed, SessionKey
 from motiongen_server.rpc.durability import Durability
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from tests.server.rpc.test_event_order import HANDLE, Engine, Line
@@ -99,3 +99,45 @@ async def test_the_handle_of_one_that_another_stream_goes_on_with_is_refused_wit
     other.stream.take(Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0))
     line.send(1, open=session_pb2.OpenSession())
     assert len(line.refusals()) == 1, "the session has ended"
+
+
+async def test_one_that_cannot_be_kept_is_closed_when_a_resume_is_refused_and_leaves_nothing() -> None:
+    durability = Durability(Store(), asyncio.get_running_loop(), lambda _: None)
+    kept = KeptSessions(0.0, durability=durability)
+    line = Line(kept=kept)
+    line.open()
+    token = token_of(line)
+    other = resume(kept, line.engine, token)
+    place = line.stream.peer
+    assert place.num_sessions == 1
+    other.stream.take(Resumed(KEY, 1, None))
+    assert other.refusals() == [(1, "RESUME_OUT_OF_RANGE")]
+    assert line.engine.kinds() == [Open, Resume, Close]
+    assert place.num_sessions == 0
+    again = resume(kept, line.engine, token)
+    await asyncio.sleep(0)
+    assert again.refusals() == [], "the store is asked"
+    carrier = kept.carrier_of(KEY)
+    assert carrier is not None
+    num_told = len(other.updates())
+    carrier.take(Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0))
+    assert len(other.updates()) == num_told, "its end is nothing to the stream that could not go on with it"
+    assert not kept.has_away
+    await asyncio.to_thread(durability.close)
+
+
+async def test_one_that_waits_for_its_client_is_closed_where_the_server_fails_to_keep_its_books(
+    line: Line, kept: KeptSessions, caplog: pytest.LogCaptureFixture
+) -> None:
+    line.open()
+    line.stream.lose()
+    carrier = kept.carrier_of(KEY)
+    assert carrier is not None
+    carrier.fail(RuntimeError("a fault"))
+    assert "error id" in caplog.text
+    assert line.engine.kinds() == [Open, Close]
+    assert (kept.num_parked, line.stream.peer.num_sessions) == (0, 0)
+    carrier = kept.carrier_of(KEY)
+    assert carrier is not None
+    carrier.take(Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0))
+    assert not kept.has_away

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -11,16 +12,22 @@ from motiongen_server.engine.types import (
     Closed,
     CloseReason,
     Code,
+    Opened,
     Outcome,
     Output,
+    Placement,
     PlanCause,
     PlanNotice,
     SessionKey,
+    Warned,
 )
+from motiongen_server.rpc.response import response_of
 from motiongen_server.rpc.send_queue import MAX_RUN_FRAMES, UPDATE_OVERHEAD_BYTES, Run, SendQueue, size_of
 
 KEY, OTHER = SessionKey(1, 1), SessionKey(1, 2)
 WIDTH = 5
+PLACED = Placement(2**32 - 1, *[2**53] * 4, 1.0, 2.0, 3.0)
+WARNED = (Warned("R" * 30, "m" * 200, "f" * 30),) * 3
 
 
 def chunk(first: int, count: int, plan: int = 1, key: SessionKey = KEY) -> Chunk:
@@ -147,3 +154,17 @@ def test_bytes_are_those_of_what_waits_and_frames_below_a_plan_survive(outputs: 
                 last = output.first_frame + len(output.rows)
                 expected += [frame for frame in range(output.first_frame, last) if frame < end]
         assert came[key.handle] == expected
+
+
+@pytest.mark.parametrize(
+    "output",
+    [
+        Outcome(KEY, 2**63, Code.OK, 2**53, warnings=WARNED, placements=(PLACED,) * 256),
+        Opened(KEY, 1, 0, 40, 4, 4, "tiny", "stick", 20, WARNED, placements=(PLACED,) * 256),
+        PlanNotice(KEY, 1, 0, PlanCause.EDIT, (2**63,) * 256),
+    ],
+    ids=lambda output: type(output).__name__,
+)
+def test_an_output_takes_as_many_bytes_as_are_counted_however_much_it_says(output: Output) -> None:
+    num_bytes = len(response_of([(output, 2**53)]))
+    assert num_bytes <= size_of(output) < 2 * num_bytes

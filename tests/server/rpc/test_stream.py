@@ -13,8 +13,9 @@ import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_server.engine.types import Chunk, Close, Closed, CloseReason, Code, Open, Outcome
+from motiongen_server.engine.types.refusals import session_closed
 from motiongen_server.replicas.hint import OtherServer
-from motiongen_server.rpc.budget import PATH_COST
+from motiongen_server.rpc.budget import CONSTRAINT_COST, PATH_COST, REFUSAL_COST
 from motiongen_server.rpc.event_path import MAX_WAITING_EVENTS
 from motiongen_server.rpc.limits import PeerLimits
 from tests.server.rpc.test_event_order import HANDLE, PAUSE, WALK, Line, make_catalog
@@ -210,7 +211,7 @@ async def test_an_encoding_that_ends_in_the_moment_of_its_session_finds_nothing_
     assert line.refusals() == [(2, "SESSION_CLOSED")]
 
 
-async def test_a_path_costs_its_stream_as_much_as_the_engine_takes_to_work_it_out(line: Line) -> None:
+async def test_constraints_and_paths_cost_their_stream_what_it_takes_to_convert_and_place_them(line: Line) -> None:
     line.open()
     now, rate = time.monotonic(), line.catalog.limits.stream_events_per_second
     line.stream.budget.charge(rate, now)
@@ -222,4 +223,28 @@ async def test_a_path_costs_its_stream_as_much_as_the_engine_takes_to_work_it_ou
         edit = session_pb2.EditConstraints(upsert=asked)
         line.stream.receive(session_pb2.SessionEvent(session=HANDLE, event_seq=number, edit_constraints=edit), now)
         owed.append(rate * line.stream.budget.owed_s(now))
-    assert [round((after - before) / PATH_COST) for before, after in itertools.pairwise(owed)] == [0, 1, 2]
+    costs = [after - before for before, after in itertools.pairwise(owed)]
+    assert costs == pytest.approx([CONSTRAINT_COST, CONSTRAINT_COST + PATH_COST, 3 * CONSTRAINT_COST + 2 * PATH_COST])
+
+
+async def test_constraints_are_charged_though_they_are_refused(line: Line) -> None:
+    """The last of many is wrong, which is found once all others are converted."""
+    line.open()
+    now = time.monotonic()
+    before = line.stream.budget.charged
+    waypoint = motion_pb2.Waypoint(x=1.0)
+    asked = [motion_pb2.Constraint(constraint_id=number, frame=90, waypoint=waypoint) for number in (*range(1, 20), 0)]
+    edit = session_pb2.EditConstraints(upsert=asked)
+    line.stream.receive(session_pb2.SessionEvent(session=HANDLE, event_seq=2, edit_constraints=edit), now)
+    assert [seq for seq, _ in line.refusals()] == [2]
+    assert line.stream.budget.charged - before == 20 * CONSTRAINT_COST + REFUSAL_COST
+
+
+async def test_a_refusal_is_charged_though_the_engine_has_found_what_is_wrong(line: Line) -> None:
+    line.open()
+    key, before = line.engine.events[0].session, line.stream.budget.charged
+    line.stream.take(Outcome(key, 2, Code.NOT_FOUND, reason="UNKNOWN_CONSTRAINT"))
+    assert line.stream.budget.charged - before == REFUSAL_COST
+    fault = Outcome(key, 3, Code.INTERNAL, reason="INTERNAL")
+    line.stream.take(fault, session_closed().outcome(key, 4), Outcome(key, 5, Code.OK))
+    assert line.stream.budget.charged - before == REFUSAL_COST, "none of these is its client's fault"

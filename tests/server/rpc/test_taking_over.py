@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from collections.abc import AsyncIterator
 from dataclasses import replace
 from pathlib import Path
@@ -12,12 +13,14 @@ from typing import cast
 import grpc.aio
 import pytest
 
-from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
+from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from motiongen_server.engine.types import Guidance
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.durability import Durability, lease_of
+from motiongen_server.rpc.kept_answers import MAX_KEPT_BYTES
+from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import Limits, PeerLimits
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.session_entry import Carrier
@@ -27,9 +30,10 @@ from motiongen_server.snapshots.sqlite_store import SqliteStore
 from motiongen_server.snapshots.store import Held, Renewal
 from tests.contract.local import LocalServer
 from tests.server.engine.fakes import FACTS
-from tests.server.rpc.test_event_order import Engine, Prompts
+from tests.server.rpc.test_event_order import Engine, Line, Prompts
+from tests.server.rpc.test_kept_answers import placed
 from tests.server.snapshots.records import KEY, a_record
-from tests.waiting import LIMIT_S
+from tests.waiting import LIMIT_S, until_true
 
 TOKEN = "secret.1"
 NOBODY = cast(Carrier, None)  # tells of it
@@ -113,6 +117,23 @@ def test_its_steps_count_for_its_tenant_as_those_of_any_session() -> None:
     assert peer.num_sessions == 1
 
 
+async def test_of_what_another_server_has_kept_for_its_client_no_more_is_kept_than_may() -> None:
+    answers = tuple(replace(placed(number), session=KEY) for number in range(1, 6))
+    entry, _ = adopted(
+        replace(RECORD, answers=answers),
+        TOKEN,
+        resuming(9),
+        KEY,
+        models=of_model("fake"),
+        peer=Peer(PeerLimits(), 0.0, "studio"),
+        carrier=NOBODY,
+        events_per_second=50.0,
+        now=0.0,
+    )
+    assert len(entry.answers) == 5
+    assert entry.kept_bytes <= MAX_KEPT_BYTES
+
+
 class SlowStore(SqliteStore):
     """Says what it has once its gate is open."""
 
@@ -146,3 +167,56 @@ async def test_a_client_that_finishes_while_the_store_is_asked_has_its_answer(tm
                 store.gate.set()
         assert await call.code() is grpc.StatusCode.OK
     assert [update.outcome.reason for update in heard] == ["SESSION_NOT_KEPT"]
+
+
+FAR = motion_pb2.RootTrajectory(positions=[1.0] * 800)
+"""3.2 kB."""
+
+
+def path(event_seq: int) -> session_pb2.EditConstraints:
+    return session_pb2.EditConstraints(
+        upsert=[motion_pb2.Constraint(constraint_id=event_seq, frame=40, root_trajectory=FAR)]
+    )
+
+
+async def test_what_comes_behind_a_session_on_its_way_is_bounded_counted_and_taken_as_it_is_paid_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monotonic, leapt_s = time.monotonic, [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: monotonic() + leapt_s[0])  # the event loop's time too
+    store = SlowStore(tmp_path / "store.sqlite")
+    durability = Durability(store, asyncio.get_running_loop(), lambda _: None)
+    line = Line(kept=KeptSessions(30.0, durability=durability))
+    stream, peer = line.stream, line.stream.peer
+    peer.limits = PeerLimits(waiting_bytes=20_000)
+    line.send(1, open=resuming(1))
+    for event_seq in range(2, 12):
+        line.send(event_seq, edit_constraints=path(event_seq))
+    assert [seq for seq, _ in line.refusals()] == [8, 9, 10, 11], "there was no place for these"
+    assert {reason for _, reason in line.refusals()} == {"TOO_MANY_PENDING_EVENTS"}
+    assert 16_000 < peer.waiting_bytes == stream.num_waiting_bytes <= 20_000
+
+    stream.budget.charge(1e6, time.monotonic())
+    store.gate.set()
+    await until_true(lambda: line.refusals()[4:] == [(1, "SESSION_NOT_KEPT")])
+    for _ in range(50):
+        await asyncio.sleep(0)
+    line.send(12, edit_constraints=path(12))
+    assert len(line.refusals()) == 6, "nothing behind it is taken while the stream owes; the last had no place"
+    leapt_s[0] = 1e4
+    await until_true(lambda: not peer.waiting_bytes)
+    assert line.refusals()[6:] == [(event_seq, "SESSION_NOT_OPEN") for event_seq in range(2, 8)]
+    assert stream.num_waiting_bytes == 0
+    await asyncio.to_thread(durability.close)
+
+
+async def test_no_opening_of_a_session_on_its_way_is_greater_than_may_wait(tmp_path: Path) -> None:
+    durability = Durability(SlowStore(tmp_path / "store.sqlite"), asyncio.get_running_loop(), lambda _: None)
+    line = Line(kept=KeptSessions(30.0, durability=durability))
+    line.stream.peer.limits = PeerLimits(waiting_bytes=20_000)
+    opening = resuming(1)
+    opening.request_id = "x" * 20_000
+    line.send(1, open=opening)
+    assert line.refusals() == [(1, "TOO_MANY_PENDING_EVENTS")]
+    assert line.stream.peer.waiting_bytes == 0
+    await asyncio.to_thread(durability.close)

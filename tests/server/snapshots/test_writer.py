@@ -211,9 +211,16 @@ def test_who_is_fenced_is_told_with_a_write_or_soon_without_one(
     assert read_record(store.records["a"][1]).taken_seq == 1
 
 
-def test_a_session_that_is_too_big_is_told_to_be_lost(heard: Heard, saving: SnapshotWriter) -> None:
-    saving.save(A, a_record(1, num_frames=MAX_BYTES // 48 + 1))
-    until(lambda: ("lost", A) in heard.said)
+def test_a_session_that_is_too_big_is_told_to_be_lost_and_logged_once(
+    heard: Heard, saving: SnapshotWriter, caplog: pytest.LogCaptureFixture
+) -> None:
+    for number in range(1, 4):
+        saving.save(A, a_record(number, num_frames=MAX_BYTES // 48 + 1))
+        until(lambda: saving.lag_s == 0 and ("lost", A) in heard.said)
+    saving.save(B, a_record(1, num_frames=MAX_BYTES // 48 + 1))
+    until(lambda: ("lost", B) in heard.said)
+    said = [record.levelname for record in caplog.records if "is not saved" in record.getMessage()]
+    assert said == ["WARNING", "WARNING"], "one of each session: clients can bring it about"
 
 
 def test_what_was_dropped_is_dropped_also_by_a_store_that_was_away(

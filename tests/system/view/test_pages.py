@@ -38,6 +38,37 @@ def test_spectators_look_on(motion_server: ServerProcess, open_page: Callable[..
         assert "spectators" in refused
 
 
+def test_a_room_that_cannot_be_had_is_said_and_not_asked_for_again(view: str, open_page: Callable[..., Page]) -> None:
+    page = open_page(f"{view}?room=a%20b")
+    page.until("document.getElementById('status-server').value.includes('1 to 40 letters')")
+    page.run("globalThis.first = motiongen.connection._socket")
+    # timers come in the order of their times: whoever were to connect again would have done it by then
+    page.driver.execute_async_script("setTimeout(arguments[0], 1000)")
+    assert page.run("return motiongen.connection._socket === first && !motiongen.connection.isOpen")
+    refused = page.run("return motiongen.cast.ask({ op: 'add' }).then(() => 'taken', (error) => error.message)")
+    assert "1 to 40 letters" in refused
+
+
+def test_a_page_shows_what_another_server_offers(page: Page) -> None:
+    told = page.run("return { models: motiongen.cast.models, limits: motiongen.cast.limits }")
+    model = {**told["models"][0], "id": "other", "presets": [{"id": "hop", "text": "a person hops", "expect": ""}]}
+    offer = """
+        const detail = { type: "catalog", rigs: [], ...arguments[0] };
+        motiongen.connection.dispatchEvent(new CustomEvent("message", { detail }));
+        const values = (id) => [...document.getElementById(id).options].map(({ value }) => value);
+        return [values("add-model"), document.getElementById("add-model").value, values("again-model")];
+    """
+    mine = told["models"][0]["id"]
+    both = page.run(offer, {**told, "models": [model, told["models"][0]]})
+    assert both == [["other", mine], mine, ["other", mine]], "what was chosen stays chosen"
+    other = page.run(offer, {**told, "models": [model]})
+    assert other == [["other"], "other", ["other"]]
+    page.driver.find_element(By.CSS_SELECTOR, "[data-preset=hop]")
+    at = page.run("return motiongen.cast.one.track.playhead()")
+    page.until("motiongen.cast.one.track.playhead() > arguments[0] + 5", at)  # who is there plays on
+    assert page.complaints() == []
+
+
 def test_a_page_goes_on_with_the_next_bridge(motion_server: ServerProcess, open_page: Callable[..., Page]) -> None:
     with viewer(motion_server.address) as (address,):
         page = open_page(address)

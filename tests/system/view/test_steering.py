@@ -37,6 +37,33 @@ def test_w_held_for_three_seconds_walks_ahead(page: Page, pictures: Path) -> Non
     assert page.complaints() == []
 
 
+@pytest.mark.parametrize("meanwhile", ["/", Keys.CONTROL, "click"], ids=["slash", "control", "click"])
+def test_a_key_that_is_let_go_is_let_go_whatever_has_the_keys_by_then(page: Page, meanwhile: str) -> None:
+    page.run(
+        """
+        const { cast } = motiongen, tell = cast.tell.bind(cast);
+        globalThis.said = [];
+        cast.tell = (message) => (said.push(message), tell(message));
+        document.getElementById("stage").focus();
+        """
+    )
+    page.keys.key_down("w").perform()
+    page.until("said.some(({ x_mps, z_mps }) => Math.hypot(x_mps, z_mps) > 1)")
+    if meanwhile == "click":
+        page.driver.find_element(By.ID, "prompt-text").click()
+    else:
+        page.keys.key_down(meanwhile).perform()
+    page.keys.key_up("w").perform()
+    page.until("motiongen.velocity._last === null")
+    count = page.run("return said.length")
+    assert page.run("return said.at(-1)").items() >= {"op": "set_velocity", "x_mps": 0, "z_mps": 0}.items()
+    if meanwhile != "click":
+        page.keys.key_up(meanwhile).perform()
+    at = page.run("return motiongen.cast.one.track.playhead()")
+    page.until("motiongen.cast.one.track.playhead() > arguments[0] + 20", at)  # a second: what is held is said again
+    assert page.run("return said.length") == count
+
+
 def test_a_gamepad_walks_as_far_as_it_is_tilted(page: Page) -> None:
     page.run(
         "globalThis.pad = { axes: [0, 0], buttons: [{ pressed: false }] }; navigator.getGamepads = () => [null, pad]"

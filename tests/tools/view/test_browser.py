@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
+import json
 
 import numpy as np
+import pytest
 
 from motiongen_tools.view.access import Role
 from motiongen_tools.view.bridge import Bridge
-from motiongen_tools.view.browser import Browser
+from motiongen_tools.view.browser import MOST_WAITING, Browser
 from motiongen_tools.view.room import Room
 from tests.client.fake_server import FakeServer
 from tests.client.synthetic import ROW_WIDTH
@@ -83,8 +86,9 @@ async def test_an_edit_is_undone(page: Page) -> None:
 
 
 async def test_mistakes_are_answered_and_the_page_goes_on(page: Page) -> None:
-    page.say("not json")
-    await page.until(lambda: [m for m in page.messages if m["type"] == "answer" and "JSON" in m.get("error", "")])
+    for number, said in enumerate(("not json", "9" * 5000, "[" * 100_000)):
+        page.say(said)
+        await page.until(lambda least=number: sum("JSON" in m.get("error", "") for m in page.messages) > least)
     assert "add one" in (await page.ask(op="set_prompt", character=1, text="run"))["error"]
     await page.ask(op="add")
     mistakes = (
@@ -109,6 +113,64 @@ async def test_spectators_look_and_do_not_touch(bridge: Bridge, room: Room, page
     assert "error" not in await watcher.ask(op="history", character=1, first_frame=0, end_frame=10)
     serving.cancel()
     await asyncio.gather(serving, return_exceptions=True)
+
+
+class Stuck(Page):
+    """A page that asks and asks, and reads nothing."""
+
+    def __init__(self, request: dict) -> None:
+        super().__init__()
+        self.num_said = 0
+        self._request = json.dumps(request)
+
+    async def receive_text(self) -> str:
+        if self.num_said == 1000:
+            return await super().receive_text()  # nothing more
+        self.num_said += 1
+        return self._request
+
+    async def send_text(self, data: str) -> None:
+        await asyncio.Event().wait()
+
+
+@pytest.mark.parametrize(
+    "request_", [{"op": "history", "character": 1, "first_frame": 0, "end_frame": 99}, {"op": "ping"}, {"op": "add"}]
+)
+async def test_a_page_that_reads_nothing_is_not_listened_to_for_long(
+    bridge: Bridge, room: Room, page: Page, request_: dict
+) -> None:
+    await page.ask(op="add")
+    stuck = Stuck(request_)
+    browser = Browser(stuck, bridge, room, Role.WATCH)
+    serving = asyncio.create_task(browser.serve())
+    for _ in range(20):
+        await bridge.beat()
+    assert browser.num_waiting <= 2 * MOST_WAITING, "a request for history is answered, and has its frames"
+    assert stuck.num_said <= 2 * MOST_WAITING, "some had been taken to be sent"
+    assert "error" not in await page.ask(op="ping"), "others are heard"
+    serving.cancel()
+    await asyncio.gather(serving, return_exceptions=True)
+
+
+async def test_a_page_that_reads_late_is_answered_in_full(page: Page) -> None:
+    await page.ask(op="add")
+    for number in range(5 * MOST_WAITING):
+        page.say(json.dumps({"op": "history", "character": 1, "first_frame": 0, "end_frame": 1, "request": -number}))
+    await page.until(lambda: [m for m in page.messages if m.get("request") == 1 - 5 * MOST_WAITING])
+    await page.until(lambda: sum(header["type"] == "history" for header, _ in page.frames) == 5 * MOST_WAITING)
+
+
+async def test_a_page_is_told_what_another_server_offers(bridge: Bridge, page: Page) -> None:
+    await page.until(lambda: page.last("characters"))
+    client = bridge.line.client
+    (model,) = client.catalog.models
+    client.catalog = dataclasses.replace(
+        client.catalog, etag="2", models=(dataclasses.replace(model, model_id="other"),)
+    )
+    await page.until(lambda: [model["id"] for model in page.last("catalog")["models"]] == ["other"])
+    for _ in range(3):
+        await bridge.beat()
+    assert sum(message["type"] == "catalog" for message in page.messages) == 2, "once each"
 
 
 async def test_what_was_played_can_be_asked_for_again(page: Page) -> None:

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from motiongen_client.errors import InvalidInput
+from motiongen_tools.view.bridge import Bridge
+from motiongen_tools.view.character import Character
 from motiongen_tools.view.rehearsal import Rehearsal, ToldAt
-from motiongen_tools.view.room import Room
-from motiongen_tools.view.session_file import session_of
+from motiongen_tools.view.room import IDLE_S, Room
+from motiongen_tools.view.session_file import SessionFile, session_of
+from tests.client.fake_server import FakeServer
 from tests.tools.view.conftest import Page
+from tests.waiting import LIMIT_S
 
 WAYPOINT = {"kind": "waypoint", "frame": 90, "x_m": 1.0, "z_m": 2.0}
+LIMB = {"kind": "joint_targets", "frame": 90, "positions_m": [[0, 1, 0]]}
 
 
 def told(at_frame: int, prompt_id: int | None = None, ids: tuple[int, ...] = (), **message: Any) -> ToldAt:
@@ -66,9 +72,70 @@ async def test_only_what_an_opening_may_say_can_be_changed(page: Page, room: Roo
     assert "an object" in answer["error"]
 
 
-async def test_what_cannot_be_said_again_is_told(room: Room) -> None:
+@pytest.mark.parametrize(
+    "message",
+    [
+        {"op": "dance"},
+        {"op": "set_prompt", "text": "run", "prompt_id": [1]},
+        {"op": "remove_prompts", "prompt_ids": [10**20]},
+        {"op": "add_constraints", "constraints": [LIMB | {"joints": ["LeftHand"]}]},
+        {"op": "add_constraints", "constraints": [LIMB | {"joints": [-1]}]},
+    ],
+)
+async def test_what_cannot_be_said_again_is_told_and_all_else_goes_on(
+    bridge: Bridge, room: Room, server: FakeServer, message: dict[str, Any]
+) -> None:
     await room.add({"text": "a person stands"})
-    recorded = session_of(room.character(1))
-    number = await room.again(type(recorded)(recorded.opening, 50, (told(0, op="dance"),)), {})
+    number = await room.again(SessionFile({}, 50, (told(0, **message),)), {})
+    again, other = room.character(number), room.character(1)
+    await moved(bridge, again)
+    await moved(bridge, other)
+    assert "frame 0 cannot be said again" in again.failure
+    assert not again.shown()["is_rehearsing"]
+    assert not other.failure
+    await room.remove(number)
+    assert [event.session for event in server.stream.received if event.HasField("close")] == [again.session.handle]
+
+
+async def test_what_an_edit_does_not_take_is_no_matter(bridge: Bridge, room: Room) -> None:
+    message = {"op": "clear_constraints", "constraints": [{}], "prompt_id": [1]}
+    (number,) = [await room.again(SessionFile({}, 50, (told(0, **message),)), {})]
+    await moved(bridge, room.character(number))
+    assert room.character(number).failure == ""
+    assert [entry.what for entry in room.character(number).edits.entries] == ["the removal of all constraints"]
+
+
+async def test_what_no_bridge_expects_is_its_characters_failure_alone(
+    bridge: Bridge, room: Room, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(*_: Any) -> Any:
+        raise TypeError("what nobody thought of")
+
+    await room.add({"text": "a person stands"})
+    monkeypatch.setattr("motiongen_tools.view.character.apply", fail)
+    number = await room.again(SessionFile({}, 50, (told(0, op="clear_constraints"), told(2, op="pause"))), {})
+    await moved(bridge, room.character(number))
+    await moved(bridge, room.character(1))
+    assert "log says why" in room.character(number).failure
+    assert [record.exc_info[0] for record in caplog.records if record.exc_info] == [TypeError]
+
+
+async def test_one_that_is_told_no_further_pauses_with_the_others_while_nobody_looks(
+    room: Room, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    number = await room.again(SessionFile({}, 50, (told(0, op="dance"),)), {})
     room.tick()
-    assert "frame 0 cannot be said again" in room.character(number).failure
+    assert room.character(number).failure
+    now_s = room.clock()
+    monkeypatch.setattr(room, "clock", lambda: now_s + IDLE_S + 1)
+    room.tick()
+    assert room.character(number).session.is_paused
+
+
+async def moved(bridge: Bridge, character: Character) -> None:
+    """Wait until it has gone on by a few frames."""
+    playback = character.session.playback
+    end = playback.playhead + 3
+    async with asyncio.timeout(LIMIT_S):
+        while playback.playhead < end:
+            await bridge.beat()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import dataclasses
 
 import pytest
 
@@ -84,13 +83,32 @@ async def test_a_character_that_ended_while_nobody_looked_keeps_no_other_from_go
     assert not room.characters[2].failure
 
 
+async def test_one_that_fails_ends_neither_the_others_nor_the_bridge(
+    bridge: Bridge, room: Room, server: FakeServer, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail() -> None:
+        raise ZeroDivisionError("at every tick")
+
+    await room.add({"count": 2})
+    failing, other = room.characters.values()
+    monkeypatch.setattr(failing.session, "poll", fail)
+    before = failing.revision
+    async with asyncio.timeout(LIMIT_S):
+        while other.session.playback.playhead < 3:
+            await bridge.beat()
+    assert "log says why" in failing.shown()["failure"]
+    assert failing.revision > before, "pages are to be told"
+    assert [record.exc_info[0] for record in caplog.records if record.exc_info] == [ZeroDivisionError]
+    assert not other.failure
+    await room.remove(failing.number)
+    assert [event.session for event in server.stream.received if event.HasField("close")] == [failing.session.handle]
+
+
 async def test_one_that_cannot_be_shown_is_not_left_on_the_server(room: Room, server: FakeServer) -> None:
     with pytest.raises(InvalidInput, match="name"):
         await room.add({"name": 5})
-    client = room._line.client
-    client.catalog = dataclasses.replace(client.catalog, models=())  # what is served was loaded since
     with pytest.raises(UnknownName):
-        await room.add({"model": "synthetic"})
+        await room.add({"model": "one that the catalogue has not"})  # another server's, say
     assert not any(stream.characters for stream in server.streams)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,11 +13,20 @@ from motiongen_client import MotionClient
 from motiongen_client.errors import InvalidInput
 from motiongen_tools.cli_replay import play
 from motiongen_tools.view.room import Room
-from motiongen_tools.view.session_file import FORMAT, SessionFile, ToldAt, read_session, session_of, write_session
+from motiongen_tools.view.session_file import (
+    FORMAT,
+    SessionFile,
+    ToldAt,
+    parse_session,
+    read_session,
+    session_of,
+    write_session,
+)
 from tests.client.fake_server import FakeServer
 from tests.tools.view.conftest import Page
 
 WAYPOINT = {"kind": "waypoint", "frame": 90, "x_m": 1.0, "z_m": 2.0}
+LIMB = {"kind": "joint_targets", "frame": 90, "positions_m": [[0, 1, 0]]}
 SESSION = SessionFile(
     {"text": "a person stands", "seed": "7"},
     60,
@@ -45,6 +55,8 @@ def test_a_file_holds_the_session(tmp_path: Path) -> None:
         (json.dumps({"format": FORMAT, "edits": [], "opening": 3, "num_frames": 3}), "opening"),
         (json.dumps({"format": FORMAT, "edits": [], "opening": {}, "num_frames": 0}), "num_frames"),
         (json.dumps({"format": FORMAT, "edits": [{"op": "undo"}], "opening": {}, "num_frames": 3}), "at_frame"),
+        (f'{{"format": "{FORMAT}", "edits": [], "opening": {{}}, "num_frames": {"9" * 5000}}}', "file"),
+        ("[" * 100_000, "file"),
     ],
 )
 def test_a_wrong_file_is_refused(tmp_path: Path, text: str, field: str) -> None:
@@ -52,6 +64,29 @@ def test_a_wrong_file_is_refused(tmp_path: Path, text: str, field: str) -> None:
     with pytest.raises(InvalidInput) as refused:
         read_session(tmp_path / "a.json")
     assert refused.value.field == field
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        ({"op": "undo"}, "edit at frame 7, op: 'undo' was given; allowed is one of set_prompt"),
+        ({"op": "remove_prompts", "prompt_ids": [10**20]}, "edit at frame 7, prompt_ids: [1000"),
+        ({"op": "set_prompt", "text": "run", "prompt_id": [1]}, "edit at frame 7, prompt_id: [1] was given"),
+        (
+            {"op": "add_constraints", "constraints": [LIMB | {"joints": ["LeftHand"]}]},
+            "edit at frame 7, joints: ['LeftHand'] was given; allowed is a list of whole numbers",
+        ),
+        (
+            {"op": "add_constraints", "constraints": [LIMB | {"joints": [-1]}]},
+            "edit at frame 7, joints: [-1] was given",
+        ),
+    ],
+)
+def test_an_edit_that_no_server_could_take_is_refused_with_its_frame(edit: dict[str, Any], said: str) -> None:
+    written = {"format": FORMAT, "opening": {}, "num_frames": 20, "edits": [{"at_frame": 7, **edit}]}
+    with pytest.raises(InvalidInput) as refused:
+        parse_session(json.dumps(written).encode(), "a.json")
+    assert said in str(refused.value)
 
 
 async def test_what_a_character_was_told_is_written_down(page: Page, room: Room, server: FakeServer) -> None:

@@ -22,6 +22,7 @@ from motiongen_tools.view.line import Line
 from motiongen_tools.view.motion_files import MAX_BYTES, read_upload
 from motiongen_tools.view.page_files import PAGE, ThreeMissing, three_folder
 from motiongen_tools.view.room import Room
+from motiongen_tools.view.session_file import FORMAT
 from motiongen_tools.view.web import DENIED, UNKNOWN_ROOM, web_app
 from tests.tools.view.conftest import LIMIT_S
 
@@ -104,6 +105,13 @@ def test_a_room_without_a_proper_name_is_refused(open_site: TestClient) -> None:
         assert socket.receive()["code"] == UNKNOWN_ROOM
 
 
+def test_a_reason_is_as_long_as_a_close_frame_may_have_it(open_site: TestClient) -> None:
+    with open_site.websocket_connect(f"/ws?room={'%E5%AE%A4' * 60}%20", headers=HOST) as socket:
+        closed = socket.receive()
+    assert closed["code"] == UNKNOWN_ROOM
+    assert 100 < len(closed["reason"].encode()) <= 123
+
+
 def test_a_missing_three_says_how_to_have_it(tmp_path: Path) -> None:
     with pytest.raises(ThreeMissing, match="make viewer"):
         three_folder(tmp_path)
@@ -140,6 +148,17 @@ async def test_takes_are_downloaded(bridge: Bridge, room: Room, three: Path, tmp
             refused = await site.get(wrong)
             assert refused.status_code == 400
             assert "allowed" in refused.json()["error"]
+
+
+async def test_a_session_file_with_a_mistake_is_refused_when_it_is_opened(bridge: Bridge, three: Path) -> None:
+    wrong = {"op": "remove_prompts", "prompt_ids": ["1"], "at_frame": 4}
+    whole = {"format": FORMAT, "opening": {}, "num_frames": 9, "edits": [wrong]}
+    async with await site_of(bridge, three) as site:
+        refused = await site.post("/session/main?name=a.json", content=json.dumps(whole))
+        assert (refused.status_code, list(bridge.room("main").characters)) == (400, [])
+        assert "edit at frame 4, prompt_ids: ['1'] was given" in refused.json()["error"]
+        taken = await site.post("/session/main?name=a.json", content=json.dumps({**whole, "edits": []}))
+        assert taken.json() == {"numbers": [1]}
 
 
 async def test_motion_files_are_opened(bridge: Bridge, three: Path, tmp_path: Path, stick_motion: Motion) -> None:

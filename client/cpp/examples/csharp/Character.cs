@@ -32,9 +32,9 @@ static class Motiongen
     {
         public uint StructSize;
         public uint UseTls;
-        [MarshalAs(UnmanagedType.LPStr)] public string Address;
-        [MarshalAs(UnmanagedType.LPStr)] public string Token;
-        [MarshalAs(UnmanagedType.LPStr)] public string RootCertificatesPem;
+        [MarshalAs(UnmanagedType.LPUTF8Str)] public string Address;
+        [MarshalAs(UnmanagedType.LPUTF8Str)] public string Token;
+        [MarshalAs(UnmanagedType.LPUTF8Str)] public string RootCertificatesPem;
         public double ConnectTimeoutS;
         public uint NoReconnect;
         public uint Reserved;
@@ -45,8 +45,8 @@ static class Motiongen
     {
         public uint StructSize;
         public uint Priority;
-        [MarshalAs(UnmanagedType.LPStr)] public string Prompt;
-        [MarshalAs(UnmanagedType.LPStr)] public string ModelId;
+        [MarshalAs(UnmanagedType.LPUTF8Str)] public string Prompt;
+        [MarshalAs(UnmanagedType.LPUTF8Str)] public string ModelId;
         public ulong Seed;
         public uint HasSeed;
         public uint LookaheadFrames;
@@ -62,6 +62,16 @@ static class Motiongen
     public struct Rig
     {
         public uint StructSize, NumJoints, RowFloats, FrameRateHz, RootColumn, RotationColumn, ContactColumn;
+    }
+
+    // Texts are UTF-8 in both directions: what Marshal calls Ansi is the system's code page on Windows.
+    public static string Text(IntPtr text)
+    {
+        int size = 0;
+        while (Marshal.ReadByte(text, size) != 0) ++size;
+        var bytes = new byte[size];
+        Marshal.Copy(text, bytes, 0, size);
+        return Encoding.UTF8.GetString(bytes);
     }
 
     [DllImport(Library)] public static extern uint motiongen_abi_version();
@@ -105,7 +115,7 @@ static class Program
         var rig = new Motiongen.Rig { StructSize = (uint)Marshal.SizeOf(typeof(Motiongen.Rig)) };
         Check(Motiongen.motiongen_session_rig(walker, ref rig, ref error));
         Console.WriteLine("{0} joints, the root is {1}", rig.NumJoints,
-            Marshal.PtrToStringAnsi(Motiongen.motiongen_session_joint_name(walker, 0)));
+            Motiongen.Text(Motiongen.motiongen_session_joint_name(walker, 0)));
         var row = new float[rig.RowFloats];
         Check(Motiongen.motiongen_session_wait_frame(walker, 10, 30, ref error));
         Check(Motiongen.motiongen_session_copy_frame(walker, 10, row, rig.RowFloats, ref error));

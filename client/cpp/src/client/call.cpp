@@ -82,8 +82,8 @@ void Call::OnWriteDone(bool ok) {
 
 void Call::OnDone(const grpc::Status& status) {
   // Neither this call nor its user must be destroyed on this thread, one of gRPC's: with the last reference to the last
-  // channel, which both hold, gRPC 1.51 joins its own threads. So the user takes the call, and lives as long as the one
-  // who waits for the end.
+  // channel, which both hold, gRPC 1.51 joins its own threads. So the user takes the call, and whoever lets go of
+  // either waits for the end first (`wait_ended`), even where the user has done with this call long before.
   user_->on_call_ended(status, std::move(self_));
   user_ = nullptr;
   const std::lock_guard<std::mutex> lock(mutex_);

@@ -21,7 +21,7 @@ class CallUser {
   virtual ~CallUser() = default;
   // A message, in pieces that are there until this returns. `size`: of all of them.
   virtual void on_message(const wire::Piece* pieces, std::size_t size) = 0;
-  // `call` is to be let go on another thread.
+  // `call` is to be let go on another thread, and only once `wait_ended` says so: it calls this.
   virtual void on_call_ended(const grpc::Status& status, std::shared_ptr<class Call> call) = 0;
 };
 
@@ -37,7 +37,8 @@ class Call final : public grpc::ClientBidiReactor<grpc::ByteBuffer, grpc::ByteBu
   // Send what waits, then tell the server that no more comes: it closes the sessions and ends the call.
   void finish();
   void cancel();
-  // Whether it has ended, after at most so long.
+  // Whether it has ended, after at most so long: its user has heard of it, and it touches neither its user nor itself
+  // any more.
   bool wait_ended(double timeout_s);
 
   void OnReadDone(bool ok) override;

@@ -10,25 +10,13 @@
 namespace motiongen {
 namespace {
 
-Status check(const ClipOptions& options, const Limits& limits) {
-  const auto in_range = [](const char* field, std::uint32_t given, std::uint32_t most) {
-    if (given >= 1 && given <= most) return Status();
-    return invalid(field, std::to_string(given), "1 to " + std::to_string(most));
-  };
-  Status checked = in_range("num_frames", options.num_frames, limits.max_clip_frames);
-  if (checked) checked = in_range("num_samples", options.num_samples, limits.max_clip_samples);
-  if (!std::isfinite(options.timeout_s) || !(options.timeout_s > 0)) {
-    checked = invalid("timeout_s", std::to_string(options.timeout_s), "a number above 0");
-  }
-  for (const Target& target : options.targets) {
-    if (checked) checked = convert::check(target);
-  }
-  return checked;
-}
-
-v1::GenerateClipRequest request_of(const ClipOptions& options) {
+// What a session would be opened with for it.
+SessionOptions session_of(const ClipOptions& options) {
   SessionOptions session;
   session.model_id = options.model_id;
+  session.prompt = options.prompt;
+  session.later_prompts = options.later_prompts;
+  session.targets = options.targets;
   session.seed = options.seed;
   session.denoise_steps = options.denoise_steps;
   session.history_frames = options.history_frames;
@@ -40,9 +28,26 @@ v1::GenerateClipRequest request_of(const ClipOptions& options) {
   session.keep_prompts = options.keep_prompts;
   session.frame_format = options.frame_format;
   session.outputs = options.outputs;
+  return session;
+}
+
+Status check(const ClipOptions& options, const Limits& limits) {
+  const auto in_range = [](const char* field, std::uint32_t given, std::uint32_t most) {
+    if (given >= 1 && given <= most) return Status();
+    return invalid(field, std::to_string(given), "1 to " + std::to_string(most));
+  };
+  Status checked = in_range("num_frames", options.num_frames, limits.max_clip_frames);
+  if (checked) checked = in_range("num_samples", options.num_samples, limits.max_clip_samples);
+  if (!std::isfinite(options.timeout_s) || !(options.timeout_s > 0)) {
+    checked = invalid("timeout_s", std::to_string(options.timeout_s), "a number above 0");
+  }
+  return checked ? convert::check(session_of(options)) : checked;
+}
+
+v1::GenerateClipRequest request_of(const ClipOptions& options) {
   v1::GenerateClipRequest request;
   v1::OpenSession& open = *request.mutable_open();
-  open = convert::open_session(session);
+  open = convert::open_session(session_of(options));
   open.clear_priority();
   std::uint32_t id = 1;
   if (!options.prompt.empty()) *open.add_prompts() = convert::span(id++, options.prompt, 0, 0);

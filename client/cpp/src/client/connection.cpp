@@ -1,10 +1,11 @@
 // Connecting, what is done about a loss, and the end.
 #include <algorithm>
-#include <cmath>
+#include <iterator>
 
 #include "client/convert.hpp"
 #include "client/core.hpp"
 #include "client/status_details.hpp"
+#include "client/texts.hpp"
 #include "motiongen/v1/service.grpc.pb.h"
 
 namespace motiongen {
@@ -21,6 +22,7 @@ constexpr double kCloseGraceS = 2;        // for the server to end the call
 constexpr double kCancelGraceS = 5;       // for gRPC to end it
 constexpr char kStarting[] = "STARTING";  // the reason of a server that has no engine yet
 constexpr char kAgent[] = "motiongen-cpp/0.1.0";
+constexpr std::size_t kMostAgentBytes = 100;  // of what the application adds
 
 // Whether trying again can help: what a proxy or a lost server ends a stream with.
 bool is_loss(const Status& status) {
@@ -30,30 +32,6 @@ bool is_loss(const Status& status) {
 }
 
 }  // namespace
-
-Status ClientCore::check_options() const {
-  std::vector<std::string> addresses = options_.other_addresses;
-  addresses.insert(addresses.begin(), options_.address);
-  for (const std::string& address : addresses) {
-    const auto colon = address.rfind(':');
-    if (colon == std::string::npos || colon == 0 || colon + 1 == address.size()) {
-      return invalid("address", "\"" + address + "\"", "host:port, such as localhost:50051");
-    }
-  }
-  if (!(options_.report_hz >= 1 && options_.report_hz <= 5)) {
-    return invalid("report_hz", std::to_string(options_.report_hz), "a number from 1 to 5");
-  }
-  if (!(options_.ping_period_s >= 0.1 && options_.ping_period_s <= 60)) {
-    return invalid("ping_period_s", std::to_string(options_.ping_period_s), "a number from 0.1 to 60");
-  }
-  if (!Route::is_key(options_.routing_key)) {
-    return invalid("routing_key", "\"" + options_.routing_key + "\"", "letters, digits, -, . and _");
-  }
-  if (!std::isfinite(options_.connect_timeout_s) || options_.connect_timeout_s <= 0) {
-    return invalid("connect_timeout_s", std::to_string(options_.connect_timeout_s), "a number above 0");
-  }
-  return {};
-}
 
 Status ClientCore::make_channels() {
   Status checked = check_options();
@@ -141,8 +119,8 @@ Status ClientCore::connect() {
 
 void ClientCore::begin_call() {
   v1::StreamMotionRequest hello;
-  hello.mutable_hello()->set_client_agent(options_.agent.empty() ? kAgent
-                                                                 : kAgent + (" " + options_.agent).substr(0, 100));
+  hello.mutable_hello()->set_client_agent(
+      options_.agent.empty() ? kAgent : kAgent + first_bytes(" " + options_.agent, kMostAgentBytes));
   convert::set_seconds(options_.flush_interval_s, hello.mutable_hello()->mutable_flush_interval());
   outbox_.clear();
   outbox_.put_alone(hello);
@@ -150,7 +128,11 @@ void ClientCore::begin_call() {
   std::vector<std::shared_ptr<Call>> ended;  // let go when the lock is
   const std::lock_guard<std::mutex> lock(mutex_);
   if (closing_) return;
-  ended.swap(ended_calls_);
+  // one whose end is still being told, as in a callback that takes its time, is used there until then
+  const auto first =
+      std::partition(ended_calls_.begin(), ended_calls_.end(), [](const auto& each) { return !each->wait_ended(0); });
+  std::move(first, ended_calls_.end(), std::back_inserter(ended));
+  ended_calls_.erase(first, ended_calls_.end());
   is_lost_ = false;
   goodbye_.reset();
   next_ping_s_ = now_s();
@@ -261,15 +243,25 @@ void ClientCore::shut_down() {
   }
   if (call != nullptr) call->finish();
   if (!events_.in_callback()) {
-    end_call(call);
+    end_calls();
     if (worker.joinable()) worker.join();
   } else if (worker.joinable()) {
-    worker.detach();  // inside a callback the call cannot end: the thread waits for it, and holds this until then
+    worker.detach();  // inside a callback no call can end: the thread waits for them, and holds this until then
   }
 }
 
+void ClientCore::end_calls() {
+  std::vector<std::shared_ptr<Call>> calls;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    calls = ended_calls_;
+    if (call_ != nullptr) calls.push_back(call_);
+  }
+  for (const auto& call : calls) end_call(call);
+}
+
 void ClientCore::end_call(const std::shared_ptr<Call>& call) {
-  if (call == nullptr || call->wait_ended(kCloseGraceS)) return;
+  if (call->wait_ended(kCloseGraceS)) return;
   call->cancel();
   if (call->wait_ended(kCancelGraceS)) return;
   // gRPC has not let go of the call and may still call us: rather than of memory that is gone, of memory that is lost

@@ -3,6 +3,8 @@
 #include <cmath>
 #include <string>
 
+#include "client/texts.hpp"
+
 namespace motiongen::convert {
 namespace {
 
@@ -44,7 +46,25 @@ Status check(const Prompt& prompt) {
   if (!prompt.preset_id.empty() && !(prompt.text.empty() && prompt.embedding.empty())) {
     return invalid("prompt", "a preset and something else", "one of them");
   }
-  return {};
+  Status checked = check_utf8("Prompt::text", prompt.text);
+  if (checked) checked = check_utf8("Prompt::preset_id", prompt.preset_id);
+  return checked ? check_utf8("Prompt::text_encoder", prompt.text_encoder) : checked;
+}
+
+Status check(const SessionOptions& options) {
+  Status checked = check_utf8("model_id", options.model_id);
+  if (checked) checked = check_utf8("rig_id", options.rig_id);
+  for (const std::string& each : options.outputs) {
+    if (checked) checked = check_utf8("outputs", each);
+  }
+  if (checked && !options.prompt.empty()) checked = check(options.prompt);
+  for (const auto& each : options.later_prompts) {
+    if (checked) checked = check(each.second);
+  }
+  for (const Target& target : options.targets) {
+    if (checked) checked = check(target);
+  }
+  return checked;
 }
 
 Status check_rows(Span<const float> rows, std::uint32_t row_width) {

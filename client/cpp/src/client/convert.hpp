@@ -12,10 +12,12 @@ namespace motiongen::convert {
 
 // ---- to the server. Frames are those of the timeline; the book shifts them
 
-// INVALID_ARGUMENT for a number that is not finite or a list of the wrong length.
+// INVALID_ARGUMENT for a number that is not finite, a list of the wrong length or a text that is not UTF-8.
 Status check(const Target& target);
-// INVALID_ARGUMENT for nothing, and for two of text, preset and vector.
+// INVALID_ARGUMENT for nothing, for two of text, preset and vector, and for a text that is not UTF-8.
 Status check(const Prompt& prompt);
+// The same for all prompts and targets that a session is opened with, and its other texts. Not of its rows.
+Status check(const SessionOptions& options);
 // INVALID_ARGUMENT for what is no row or several.
 Status check_rows(Span<const float> rows, std::uint32_t row_width);
 v1::Constraint constraint(std::uint32_t id, const Target& target);

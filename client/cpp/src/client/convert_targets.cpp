@@ -3,6 +3,7 @@
 #include <string>
 
 #include "client/convert.hpp"
+#include "client/texts.hpp"
 
 namespace motiongen::convert {
 namespace {
@@ -75,7 +76,7 @@ struct Checker {
   Status operator()(const FootContact& target) const {
     const bool finite =
         std::isfinite(target.x_m) && std::isfinite(target.z_m) && std::isfinite(target.heading_rad.value_or(0));
-    return finite ? Status() : not_finite("FootContact");
+    return finite ? check_utf8("FootContact::limb", target.limb) : not_finite("FootContact");
   }
 };
 

@@ -49,11 +49,7 @@ Result<v1::OpenSession> ClientCore::opening_of(const SessionOptions& options) co
   v1::OpenSession open = convert::open_session(options);
   std::uint32_t id = SessionBook::kPresentPrompt;
   if (!options.prompt.empty()) *open.add_prompts() = convert::span(id, options.prompt, 0, 0);
-  for (const auto& [frame, prompt] : options.later_prompts) {
-    Status checked = convert::check(prompt);
-    if (!checked) return checked;
-    *open.add_prompts() = convert::span(++id, prompt, frame, 0);
-  }
+  for (const auto& [frame, prompt] : options.later_prompts) *open.add_prompts() = convert::span(++id, prompt, frame, 0);
   if (options.prior_rows.empty()) return open;
   if (open.has_start_pose()) {
     return invalid("start_x_m, start_z_m, start_heading_rad", "a place",
@@ -69,10 +65,8 @@ Result<v1::OpenSession> ClientCore::opening_of(const SessionOptions& options) co
 }
 
 Result<std::shared_ptr<SessionState>> ClientCore::open(const SessionOptions& options) {
-  if (!options.prompt.empty()) {
-    Status checked = convert::check(options.prompt);
-    if (!checked) return checked;
-  }
+  Status checked = convert::check(options);
+  if (!checked) return checked;
   auto opening = opening_of(options);
   if (!opening) return opening.status();
   std::shared_ptr<SessionState> state;
@@ -87,8 +81,6 @@ Result<std::shared_ptr<SessionState>> ClientCore::open(const SessionOptions& opt
     static_cast<void>(state->book.take_prompt_id());
   }
   for (const Target& target : options.targets) {
-    Status checked = convert::check(target);
-    if (!checked) return checked;
     state->book.add_opening(convert::constraint(state->book.take_constraint_id(), target));
   }
   {

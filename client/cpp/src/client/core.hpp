@@ -79,8 +79,9 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
 
   Result<v1::OpenSession> opening_of(const SessionOptions& options) const;
 
-  // connection.cpp: calls, their loss, and another one
   Status check_options() const;
+
+  // connection.cpp: calls, their loss, and another one
   Status make_channels();
   Status try_connect(double deadline_s);
   Status fetch_catalog(double timeout_s);
@@ -89,6 +90,8 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void lose(const Status& status, bool will_reconnect);
   double choose_server(bool was_connected, bool is_starting);
   void forget_closed();
+  // Wait for the present call, and for lost ones whose end is still being told: gRPC's threads use this until then.
+  void end_calls();
   void end_call(const std::shared_ptr<Call>& call);
 
   // worker.cpp: what is done when its time has come
@@ -131,12 +134,12 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   std::atomic<double> heard_at_s_{0};
   std::string scratch_;  // of the call's reads, which come one at a time
 
-  // never held while another lock is taken, but for those of `outbox_`, `events_` and `route_`
+  // never held while another lock is taken, but for those of `outbox_`, `events_`, `route_` and calls
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   std::shared_ptr<const Catalog> catalog_;
   std::shared_ptr<Call> call_;
-  std::vector<std::shared_ptr<Call>> ended_calls_;  // to be let go by the next one, or with this
+  std::vector<std::shared_ptr<Call>> ended_calls_;  // once `wait_ended`, to be let go by the next one, or with this
   std::set<grpc::ClientContext*> short_calls_;      // at work, so that closing need not wait
   std::unordered_map<std::uint32_t, std::shared_ptr<SessionState>> sessions_;
   std::uint32_t next_session_ = 1;

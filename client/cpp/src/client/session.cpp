@@ -31,9 +31,7 @@ Status Session::close() {
     const bool must_tell = state_->phase != Phase::waiting;
     if (must_tell) state_->send_close(core_->outbox());
     state_->phase = Phase::closing;
-    if (!must_tell) {
-      state_->end(Status(Code::cancelled, "CLIENT", "the session was closed here"), core_->events());
-    }
+    if (!must_tell) state_->end_as_wished(core_->events());
   }
   core_->flush();
   return {};

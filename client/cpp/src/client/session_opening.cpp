@@ -98,9 +98,7 @@ void SessionState::send_open(Outbox& outbox, const Catalog& catalog) {
 }
 
 void SessionState::take_closed(const v1::SessionClosed& message, double now_s, EventQueue& events) {
-  if (message.reason() == v1::CLOSE_REASON_CLIENT) {
-    return end(Status(Code::cancelled, "CLIENT", "the session was closed here"), events);
-  }
+  if (message.reason() == v1::CLOSE_REASON_CLIENT) return end_as_wished(events);
   const Status why = convert::closed(message);
   const bool gone_on_with = message.reason() == v1::CLOSE_REASON_DRAINED || why.code() == Code::unavailable;
   if (!gone_on_with || !recovers_ || !was_open_ || phase == Phase::closing) return end(why, events);

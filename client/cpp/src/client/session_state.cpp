@@ -108,7 +108,9 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
   if (outcome.effective_frame) *outcome.effective_frame += base_;
   note_placements(outcome.placements);
   if (message.event_seq() == 1) {
-    if (phase != Phase::opening || outcome.status.ok()) return;
+    if (outcome.status.ok()) return;
+    if (phase == Phase::closing) return end_as_wished(events);  // nothing else comes: there is no session to close
+    if (phase != Phase::opening) return;
     const Code code = outcome.status.code();
     if (resuming_ && code != Code::unavailable && code != Code::resource_exhausted) {
       open_anew(events);  // it was not kept
@@ -218,6 +220,10 @@ void SessionState::break_off(const Status& status, EventQueue& events, Outbox& o
   send_close(outbox);
   phase = Phase::open;  // it does not end as its user wished: that is told
   end(status, events);
+}
+
+void SessionState::end_as_wished(EventQueue& events) {
+  end(Status(Code::cancelled, "CLIENT", "the session was closed here"), events);
 }
 
 void SessionState::end(Status status, EventQueue& events) {

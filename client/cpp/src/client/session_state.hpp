@@ -75,6 +75,8 @@ class SessionState {
 
   // The stream is gone. It waits for another one, or ends with `status` where there will be none.
   void lose(const Status& status, bool will_reconnect, EventQueue& events);
+  // It was closed here.
+  void end_as_wished(EventQueue& events);
   void end(Status status, EventQueue& events);
   void end(Outcome outcome, EventQueue& events);
 

@@ -38,12 +38,7 @@ void ClientCore::work() {
     }
     events_.dispatch();
   }
-  std::shared_ptr<Call> call;
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    call = call_;
-  }
-  end_call(call);
+  end_calls();
 }
 
 void ClientCore::tick(double now) {

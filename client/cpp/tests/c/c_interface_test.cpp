@@ -25,6 +25,19 @@ TEST(CInterface, SaysWhatIsWrong) {
   EXPECT_NE(std::strstr(error.message, "host:port"), nullptr);
 }
 
+TEST(CInterface, RefusesATokenThatNoHeaderMayHave) {
+  motiongen_client_options options{};
+  options.struct_size = sizeof options;
+  options.address = "localhost:1";
+  options.token = "abc\n";
+  motiongen_error error{};
+  error.struct_size = sizeof error;
+  motiongen_client* client = nullptr;
+  EXPECT_EQ(motiongen_client_connect(&options, &client, &error), MOTIONGEN_INVALID_ARGUMENT);
+  EXPECT_NE(std::strstr(error.message, "0x0a at position 3"), nullptr) << error.message;
+  EXPECT_EQ(std::strstr(error.message, "abc"), nullptr) << "it is secret";
+}
+
 TEST(CInterface, WritesNoFurtherThanTheCallersStructGoes) {
   motiongen_client_options options{};
   options.struct_size = sizeof options;

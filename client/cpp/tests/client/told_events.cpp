@@ -1,5 +1,5 @@
 // Plays one character and tells what happens to it, a line each, until it is told to quit: told_events HOST:PORT
-// What it takes is in told_commands.cpp. What it tells:
+// What it takes is in told_commands.cpp, and `another`, which opens another character in its place. What it tells:
 //   opened | edit ID CODE FRAME | placed TARGET FIRST LAST ARRIVAL ANCHOR | reached TARGET MET FRAME METRES RADIANS
 //   lost REASON | connected | recovered FRAME EXACT | closed REASON | draining | durability KEPT | refused WORDS
 //   frame FRAME CODE | at FRAME CODE | x FRAME X Y Z | row FRAME NUMBERS | stats PLANS UNDERRUNS LATE RECOVERIES
@@ -117,7 +117,12 @@ int main(int argc, char** argv) {
   auto session = client->open(character);
   if (!session) return 1;
   for (std::string line; std::getline(std::cin, line) && line != "quit";) {
-    if (told::obey(line, *session)) continue;
+    if (line == "another") {  // in place of the one before, which is closed
+      session = client->open(character);
+      if (session) continue;
+    } else if (told::obey(line, *session)) {
+      continue;
+    }
     std::fprintf(stderr, "not understood: %s\n", line.c_str());
     return 1;
   }

@@ -52,7 +52,7 @@ class SafeHold:
     def command(self, now_s: float, qpos: Float64 | None = None) -> Float64:
         """(36) what the robot shall be at now_s, of a clock that only rises. Raises InvalidInput before a frame."""
         if qpos is not None:
-            self._take(np.asarray(qpos, np.float64), now_s)
+            self._take(np.array(qpos, np.float64), now_s)
         if self._frame is None or self._command is None:
             raise InvalidInput("qpos", None, f"a first state of {QPOS_WIDTH} numbers")
         if now_s - self._frame_at_s > self.stale_s and self.state in (HoldState.FOLLOWING, HoldState.RETURNING):
@@ -64,6 +64,8 @@ class SafeHold:
     def _take(self, qpos: Float64, now_s: float) -> None:
         if qpos.shape != (QPOS_WIDTH,) or not np.isfinite(qpos).all():
             raise InvalidInput("qpos", f"an array of shape {qpos.shape}", f"{QPOS_WIDTH} finite numbers")
+        if self._command is not None and qpos[3:7] @ self._command[3:7] < 0:
+            qpos[3:7] *= -1  # the same rotation; on the way back to frames numbers are mixed, which have to be near
         if self._command is None:
             self._command, self._command_at_s = qpos, now_s
         elif self.state in (HoldState.STOPPING, HoldState.HOLDING):

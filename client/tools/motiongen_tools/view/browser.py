@@ -8,9 +8,11 @@ import logging
 from typing import Any, Protocol
 
 from motiongen_client.errors import InvalidInput, MotiongenError
+from motiongen_client.types import Catalog
 from motiongen_tools.view import fields
 from motiongen_tools.view.access import Role
 from motiongen_tools.view.bridge import Bridge
+from motiongen_tools.view.character import Character
 from motiongen_tools.view.fields import Message
 from motiongen_tools.view.room import Room
 from motiongen_tools.view.session_file import session_of
@@ -19,6 +21,8 @@ from motiongen_tools.view.wire import Head, catalog_json, pack_frames, pack_hist
 HEAD_PERIOD_S = 0.25
 """A page's clock runs by itself; this often it is told where the playhead really is."""
 MOST_HISTORY_FRAMES = 4000
+MOST_WAITING = 32
+"""Answers, pieces of history and requests under way; a page that has as many is not listened to until some are gone."""
 FOR_WATCHERS = ("ping", "history")
 
 _log = logging.getLogger(__name__)
@@ -47,9 +51,9 @@ class Browser:
         self._headed_at_s: dict[int, float] = {}
         self._changes = -1
         self._line: dict[str, Any] = {}
-        self._has_catalog = False
+        self._catalog: Catalog | None = None
         self._answers: list[dict[str, Any]] = []
-        self._histories: list[bytes] = []
+        self._histories: list[tuple[Character, int, int]] = []  # with first and end frame
         self._tasks: set[asyncio.Task[None]] = set()
 
     # ---- for the room
@@ -86,8 +90,8 @@ class Browser:
             for message in self.news():
                 await self._socket.send_text(json.dumps(message, separators=(",", ":")))
             histories, self._histories = self._histories, []
-            for history in histories:
-                await self._socket.send_bytes(history)
+            for character, first, end in histories:  # each is packed when it is sent: it may be of a megabyte
+                await self._socket.send_bytes(pack_history(character.number, *character.history(first, end)))
             heads = self.heads()
             if heads:
                 await self._socket.send_bytes(pack_frames(heads))
@@ -101,9 +105,9 @@ class Browser:
         if shown != self._line:
             self._line = shown
             news.append({"type": "server", "role": self._role.value, **shown})
-        if line.has_catalog and not self._has_catalog:
-            self._has_catalog = True
-            news.append({"type": "catalog", **catalog_json(line.client.catalog)})
+        if line.has_catalog and line.client.catalog is not self._catalog:  # the first, or another server's
+            self._catalog = line.client.catalog
+            news.append({"type": "catalog", **catalog_json(self._catalog)})
         if room.changes != self._changes:
             self._changes = room.changes
             news.append(room.listed())
@@ -128,12 +132,19 @@ class Browser:
                 self._headed_at_s[number] = now_s
         return heads
 
+    @property
+    def num_waiting(self) -> int:
+        """What the page has asked for, and has not been sent."""
+        return len(self._answers) + len(self._histories) + len(self._tasks)
+
     async def _hear(self) -> None:
         while True:
+            while self.num_waiting >= MOST_WAITING:  # it asks for more than it reads
+                await self._bridge.beat()
             said = await self._socket.receive_text()
             try:
                 message = json.loads(said)
-            except json.JSONDecodeError:
+            except (ValueError, RecursionError):  # ValueError: also a number of thousands of digits
                 message = None
             if not isinstance(message, dict):
                 self._answer(None, error="the message is not a JSON object")
@@ -172,7 +183,7 @@ class Browser:
             case "history":
                 first = fields.whole(message, "first_frame")
                 end = fields.whole(message, "end_frame", first, first + MOST_HISTORY_FRAMES)
-                self._histories.append(pack_history(character.number, *character.history(first, end)))
+                self._histories.append((character, first, end))
                 return {}
             case "time_scale":
                 character.set_time_scale(fields.number(message, "scale"))

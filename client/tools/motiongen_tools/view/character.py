@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections import deque
 from typing import Any
 
@@ -22,6 +23,10 @@ from motiongen_tools.view.wire import Head
 MOST_MARKS = 400
 LEAST_SCALE, MOST_SCALE = 0.1, 2.0
 CUTS = ("teleport", "cut_to")
+WITH_CONSTRAINTS = ("add_constraints", "set_constraints")
+BRIDGE_FAILED = "the bridge failed at it; its log says why"
+
+_log = logging.getLogger(__name__)
 
 
 class Character:
@@ -50,7 +55,8 @@ class Character:
         self._served_with = ServedWith(options, session.opened, model)
         self.edits = EditLog()
         self.revision = 1
-        self.failure = ""
+        self._end = ""  # why the session is over
+        self._mishap = ""  # what went wrong beside it: the session lives on
         self._rehearsal = rehearsal
         self.time_scale = 1.0
         self._feed = Feed(session.playback)
@@ -105,13 +111,36 @@ class Character:
 
     # ---- what is seen of it
 
+    @property
+    def failure(self) -> str:
+        """Why it has ended, or does not do what it was to do; "" where all is well."""
+        return self._end or self._mishap
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether its session is over, so that nothing can be told to it any more."""
+        return bool(self._end)
+
     def tick(self) -> int | None:
-        """Move to the present. Returns the first frame that is new or replaced since the last tick, if any."""
+        """Move to the present. Returns the first frame that is new or replaced since the last tick, if any.
+
+        Whatever goes wrong is its own failure, not raised: one character must not end the others'.
+        """
+        try:
+            return self._move()
+        except Exception:
+            if self._mishap != BRIDGE_FAILED:  # once: it may be the same at every tick
+                _log.exception("character %d failed", self.number)
+                self._mishap = BRIDGE_FAILED
+                self.revision += 1
+            return None
+
+    def _move(self) -> int | None:
         try:
             self.session.poll()
         except MotiongenError as failure:
-            if not self.failure:
-                self.failure = str(failure)
+            if not self._end:
+                self._end = str(failure)
                 self.revision += 1
         self._rehearse()
         playback = self.session.playback
@@ -142,16 +171,22 @@ class Character:
 
     def _rehearse(self) -> None:
         """Tell what is due of what another was told; after its last frame, rest."""
-        if self._rehearsal is None or self.failure:
+        if self._rehearsal is None or self.has_ended:
             return
         playhead = self.session.playback.playhead
         for then in self._rehearsal.due(playhead):
             try:
                 told = self.tell(self._rehearsal.renumbered(then.message), can_be_undone=False)
-            except MotiongenError as failure:
-                self.failure = f"what was said at frame {then.at_frame} cannot be said again: {failure}"
+                self._rehearsal.told(then, told.edit)
+            except Exception as failure:
+                why = str(failure)
+                if not isinstance(failure, MotiongenError):
+                    _log.exception("character %d failed at what was said at frame %d", self.number, then.at_frame)
+                    why = BRIDGE_FAILED
+                self._mishap = f"what was said at frame {then.at_frame} cannot be said again: {why}"
+                self._rehearsal = None
+                self.revision += 1
                 return
-            self._rehearsal.told(then, told.edit)
         if playhead >= self._rehearsal.end_frame - 1:
             self._rehearsal = None
             with contextlib.suppress(MotiongenError):  # it has ended, which `poll` tells when its frames are over
@@ -162,7 +197,7 @@ class Character:
         """The frames shown so far within a range, as far as they are kept."""
         playback = self.session.playback
         first = max(first_frame, playback.first_kept)
-        return first, playback.held_rows(first, min(end_frame, playback.playhead + 1))
+        return first, playback.held_rows(first, max(min(end_frame, playback.playhead + 1), first))
 
     def shown(self) -> dict[str, Any]:
         """All but its frames, as the page shows it."""
@@ -195,7 +230,7 @@ class Character:
     async def close(self) -> None:
         """End the session."""
         self.edits.close()
-        if not self.failure:
+        if not self.has_ended:
             await self.session.close()
 
     # ---- what the server says
@@ -225,8 +260,8 @@ class Character:
 
 def _named(message: Message, what: str) -> str:
     """An edit's name for the list: of constraints, which kinds."""
-    given = message.get("constraints")
-    kinds = [str(one["kind"]).replace("_", " ") for one in given] if isinstance(given, list) else []
+    given = message["constraints"] if message.get("op") in WITH_CONSTRAINTS else []
+    kinds = [str(one["kind"]).replace("_", " ") for one in given]
     if not kinds:
         return what
     return ", ".join(kinds[:3]) + (f" and {len(kinds) - 3} more" if len(kinds) > 3 else "")

@@ -11,20 +11,26 @@ from motiongen_client.session import Session
 from motiongen_client.types import Constraint, Priority
 from motiongen_tools.view import fields
 from motiongen_tools.view.constraint_json import read_constraint
-from motiongen_tools.view.fields import Message
+from motiongen_tools.view.fields import MOST_ID, Message
 
 LONGEST_HOLD_S = 20.0
 CUT_FRAMES = 16
 """How many played frames a cut goes on from: whole patches, and all that a window looks back."""
 PRIORITIES = {each.value: each for each in Priority}
+Call = Callable[[Session], Edit]
 
 
 def apply(session: Session, message: Message) -> Edit:
     """Tell a session what a message says. Raises InvalidInput naming the field, or what ended the session."""
+    return read(message)(session)
+
+
+def read(message: Message) -> Call:
+    """The call that a message is, of any session. Raises InvalidInput naming the field."""
     operation = OPERATIONS.get(str(message.get("op")))
     if operation is None:
         raise InvalidInput("op", message.get("op"), f"one of {', '.join(OPERATIONS)}")
-    return operation(session, message)
+    return operation(message)
 
 
 def read_prompt(message: Message) -> Prompt:
@@ -37,21 +43,21 @@ def read_prompt(message: Message) -> Prompt:
     return words
 
 
-def _set_prompt(session: Session, message: Message) -> Edit:
-    return session.set_prompt(
-        read_prompt(message),
-        frame=fields.optional_whole(message, "frame"),
-        end_frame=fields.optional_whole(message, "end_frame"),
-        prompt_id=fields.optional_whole(message, "prompt_id", 1),
-    )
+def _set_prompt(message: Message) -> Call:
+    prompt = read_prompt(message)
+    frame, end_frame = fields.optional_whole(message, "frame"), fields.optional_whole(message, "end_frame")
+    prompt_id = fields.optional_whole(message, "prompt_id", 1, MOST_ID)
+    return lambda session: session.set_prompt(prompt, frame=frame, end_frame=end_frame, prompt_id=prompt_id)
 
 
-def _remove_prompts(session: Session, message: Message) -> Edit:
-    return session.remove_prompts(fields.wholes(message, "prompt_ids"))
+def _remove_prompts(message: Message) -> Call:
+    ids = fields.ids(message, "prompt_ids")
+    return lambda session: session.remove_prompts(ids)
 
 
-def _add_constraints(session: Session, message: Message) -> Edit:
-    return session.add_constraints(_constraints(message))
+def _add_constraints(message: Message) -> Call:
+    constraints = _constraints(message)
+    return lambda session: session.add_constraints(constraints)
 
 
 def _constraints(message: Message) -> list[Constraint]:
@@ -61,73 +67,76 @@ def _constraints(message: Message) -> list[Constraint]:
     return [read_constraint(one) for one in given]
 
 
-def _replace_constraint(session: Session, message: Message) -> Edit:
+def _replace_constraint(message: Message) -> Call:
     constraint = read_constraint(fields.mapping(message, "constraint"))
-    return session.replace_constraint(fields.whole(message, "constraint_id", 1), constraint)
+    constraint_id = fields.whole(message, "constraint_id", 1, MOST_ID)
+    return lambda session: session.replace_constraint(constraint_id, constraint)
 
 
-def _remove_constraints(session: Session, message: Message) -> Edit:
-    return session.remove_constraints(fields.wholes(message, "constraint_ids"))
+def _remove_constraints(message: Message) -> Call:
+    ids = fields.ids(message, "constraint_ids")
+    return lambda session: session.remove_constraints(ids)
 
 
-def _clear_constraints(session: Session, message: Message) -> Edit:
-    return session.clear_constraints()
+def _clear_constraints(message: Message) -> Call:
+    return lambda session: session.clear_constraints()
 
 
-def _set_constraints(session: Session, message: Message) -> Edit:
-    return session.set_constraints(_constraints(message))
+def _set_constraints(message: Message) -> Call:
+    constraints = _constraints(message)
+    return lambda session: session.set_constraints(constraints)
 
 
-def _teleport(session: Session, message: Message) -> Edit:
-    return session.teleport(
-        fields.number(message, "x_m"),
-        fields.number(message, "z_m"),
-        heading_rad=fields.number(message, "heading_rad", 0.0),
-    )
+def _teleport(message: Message) -> Call:
+    x_m, z_m = fields.number(message, "x_m"), fields.number(message, "z_m")
+    heading_rad = fields.number(message, "heading_rad", 0.0)
+    return lambda session: session.teleport(x_m, z_m, heading_rad=heading_rad)
 
 
-def _cut_to(session: Session, message: Message) -> Edit:
+def _cut_to(message: Message) -> Call:
     """Go on from frames that were played: those before `frame`, as many as a cut takes."""
     end = fields.whole(message, "frame", CUT_FRAMES)
-    return session.cut_to(session.motion(end - CUT_FRAMES, end))
+    return lambda session: session.cut_to(session.motion(end - CUT_FRAMES, end))
 
 
-def _set_options(session: Session, message: Message) -> Edit:
-    priority = fields.text(message, "priority") if message.get("priority") is not None else None
-    if priority is not None and priority not in PRIORITIES:
-        raise InvalidInput("priority", priority, f"one of {', '.join(PRIORITIES)}")
+def _set_options(message: Message) -> Call:
+    name = fields.text(message, "priority") if message.get("priority") is not None else None
+    if name is not None and name not in PRIORITIES:
+        raise InvalidInput("priority", name, f"one of {', '.join(PRIORITIES)}")
+    priority = None if name is None else PRIORITIES[name]
     weights = (fields.optional_number(message, "text_guidance"), fields.optional_number(message, "constraint_guidance"))
-    return session.set_options(
-        priority=None if priority is None else PRIORITIES[priority],
-        lookahead_frames=fields.optional_whole(message, "lookahead_frames", 1, 1 << 31),
-        denoise_steps=fields.optional_whole(message, "steps", 1, 1 << 31),
+    lookahead_frames, steps, history_frames = (
+        fields.optional_whole(message, field, 1, 1 << 31) for field in ("lookahead_frames", "steps", "history_frames")
+    )
+    return lambda session: session.set_options(
+        priority=priority,
+        lookahead_frames=lookahead_frames,
+        denoise_steps=steps,
         guidance=None if weights == (None, None) else weights,
-        history_frames=fields.optional_whole(message, "history_frames", 1, 1 << 31),
+        history_frames=history_frames,
     )
 
 
-def _set_velocity(session: Session, message: Message) -> Edit:
+def _set_velocity(message: Message) -> Call:
     seconds = fields.number(message, "seconds", 1.0)
     if not 0 < seconds <= LONGEST_HOLD_S:
         raise InvalidInput("seconds", seconds, f"above 0, up to {LONGEST_HOLD_S:g}")
-    return session.set_velocity(
-        fields.number(message, "x_mps"),
-        fields.number(message, "z_mps"),
-        seconds=seconds,
-        heading_rad=fields.optional_number(message, "heading_rad"),
-        keep_prompt=fields.flag(message, "keep_prompt"),
+    x_mps, z_mps = fields.number(message, "x_mps"), fields.number(message, "z_mps")
+    heading_rad, keeps = fields.optional_number(message, "heading_rad"), fields.flag(message, "keep_prompt")
+    return lambda session: session.set_velocity(
+        x_mps, z_mps, seconds=seconds, heading_rad=heading_rad, keep_prompt=keeps
     )
 
 
-def _pause(session: Session, message: Message) -> Edit:
-    return session.pause()
+def _pause(message: Message) -> Call:
+    return lambda session: session.pause()
 
 
-def _resume(session: Session, message: Message) -> Edit:
-    return session.resume()
+def _resume(message: Message) -> Call:
+    return lambda session: session.resume()
 
 
-OPERATIONS: dict[str, Callable[[Session, Message], Edit]] = {
+OPERATIONS: dict[str, Callable[[Message], Call]] = {
     "set_prompt": _set_prompt,
     "remove_prompts": _remove_prompts,
     "add_constraints": _add_constraints,

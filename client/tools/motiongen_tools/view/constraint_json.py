@@ -38,7 +38,7 @@ from motiongen_client.types import (
     Target,
     Waypoint,
 )
-from motiongen_tools.view.fields import Message
+from motiongen_tools.view.fields import Message, flag, ids, optional_whole, text
 
 KINDS: dict[str, type[Target]] = {
     "waypoint": Waypoint,
@@ -52,6 +52,8 @@ KINDS: dict[str, type[Target]] = {
 }
 _NAMES = {kind: name for name, kind in KINDS.items()}
 _FLEXIBLE = tuple(field.name for field in fields(Flexible) if field.name != "target")
+_FRAMES = ("frame", "first_frame", "last_frame")
+_FLAGS = ("at_any_frame", "frames_from_effect", "is_relative")
 
 
 def read_constraint(message: Message) -> Constraint:
@@ -67,11 +69,25 @@ def read_constraint(message: Message) -> Constraint:
     left_open = {name: given.pop(name) for name in _FLEXIBLE if name in given}
     try:
         target = kind(**given)
-        return Flexible(target, **left_open) if left_open else target
+        constraint = Flexible(target, **left_open) if left_open else target
     except (TypeError, ValueError) as error:
         if isinstance(error, InvalidInput):
             raise
         raise InvalidInput(_NAMES[kind], message, f"the fields {', '.join(known)}") from error
+    _check_sendable(message)
+    return constraint
+
+
+def _check_sendable(message: Message) -> None:
+    """Refuse what those classes take, and no message of the contract can hold."""
+    for name in _FRAMES:
+        optional_whole(message, name)
+    for name in _FLAGS:
+        flag(message, name)
+    if "joints" in message:
+        ids(message, "joints")
+    if "limb" in message:
+        text(message, "limb")
 
 
 def write_constraint(constraint: Constraint) -> dict[str, Any]:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Mapping
 from typing import Any
 
 from motiongen_client.errors import InvalidInput
 
 Message = Mapping[str, Any]
+MOST_ID = (1 << 32) - 1
+"""Of prompts, constraints and joints: the contract has 32 bits for them."""
 
 
 def number(message: Message, name: str, default: float | None = None) -> float:
     """A finite number."""
     value = message.get(name, default)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not abs(value) <= sys.float_info.max:  # JSON's whole numbers may be of any length
         raise InvalidInput(name, value, "a finite number")
     return float(value)
 
@@ -38,9 +41,9 @@ def optional_whole(message: Message, name: str, least: int = 0, most: int = 1 <<
 
 
 def text(message: Message, name: str, default: str | None = None) -> str:
-    """A string."""
+    """A string that UTF-8 can write."""
     value = message.get(name, default)
-    if not isinstance(value, str):
+    if not isinstance(value, str) or any("\ud800" <= sign <= "\udfff" for sign in value):
         raise InvalidInput(name, value, "a text")
     return value
 
@@ -61,9 +64,9 @@ def mapping(message: Message, name: str) -> Message:
     return value
 
 
-def wholes(message: Message, name: str) -> list[int]:
-    """A list of whole numbers of 0 and more."""
+def ids(message: Message, name: str) -> list[int]:
+    """A list of whole numbers that can be those of prompts, constraints or joints."""
     value = message.get(name)
-    if not isinstance(value, list) or any(isinstance(n, bool) or not isinstance(n, int) or n < 0 for n in value):
-        raise InvalidInput(name, value, "a list of whole numbers of 0 or more")
+    if not isinstance(value, list) or not all(type(each) is int and 0 <= each <= MOST_ID for each in value):
+        raise InvalidInput(name, value, f"a list of whole numbers from 0 to {MOST_ID}")
     return value

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from motiongen_client.edit import Edit
 from motiongen_tools.view.fields import Message
@@ -45,13 +46,14 @@ class Rehearsal:
     def renumbered(self, message: Message) -> Message:
         """A message with the ids that this character gave to what it names. What was refused then took ids too."""
         moved = dict(message)
-        if moved.get("prompt_id") is not None:
-            moved["prompt_id"] = self._prompts.get(moved["prompt_id"], moved["prompt_id"])
-        if moved.get("constraint_id") is not None:
-            moved["constraint_id"] = self._constraints.get(moved["constraint_id"], moved["constraint_id"])
-        for name, book in (("prompt_ids", self._prompts), ("constraint_ids", self._constraints)):
-            if isinstance(moved.get(name), list):
-                moved[name] = [book.get(key, key) for key in moved[name]]
+        for one, several, book in (
+            ("prompt_id", "prompt_ids", self._prompts),
+            ("constraint_id", "constraint_ids", self._constraints),
+        ):
+            if one in moved:
+                moved[one] = _renumbered(moved[one], book)
+            if isinstance(moved.get(several), list):
+                moved[several] = [_renumbered(key, book) for key in moved[several]]
         return moved
 
     def told(self, then: ToldAt, edit: Edit) -> None:
@@ -63,3 +65,8 @@ class Rehearsal:
     def _note(self, then: Sequence[int], now: Sequence[int]) -> None:
         if len(then) == len(now):
             self._constraints.update(zip(then, now, strict=True))
+
+
+def _renumbered(key: Any, book: Mapping[int, int]) -> Any:
+    """What is no id stays as it is, for whoever reads the message to refuse."""
+    return book.get(key, key) if isinstance(key, int) else key

@@ -147,7 +147,7 @@ class Room:
                     self.characters[number].session.resume()
         elif self.clock() - self._watched_at_s > IDLE_S:
             for character in self.characters.values():
-                if not character.session.is_paused and not character.failure:
+                if not character.session.is_paused and not character.has_ended:
                     self._idle.add(character.number)
                     with contextlib.suppress(MotiongenError):
                         character.session.pause()

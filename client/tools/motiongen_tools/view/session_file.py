@@ -14,6 +14,7 @@ from typing import Any
 from motiongen_client.errors import InvalidInput
 from motiongen_tools.view import fields
 from motiongen_tools.view.character import Character
+from motiongen_tools.view.commands import read
 from motiongen_tools.view.fields import Message
 from motiongen_tools.view.rehearsal import ToldAt
 
@@ -81,10 +82,10 @@ def read_session(path: Path) -> SessionFile:
 
 
 def parse_session(data: bytes, name: str) -> SessionFile:
-    """A session file's bytes. name: for errors. Raises InvalidInput."""
+    """A session file's bytes. name: for errors. Raises InvalidInput, also for an edit that no server could take."""
     try:
         whole: Any = json.loads(data)
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError: no UTF-8, no JSON, a number of thousands of digits
         raise InvalidInput("file", name, f"a session file, which is JSON: {error}") from None
     if not isinstance(whole, dict) or whole.get("format") != FORMAT:
         raise InvalidInput("file", name, f"a session file of the format {FORMAT}")
@@ -99,10 +100,15 @@ def parse_session(data: bytes, name: str) -> SessionFile:
 def _read_edit(edit: dict[str, Any]) -> ToldAt:
     message = {key: value for key, value in edit.items() if key not in ("at_frame", "effective_frame", "gave")}
     gave = fields.mapping(edit, "gave") if "gave" in edit else {}
+    at_frame = fields.whole(edit, "at_frame")
+    try:
+        read(message)  # its call is made again when its turn comes: by then what it names has other ids
+    except InvalidInput as error:
+        raise InvalidInput(f"edit at frame {at_frame}, {error.field}", error.given, error.allowed) from None
     return ToldAt(
-        fields.whole(edit, "at_frame"),
+        at_frame,
         fields.optional_whole(edit, "effective_frame"),
         message,
         fields.optional_whole(gave, "prompt_id"),
-        tuple(fields.wholes(gave, "constraint_ids")) if "constraint_ids" in gave else (),
+        tuple(fields.ids(gave, "constraint_ids")) if "constraint_ids" in gave else (),
     )

@@ -30,6 +30,9 @@ from motiongen_tools.view.wire import pack_motion
 DENIED = 4401
 """Close code of a WebSocket whose token is wrong."""
 UNKNOWN_ROOM = 4400
+"""Close code of one whose room cannot be had. Pages take both as final, and show the reason."""
+MOST_REASON_BYTES = 123
+"""Of a close frame; a longer reason is an error of the protocol."""
 MARGIN_FRAMES = 12
 """What may be committed while a list of constraints is under way, and is computed."""
 
@@ -47,7 +50,7 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
         try:
             room = bridge.room(websocket.query_params.get("room", "main"))
         except InvalidInput as error:
-            await websocket.close(UNKNOWN_ROOM, str(error)[:100])
+            await websocket.close(UNKNOWN_ROOM, str(error).encode()[:MOST_REASON_BYTES].decode(errors="ignore"))
             return
         try:
             await Browser(websocket, bridge, room, role).serve()
@@ -71,9 +74,9 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
         return Response(pack_motion(Path(name).name, motion), media_type="application/octet-stream")
 
     async def load(request: Request) -> Response:
-        room = bridge.room(request.path_params["room"])
-        data = await _body(request)
-        number = await room.again(parse_session(data, request.query_params.get("name", "the file")), {})
+        data, name = await _body(request), request.query_params.get("name", "the file")
+        recorded = await asyncio.to_thread(parse_session, data, name)  # there may be thousands of edits
+        number = await bridge.room(request.path_params["room"]).again(recorded, {})
         return JSONResponse({"numbers": [number]})
 
     async def aim(request: Request) -> Response:

@@ -97,6 +97,7 @@ class Degradation:
             key=lambda move: (move[1] + _HEAD_START[move[0]], -move[0]),
         )
         self._made = 0
+        self._spared: set[int] = set()  # of the moves that are made, those that hold a class of which nobody is there
         self._noted: deque[tuple[float, int, float]] = deque()
         self._windows, self._late = 0, 0.0
         self._settled_at = now
@@ -112,7 +113,10 @@ class Degradation:
 
     def depth(self, priority: Priority) -> int:
         """How many levels down a class is."""
-        return max((depth for moved, depth in self._moves[: self._made] if moved is priority), default=0)
+        made = enumerate(self._moves[: self._made])
+        return max(
+            (depth for index, (moved, depth) in made if moved is priority and index not in self._spared), default=0
+        )
 
     def note_windows(self, now: float, windows: int, late: float) -> None:
         """So many windows were due. late: for how long their frames were not there, in the time that a window plays.
@@ -134,7 +138,18 @@ class Degradation:
 
         load: share of the machine that is in use. present: sessions of each class; those without any are passed over.
         busy: share of the time in which anything was computed, however well its steps were filled.
+
+        A class of which nobody is there holds no pose: whoever comes next is made frames, if at a lower level.
         """
+        moved = self._move(now, load, present, busy)
+        self._spared |= {
+            index
+            for index, (priority, depth) in enumerate(self._moves[: self._made])
+            if self._levels[depth].hold and not present.get(priority, 0)
+        }
+        return moved
+
+    def _move(self, now: float, load: float, present: Mapping[Priority, int], busy: float) -> Iterable[Priority]:
         limits = self._limits
         while self._noted and self._noted[0][0] < now - limits.miss_window_s:
             _, windows, late_windows = self._noted.popleft()
@@ -165,6 +180,7 @@ class Degradation:
     def _forget(self, now: float) -> None:
         """Nobody is there: what was too much for the machine has gone."""
         self._made, self._wait_s = 0, self._limits.well_s
+        self._spared.clear()
         self._settled_at = self._unpressed_at = now
         self._forget_windows()
 
@@ -181,10 +197,11 @@ class Degradation:
             self._wait_s = limits.well_s
 
     def _down(self, present: Mapping[Priority, int]) -> Iterable[Priority]:
-        for index in range(self._made, len(self._moves)):
+        for index in (*sorted(self._spared), *range(self._made, len(self._moves))):
             priority = self._moves[index][0]
             if present.get(priority, 0):
-                self._made = index + 1
+                self._made = max(self._made, index + 1)
+                self._spared.discard(index)
                 return (priority,)
         self.shed = any(present.get(priority, 0) for priority in EXPENDABLE)
         return ()
@@ -193,6 +210,8 @@ class Degradation:
         while self._made:
             self._made -= 1
             priority = self._moves[self._made][0]
-            if present.get(priority, 0):
+            if self._made in self._spared:
+                self._spared.discard(self._made)
+            elif present.get(priority, 0):
                 return (priority,)
         return ()

@@ -35,7 +35,7 @@ class SchedulingPolicy(Protocol):
         ...
 
     def exchange(self, job: WindowJob, passes: int) -> None:
-        """Hold a job in place of the one with its number, which is not prepared, and due when this one is."""
+        """Hold a job in place of the one with its number, which is not prepared; it may be of another class."""
         ...
 
     def schedule(self, now: float) -> Sequence[ScheduledJob]:

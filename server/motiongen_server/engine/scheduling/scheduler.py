@@ -89,30 +89,36 @@ class Scheduler:
         return len(self._jobs)
 
     def add(self, job: WindowJob, passes: int) -> None:
-        held = ScheduledJob(job, passes)
-        self._jobs[job.job_id] = held
+        held = self._jobs[job.job_id] = ScheduledJob(job, passes)
+        self._file(held)
+
+    def remove(self, job_id: int) -> None:
+        self._unfile(self._jobs.pop(job_id))
+
+    def exchange(self, job: WindowJob, passes: int) -> None:
+        held = self._jobs[job.job_id]
+        self._unfile(held)  # its class may be another one by now
+        held.job, held.passes = job, passes
+        self._file(held)
+
+    def _file(self, held: ScheduledJob) -> None:
+        job = held.job
         insort(self._queues[job.priority - 1], held.dueness)
         if held.is_played:
             insort(self._played, held.urgency)
         self._owners.add(held)
-        self._evaluations[job.priority - 1] += passes
-        self._background += passes if job.background else 0
+        self._evaluations[job.priority - 1] += held.passes
+        self._background += held.passes if job.background else 0
 
-    def remove(self, job_id: int) -> None:
-        held = self._jobs.pop(job_id)
-        queue = self._queues[held.job.priority - 1]
+    def _unfile(self, held: ScheduledJob) -> None:
+        job = held.job
+        queue = self._queues[job.priority - 1]
         del queue[bisect_left(queue, held.dueness)]
         if held.is_played:
             del self._played[bisect_left(self._played, held.urgency)]
         self._owners.remove(held)
-        self._evaluations[held.job.priority - 1] -= held.passes
-        self._background -= held.passes if held.job.background else 0
-
-    def exchange(self, job: WindowJob, passes: int) -> None:
-        held = self._jobs[job.job_id]
-        self._evaluations[job.priority - 1] += passes - held.passes
-        self._background += passes - held.passes if job.background else 0
-        held.job, held.passes = job, passes
+        self._evaluations[job.priority - 1] -= held.passes
+        self._background -= held.passes if job.background else 0
 
     def schedule(self, now: float) -> list[ScheduledJob]:
         """The jobs of the next step, most urgent first."""

@@ -105,10 +105,14 @@ class Conditions:
         return self if len(left) == len(self.constraints) else replace(self, constraints=left)
 
     def with_velocity_landed(self, obeyed: Velocity | None, frame: int) -> Conditions:
-        """A window from `frame` on that obeys a velocity has landed: if it is the newest, its time begins there."""
-        if obeyed is None or obeyed is not self.velocity or obeyed.steers_from is not None:
+        """A window from `frame` on that obeys a velocity has landed: if the newest asks for the same, it begins there.
+
+        That may be another event's: a stick that is held says the same again before a window can land.
+        """
+        held = self.velocity
+        if obeyed is None or held is None or held.steers_from is not None or not held.leads_as(obeyed):
             return self
-        return replace(self, velocity=replace(obeyed, steers_from=frame))
+        return replace(self, velocity=replace(held, steers_from=frame))
 
     def without_past(self, frame: int) -> Conditions:
         """Forget what ends before `frame`."""

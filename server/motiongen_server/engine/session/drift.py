@@ -69,20 +69,27 @@ class DriftGuard:
 
 @dataclass(slots=True)
 class DriftState:
-    """How one character stands. correction: what its next window is to put right, in one that began at lost_from."""
+    """How one character stands. correction: what its next window is to put right, in one that began at lost_from.
+
+    tried: whether that one was to put something right already.
+    """
 
     guard: DriftGuard
     correction: Correction | None = None
     lost_from: int = 0
+    tried: bool = False
 
     @property
     def lost(self) -> bool:
         """Whether it must be righted at once."""
         return self.correction is Correction.FRESH_START
 
-    def judge(self, rows: Float32Array, first_frame: int, before: Float32Array) -> None:
-        """Look at the rows of a window that has landed, from first_frame on. before: up to as many as one may float."""
-        self.correction, self.lost_from = self.guard.correction(rows), first_frame
+    def judge(self, rows: Float32Array, first_frame: int, before: Float32Array, *, again: bool = False) -> None:
+        """Look at the rows of a window that has landed, from first_frame on. before: up to as many as one may float.
+
+        again: the window was to right what those before it did.
+        """
+        self.correction, self.lost_from, self.tried = self.guard.correction(rows), first_frame, again
         if self.correction is not Correction.FRESH_START:
             floats_from = self.guard.flight(np.concatenate((before, rows)))
             if floats_from is not None:

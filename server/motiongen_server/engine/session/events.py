@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from motiongen_server.engine.session.cutting import Cut, own_frames
 from motiongen_server.engine.session.edits import EditEvent, PendingEdit, edited
@@ -21,6 +22,7 @@ from motiongen_server.engine.types import (
     SetPlayState,
     SetPrompts,
 )
+from motiongen_server.engine.types.refusals import prior_frames_failed
 from motiongen_server.engine.types.report import StepReport
 
 
@@ -95,12 +97,21 @@ def _edit(state: SessionState, event: EditEvent, now: float, report: StepReport)
 
 
 def cut(
-    state: SessionState, event: Seek, features: Float32Array | None, now: float, report: StepReport
+    state: SessionState,
+    event: Seek,
+    features_of: Callable[[Float32Array], Float32Array | None],
+    now: float,
+    report: StepReport,
 ) -> list[Output]:
-    """Put the character elsewhere. features: (H, D), those of event.prior_rows. As for `apply`."""
-    rows = event.prior_rows
+    """Put the character elsewhere. features_of: those (H, D) of rows that a client gives, None where the model can make
+    none of them. As for `apply`."""
+    rows, features = event.prior_rows, None
     try:
         state.edits.require_room()
+        if rows is not None:
+            features = features_of(rows)
+            if features is None:
+                raise prior_frames_failed("seek.prior_frames")
         if event.frame:
             crop, patch = history_crop(state.spec, state.config), state.facts.patch
             rows, features = own_frames(state.timeline, event.frame, state.delivery.sent_to, crop, patch)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -26,11 +27,11 @@ def with_outputs(chunk: Chunk, names: Sequence[str], timeline: Timeline, make: M
     has none, nor the first after a cut.
     """
     end = chunk.first_frame + len(chunk.rows)
-    cut = min(max(timeline.cut_at, chunk.first_frame), end)
-    parts = [(begin, stop) for begin, stop in ((chunk.first_frame, cut), (cut, end)) if begin < stop]
+    cuts = timeline.cuts
+    edges = [chunk.first_frame, *(cut for cut in cuts if chunk.first_frame < cut < end), end]
     made = []
-    for begin, stop in parts:
-        goes_on = begin > timeline.first and begin != timeline.cut_at
+    for begin, stop in pairwise(edges):
+        goes_on = begin > timeline.first and begin not in cuts
         rows = timeline.rows_between(begin - goes_on, stop)
         blocks = make(names, rows if goes_on else np.concatenate((rows[:1], rows)))
         if blocks is None:

@@ -83,7 +83,7 @@ def next_window(state: SessionState, now: float, predicted_s: float, job_id: int
     assert window_due(state, now)
     first_frame, cause = _next_start(state, now, predicted_s)
     due = Due(job_id, num_steps_due(state, now), now, deadline(state, now), runs_out_at(state, now))
-    if state.replan_wanted:
+    if state.replan_wanted and not state.spec.is_clip:
         replans_hz = state.config.replans_hz[state.spec.priority - 1] * state.level.replan_cap_scale
         state.edits.space_replans(now, max(1.0 / replans_hz, _REST_SHARE * predicted_s))
     state.predicted_s = predicted_s
@@ -107,7 +107,7 @@ def begin_elsewhere(state: SessionState, now: float, predicted_s: float) -> Wind
     if 0 <= running.first_frame - first_frame < state.facts.patch:
         state.edits.waiting = waiting
         return None
-    state.running, state.cut = None, running.cut
+    state.running, state.cut = None, state.cut or running.cut
     state.drift_state.correction = running.correction
     state.predicted_s = predicted_s
     due = Due(job.job_id, job.num_steps, job.created_at, job.deadline, job.runs_out_at)
@@ -200,15 +200,15 @@ def accept(state: SessionState, result: WindowResult, now: float, report: StepRe
     # A runner may give fewer: from the next frame on it would tell the model something else.
     rows = result.frames[:num_frames]
     if len(rows) and first_frame > state.timeline.first:
-        before = state.timeline.rows_between(first_frame - 1, first_frame)[0]
-        rows = continued(state.facts.rig, rows, before)
+        rows = continued(state.facts.rig, rows, state.timeline.rows_between(first_frame - 1, first_frame)[0])
     state.timeline = state.timeline.spliced(
         first_frame, rows, result.features[:num_frames], result.tokens, anew=running.fresh
     )
     state.plan += 1
     state.holding = False
     state.restarts, state.extra_lead_s = 0, 0.0
-    state.drift_state.judge(rows, first_frame, state.timeline.made_before(first_frame, state.facts.longest_flight))
+    before = state.timeline.made_before(first_frame, state.facts.longest_flight)
+    state.drift_state.judge(rows, first_frame, before, again=running.correction is not None)
     state.conditions = state.conditions.with_velocity_landed(running.velocity, first_frame)
     state.delivery.first_chunk_due |= running.job.cause in (PlanCause.EDIT, PlanCause.CUT)
     if not all(edit.prolongs for edit in running.answers):

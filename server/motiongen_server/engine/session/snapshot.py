@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from motiongen_server.engine.session.conditions import Conditions
+from motiongen_server.engine.session.drift import Correction
 from motiongen_server.engine.session.edits import PendingEdit
 from motiongen_server.engine.session.kinematics import Posed
 from motiongen_server.engine.session.opening import Opening, open_session
@@ -50,7 +51,7 @@ def news_of(state: SessionState) -> list[SnapshotTaken]:
 def snapshot_of(state: SessionState) -> SessionSnapshot:
     """All of a session. Its arrays are the session's own, which never change."""
     delivery, conditions, timeline = state.delivery, state.conditions, state.timeline
-    clock, velocity = delivery.clock, conditions.velocity
+    clock, velocity, drift = delivery.clock, conditions.velocity, state.drift_state
     # What a client may lack begins with its last report; the history of the next window may lie before that.
     needed_from = min(delivery.committed_to, delivery.sent_to, clock.reported) - history_crop(state.spec, state.config)
     first_frame = max(timeline.first, needed_from)
@@ -76,6 +77,8 @@ def snapshot_of(state: SessionState) -> SessionSnapshot:
         underruns=state.underruns,
         plans=delivery.plan_log.plans,
         measured_to=state.reach.measured_to,
+        correction=int((state.running.correction if state.running else None) or drift.correction or 0),
+        lost_from=drift.lost_from,
     )
 
 
@@ -136,6 +139,8 @@ def going_on(event: Open, asked: GoingOn, opening: Opening, features: Float32Arr
     if held.is_started:
         delivery.clock.go_on(min(asked.playhead, end), now)
     delivery.clock.set_state(held.play_state, now, end)
+    if held.correction:
+        state.drift_state.correction, state.drift_state.lost_from = Correction(held.correction), held.lost_from
     state.reach.measured_to = held.measured_to
     begun = [each for each in held.constraints if each.first_frame < held.measured_to <= each.last_frame]
     posed = Posed(facts.rig, held.rows)

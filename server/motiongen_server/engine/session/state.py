@@ -116,7 +116,10 @@ class SessionState:
 
     @property
     def replan_wanted(self) -> bool:
-        return bool(self.edits.waiting) or self.drift_state.lost
+        """Whether edits wait, or a lost character does: once where nothing moves on meanwhile, for it would be lost
+        at the same frame again and again."""
+        drift = self.drift_state
+        return bool(self.edits.waiting) or (drift.lost and (self.clock.running or not drift.tried))
 
     # ---- opening and closing ----------------------------------------------------------------------------------------
 
@@ -153,8 +156,10 @@ class SessionState:
     def replaceable_from(self, now: float, lead_s: float) -> int:
         """The first frame that the client cannot be showing lead_s from now, nor was promised; at most planned_to."""
         delivery = self.delivery
-        # Fewer frames than a patch make no history, and a window without history would start from the start pose.
-        least = self.timeline.motion_from + self.facts.patch
+        # Fewer frames than a patch make no history, and a window without history would start from the start pose. A cut
+        # may take the place of the last one: who goes back and forth would else be farther ahead with each.
+        cuts = self.cut is not None or (self.running is not None and self.running.cut is not None)
+        least = self.timeline.motion_from + (0 if cuts else self.facts.patch)
         return min(max(delivery.committed_to, delivery.unshown_from(now, lead_s), least), self.planned_to)
 
     def least_start(self, running: RunningWindow) -> int:

@@ -81,6 +81,11 @@ class Timeline:
         return self.first + len(self.rows)
 
     @property
+    def cuts(self) -> tuple[int, ...]:
+        """The frames that are held and go on from none before them, ascending."""
+        return tuple(sorted({self.cut_at, *(end for _, end in self.older)}))
+
+    @property
     def stretches(self) -> tuple[tuple[int, int], ...]:
         """The motion that is held, cut by cut, each (begin, end): a history may be of any frames within one."""
         return tuple((max(begin, self.first), end) for begin, end in (*self.older, (self.motion_from, self.end)))

@@ -28,6 +28,10 @@ class Velocity:
         """The first frame that it no longer steers, if it first steers `frame` where that is not known yet."""
         return (frame if self.steers_from is None else self.steers_from) + self.hold_frames
 
+    def leads_as(self, other: Velocity) -> bool:
+        """Whether it asks for the same motion, for however long."""
+        return (self.x, self.z, self.heading) == (other.x, other.z, other.heading)
+
     @property
     def slowing_frames(self) -> int:
         """Frames after its end that it still leads, to a stand."""
@@ -60,7 +64,7 @@ def changed_velocity(held: Velocity | None, event: SetVelocity, floor: int) -> S
     if held is None or held.steers_from is None:
         return Steered(asked, floor)
     old_end = held.end_if_from(floor)
-    if old_end <= floor or (held.x, held.z, held.heading) != (asked.x, asked.z, asked.heading):
+    if old_end <= floor or not held.leads_as(asked):
         return Steered(asked, floor)
     again = Velocity(event.x, event.z, event.heading, event.hold_frames, steers_from=floor)
     new_end = again.end_if_from(floor)

@@ -57,6 +57,7 @@ class SessionSnapshot:
     rows: (T, row_width) float32, the frames from first_frame on that can be sent, replaced, or be history; those below
     motion_from are no history. committed_to, num_frames, late_frames: of its delivery. is_started: whether its
     client had begun to play. plans: see AnnouncedPlan. measured_to: constraints were measured below that frame.
+    correction: what the next window is to put right in the one that began at lost_from, as a number; 0: nothing.
     """
 
     spec: SessionSpec
@@ -78,6 +79,8 @@ class SessionSnapshot:
     underruns: int
     plans: tuple[AnnouncedPlan, ...]
     measured_to: int
+    correction: int = 0
+    lost_from: int = 0
 
     @property
     def end_frame(self) -> int:

@@ -17,7 +17,7 @@ from motiongen_server.engine.types.refusals import draining
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.bounded_write import write_within
-from motiongen_server.rpc.budget import PATH_CALLS
+from motiongen_server.rpc.budget import CONSTRAINT_CALLS, PATH_CALLS
 from motiongen_server.rpc.call_context import CallContext
 from motiongen_server.rpc.clip.call import Call, refused
 from motiongen_server.rpc.clip.request import check_extent, clip_specs, opening_event
@@ -114,7 +114,9 @@ class ClipService:
         if len(self._calls) >= self._limits.max_clip_calls:
             raise too_many_clips(self._limits.max_clip_calls)
         number, num_samples = next(self._numbers), request.sample_count or 1
-        peer.calls.charge(PATH_CALLS * num_paths(request.open.constraints) * num_samples, time.monotonic())
+        told = request.open.constraints
+        each_calls = CONSTRAINT_CALLS * len(told) + PATH_CALLS * num_paths(told)
+        peer.calls.charge(each_calls * num_samples, time.monotonic())
         peer.begin_clip(num_samples)
         try:
             call = await self._prepared(request, number, model, peer)

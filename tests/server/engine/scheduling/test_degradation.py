@@ -163,3 +163,21 @@ def test_when_nobody_is_left_those_who_come_next_are_served_in_full() -> None:
     assert day.levels() == [0, 0, 0, 0]
     day.present = ALL
     assert day.pass_time(1.0, load=0.97) == [], "what pressed before says nothing of who is there now"
+
+
+def test_who_comes_while_others_get_less_is_made_frames_all_the_same() -> None:
+    """Its class was passed over on the way to what the others have, and nobody of it has ever held a pose for it."""
+    day = Day({HERO: 3})
+    while day.degradation.depth(HERO) < 2:
+        day.pass_time(EVERY_S, load=0.97)
+    assert not day.degradation.level(CROWD).hold
+    day.present = {HERO: 3, CROWD: 1}
+    while not (moved := day.pass_time(EVERY_S, load=0.97)):
+        pass
+    assert moved == [CROWD], "once it is there, its turn comes before the heroes' next"
+    assert day.degradation.level(CROWD).hold
+    day.present = {HERO: 3}
+    day.pass_time(EVERY_S)
+    assert not day.degradation.level(CROWD).hold
+    day.pass_time(300.0)
+    assert day.levels() == [0, 0, 0, 0]

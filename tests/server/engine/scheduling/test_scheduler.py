@@ -159,3 +159,14 @@ def test_newcomers_do_not_wait_for_a_class_below_theirs() -> None:
 def test_frames_in_danger_do_not_wait_for_company() -> None:
     scheduler = scheduler_of(8, _edit(0, HERO, 0.05), _going_on(1, CROWD, 0.1))
     assert next_ids(_under_way(scheduler, 0)) == [0, 1]
+
+
+def test_a_window_that_waits_may_go_to_another_class() -> None:
+    scheduler = scheduler_of(8, window_job(1, CROWD, 1.0), window_job(2, CROWD, 2.0), window_job(3, HERO, 3.0))
+    scheduler.exchange(window_job(1, HERO, 1.0), 3)
+    assert next_ids(scheduler) == [1, 3, 2]
+    for job_id in (1, 2, 3):
+        scheduler.remove(job_id)
+    assert next_ids(scheduler) == []
+    scheduler.add(window_job(4, CROWD), 1)
+    assert next_ids(scheduler) == [4], "nothing is left behind of those that went"

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.types import Code, PlanCause, SnapshotTaken, StartPose, Waypoint
+from motiongen_server.engine.types import Code, PlanCause, Priority, SnapshotTaken, StartPose, Waypoint
 from tests.server.engine.fakes import FEATURE_DIM, FRAME, ROW_WIDTH
 from tests.server.engine.session.playing import playing, start_job
-from tests.server.engine.stage import Stage
+from tests.server.engine.stage import Stage, prompt
 
 THERE = StartPose(7.0, -2.0, 1.0)
 
@@ -109,3 +109,43 @@ def test_no_snapshot_is_taken_while_a_cut_waits() -> None:
     for each in taken:
         before = each.snapshot.last_seq < seq
         assert before or each.snapshot.end_frame > (viewer.outcomes[seq].effective_frame or 0)
+
+
+@pytest.mark.parametrize("slow_s", [0.03, 0.15, 0.3])
+def test_one_that_comes_while_a_window_waits_to_begin_is_done_with_it(slow_s: float) -> None:
+    """Another's slow step has the window begin later than was thought, for the prompt that had joined it as well."""
+    stage = Stage()
+    stage.runner.step_s = lambda rows: 0.03
+    viewer, other = (stage.open(number, priority=Priority.HERO, prompts=(prompt(1),)) for number in (1, 2))
+    stage.run(3.0)
+    stage.set_prompts(other, prompt(5))
+    stage.run_until(lambda: bool(stage.runner.jobs))
+    stage.set_prompts(viewer, prompt(2))
+    stage.runner.step_s = lambda rows: slow_s
+    stage.step()
+    stage.runner.step_s = lambda rows: 0.03
+    stage.set_prompts(viewer, prompt(3))
+    seq = stage.seek(viewer, THERE)
+    stage.run(4.0)
+    (notice,) = (notice for notice in viewer.notices if notice.cause is PlanCause.CUT)
+    assert seq in notice.event_seqs
+    assert [job.first_frame for job in stage.runner.prepared if job.start_pose == THERE] == [notice.valid_from]
+
+
+@pytest.mark.parametrize("paused", [True, False])
+def test_many_in_a_row_take_the_place_of_one_another(paused: bool) -> None:
+    """A slider that is dragged: each is to be seen at once, and what was before is not to be played out first."""
+    stage, viewer = playing(EngineConfig(rewind_s=2.0))
+    stage.run(2.0)
+    if paused:
+        stage.pause(viewer, True)
+        stage.run(0.3)
+    for number in range(50):
+        seq = stage.seek(viewer, StartPose(float(number), 0.0, 0.0))
+        stage.run(0.1)
+    stage.run_until(lambda: seq in viewer.outcomes)
+    frame = viewer.outcomes[seq].effective_frame
+    assert frame is not None
+    assert frame - viewer.shown <= 12, "as soon after what is shown as the first"
+    assert stage.runner.prepared[-1].start_pose == StartPose(49.0, 0.0, 0.0)
+    assert len(stage.engine.sessions[viewer.key].timeline.rows) <= 150

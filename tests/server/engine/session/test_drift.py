@@ -237,3 +237,21 @@ def test_one_that_is_in_the_air_now_and_then_runs_on() -> None:
     stage, _ = _flying(lambda frame: frame % 31 > 1)  # 29 frames at a time, across windows
     stage.run(10.0)
     assert not stage.total("soft_resets")
+
+
+@pytest.mark.parametrize("paused", [True, False])
+def test_nothing_is_computed_for_one_that_is_lost_while_nobody_plays_it(paused: bool) -> None:
+    """From the same frame it would be lost again, and again."""
+    stage, viewer = _stage({plan: _rows(y=9.0) for plan in range(2, 1000)} if paused else {})
+    if not paused:
+        stage.silent.add(viewer.key)  # it never begins to play
+        stage.runner.moves = lambda job, frames: frames.__setitem__((slice(None), 1), 9.0)
+    stage.run(2.0)
+    if paused:
+        stage.pause(viewer, True)
+        stage.run(1.0)
+        stage.set_prompts(viewer, prompt(2))
+        stage.run(1.0)
+    before = len(stage.runner.prepared)
+    stage.run(20.0)
+    assert len(stage.runner.prepared) - before <= 1

@@ -101,3 +101,14 @@ def test_what_only_goes_on_does_not_count_as_an_edit_that_took_long() -> None:
     steer(stage, viewer, 6.0, hold_frames=40)
     kinds = [each.kind for report in stage.reports for each in report.event_latencies]
     assert kinds.count("velocity") <= 2, "the first, and what was said before that had landed"
+
+
+@pytest.mark.parametrize(("hz", "step_s"), [(60.0, 0.01), (20.0, 0.03)])
+def test_a_stick_that_speaks_faster_than_windows_land_is_held_all_the_same(hz: float, step_s: float) -> None:
+    """The window that obeys it is of an earlier word, which said the same."""
+    stage, viewer = playing()
+    stage.runner.step_s = lambda rows: step_s
+    steer(stage, viewer, 2.0, hold_frames=60, hz=hz)
+    begun = num_edit_plans(viewer)
+    steer(stage, viewer, 4.0, hold_frames=60, hz=hz)
+    assert num_edit_plans(viewer) - begun <= 4

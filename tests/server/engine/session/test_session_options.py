@@ -81,3 +81,21 @@ def test_a_longer_history_is_what_is_held_of_it_and_grows(rewind_s: float) -> No
         assert [row[0] for row in job.history] == list(range(job.first_frame - len(job.history), job.first_frame))
     assert 0 < len(later[0].history) < 160 == len(later[-1].history)
     assert stage.runner.breaches == []
+
+
+def test_a_class_may_change_while_a_window_waits_to_begin() -> None:
+    """The window that waits goes to the new class with its session, and neither leaves anything in the old one."""
+    stage = Stage()
+    stage.runner.step_s = lambda rows: 0.03
+    viewer, other, third = (stage.open(number, priority=Priority.CROWD, prompts=(prompt(1),)) for number in (1, 2, 3))
+    stage.run(3.0)
+    stage.set_prompts(other, prompt(5))
+    stage.run_until(lambda: bool(stage.runner.jobs))
+    seq = stage.set_prompts(viewer, prompt(2))  # it waits for the other's window to be done
+    stage.step()
+    assert stage.engine.sessions[viewer.key].running is not None
+    stage.set_options(viewer, priority=Priority.HERO)
+    stage.run(3.0)
+    assert viewer.outcomes[seq].code is Code.OK
+    assert not any(each.closed for each in (viewer, other, third))
+    stage.check_finished()

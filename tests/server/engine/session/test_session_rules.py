@@ -10,7 +10,17 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.degradation import FULL, Level
 from motiongen_server.engine.session import planning
-from motiongen_server.engine.types import Code, Priority, RootTrajectory, ServiceTier, Waypoint, WindowJob
+from motiongen_server.engine.types import (
+    Code,
+    PlanCause,
+    Priority,
+    RootTrajectory,
+    ServiceTier,
+    SessionKey,
+    StartPose,
+    Waypoint,
+    WindowJob,
+)
 from tests.server.engine.fakes import PROMPT
 from tests.server.engine.stage import Stage, prompt
 from tests.server.engine.viewer import Viewer
@@ -58,6 +68,7 @@ class SessionRules(RuleBasedStateMachine):
         random = np.random.default_rng(seed)
         self.stage.runner.step_s = lambda rows: float(base_s * random.uniform(1.0, spread))
         self.now_prompts: dict[int, list[tuple[int, int]]] = {}
+        self.last_cuts: dict[SessionKey, tuple[int, int]] = {}  # the event, and of how many plans was told before it
         self.gone: list[Viewer] = []
 
     def _move(self, job: WindowJob, frames: np.ndarray) -> None:
@@ -85,6 +96,7 @@ class SessionRules(RuleBasedStateMachine):
             handle, priority=priority, lookahead=lookahead, num_steps=num_steps, prompts=tuple(prompts), seed=handle
         )
         self.now_prompts[handle] = []
+        self.last_cuts.pop(SessionKey(1, handle), None)
         self.stage.step()
 
     @rule(handle=HANDLES, marker=st.integers(3, 9))
@@ -134,6 +146,24 @@ class SessionRules(RuleBasedStateMachine):
         if viewer := self._viewer(handle):
             for _ in range(1 + again):
                 self.stage.set_velocity(viewer, x, 0.0, heading, hold_frames)
+
+    @rule(handle=HANDLES, x=st.floats(-50, 50))
+    def put_elsewhere(self, handle: int, x: float) -> None:
+        if viewer := self._viewer(handle):
+            self.last_cuts[viewer.key] = self.stage.seek(viewer, StartPose(x, 0.0, 0.0)), len(viewer.notices)
+
+    @rule(
+        handle=HANDLES,
+        priority=st.none() | st.sampled_from(Priority),
+        lookahead=st.none() | st.integers(20, 80),
+        num_steps=st.none() | st.integers(2, 10),
+    )
+    def change_options(
+        self, handle: int, priority: Priority | None, lookahead: int | None, num_steps: int | None
+    ) -> None:
+        if viewer := self._viewer(handle):
+            viewer.lookahead = max(viewer.lookahead, lookahead or 0)
+            self.stage.set_options(viewer, priority=priority, lookahead=lookahead, denoise_steps=num_steps)
 
     @rule(handle=HANDLES, level=st.sampled_from(RUNGS))
     def change_rung(self, handle: int, level: Level) -> None:
@@ -201,7 +231,8 @@ class SessionRules(RuleBasedStateMachine):
         for state in self.stage.engine.sessions:
             delivery = state.delivery
             assert delivery.sent_to <= state.planned_to
-            assert delivery.sent_to <= max(delivery.clock.reported + delivery.lookahead, 0)
+            widest = self.stage.viewers[state.key].lookahead  # frames stay sent when the look-ahead becomes shorter
+            assert delivery.sent_to <= max(delivery.clock.reported + widest, 0)
             assert delivery.committed_to <= state.planned_to
             assert state.timeline.first <= max(0, delivery.committed_to - state.config.history_crop)
             assert state.timeline.run.end <= state.planned_to
@@ -227,6 +258,13 @@ class SessionRules(RuleBasedStateMachine):
             assert viewer.outcomes.keys() == viewer.asked
         for viewer in stage.viewers.values():
             self._check_last_prompt(viewer)
+            self._check_last_cut(viewer)
+
+    def _check_last_cut(self, viewer: Viewer) -> None:
+        """Who is told that it will be elsewhere is put there."""
+        seq, told = self.last_cuts.get(viewer.key, (0, 0))
+        if seq and viewer.closed is None and viewer.outcomes[seq].code is Code.OK:
+            assert any(notice.cause is PlanCause.CUT for notice in viewer.notices[told:])
 
     def _check_last_prompt(self, viewer: Viewer) -> None:
         """A prompt for now that no later one follows holds from its effective frame to the end."""

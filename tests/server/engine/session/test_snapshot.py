@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.session.drift import Correction
 from motiongen_server.engine.types import (
     Chunk,
     Code,
@@ -24,6 +25,7 @@ from motiongen_server.engine.types import (
     SessionSnapshot,
     SnapshotTaken,
     Waypoint,
+    WindowJob,
 )
 from motiongen_server.snapshots.record import read_record, write_record
 from tests.server.engine.fakes import FACTS, FRAME, PROMPT
@@ -197,3 +199,20 @@ def test_a_snapshot_that_the_model_cannot_go_on_with_is_refused(spoilt: str) -> 
     other, said = go_on(spoils[spoilt], viewer)
     assert [output.reason for output in said if isinstance(output, Outcome)] == ["SNAPSHOT_UNUSABLE"]
     assert other.engine.num_sessions == 0
+
+
+def test_who_was_lost_is_put_right_by_the_other_engine() -> None:
+    stage = Stage(SAVING)
+    stage.runner.rights = True
+
+    def move(job: WindowJob, frames: np.ndarray) -> None:
+        if job.plan == 3:
+            frames[:, 1] = 9.0
+
+    stage.runner.moves = move
+    viewer = stage.open(prompts=(prompt(1),))
+    stage.run_until(lambda: bool(viewer.notices) and viewer.notices[-1].plan == 3)
+    held = through_a_store(snapshots(stage)[-1])
+    assert held.correction == Correction.FRESH_START
+    other, _ = go_on(held, viewer)
+    assert other.runner.prepared[0].cause is PlanCause.FALLBACK

@@ -47,7 +47,7 @@ typedef struct motiongen_client_options {
   uint32_t struct_size;
   uint32_t use_tls;    /* 1: TLS with root_certificates_pem, or the system's where that is NULL */
   const char* address; /* host:port */
-  const char* token;   /* NULL: none */
+  const char* token;   /* NULL: none; else printable ASCII without spaces or a line end */
   const char* root_certificates_pem;
   double connect_timeout_s; /* 0: 10 s */
   uint32_t no_reconnect;    /* 1: sessions end when the stream is lost */

@@ -24,13 +24,14 @@ struct ClientOptions {
   std::string root_certificates_pem;  // with tls; empty: the system's
   std::string certificate_chain_pem;  // of this client, where the server asks for one
   std::string private_key_pem;
-  std::string token;               // sent as `authorization: Bearer ...` with every call; empty: none
+  // Sent as `authorization: Bearer ...` with every call; empty: none. Printable ASCII without spaces or a line end.
+  std::string token;
   double connect_timeout_s = 10;   // how long `connect` waits for a server that is ready
   double report_hz = 4;            // how often the server hears each playhead, 1 to 5
   double flush_interval_s = 0.02;  // how long the server may gather frames, 0.005 to 0.1
   double ping_period_s = 5;        // also the time after which a silent server is given up
   bool reconnect = true;           // after a loss; else sessions end with it
-  std::string agent;               // added to the library's name in the server's logs
+  std::string agent;               // added to the library's name in the server's logs, as far as 100 bytes go
   // Called with each event, one at a time, on a thread of the library; absent: events wait for `next_event`. It may
   // call anything but what waits, and may destroy sessions and the client itself.
   std::function<void(const Event&)> on_event;

@@ -1,4 +1,5 @@
 // What a client says to the server and hears from it, as plain values. Frames count from 0 at the start of a session.
+// Texts are UTF-8; others are refused.
 #pragma once
 
 #include <cstdint>

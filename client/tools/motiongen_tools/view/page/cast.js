@@ -56,7 +56,7 @@ export class Cast extends EventTarget {
         this.server = message;
         this._tell("server");
         break;
-      case "catalog":
+      case "catalog": // again whenever the server has another: who is there keeps the rig that it came with
         this._rigs = new Map(message.rigs.map((rig) => [rig.id, new Rig(rig)]));
         this.models = message.models;
         this.limits = message.limits;

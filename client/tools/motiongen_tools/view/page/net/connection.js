@@ -4,13 +4,17 @@ import { unpack } from "./messages.js";
 const FIRST_WAIT_MS = 300;
 const LONGEST_WAIT_MS = 5000;
 const PING_MS = 2000;
-const DENIED = 4401;
+const FINAL = new Set([4400, 4401]); // the room cannot be had, the token is wrong: the next line would be refused too
 
 export class Connection extends EventTarget {
-  /** Events: "message" (detail: the JSON), "binary" (detail: {header, rows}), "line" (detail: open, lost or denied). */
+  /**
+   * Events: "message" (detail: the JSON), "binary" (detail: {header, rows}), "line" (detail: open, lost or refused).
+   * refusal: once refused, the bridge's reason.
+   */
   constructor(room, token) {
     super();
     this.roundTripMs = null;
+    this.refusal = "";
     this._address = new URL(`ws?room=${encodeURIComponent(room)}&token=${encodeURIComponent(token)}`, location.href);
     this._address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
     this._address.hash = "";
@@ -27,7 +31,7 @@ export class Connection extends EventTarget {
 
   /** Send a request; resolves with its answer, rejects with an Error that says why not. */
   ask(message) {
-    if (!this.isOpen) return Promise.reject(new Error("the line to the bridge is lost; it is being tried again"));
+    if (!this.isOpen) return Promise.reject(new Error(this.refusal || "the line to the bridge is lost; it is being tried again"));
     const request = this._next++;
     this._socket.send(JSON.stringify({ ...message, request }));
     return new Promise((resolve, reject) => this._waiting.set(request, { resolve, reject }));
@@ -64,8 +68,9 @@ export class Connection extends EventTarget {
     for (const { reject } of this._waiting.values()) reject(new Error("the line to the bridge was lost"));
     this._waiting.clear();
     this.roundTripMs = null;
-    if (event.code === DENIED) {
-      this._tell("line", "denied");
+    if (FINAL.has(event.code)) {
+      this.refusal = event.reason || "the bridge refuses this page";
+      this._tell("line", "refused");
       return;
     }
     this._tell("line", "lost");

@@ -53,10 +53,10 @@ export class Velocity {
   _press(event, isDown) {
     this.isRunning = event.shiftKey;
     this.isStrafing = event.altKey;
+    if (!isDown) this._held.delete(event.code); // wherever the focus is by now, and whatever else is held
     if (!KEYS[event.code] || event.ctrlKey || event.metaKey || isTyping(event.target)) return;
     event.preventDefault();
     if (isDown) this._held.add(event.code);
-    else this._held.delete(event.code);
   }
 
   /** Metres a second in the world, or null where nothing is held. */

@@ -138,7 +138,7 @@ export class Compare {
     const models = this._cast.models.map(({ id }) => id);
     if ([...this._model.options].map(({ value }) => value).join() === models.join()) return;
     this._model.replaceChildren(...models.map((id) => make("option", { value: id }, id)));
-    if (this._cast.one) this._model.value = this._cast.one.info.model;
+    if (models.includes(this._cast.one?.info.model)) this._model.value = this._cast.one.info.model;
   }
 }
 

@@ -28,7 +28,9 @@ export class People {
   }
 
   _showModels() {
+    const before = this._model.value;
     this._model.replaceChildren(...this._cast.models.map(({ id }) => make("option", { value: id }, id)));
+    if (this._cast.model(before)) this._model.value = before; // it may not be the first catalogue
     const [model] = this._cast.models;
     if (model) [this._steps.min, , this._steps.max] = model.steps.map(String);
   }

@@ -56,7 +56,7 @@ export class Status {
   }
 
   _serverState(server) {
-    if (this._line === "denied") return "the token is missing or wrong";
+    if (this._line === "refused") return this._connection.refusal;
     if (this._line !== "open") return "the bridge is gone; trying again";
     if (server.state === "connected") return server.address;
     return server.state === "lost" ? `${server.address} is lost; trying again` : `waiting for ${server.address}`;

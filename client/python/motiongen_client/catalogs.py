@@ -1,0 +1,35 @@
+"""The catalogue of a server while models come and go there: asked for anew, and looked up in."""
+
+from __future__ import annotations
+
+import grpc.aio
+
+from motiongen.v1 import service_pb2
+from motiongen.v1.service_pb2_grpc import MotionServiceStub
+from motiongen_client import convert
+from motiongen_client.errors import ServerUnavailable
+from motiongen_client.status import answer_of
+from motiongen_client.types import Catalog, Model, SessionOptions
+
+
+async def newest_catalog(stub: MotionServiceStub, held: Catalog, address: str, timeout_s: float) -> Catalog:
+    """The server's own catalogue: `held` itself where it is that. Raises ServerUnavailable or ProtocolViolation."""
+    request = service_pb2.GetCatalogRequest(catalog_etag=held.etag)
+    try:
+        response = await answer_of(stub.GetCatalog(request, timeout=timeout_s))
+    except grpc.aio.AioRpcError as error:
+        raise ServerUnavailable(address, f"{error.code().name}, {error.details()}") from None
+    is_held = response.catalog_etag == held.etag and not response.models
+    return held if is_held else convert.catalog(response)
+
+
+def has_model(catalog: Catalog, options: SessionOptions) -> bool:
+    """Whether a catalogue has the model of a session: the one it names, or any where it names none."""
+    return bool(catalog.models) and options.model_id in ("", *(model.model_id for model in catalog.models))
+
+
+def model_of(catalog: Catalog, options: SessionOptions) -> Model:
+    """The model that a session names, or the default. Raises UnknownName, also where the server has no model."""
+    if catalog.models and not options.model_id:
+        return catalog.models[0]
+    return catalog.model(options.model_id)

@@ -1,0 +1,53 @@
+"""Hostile clients that have the server keep what they sent, or were answered; see `tests.attack.hostile`."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+
+from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
+from tests.attack.calls import HELLO, STREAMS, Event, Request, bare_stream, channel_to, drain, for_ever, many
+
+
+async def unconfirmed_edits(address: str) -> None:
+    """Sessions whose constraints all leave their frames to the server, which tells where it has put them. Nobody ever
+    says that he has heard it.
+    """
+    anywhere = [
+        motion_pb2.Constraint(constraint_id=n, at_any_frame=True, waypoint=motion_pb2.Waypoint(x=float(n), z=1.0))
+        for n in range(1, 257)
+    ]
+    edit = session_pb2.EditConstraints(upsert=anywhere)
+
+    async def once() -> None:
+        async with channel_to(address) as channel:
+            call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion()
+            opens = [Event(session=n, event_seq=1, open=session_pb2.OpenSession()) for n in range(16)]
+            await call.write(Request(hello=service_pb2.ClientHello(), events=opens))
+            reading = asyncio.create_task(drain(call))
+            try:
+                for event_seq in itertools.count(2):
+                    for handle in range(16):
+                        report = session_pb2.Playhead(frame=event_seq)
+                        edits = Event(session=handle, event_seq=event_seq, edit_constraints=edit)
+                        await call.write(Request(events=[Event(session=handle, playhead=report), edits]))
+            finally:
+                reading.cancel()
+                await asyncio.gather(reading, return_exceptions=True)
+
+    await many(STREAMS, once)
+
+
+async def first_messages(address: str) -> None:
+    """A thousand streams that are waited for, each of which then sends one message as long as may be, at one moment."""
+    message = Request(events=[Event()] * 450_000).SerializeToString()
+
+    async def connection() -> None:
+        async with channel_to(address) as channel:
+            calls = [bare_stream(channel) for _ in range(100)]
+            await asyncio.gather(*(call.write(HELLO) for call in calls), return_exceptions=True)
+            await asyncio.gather(*(call.read() for call in calls), return_exceptions=True)
+            await asyncio.gather(*(call.write(message) for call in calls), return_exceptions=True)
+            await asyncio.sleep(3600)
+
+    await asyncio.gather(*(for_ever(connection) for _ in range(10)))

@@ -97,7 +97,9 @@ class ServerConfig:
     keepalive_s: float = setting(30.0, "silence after which a client is asked whether it is there", 1, 1e6)
     keepalive_timeout_s: float = setting(10.0, "within which it must answer, or its transport is lost", 0.1, 1e6)
     min_ping_interval_s: float = setting(1.0, "least time between keepalives of a client, else it is cut off", 0, 1e6)
-    hello_timeout_s: float = setting(5.0, "within which a stream must say hello", 0.1, 3600)
+    hello_timeout_s: float = setting(
+        5.0, "within which a stream must say hello, and the request of another call come", 0.1, 3600
+    )
     empty_timeout_s: float = setting(300.0, "after which a stream without sessions is ended", 1, 1e6)
     stuck_timeout_s: float = setting(30.0, "after which a stream or clip that nobody reads is ended", 1, 3600)
     silent_timeout_s: float = setting(90.0, "after which a stream from which nothing comes is lost", 0.1, 1e6)
@@ -106,6 +108,7 @@ class ServerConfig:
     )
     max_clip_calls: int = setting(256, "calls for clips that are under way", 1, 100_000)
     peer_streams: int = setting(1024, "streams of one address", 1, 100_000)
+    peer_calls: int = setting(256, "calls of one address for catalogues and clips, open at once", 1, 100_000)
     peer_events_per_second: float = setting(20_000.0, "events of one address a second", 1, 1e9)
     peer_prompts_per_second: float = setting(200.0, "new prompts of one address a second", 0.1, 1e6)
     peer_calls_per_second: float = setting(100.0, "new streams, clips, catalogues of one address a second", 1, 1e6)

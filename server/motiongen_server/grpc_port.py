@@ -6,16 +6,16 @@ import asyncio
 
 import grpc
 import grpc.aio
-from grpc_health.v1 import health as health_service
-from grpc_health.v1 import health_pb2_grpc
 
 from motiongen_server.addresses import join_address
 from motiongen_server.config import ServerConfig
 from motiongen_server.identity.setup import listen
 from motiongen_server.identity.tls import ServerTls
 from motiongen_server.rpc.handlers import SERVICE_NAME, Handlers, add_methods
-from motiongen_server.rpc.health import Health
+from motiongen_server.rpc.health import SERVICE_NAME as HEALTH_NAME
+from motiongen_server.rpc.health import Health, add_health
 from motiongen_server.rpc.reflection import add_reflection
+from motiongen_server.rpc.requests import Requests
 from motiongen_server.transport import make_grpc_server
 
 
@@ -41,11 +41,11 @@ class GrpcPort:
         """Listen. Raises SettingError where that cannot be."""
         if self._ending is not None:
             await self._ending
-        server = make_grpc_server(self._config)
-        add_methods(self._methods, server)
-        health_pb2_grpc.add_HealthServicer_to_server(self._health, server)
+        server, requests = make_grpc_server(self._config), Requests(self._config.hello_timeout_s)
+        add_methods(self._methods, server, requests)
+        add_health(self._health, server, requests)
         if self._config.reflection:
-            add_reflection((SERVICE_NAME, health_service.SERVICE_NAME), server)
+            add_reflection((SERVICE_NAME, HEALTH_NAME), server, requests)
         try:
             self.number = listen(server, join_address(self._config.host, self.number), "", self._tls)
         except BaseException:

@@ -8,10 +8,13 @@ from pathlib import Path
 import grpc.aio
 
 from motiongen_server.config import ServerConfig
+from motiongen_server.rpc.limits import HEALTH_CALLS, OTHER_CALLS
 from motiongen_server.settings import SettingError
 
-OTHER_CALLS = 1024
-"""Besides streams and clips, which the service counts itself: health, catalogue, reflection."""
+MOST_PENDING = 4096
+"""Calls that have come and were not begun: gRPC begins them one after another, and cancels what is more by chance."""
+SPARE_CALLS = 256
+"""That are just being refused."""
 RESERVED_FILES = 128
 """Descriptors for everything but clients: engine processes, operations, logs, what libraries open."""
 LEAST_CONNECTIONS = 32
@@ -30,6 +33,8 @@ def make_grpc_server(config: ServerConfig) -> grpc.aio.Server:
             ("grpc.max_receive_message_length", config.max_request_bytes),
             ("grpc.max_send_message_length", 8 << 20),
             ("grpc.max_concurrent_streams", 256),
+            ("grpc.server.max_pending_requests", MOST_PENDING),
+            ("grpc.server.max_pending_requests_hard_limit", MOST_PENDING),
             ("grpc.max_allowed_incoming_connections", allowed_connections()),
             ("grpc.server_handshake_timeout_ms", HANDSHAKE_MS),
             ("grpc.http2.lookahead_bytes", READ_AHEAD_BYTES),
@@ -41,7 +46,8 @@ def make_grpc_server(config: ServerConfig) -> grpc.aio.Server:
             ("grpc.http2.max_ping_strikes", 4),
             ("grpc.so_reuseport", 0),
         ],
-        maximum_concurrent_rpcs=config.max_streams + config.max_clip_calls + OTHER_CALLS,
+        # No more than this are let in by those who know whose they are, each of its kind: so that none takes all.
+        maximum_concurrent_rpcs=config.max_streams + config.max_clip_calls + OTHER_CALLS + HEALTH_CALLS + SPARE_CALLS,
     )
 
 

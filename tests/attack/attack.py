@@ -169,7 +169,8 @@ async def run(attack: Attack, seconds: float, log: Path) -> Result:
         if attack.to_the_end:
             still_there.enter_context(hostile(attack, server))
             await asyncio.sleep(2 * WARM_S)
-    errors = server.log.read_text(encoding="utf-8", errors="replace").count("error id")
+    said = server.log.read_text(encoding="utf-8", errors="replace")
+    errors = max(said.count("error id"), said.count("Traceback"))  # gRPC's own errors have no id
     came = coming.num_served, coming.refused, coming.num_waiting
     return Result(attack, noticed, grown, left, health, share, server.log_mib(), server.exit_code, came, errors)
 

@@ -12,6 +12,12 @@ from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_server.rpc.handlers import SERVICE_NAME
 from tests.attack.calls import HELLO, STREAMS, Event, Request, bare_stream, channel_to, drain, many
 
+OTHERS = (
+    f"/{SERVICE_NAME}/GetCatalog", "/grpc.health.v1.Health/Check", "/grpc.health.v1.Health/Watch",
+    "/grpc.reflection.v1.ServerReflection/ServerReflectionInfo",
+)  # fmt: skip
+"""Their requests are messages of one text."""
+
 
 def mutated(data: bytes, chance: random.Random) -> bytes:
     """A message with some bytes changed, left out or doubled."""
@@ -31,7 +37,7 @@ def mutated(data: bytes, chance: random.Random) -> bytes:
 
 
 async def mutations(address: str) -> None:
-    """Messages that were good before some of their bytes were changed, on streams and as requests for clips."""
+    """Messages that were good before some of their bytes were changed, on streams and as requests of all methods."""
     chance = random.Random(random.getrandbits(64))
     span = motion_pb2.PromptSpan(prompt_id=1, text="a person walks forward")
     waypoint = motion_pb2.Constraint(constraint_id=1, frame=40, waypoint=motion_pb2.Waypoint(x=1.0, z=2.0))
@@ -72,4 +78,13 @@ async def mutations(address: str) -> None:
                 with contextlib.suppress(grpc.aio.AioRpcError):
                     await drain(call)
 
-    await asyncio.gather(many(STREAMS, stream), many(2, clips))
+    async def others() -> None:
+        text = service_pb2.GetCatalogRequest(catalog_etag=SERVICE_NAME).SerializeToString()
+        async with channel_to(address) as channel:
+            while True:
+                await asyncio.sleep(0.05)
+                call = channel.unary_stream(chance.choice(OTHERS))(mutated(text, chance), timeout=0.5)
+                with contextlib.suppress(grpc.aio.AioRpcError):
+                    await drain(call)
+
+    await asyncio.gather(many(STREAMS, stream), many(2, clips), many(2, others))

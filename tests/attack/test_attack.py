@@ -15,7 +15,7 @@ ANY_MS = 30_000.0
 """How long an edit takes on a busy machine is not what this judges."""
 
 
-@pytest.mark.parametrize("kind", ["empty_events", "huge_messages", "liars", "silent_streams"])
+@pytest.mark.parametrize("kind", ["empty_events", "huge_messages", "liars", "silent_streams", "half_open_calls"])
 async def test_neighbours_are_served_in_full_and_the_server_ends_with_0(kind: str, tmp_path: Path) -> None:
     attack = next(attack for attack in ATTACKS if attack.kind == kind)
     attack = replace(attack, clients=1, missed=0.5, edit_ms=ANY_MS, newcomer_s=ANY_MS, takes_places=True)

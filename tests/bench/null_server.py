@@ -21,6 +21,7 @@ from motiongen_server.config import ServerConfig, parse_config
 from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import ModelFacts
 from motiongen_server.engine_process.pool import EnginePool, start_engine_processes
+from motiongen_server.ops.logs import configure_logs
 from motiongen_server.ops.memory import keep_freed_memory, settled_objects
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.run import leave, stop_on_signals
@@ -72,4 +73,6 @@ async def serve(config: ServerConfig) -> int:
 
 if __name__ == "__main__":
     keep_freed_memory()
-    leave(asyncio.run(serve(parse_config(sys.argv[1:]))))
+    config = parse_config(sys.argv[1:])
+    configure_logs(config.log_level, config.log_format)
+    leave(asyncio.run(serve(config)))

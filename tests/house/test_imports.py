@@ -95,12 +95,13 @@ ROOMS = (
         f"{SERVER}/text/encoder",
         f"{GRPC} google motiongen motiongen_ardy.text numpy prometheus_client torch"
         " ~.text ~.ops ~.errors ~.addresses ~.config ~.settings ~.background ~.engine.types ~.rpc.token_bucket"
-        " ~.identity ~.protection ~.rpc.issuer_keys ~.rpc.budget ~.rpc.health ~.rpc.limits ~.rpc.peers ~.transport",
+        " ~.identity ~.protection ~.rpc.admission ~.rpc.call_context ~.rpc.health ~.rpc.limits ~.rpc.peers"
+        " ~.rpc.requests ~.transport",
     ),
     room(f"{SERVER}/models/loader.py", "motiongen_ardy.text ~"),
     room(f"{SERVER}/models/repertoire.py", "numpy motiongen_ardy.capabilities ~"),
     room(f"{SERVER}/models", "grpc google motiongen numpy ~"),
-    room(f"{SERVER}/ops/http.py", "starlette uvicorn prometheus_client"),
+    room(f"{SERVER}/ops/http.py", "starlette uvicorn prometheus_client ~.ops.pace"),
     room(f"{SERVER}/ops/port.py", "starlette ~.ops ~.addresses ~.settings"),
     room(f"{SERVER}/ops/tracing.py", "opentelemetry ~.engine.types ~.settings ~.collector", never="asyncio"),
     room(f"{SERVER}/ops", "prometheus_client ~.ops ~.engine"),
@@ -114,11 +115,11 @@ ROOMS = (
     room(f"{SERVER}/identity/setup.py", "grpc ~.identity ~.addresses ~.protection ~.settings", never="asyncio"),
     room(f"{SERVER}/identity", "grpc jwt ~.identity ~.errors ~.settings ~.addresses", never="asyncio"),
     room(f"{SERVER}/errors.py", "grpc grpc_status google ~.engine.types"),
-    room(f"{SERVER}/transport.py", "grpc ~.config ~.settings"),
+    room(f"{SERVER}/transport.py", "grpc ~.config ~.settings ~.rpc.limits"),
     room(
         f"{SERVER}/grpc_port.py",
         f"{GRPC} ~.addresses ~.config ~.identity.setup ~.identity.tls ~.rpc.handlers ~.rpc.health ~.rpc.reflection"
-        " ~.transport",
+        " ~.rpc.requests ~.transport",
     ),
     room(f"{SERVER}/app.py {SERVER}/run.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
     room(SERVER, ""),

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
 import resource
 
+import grpc
 import grpc.aio
 import pytest
 
 from motiongen_server import transport
 from motiongen_server.config import ServerConfig
 from motiongen_server.settings import SettingError
+from tests.server.application import config, running
+from tests.waiting import LIMIT_S
 
 
 @pytest.fixture
@@ -54,3 +58,17 @@ def test_clients_may_ask_once_a_second_and_stay_for_ever(monkeypatch: pytest.Mon
     assert made["grpc.http2.max_ping_strikes"] > 0, "who asks faster for long is cut off"
     assert made["grpc.keepalive_permit_without_calls"] == 1
     assert not any("max_connection_age" in name for name in made)
+
+
+async def test_a_message_that_unpacks_to_more_than_a_message_may_have_is_not_unpacked() -> None:
+    """Older versions of gRPC unpacked all of it first, and then said how much it was."""
+    bomb = bytes(32 << 20)
+    async with (
+        asyncio.timeout(LIMIT_S),
+        running(config()) as application,
+        grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}", compression=grpc.Compression.Gzip) as channel,
+    ):
+        with pytest.raises(grpc.aio.AioRpcError) as refused:
+            await channel.unary_unary("/motiongen.v1.MotionService/GetCatalog")(bomb)
+        assert refused.value.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
+        assert str(len(bomb)) not in str(refused.value.details())

@@ -24,6 +24,7 @@ from motiongen_server.identity.tokens import TokenHash
 
 QUOTAS = {
     "streams": (1, 100_000),
+    "calls": (1, 100_000),
     "events_per_second": (1, 1e9),
     "prompts_per_second": (0.1, 1e6),
     "calls_per_second": (0.1, 1e6),

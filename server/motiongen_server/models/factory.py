@@ -151,6 +151,7 @@ def make_limits(config: ServerConfig) -> ServiceLimits:
         reconnect_after_s=config.reconnect_after_s,
         peer=PeerLimits(
             streams=config.peer_streams,
+            calls=config.peer_calls,
             events_per_second=config.peer_events_per_second,
             prompts_per_second=config.peer_prompts_per_second,
             calls_per_second=config.peer_calls_per_second,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import ssl
-import time
-from collections import OrderedDict, deque
+from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from typing import ClassVar
 
@@ -18,30 +17,14 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from motiongen_server.ops.pace import Pace
+
 LIFE_S = 30.0
 MOST_CONNECTIONS = 64
-CONNECTIONS_A_SECOND = 200
-"""More are ended at once: each is one request, and each costs the event loop that streams live on."""
 RENDERINGS_A_SECOND = 5
 """Of the metrics, which take milliseconds; who asks more often gets those of just before."""
 END_S = 2
 """Seconds that requests under way may take once the server ends."""
-
-
-class Pace:
-    """So many times a second, and no more."""
-
-    def __init__(self, times: int, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
-        self._last: deque[float] = deque(maxlen=times)
-
-    def allows(self) -> bool:
-        """Whether it may be done now, which counts as done."""
-        now = self._clock()
-        if len(self._last) == self._last.maxlen and now - self._last[0] < 1.0:
-            return False
-        self._last.append(now)
-        return True
 
 
 def ops_app(
@@ -87,21 +70,18 @@ def _answer(well: bool) -> Response:
 
 
 class BoundedConnection(H11Protocol):
-    """A connection of one request, that lives for a while; there are so many at most, and they come so fast.
+    """A connection of one request, that lives for a while; there are so many at most.
 
     Whoever only connects, says its request a byte at a time, or does not read the answer, would else hold a place for
     ever, and the server's end up.
     """
 
     open_ones: ClassVar[OrderedDict[H11Protocol, None]] = OrderedDict()
-    pace: ClassVar[Pace] = Pace(CONNECTIONS_A_SECOND)
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         self._end = self.loop.call_later(LIFE_S, transport.abort)
         self.open_ones[self] = None
-        if not self.pace.allows():
-            transport.abort()
         if len(self.open_ones) > MOST_CONNECTIONS:
             oldest, _ = self.open_ones.popitem(last=False)
             oldest.transport.abort()

@@ -12,28 +12,41 @@ from starlette.applications import Starlette
 
 from motiongen_server.addresses import join_address
 from motiongen_server.ops.http import MOST_CONNECTIONS, OpsServer
+from motiongen_server.ops.pace import CONNECTIONS_A_SECOND, CONNECTIONS_OF_AN_ADDRESS, AddressPaces
 from motiongen_server.settings import SettingError
+
+MOST_TURNED_AWAY = 64
+"""At a time, before the event loop goes on with what else there is."""
 
 
 class BoundedListener(socket.socket):
     """Has so many connections at most, those among them that have not come to the end of their TLS handshake.
 
     Of these a protocol hears nothing, and asyncio waits a minute for each: whoever only connects would take all
-    descriptors. The oldest has to go.
+    descriptors. The oldest has to go. Who comes too often is turned away here, where no handshake has cost anything
+    yet, and by its address, so that whoever floods keeps no orchestrator from its answer.
     """
 
     def __init__(self, listening: socket.socket) -> None:
         super().__init__(fileno=listening.detach())
         self._held: list[socket.socket] = []
+        self._paces = AddressPaces(CONNECTIONS_A_SECOND, CONNECTIONS_OF_AN_ADDRESS)
 
     def accept(self) -> tuple[socket.socket, Any]:
-        connection, address = super().accept()
+        for _ in range(MOST_TURNED_AWAY):
+            connection, address = super().accept()
+            if self._paces.allows(address[0]):
+                self._hold(connection)
+                return connection, address
+            connection.close()
+        raise BlockingIOError  # asyncio asks again
+
+    def _hold(self, connection: socket.socket) -> None:
         self._held = [held for held in self._held if held.fileno() >= 0]
         self._held.append(connection)
         if len(self._held) > MOST_CONNECTIONS:
             with contextlib.suppress(OSError):  # its client has gone
                 self._held.pop(0).shutdown(socket.SHUT_RDWR)
-        return connection, address
 
 
 class OpsPort:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Coroutine
 
+from motiongen_server.rpc.requests import look_at
 from motiongen_server.rpc.stream_errors import reader_stuck
 
 LAST_WRITE_S = 1.0
@@ -18,6 +19,7 @@ async def write_within(limit_s: float, write: Coroutine[None, None, None]) -> No
     is being written, so where that was cancelled at once the client would hear of none.
     """
     writing = asyncio.ensure_future(write)
+    writing.add_done_callback(look_at)
     try:
         await asyncio.wait({writing}, timeout=limit_s)
         if not writing.done():

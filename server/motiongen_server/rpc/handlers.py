@@ -9,43 +9,39 @@ import grpc
 import grpc.aio
 
 from motiongen.v1 import service_pb2
+from motiongen_server.rpc.call_context import CallContext, streaming_method, unary_method
+from motiongen_server.rpc.requests import Requests
 
 SERVICE = service_pb2.DESCRIPTOR.services_by_name["MotionService"]
 SERVICE_NAME = SERVICE.full_name
 
-CatalogContext: TypeAlias = "grpc.aio.ServicerContext[service_pb2.GetCatalogRequest, service_pb2.GetCatalogResponse]"
-ClipContext: TypeAlias = "grpc.aio.ServicerContext[bytes, service_pb2.GenerateClipResponse]"
 StreamContext: TypeAlias = "grpc.aio.ServicerContext[bytes, bytes]"
 AnyContext: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
 
 
 class Handlers(Protocol):
-    """What answers the calls. A stream's messages are bytes both ways, and so is the request of a clip.
+    """What answers the calls. A stream's messages are bytes both ways, and so are the requests of the other methods.
 
-    See `rpc.convert.wire`, and `rpc.request_parts`: what comes is charged before it is parsed.
+    See `rpc.convert.wire`, and `rpc.request_parts`: what comes is charged before it is parsed. A call of one request is
+    charged before that has come.
     """
 
-    async def GetCatalog(
-        self, request: service_pb2.GetCatalogRequest, context: CatalogContext
-    ) -> service_pb2.GetCatalogResponse: ...
+    async def GetCatalog(self, call: CallContext) -> service_pb2.GetCatalogResponse: ...
 
     async def StreamMotion(self, request_iterator: AsyncIterator[bytes], context: StreamContext) -> None: ...
 
-    async def GenerateClip(self, request: bytes, context: ClipContext) -> None: ...
+    async def GenerateClip(self, call: CallContext) -> None: ...
 
 
-def add_methods(methods: Handlers, server: grpc.aio.Server) -> None:
-    """Serve the methods. As the generated `add_MotionServiceServicer_to_server`, but for what is bytes here."""
+def add_methods(methods: Handlers, server: grpc.aio.Server, requests: Requests | None = None) -> None:
+    """Serve the methods. As the generated `add_MotionServiceServicer_to_server`, but for what is bytes here.
+
+    requests: of all calls of that server.
+    """
+    requests = requests or Requests()
     handlers: dict[str, grpc.RpcMethodHandler[Any, Any]] = {
-        "GetCatalog": grpc.unary_unary_rpc_method_handler(
-            methods.GetCatalog,
-            request_deserializer=service_pb2.GetCatalogRequest.FromString,
-            response_serializer=service_pb2.GetCatalogResponse.SerializeToString,
-        ),
-        "GenerateClip": grpc.unary_stream_rpc_method_handler(
-            methods.GenerateClip,
-            response_serializer=service_pb2.GenerateClipResponse.SerializeToString,
-        ),
+        "GetCatalog": unary_method(methods.GetCatalog, requests),
+        "GenerateClip": streaming_method(methods.GenerateClip, requests),
         "StreamMotion": grpc.stream_stream_rpc_method_handler(methods.StreamMotion),
     }
     server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(SERVICE_NAME, handlers),))

@@ -6,34 +6,37 @@ Who checks without end is answered at a pace (`health_pace`).
 from __future__ import annotations
 
 import asyncio
-from collections import Counter
-from typing import TypeAlias
 
 import grpc
 import grpc.aio
-from grpc_health.v1 import health_pb2, health_pb2_grpc
+from grpc_health.v1 import health_pb2
 
-from motiongen_server.errors import StreamRefused
 from motiongen_server.rpc.bounded_write import write_within
+from motiongen_server.rpc.call_context import CallContext, streaming_method, unary_method
+from motiongen_server.rpc.call_places import CallPlaces
 from motiongen_server.rpc.health_pace import HealthPace
+from motiongen_server.rpc.limits import HEALTH_CALLS
 from motiongen_server.rpc.peers import address_of
-from motiongen_server.rpc.stream_errors import too_many_streams
+from motiongen_server.rpc.requests import Requests, parsed_as
 
-MOST_WATCHERS = 512
+MOST_WATCHES = 512
 MOST_OF_AN_ADDRESS = 128
-"""A check that is asked for now and then needs no place."""
+"""Watches."""
+CALLS_OF_AN_ADDRESS = 384
+"""Watches, checks that wait for their turn, and such that wait for what they ask; a check that is answered is over."""
 STUCK_S = 5.0
+SERVICE = health_pb2.DESCRIPTOR.services_by_name["Health"]
+SERVICE_NAME = SERVICE.full_name
 
-Context: TypeAlias = "grpc.aio.ServicerContext[health_pb2.HealthCheckRequest, health_pb2.HealthCheckResponse]"
 
-
-class Health(health_pb2_grpc.HealthServicer):
+class Health:
     """The statuses of services by name, "" for the server as a whole. Lives on one event loop."""
 
     def __init__(self) -> None:
         self._statuses: dict[str, int] = {}
         self._changed = asyncio.Event()
-        self._watchers: Counter[str] = Counter()
+        self._watches = CallPlaces(MOST_WATCHES)
+        self._places = CallPlaces(HEALTH_CALLS)
         self._pace = HealthPace()
 
     def set(self, service: str, status: int) -> None:
@@ -42,40 +45,39 @@ class Health(health_pb2_grpc.HealthServicer):
         changed, self._changed = self._changed, asyncio.Event()
         changed.set()
 
-    async def Check(self, request: health_pb2.HealthCheckRequest, context: Context) -> health_pb2.HealthCheckResponse:
-        """The status now, told at a pace to who asks for it often."""
-        try:
-            await self._pace.wait(context.peer())
-        except StreamRefused as refusal:
-            await context.abort_with_status(refusal.status())
+    async def Check(self, call: CallContext) -> health_pb2.HealthCheckResponse:
+        """The status now, told at a pace to who asks for it often. Raises StreamRefused."""
+        request = await self._request(call)
         status = self._statuses.get(request.service)
         if status is None:
-            await context.abort(grpc.StatusCode.NOT_FOUND, f"no service {request.service[:80]!r} is served here")
+            await call.abort(grpc.StatusCode.NOT_FOUND, f"no service {request.service[:80]!r} is served here")
         return health_pb2.HealthCheckResponse(status=status)
 
-    async def Watch(self, request: health_pb2.HealthCheckRequest, context: Context) -> None:
-        """The status now, and each that it changes to."""
-        address = address_of(context.peer())
-        try:
-            if self._watchers.total() >= MOST_WATCHERS:
-                raise too_many_streams(MOST_WATCHERS)
-            if self._watchers[address] >= MOST_OF_AN_ADDRESS:
-                raise too_many_streams(MOST_OF_AN_ADDRESS, "address")
-            self._watchers[address] += 1
-            try:
-                await self._watch(request.service, context)
-            finally:
-                self._watchers[address] -= 1
-                self._watchers += Counter()  # forgets who has none left
-        except StreamRefused as refusal:
-            await context.abort_with_status(refusal.status())
+    async def Watch(self, call: CallContext) -> None:
+        """The status now, and each that it changes to. Raises StreamRefused."""
+        request = await self._request(call)
+        call.hold(self._watches.take(address_of(call.peer()), call.peer(), MOST_OF_AN_ADDRESS))
+        await self._watch(request.service, call)
 
-    async def _watch(self, service: str, context: Context) -> None:
+    async def _request(self, call: CallContext) -> health_pb2.HealthCheckRequest:
+        """What is asked, once it is the caller's turn. Raises StreamRefused."""
+        call.hold(self._places.take(address_of(call.peer()), call.peer(), CALLS_OF_AN_ADDRESS))
+        await self._pace.wait(call.peer())
+        return parsed_as(health_pb2.HealthCheckRequest, await call.request())
+
+    async def _watch(self, service: str, call: CallContext) -> None:
         told = None
         while True:
             changed = self._changed
             status = self._statuses.get(service, health_pb2.HealthCheckResponse.SERVICE_UNKNOWN)
             if status != told:
-                await write_within(STUCK_S, context.write(health_pb2.HealthCheckResponse(status=status)))
+                await write_within(STUCK_S, call.write(health_pb2.HealthCheckResponse(status=status)))
                 told = status
             await changed.wait()
+
+
+def add_health(health: Health, server: grpc.aio.Server, requests: Requests | None = None) -> None:
+    """Serve it. requests: of all calls of that server."""
+    requests = requests or Requests()
+    handlers = {"Check": unary_method(health.Check, requests), "Watch": streaming_method(health.Watch, requests)}
+    server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(SERVICE_NAME, handlers),))

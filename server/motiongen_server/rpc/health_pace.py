@@ -19,6 +19,7 @@ CHECKS_PER_SECOND = 100.0
 """Of an address; a proxy that checks a server asks once in some seconds."""
 MOST_WAIT_S = 1.0
 MOST_WAITING = 512
+MOST_WAITING_OF_AN_ADDRESS = 128
 MOST_WAITING_OF_A_CONNECTION = 64
 FORGET_AFTER_S = 2.0
 """A connection that asks nothing for so long has no part any more, and its debt is over."""
@@ -30,6 +31,7 @@ class _Address:
     def __init__(self, now: float) -> None:
         self.bucket = TokenBucket(CHECKS_PER_SECOND, now)
         self.num_connections = 0
+        self.num_waiting = 0
 
 
 class _Connection:
@@ -56,23 +58,27 @@ class HealthPace:
     async def wait(self, peer: str) -> None:
         """Until a check of this caller may be answered. peer: as gRPC names it.
 
-        Raises StreamRefused, which costs its caller nothing, where too many wait already; a first one may always.
+        Raises StreamRefused, which costs its caller nothing, where too many wait already. A first one is never refused:
+        where it would be one too many that waits, it is answered at once.
         """
         now = self._now()
         connection = self._connection(peer, now)
-        waiting = connection.num_waiting
-        if waiting and (waiting >= MOST_WAITING_OF_A_CONNECTION or self._num_waiting >= MOST_WAITING):
+        address, waiting = connection.address, connection.num_waiting
+        is_full = address.num_waiting >= MOST_WAITING_OF_AN_ADDRESS or self._num_waiting >= MOST_WAITING
+        if waiting and (is_full or waiting >= MOST_WAITING_OF_A_CONNECTION):
             raise too_many_checks(max(connection.share.owed_s(now), 1.0 / CHECKS_PER_SECOND))
         connection.share.charge(1.0, now)
         owed_s = connection.share.owed_s(now)
-        if owed_s <= 0.0:
+        if owed_s <= 0.0 or is_full:
             return
         connection.num_waiting += 1
+        address.num_waiting += 1
         self._num_waiting += 1
         try:
             await asyncio.sleep(min(owed_s, MOST_WAIT_S))
         finally:
             connection.num_waiting -= 1
+            address.num_waiting -= 1
             self._num_waiting -= 1
 
     def _connection(self, peer: str, now: float) -> _Connection:

@@ -11,6 +11,10 @@ MAX_GUIDANCE = 10.0
 MAX_SPEED_MPS = 10.0
 """Of a SetVelocity; a sprinter's."""
 MAX_REQUEST_ID_CHARACTERS = 64
+OTHER_CALLS = 512
+"""Besides streams and clips, whose numbers are settings: catalogues, reflection, and clips that are not begun yet."""
+HEALTH_CALLS = 1024
+"""Checks and watches of the health, which have places of their own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,15 +57,16 @@ class Limits:
 class PeerLimits:
     """Of all that one address has open together.
 
-    events_per_second: tokens, of which an event takes one; see `rpc.budget`. prompts_per_second: texts that were not
-    known. calls_per_second: new streams, clips, catalogues. bytes_per_second: received. session_weight: of
-    `peers.SESSION_WEIGHTS`; heroes, nears, crowds, batches: sessions of each class. clip_samples: under way. share: its
-    weight beside others where there is more to denoise than time; steps_per_second: rows of denoising steps.
-    waiting_bytes: of events that wait for prompts to be encoded, or for the store. held_bytes: of messages that wait
-    until they are paid for, with what they are taken apart into.
+    calls: for catalogues and clips, open at once. events_per_second: tokens, of which an event takes one; see
+    `rpc.budget`. prompts_per_second: texts that were not known. calls_per_second: new streams, clips, catalogues.
+    bytes_per_second: received. session_weight: of `peers.SESSION_WEIGHTS`; heroes, nears, crowds, batches: sessions of
+    each class. clip_samples: under way. share: its weight beside others where there is more to denoise than time;
+    steps_per_second: rows of denoising steps. waiting_bytes: of events that wait for prompts to be encoded, or for the
+    store. held_bytes: of messages that wait until they are paid for, with what they are taken apart into.
     """
 
     streams: int = 1024
+    calls: int = 256
     events_per_second: float = 20_000.0
     prompts_per_second: float = 200.0
     calls_per_second: float = 100.0

@@ -39,7 +39,7 @@ class Peer:
     def __init__(self, limits: PeerLimits, now: float, tenant: str = "", name: str = "") -> None:
         self.tenant = tenant
         self.number = next(_NUMBERS)
-        self._name = name
+        self.name = name
         self.num_streams = 0
         self._sessions: Counter[Priority] = Counter()
         self._clip_samples = 0
@@ -68,7 +68,7 @@ class Peer:
     @property
     def owner(self) -> Owner:
         """What the engines know it as."""
-        return Owner(self._name, self.limits.share, self.limits.steps_per_second)
+        return Owner(self.name, self.limits.share, self.limits.steps_per_second)
 
     @property
     def session_weight(self) -> int:

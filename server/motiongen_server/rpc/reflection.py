@@ -18,51 +18,54 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import Message
 from grpc_reflection.v1alpha import reflection, reflection_pb2
 
-from motiongen_server.rpc.handlers import AnyContext
-from motiongen_server.rpc.stream_errors import too_many_streams
+from motiongen_server.rpc.call_context import CallContext, streaming_method
+from motiongen_server.rpc.call_places import CallPlaces
+from motiongen_server.rpc.peers import address_of
+from motiongen_server.rpc.requests import Requests, parsed_as
 
 V1ALPHA = reflection.SERVICE_NAME
 V1 = V1ALPHA.replace("v1alpha", "v1")
 
 T = TypeVar("T")
 MOST_CALLS = 32
+MOST_OF_AN_ADDRESS = 16
 CALL_S = 30.0
 PACE_S = 0.005
 """After each answer: tools ask for some ten, and whoever asks without end takes no more than this."""
 
 
-def add_reflection(services: Iterable[str], server: grpc.aio.Server) -> None:
-    """Serve reflection of these services, and of itself. services: full names."""
+def add_reflection(services: Iterable[str], server: grpc.aio.Server, requests: Requests | None = None) -> None:
+    """Serve reflection of these services, and of itself.
+
+    services: full names. requests: of all calls of that server.
+    """
     names = (*services, V1ALPHA, V1)
     # The library asks no more of a pool than these methods; the runtime's own class cannot be derived from.
     servicer = reflection.aio.ReflectionServicer(names, pool=cast(DescriptorPool, _Descriptors()))
-    open_calls = 0
+    requests, places = requests or Requests(), CallPlaces(MOST_CALLS)
 
-    async def answer(requests: AsyncIterator[Message], context: AnyContext) -> None:
-        nonlocal open_calls
-        if open_calls >= MOST_CALLS:
-            await context.abort_with_status(too_many_streams(MOST_CALLS).status())
-        open_calls += 1
+    async def answer(call: CallContext) -> None:
+        call.hold(places.take(address_of(call.peer()), call.peer(), MOST_OF_AN_ADDRESS))
         try:
             async with asyncio.timeout(CALL_S):
-                answers: AsyncIterator[Message] = servicer.ServerReflectionInfo(requests, context)  # type: ignore[arg-type, assignment]
+                answers: AsyncIterator[Message] = servicer.ServerReflectionInfo(_questions(call), call)  # type: ignore[arg-type, assignment]
                 async for response in answers:
-                    await context.write(response)
+                    await call.write(response)
                     await asyncio.sleep(PACE_S)
         except TimeoutError:
             message = f"a call for reflection lasts {CALL_S:g} s at most; begin another"
-            await context.abort(grpc.StatusCode.DEADLINE_EXCEEDED, message)
-        finally:
-            open_calls -= 1
+            await call.abort(grpc.StatusCode.DEADLINE_EXCEEDED, message)
 
-    handler = grpc.stream_stream_rpc_method_handler(
-        answer,
-        request_deserializer=reflection_pb2.ServerReflectionRequest.FromString,
-        response_serializer=reflection_pb2.ServerReflectionResponse.SerializeToString,
-    )
+    handler = streaming_method(answer, requests)
     server.add_generic_rpc_handlers(
         tuple(grpc.method_handlers_generic_handler(name, {"ServerReflectionInfo": handler}) for name in (V1ALPHA, V1))
     )
+
+
+async def _questions(call: CallContext) -> AsyncIterator[Message]:
+    """Raises StreamRefused for what is none."""
+    while isinstance(data := await call.read(), bytes):  # else grpc.aio.EOF
+        yield parsed_as(reflection_pb2.ServerReflectionRequest, data)
 
 
 class _Descriptors:

@@ -18,16 +18,17 @@ from motiongen_server.identity.caller import Caller
 from motiongen_server.identity.callers import Callers
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.replicas.other_servers import OtherServers
-from motiongen_server.rpc.budget import BYTES_A_CALL, CALL_COST
+from motiongen_server.rpc.admission import Admission
+from motiongen_server.rpc.call_context import CallContext
 from motiongen_server.rpc.clip import ClipService, clip_request
 from motiongen_server.rpc.durability import Durability
 from motiongen_server.rpc.gateway_lag import GatewayLag
 from motiongen_server.rpc.goodbye import say_draining
-from motiongen_server.rpc.handlers import AnyContext, CatalogContext, ClipContext, StreamContext
-from motiongen_server.rpc.issuer_keys import keys_for
+from motiongen_server.rpc.handlers import StreamContext
 from motiongen_server.rpc.kept_sessions import KeptSessions
-from motiongen_server.rpc.limits import ServiceLimits
-from motiongen_server.rpc.peers import Peer, Peers
+from motiongen_server.rpc.limits import OTHER_CALLS, ServiceLimits
+from motiongen_server.rpc.peers import Peer
+from motiongen_server.rpc.requests import parsed_as
 from motiongen_server.rpc.session_entry import Carrier
 from motiongen_server.rpc.stream import Stream
 from motiongen_server.rpc.stream_errors import stream_failed, too_many_streams
@@ -64,7 +65,7 @@ class MotionService:
         self._models = models
         self._callers = callers or Callers()
         self._limits = limits or ServiceLimits()
-        self._peers = Peers(self._limits.peer)
+        self._admission = Admission(self._callers, self._limits.peer, self._limits.max_clip_calls + OTHER_CALLS)
         self._flush_s = flush_s
         self._stream_metrics = stream_metrics
         self._record_window = record_window
@@ -136,51 +137,28 @@ class MotionService:
 
     # ---- calls ------------------------------------------------------------------------------------------------------
 
-    async def GetCatalog(
-        self, request: service_pb2.GetCatalogRequest, context: CatalogContext
-    ) -> service_pb2.GetCatalogResponse:
-        """Rigs, models and limits, or the etag alone for a client that holds them."""
-        try:
-            await self._charge_call(context, CALL_COST)
-        except StreamRefused as refusal:
-            await context.abort_with_status(refusal.status())
-        return self._models.catalog_response(request.catalog_etag)
+    async def GetCatalog(self, call: CallContext) -> service_pb2.GetCatalogResponse:
+        """Rigs, models and limits, or the etag alone for a client that holds them. Raises StreamRefused."""
+        _, data = await self._admission.request(call)
+        self._note_call(call)
+        return self._models.catalog_response(parsed_as(service_pb2.GetCatalogRequest, data).catalog_etag)
 
-    async def GenerateClip(self, request: bytes, context: ClipContext) -> None:
-        """Samples of one clip, from the request to the last frame."""
-        try:
-            peer, _ = await self._charge_call(context, CALL_COST + len(request) / BYTES_A_CALL)
-            asked = clip_request(request, self._models.limits.max_event_fields)
-        except StreamRefused as refusal:
-            await context.abort_with_status(refusal.status())
-        await self.clips.generate(asked, context, peer)
+    async def GenerateClip(self, call: CallContext) -> None:
+        """Samples of one clip, from the request to the last frame. Raises StreamRefused."""
+        peer, data = await self._admission.request(call)
+        self._note_call(call)
+        await self.clips.generate(clip_request(data, self._models.limits.max_event_fields), call, peer)
 
-    async def _charge_call(self, context: AnyContext, cost: float) -> tuple[Peer, Caller]:
-        """Find out who calls, and charge the call to its tenant, or its address where it has none or may not call.
-
-        Raises StreamRefused for who may not call, and while that owes: there is nothing to be read later.
-        """
-        metadata, now = context.invocation_metadata() or (), time.monotonic()
-        address = self._peers.find(context.peer(), now)
-        if self._callers.is_dear(metadata):
-            address.check_paid(now)  # signatures are checked, and keys waited for, on credit of nobody
-        await keys_for(self._callers, metadata)
-        now = time.monotonic()
-        try:
-            caller = self._callers.identify(metadata, context.auth_context())
-        except StreamRefused:
-            address.charge_call(cost, now)
-            raise
-        peer = self._peers.of(caller, address, now)
-        peer.charge_call(cost, now)
+    def _note_call(self, context: StreamContext | CallContext) -> None:
         if self._others is not None:
-            self._others.note_call(metadata)
-        return peer, caller
+            self._others.note_call(context.invocation_metadata() or ())
 
     async def StreamMotion(self, request_iterator: AsyncIterator[bytes], context: StreamContext) -> None:
         """One stream, from its hello to its end."""
         try:
-            stream = self._begin(*await self._charge_call(context, CALL_COST))
+            peer, caller = await self._admission.charge(context)
+            self._note_call(context)
+            stream = self._begin(peer, caller)
         except StreamRefused as refusal:
             await context.abort_with_status(refusal.status())
         try:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 
 import grpc
-import grpc.aio
 
 from motiongen.v1 import service_pb2
 from motiongen_server.errors import StreamRefused
-from motiongen_server.rpc.handlers import CatalogContext, ClipContext, StreamContext
+from motiongen_server.rpc.call_context import CallContext
+from motiongen_server.rpc.handlers import StreamContext
 from motiongen_server.rpc.service import MotionService
 
 RETRY_AFTER_S = 1.0
@@ -34,34 +34,29 @@ class StartingService:
         """Whether calls are passed on."""
         return self._service is not None
 
-    async def GetCatalog(
-        self, request: service_pb2.GetCatalogRequest, context: CatalogContext
-    ) -> service_pb2.GetCatalogResponse:
+    async def GetCatalog(self, call: CallContext) -> service_pb2.GetCatalogResponse:
         """As the service's."""
-        if self._service is None:
-            await context.abort_with_status(self._refusal())
-        assert self._service is not None
-        return await self._service.GetCatalog(request, context)
+        return await self._opened().GetCatalog(call)
 
     async def StreamMotion(self, request_iterator: AsyncIterator[bytes], context: StreamContext) -> None:
         """As the service's."""
-        if self._service is None:
-            await context.abort_with_status(self._refusal())
-        assert self._service is not None
-        await self._service.StreamMotion(request_iterator, context)
+        try:
+            service = self._opened()
+        except StreamRefused as refusal:
+            await context.abort_with_status(refusal.status())
+        await service.StreamMotion(request_iterator, context)
 
-    async def GenerateClip(self, request: bytes, context: ClipContext) -> None:
+    async def GenerateClip(self, call: CallContext) -> None:
         """As the service's."""
-        if self._service is None:
-            await context.abort_with_status(self._refusal())
-        assert self._service is not None
-        await self._service.GenerateClip(request, context)
+        await self._opened().GenerateClip(call)
 
-    @staticmethod
-    def _refusal() -> grpc.Status:
-        return StreamRefused(
-            grpc.StatusCode.UNAVAILABLE,
-            "STARTING",
-            "the server is loading its model; try again when its health is SERVING",
-            retry_after_s=RETRY_AFTER_S,
-        ).status()
+    def _opened(self) -> MotionService:
+        """Raises StreamRefused while there is none."""
+        if self._service is None:
+            raise StreamRefused(
+                grpc.StatusCode.UNAVAILABLE,
+                "STARTING",
+                "the server is loading its model; try again when its health is SERVING",
+                retry_after_s=RETRY_AFTER_S,
+            )
+        return self._service

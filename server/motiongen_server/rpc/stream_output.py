@@ -33,6 +33,7 @@ class StreamOutput(ABC):
         self.ended = False
         self.tracing: StreamTracing | None = None
         self.writing_since: float | None = None  # monotonic seconds, while a message is being written
+        self.has_written = False  # a message, to its end
         self.gateway_lag: GatewayLag | None = None  # of the event loop that it shares with all others
         self.responses: deque[service_pb2.StreamMotionResponse] = deque()
         self._limits = limits
@@ -81,6 +82,7 @@ class StreamOutput(ABC):
         if self.gateway_lag is not None and self.writing_since is not None:
             self.gateway_lag.note_write(time.monotonic() - self.writing_since)
         self.writing_since = None
+        self.has_written = True
         if self.tracing is not None:
             self.tracing.note_written()
         if self._probe is not None and not self.responses and not self._probe.done():

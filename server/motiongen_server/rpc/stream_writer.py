@@ -45,10 +45,12 @@ async def write(stream: Stream, context: StreamContext) -> None:
 def cut(stream: Stream, writer: asyncio.Task[None]) -> None:
     """End the writing of a stream, whose status is told next.
 
-    What is being written has a moment to be finished: gRPC takes no status beside the first response of a call.
+    What is being written has a moment to be finished. The first response of a call has as long as it takes, for which
+    the stream keeps its place: gRPC takes no status beside it, and would hold the call without one.
     """
     if stream.writing_since is None:
         writer.cancel()
     else:
         stream.is_cut = True
-        asyncio.get_running_loop().call_later(LAST_WRITE_S, writer.cancel)
+        if stream.has_written:
+            asyncio.get_running_loop().call_later(LAST_WRITE_S, writer.cancel)

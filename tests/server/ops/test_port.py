@@ -5,14 +5,20 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
+import ssl
+from functools import partial
+from typing import Any
 
 import pytest
+from prometheus_client import CollectorRegistry
 from starlette.applications import Starlette
 
 from motiongen_server.identity.tls import TlsFiles, server_context
-from motiongen_server.ops.http import MOST_CONNECTIONS
+from motiongen_server.ops import port as ops_port
+from motiongen_server.ops.http import MOST_CONNECTIONS, ops_app
+from motiongen_server.ops.pace import CONNECTIONS_A_SECOND, CONNECTIONS_OF_AN_ADDRESS, AddressPaces
 from motiongen_server.ops.port import OpsPort
-from tests.server.identity.files import CERTIFICATES
+from tests.server.identity.files import AUTHORITY, CERTIFICATES
 from tests.waiting import LIMIT_S, until_true
 
 SOON_S = 20.0
@@ -30,7 +36,11 @@ def is_held(connection: socket.socket) -> bool:
 
 
 @pytest.mark.parametrize("by_tls", [False, True])
-async def test_who_only_connects_takes_no_more_than_there_are_places(by_tls: bool) -> None:
+async def test_who_only_connects_takes_no_more_than_there_are_places(
+    by_tls: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ops_port, "CONNECTIONS_OF_AN_ADDRESS", 1000)
+    monkeypatch.setattr(ops_port, "CONNECTIONS_A_SECOND", 1000)
     port = OpsPort(Starlette(), "127.0.0.1", 0, server_context(PAIR) if by_tls else None)
     async with asyncio.timeout(LIMIT_S):
         await port.start()
@@ -43,4 +53,39 @@ async def test_who_only_connects_takes_no_more_than_there_are_places(by_tls: boo
             async with asyncio.timeout(SOON_S):
                 await until_true(lambda: sum(map(is_held, connections)) <= MOST_CONNECTIONS)
             assert is_held(connections[-1]), "the oldest go"
+        await port.stop()
+
+
+async def test_a_flood_from_one_address_is_turned_away_and_another_has_its_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With TLS whoever is turned away has had no handshake: nothing of it has been done for him."""
+    handshakes = 0
+
+    class Counted(ssl.SSLContext):
+        def wrap_bio(self, *arguments: Any, **named: Any) -> ssl.SSLObject:
+            nonlocal handshakes
+            handshakes += 1
+            return super().wrap_bio(*arguments, **named)
+
+    context = Counted(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(PAIR.certificate, PAIR.key)
+    # However slow the machine, a second is not over before the flood is.
+    monkeypatch.setattr(ops_port, "AddressPaces", partial(AddressPaces, clock=lambda: 0.0))
+    port = OpsPort(ops_app(CollectorRegistry(), lambda: True, lambda: True), "127.0.0.1", 0, context)
+    trusted = ssl.create_default_context(cafile=AUTHORITY)
+    async with asyncio.timeout(LIMIT_S):
+        await port.start()
+        for _ in range(5 * CONNECTIONS_A_SECOND):
+            flooding = socket.create_connection(("127.0.0.1", port.port), source_address=("127.0.0.2", 0))
+            flooding.close()
+            await asyncio.sleep(0)
+        for _ in range(CONNECTIONS_OF_AN_ADDRESS):
+            reader, writer = await asyncio.open_connection(
+                "127.0.0.1", port.port, ssl=trusted, server_hostname="localhost"
+            )
+            writer.write(b"GET /livez HTTP/1.1\r\nHost: x\r\n\r\n")
+            assert (await reader.read()).startswith(b"HTTP/1.1 200")
+            writer.transport.abort()
+        assert handshakes <= 2 * CONNECTIONS_OF_AN_ADDRESS
         await port.stop()

@@ -20,7 +20,8 @@ class Server:
         self.handlers += handlers
 
 
-def test_every_method_of_the_contract_is_served_and_streams_where_it_should() -> None:
+def test_every_method_of_the_contract_is_served_and_none_has_its_request_awaited_by_grpc() -> None:
+    """gRPC would wait for ever. On the wire a stream of one message is the same as a message."""
     server: Any = Server()
     methods: Any = SimpleNamespace(**{method.name: object() for method in SERVICE.methods})
     add_methods(methods, server)
@@ -28,7 +29,4 @@ def test_every_method_of_the_contract_is_served_and_streams_where_it_should() ->
     for method in SERVICE.methods:
         served = handler.service(SimpleNamespace(method=f"/{SERVICE.full_name}/{method.name}"))
         assert served is not None, method.name
-        assert (served.request_streaming, served.response_streaming) == (
-            method.client_streaming,
-            method.server_streaming,
-        )
+        assert served.stream_stream is not None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
 
 import grpc
@@ -12,7 +12,10 @@ import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from motiongen_server.rpc import health
-from motiongen_server.rpc.health import Health
+from motiongen_server.rpc.bounded_write import write_within
+from motiongen_server.rpc.call_context import streaming_method
+from motiongen_server.rpc.health import Health, add_health
+from motiongen_server.rpc.requests import Requests
 from tests.waiting import LIMIT_S, try_again
 
 SERVING, NOT_SERVING = health_pb2.HealthCheckResponse.SERVING, health_pb2.HealthCheckResponse.NOT_SERVING
@@ -22,7 +25,7 @@ WHOLE = health_pb2.HealthCheckRequest()
 @asynccontextmanager
 async def served(checks: Health) -> AsyncIterator[health_pb2_grpc.HealthStub]:
     server = grpc.aio.server()
-    health_pb2_grpc.add_HealthServicer_to_server(checks, server)
+    add_health(checks, server)
     port = server.add_insecure_port("127.0.0.1:0")
     await server.start()
     async with asyncio.timeout(LIMIT_S), grpc.aio.insecure_channel(f"127.0.0.1:{port}") as channel:
@@ -77,7 +80,11 @@ class Stuck:
         self.takes = asyncio.Event()
         self.has_taken = False
         self.had_taken = False  # when it was told its status
-        self.status: grpc.Status | None = None
+        self.code: grpc.StatusCode | None = None
+        self._sends = iter((WHOLE.SerializeToString(), grpc.aio.EOF))
+
+    async def read(self) -> object:
+        return next(self._sends)
 
     def peer(self) -> str:
         return "ipv4:10.0.0.7:1"
@@ -87,9 +94,9 @@ class Stuck:
         await self.takes.wait()
         self.has_taken = True
 
-    async def abort_with_status(self, status: grpc.Status) -> None:
+    async def abort(self, code: grpc.StatusCode, *_: object) -> None:
         self.had_taken = self.has_taken
-        self.status = status
+        self.code = code
 
 
 class Late(Stuck):
@@ -101,19 +108,33 @@ class Late(Stuck):
         await super().write(message)
 
 
-async def test_a_watcher_that_takes_nothing_keeps_no_change_from_being_told_and_is_ended(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def watched(checks: Health, watcher: Stuck) -> None:
+    """As gRPC has a watch answered, from its beginning to its end."""
+    await streaming_method(checks.Watch, Requests()).stream_stream(None, watcher)
+
+
+async def test_a_watcher_that_takes_nothing_keeps_no_change_from_being_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    given_up = asyncio.Event()
+
+    async def within(limit_s: float, write: Coroutine[None, None, None]) -> None:
+        try:
+            await write_within(limit_s, write)
+        finally:
+            given_up.set()
+
     monkeypatch.setattr(health, "STUCK_S", 0.05)
+    monkeypatch.setattr(health, "write_within", within)
     checks, stuck = Health(), Stuck()
-    watching = asyncio.create_task(checks.Watch(WHOLE, stuck))  # type: ignore[arg-type]
+    watching = asyncio.create_task(watched(checks, stuck))
     await stuck.is_writing.wait()
     checks.set("", SERVING)
     async with served(checks) as stub:
         assert (await stub.Check(WHOLE)).status == SERVING
+    await given_up.wait()
+    assert not watching.done(), "gRPC holds its call, so that it has to be counted"
+    stuck.takes.set()
     await watching
-    assert stuck.status is not None
-    assert stuck.status.code is grpc.StatusCode.RESOURCE_EXHAUSTED
+    assert stuck.code is grpc.StatusCode.RESOURCE_EXHAUSTED
 
 
 async def test_a_watcher_that_takes_its_first_status_late_is_told_why_it_is_ended_after_it(
@@ -122,6 +143,6 @@ async def test_a_watcher_that_takes_its_first_status_late_is_told_why_it_is_ende
     """gRPC tells no status of a call whose first response is still being written."""
     monkeypatch.setattr(health, "STUCK_S", 0.05)
     late = Late()
-    await Health().Watch(WHOLE, late)  # type: ignore[arg-type]
-    assert late.status is not None
+    await watched(Health(), late)
+    assert late.code is grpc.StatusCode.RESOURCE_EXHAUSTED
     assert late.had_taken

@@ -8,7 +8,12 @@ import pytest
 
 from motiongen_server.errors import StreamRefused
 from motiongen_server.rpc import health_pace
-from motiongen_server.rpc.health_pace import CHECKS_PER_SECOND, MOST_WAITING_OF_A_CONNECTION, HealthPace
+from motiongen_server.rpc.health_pace import (
+    CHECKS_PER_SECOND,
+    MOST_WAITING_OF_A_CONNECTION,
+    MOST_WAITING_OF_AN_ADDRESS,
+    HealthPace,
+)
 
 FLOOD, OTHER = "ipv4:10.0.0.7:1001", "ipv4:10.0.0.7:1002"
 
@@ -75,11 +80,21 @@ async def test_a_first_check_of_a_connection_is_never_refused(monkeypatch: pytes
     peers = [f"ipv4:10.0.0.7:{port}" for port in range(400)]
     tasks = [asyncio.create_task(pace.wait(peer)) for peer in peers for _ in range(4)]
     await _settle(tasks)
+    assert len(time.slept) == MOST_WAITING_OF_AN_ADDRESS
+    assert max(time.slept) <= 1.0
     first = asyncio.create_task(pace.wait(OTHER))
-    await _settle([first])
-    assert not first.done()
-    assert time.slept[-1] <= 1.0
+    assert await _settle([first]) == 1, "no more may wait, so it is answered at once"
     await _end([*tasks, first])
+
+
+async def test_those_of_one_address_that_wait_keep_no_other_address_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    time = Time(monkeypatch)
+    pace = HealthPace(lambda: time.now)
+    tasks = [asyncio.create_task(pace.wait(f"ipv4:10.0.0.7:{port}")) for port in range(400) for _ in range(4)]
+    await _settle(tasks)
+    elsewhere = [asyncio.create_task(pace.wait("ipv4:10.0.0.8:1")) for _ in range(50)]
+    assert await _settle(elsewhere) == 50
+    await _end([*tasks, *elsewhere])
 
 
 async def test_connections_that_ask_no_more_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -105,16 +105,35 @@ async def test_what_is_being_written_is_finished_before_a_refused_stream_is_told
     assert context.messages.qsize() == 1, "and nothing after it"
 
 
-async def test_who_takes_nothing_does_not_hold_up_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_who_takes_nothing_more_does_not_hold_up_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stream_writer, "LAST_WRITE_S", 0.01)
+    line, context = Line(), SlowContext()
+    writer = asyncio.create_task(stream_writer.write(line.stream, context))  # type: ignore[arg-type]
+    line.stream.cut = lambda: stream_writer.cut(line.stream, writer)
+    context.reads.set()
+    line.open()
+    assert await context.next_updates()
+    context.reads.clear()
+    line.stream.take(PlanNotice(line.engine.events[0].session, 2, 0, PlanCause.EDIT, (2,)))
+    assert await context.is_silent()
+    line.stream.refuse(stream_empty(300.0))
+    await asyncio.wait({writer}, timeout=SOON_S)
+    assert writer.cancelled()
+
+
+async def test_a_first_message_that_is_not_taken_is_never_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """gRPC would hold the call, without anybody who counts it."""
+    monkeypatch.setattr(stream_writer, "LAST_WRITE_S", 0.0)
     line, context = Line(), SlowContext()
     writer = asyncio.create_task(stream_writer.write(line.stream, context))  # type: ignore[arg-type]
     line.stream.cut = lambda: stream_writer.cut(line.stream, writer)
     line.open()
     assert await context.is_silent()
     line.stream.refuse(stream_empty(300.0))
-    await asyncio.wait({writer}, timeout=SOON_S)
-    assert writer.cancelled()
+    assert await context.is_silent()
+    assert not writer.done()
+    context.reads.set()
+    await asyncio.wait_for(writer, SOON_S)
 
 
 async def test_a_stream_that_writes_nothing_ends_at_once() -> None:

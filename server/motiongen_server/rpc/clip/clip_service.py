@@ -18,12 +18,12 @@ from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.bounded_write import write_within
 from motiongen_server.rpc.budget import CONSTRAINT_CALLS, PATH_CALLS
+from motiongen_server.rpc.call_context import CallContext
 from motiongen_server.rpc.clip.call import Call, refused
 from motiongen_server.rpc.clip.request import check_extent, clip_specs, opening_event
 from motiongen_server.rpc.convert import UNENCODED, coding_of, num_paths, prompt_texts, warnings_of
 from motiongen_server.rpc.encoding import encoded
 from motiongen_server.rpc.event_errors import too_many_clips
-from motiongen_server.rpc.handlers import ClipContext
 from motiongen_server.rpc.limits import ServiceLimits
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.stream_errors import CLIENT_GONE
@@ -75,7 +75,7 @@ class ClipService:
         """Wait until no call is left."""
         await self._idle.wait()
 
-    async def generate(self, request: service_pb2.GenerateClipRequest, context: ClipContext, peer: Peer) -> None:
+    async def generate(self, request: service_pb2.GenerateClipRequest, context: CallContext, peer: Peer) -> None:
         """Answer one call. What it has under way stops within a step when its client or its time is gone."""
         begun_at, code = time.monotonic(), "CANCELLED"
         remaining_s = context.time_remaining()  # a cancelled or expired call is ended by gRPC, which cancels this task
@@ -108,7 +108,7 @@ class ClipService:
             num_samples = min(request.sample_count or 1, self._models.limits.max_clip_samples)
             self._stream_metrics.end_clip(code, time.monotonic() - begun_at, num_samples)
 
-    async def _make(self, request: service_pb2.GenerateClipRequest, context: ClipContext, peer: Peer) -> None:
+    async def _make(self, request: service_pb2.GenerateClipRequest, context: CallContext, peer: Peer) -> None:
         model = self._models.find(request.open.model_id)
         check_extent(request, model.catalog)
         if len(self._calls) >= self._limits.max_clip_calls:
@@ -141,7 +141,7 @@ class ClipService:
         coding = coding_of(request.open, model.catalog)
         return Call(specs, model, coding, warnings_of(opening_event(request), opening, model.catalog))
 
-    async def _run(self, call: Call, number: int, context: ClipContext) -> None:
+    async def _run(self, call: Call, number: int, context: CallContext) -> None:
         self._calls[number] = call
         self._idle.clear()
         try:
@@ -158,7 +158,7 @@ class ClipService:
             if not self._calls:
                 self._idle.set()
 
-    async def _write(self, response: service_pb2.GenerateClipResponse, context: ClipContext) -> None:
+    async def _write(self, response: service_pb2.GenerateClipResponse, context: CallContext) -> None:
         """Raises StreamRefused where the client takes nothing for too long: its samples keep others waiting."""
         await write_within(self._limits.stuck_timeout_s, context.write(response))
 

@@ -12,27 +12,29 @@ from functools import partial
 from pathlib import Path
 
 import grpc.aio
-from grpc_health.v1 import health_pb2, health_pb2_grpc
+from grpc_health.v1 import health_pb2
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector
 
-from motiongen.v1 import encoder_pb2_grpc
 from motiongen_ardy.text import TextEncoder, load_text_encoder
 from motiongen_ardy.text.store import VectorStore
 from motiongen_server.addresses import join_address
 from motiongen_server.identity.setup import listen, make_callers, make_ops_context, make_tls, warn_of_exposure
 from motiongen_server.ops.http import ops_app
 from motiongen_server.ops.port import OpsPort
-from motiongen_server.rpc.health import Health
+from motiongen_server.rpc.health import Health, add_health
 from motiongen_server.rpc.limits import PeerLimits
+from motiongen_server.rpc.requests import Requests
 from motiongen_server.settings import SettingError
 from motiongen_server.text.encoder.config import EncoderConfig
-from motiongen_server.text.encoder.service import SERVICE_NAME, TextEncoderService
+from motiongen_server.text.encoder.service import SERVICE_NAME, TextEncoderService, add_text_encoder
 from motiongen_server.text.prompts import PromptEncoder
 from motiongen_server.transport import allowed_connections
 
 _log = logging.getLogger("motiongen_server.text.encoder")
 
 MOST_REQUEST_BYTES = 64 << 20
+CALLS_OF_A_PEER = 1024
+"""Open at once: many servers may have one address."""
 ENCODING_BUCKETS = (0.001, 0.005, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0)
 
 
@@ -60,13 +62,16 @@ class EncoderApplication:
             ]
         )
         limits = PeerLimits(
-            prompts_per_second=config.peer_texts_per_second, calls_per_second=config.peer_calls_per_second
+            calls=CALLS_OF_A_PEER,
+            prompts_per_second=config.peer_texts_per_second,
+            calls_per_second=config.peer_calls_per_second,
         )
         service = TextEncoderService(
             self._prompts, encoder.width, config.max_texts, config.max_characters, self._callers, limits
         )
-        encoder_pb2_grpc.add_TextEncoderServiceServicer_to_server(service, self._server)
-        health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
+        requests = Requests()
+        add_text_encoder(service, self._server, requests)
+        add_health(self._health, self._server, requests)
         self._port = listen(self._server, join_address(config.host, config.port), "", tls)
         try:
             await self._start_ops()

@@ -6,31 +6,29 @@ import asyncio
 import logging
 import secrets
 import time
-from typing import TypeAlias
 
 import grpc
 import grpc.aio
 
-from motiongen.v1 import encoder_pb2, encoder_pb2_grpc, motion_pb2
+from motiongen.v1 import encoder_pb2, motion_pb2
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.identity.caller import Role
 from motiongen_server.identity.callers import Callers
-from motiongen_server.rpc.budget import BYTES_A_CALL, CALL_COST
-from motiongen_server.rpc.issuer_keys import keys_for
+from motiongen_server.rpc.admission import Admission
+from motiongen_server.rpc.call_context import CallContext, unary_method
 from motiongen_server.rpc.limits import PeerLimits
-from motiongen_server.rpc.peers import Peer, Peers
+from motiongen_server.rpc.peers import Peer
+from motiongen_server.rpc.requests import Requests, parsed_as
 from motiongen_server.text.event_errors import too_many_texts
 from motiongen_server.text.prompts import Embedding, PromptEncoder
 
 _log = logging.getLogger(__name__)
 
 SERVICE_NAME = encoder_pb2.DESCRIPTOR.services_by_name["TextEncoderService"].full_name
-
-Described: TypeAlias = "grpc.aio.ServicerContext[encoder_pb2.GetTextEncoderRequest, encoder_pb2.GetTextEncoderResponse]"
-Encoded: TypeAlias = "grpc.aio.ServicerContext[encoder_pb2.EncodeTextsRequest, encoder_pb2.EncodeTextsResponse]"
+MOST_CALLS = 4096
 
 
-class TextEncoderService(encoder_pb2_grpc.TextEncoderServiceServicer):
+class TextEncoderService:
     """Answers with vectors of one encoder. Lives on one event loop.
 
     Every call is charged to its tenant, or its address, before it is looked at; texts that are not known take turns.
@@ -48,21 +46,16 @@ class TextEncoderService(encoder_pb2_grpc.TextEncoderServiceServicer):
         """width: numbers in a vector. max_texts, max_characters: of one request, of one text. callers: who may call;
         everybody where it is left out. limits: of one address, and of a tenant whose quota says nothing else.
         """
-        self._callers = callers or Callers()
-        self._peers = Peers(limits)
+        self._admission = Admission(callers or Callers(), limits, MOST_CALLS, Role.TEXT)
         self._prompts = prompts
         self._width = width
         self._max_texts = max_texts
         self._max_characters = max_characters
 
-    async def GetTextEncoder(
-        self, request: encoder_pb2.GetTextEncoderRequest, context: Described
-    ) -> encoder_pb2.GetTextEncoderResponse:
-        """Which encoder it is."""
-        try:
-            await self._charged(context, CALL_COST)
-        except StreamRefused as refused:
-            await context.abort_with_status(refused.status())
+    async def GetTextEncoder(self, call: CallContext) -> encoder_pb2.GetTextEncoderResponse:
+        """Which encoder it is. Raises StreamRefused."""
+        _, data = await self._admission.request(call)
+        parsed_as(encoder_pb2.GetTextEncoderRequest, data)
         return encoder_pb2.GetTextEncoderResponse(
             text_encoder=self._prompts.identity,
             width=self._width,
@@ -70,45 +63,30 @@ class TextEncoderService(encoder_pb2_grpc.TextEncoderServiceServicer):
             max_characters=self._max_characters,
         )
 
-    async def EncodeTexts(
-        self, request: encoder_pb2.EncodeTextsRequest, context: Encoded
-    ) -> encoder_pb2.EncodeTextsResponse:
-        """Vectors of the texts. What is known is not encoded again, and those who ask for the same text share it."""
+    async def EncodeTexts(self, call: CallContext) -> encoder_pb2.EncodeTextsResponse:
+        """Vectors of the texts. What is known is not encoded again, and those who ask for the same text share it.
+
+        Raises StreamRefused.
+        """
+        peer, data = await self._admission.request(call)
+        request = parsed_as(encoder_pb2.EncodeTextsRequest, data)
         try:
-            peer = await self._charged(context, CALL_COST + request.ByteSize() / BYTES_A_CALL)
             self._check(request)
             self._charge_unknown(request, peer)
             vectors = await asyncio.gather(*(self._prompts.encode(text, peer.number) for text in request.texts))
         except EventRefused as refusal:
-            await context.abort_with_status(StreamRefused.of(refusal).status())
-        except StreamRefused as refused:
-            await context.abort_with_status(refused.status())
+            raise StreamRefused.of(refusal) from refusal
+        except StreamRefused:
+            raise
         except Exception as error:
             error_id = secrets.token_hex(4)
             _log.error("encoding failed, error id %s", error_id, exc_info=error)
             message = f"the text encoder failed, error id {error_id}"
-            await context.abort_with_status(StreamRefused(grpc.StatusCode.INTERNAL, "INTERNAL", message).status())
+            raise StreamRefused(grpc.StatusCode.INTERNAL, "INTERNAL", message) from error
         return encoder_pb2.EncodeTextsResponse(embeddings=[self._message(vector) for vector in vectors])
 
     def _message(self, vector: Embedding) -> motion_pb2.TextEmbedding:
         return motion_pb2.TextEmbedding(text_encoder=self._prompts.identity, values=vector.tolist())
-
-    async def _charged(self, context: Described | Encoded, cost: float) -> Peer:
-        """Find out who calls, and charge the call. Raises StreamRefused for who may not call, and while he owes."""
-        metadata, now = context.invocation_metadata() or (), time.monotonic()
-        address = self._peers.find(context.peer(), now)
-        if self._callers.is_dear(metadata):
-            address.check_paid(now)  # signatures are checked, and keys waited for, on credit of nobody
-        await keys_for(self._callers, metadata)
-        now = time.monotonic()
-        try:
-            caller = self._callers.identify(metadata, context.auth_context(), Role.TEXT)
-        except StreamRefused:
-            address.charge_call(cost, now)
-            raise
-        peer = self._peers.of(caller, address, now)
-        peer.charge_call(cost, now)
-        return peer
 
     def _charge_unknown(self, request: encoder_pb2.EncodeTextsRequest, peer: Peer) -> None:
         """Charge the texts that are not known. Raises EventRefused while such are owed for: nothing waits for that."""
@@ -142,3 +120,13 @@ class TextEncoderService(encoder_pb2_grpc.TextEncoderServiceServicer):
                     f"the text has {len(text)} characters; at most {self._max_characters} are allowed",
                     f"texts[{index}]",
                 )
+
+
+def add_text_encoder(service: TextEncoderService, server: grpc.aio.Server, requests: Requests | None = None) -> None:
+    """Serve it. requests: of all calls of that server."""
+    requests = requests or Requests()
+    handlers = {
+        "GetTextEncoder": unary_method(service.GetTextEncoder, requests),
+        "EncodeTexts": unary_method(service.EncodeTexts, requests),
+    }
+    server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(SERVICE_NAME, handlers),))

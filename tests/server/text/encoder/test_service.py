@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from motiongen.v1 import encoder_pb2, encoder_pb2_grpc
 from motiongen_ardy.text import TextEncoderUnavailable
 from motiongen_server.rpc.limits import PeerLimits
-from motiongen_server.text.encoder.service import TextEncoderService
+from motiongen_server.text.encoder.service import TextEncoderService, add_text_encoder
 from motiongen_server.text.prompts import PromptEncoder
 from tests.waiting import LIMIT_S
 
@@ -49,7 +49,7 @@ async def serving(encoder: LengthEncoder, limits: PeerLimits | None = None, **se
     prompts = PromptEncoder(encoder, 10, **settings)
     server = grpc.aio.server()
     service = TextEncoderService(prompts, 2, 3, 20, limits=limits)
-    encoder_pb2_grpc.add_TextEncoderServiceServicer_to_server(service, server)
+    add_text_encoder(service, server)
     port = server.add_insecure_port("127.0.0.1:0")
     await server.start()
     async with grpc.aio.insecure_channel(f"127.0.0.1:{port}") as channel, asyncio.timeout(LIMIT_S):

@@ -1,0 +1,62 @@
+"""Admission: who calls, found out and charged before anything that is sent is looked at."""
+
+from __future__ import annotations
+
+import time
+from typing import Any, TypeAlias
+
+import grpc.aio
+
+from motiongen_server.errors import StreamRefused
+from motiongen_server.identity.caller import Caller, Role
+from motiongen_server.identity.callers import Callers
+from motiongen_server.rpc.budget import BYTES_A_CALL, CALL_COST
+from motiongen_server.rpc.call_context import CallContext
+from motiongen_server.rpc.call_places import CallPlaces
+from motiongen_server.rpc.issuer_keys import keys_for
+from motiongen_server.rpc.limits import PeerLimits
+from motiongen_server.rpc.peers import Peer, Peers
+
+Context: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
+
+
+class Admission:
+    """Of the calls of a service. Lives on one event loop."""
+
+    def __init__(self, callers: Callers, limits: PeerLimits | None, most_calls: int, role: Role = Role.MOTION) -> None:
+        """limits: of one address, and of a tenant whose quota says nothing else. most_calls: that have one request.
+
+        role: that callers must have.
+        """
+        self._callers = callers
+        self._peers = Peers(limits)
+        self._places = CallPlaces(most_calls)
+        self._role = role
+
+    async def charge(self, context: Context | CallContext) -> tuple[Peer, Caller]:
+        """Find out who calls, and charge the call to its tenant, or its address where it has none or may not call.
+
+        Raises StreamRefused for who may not call, and while that owes: there is nothing to be read later.
+        """
+        metadata, now = context.invocation_metadata() or (), time.monotonic()
+        address = self._peers.find(context.peer(), now)
+        if self._callers.is_dear(metadata):
+            address.check_paid(now)  # signatures are checked, and keys waited for, on credit of nobody
+        await keys_for(self._callers, metadata)
+        now = time.monotonic()
+        try:
+            caller = self._callers.identify(metadata, context.auth_context(), self._role)
+        except StreamRefused:
+            address.charge_call(CALL_COST, now)
+            raise
+        peer = self._peers.of(caller, address, now)
+        peer.charge_call(CALL_COST, now)
+        return peer, caller
+
+    async def request(self, call: CallContext) -> tuple[Peer, bytes]:
+        """The request of a call, which has a place from before it comes, and who sent it. Raises StreamRefused."""
+        peer, _ = await self.charge(call)
+        call.hold(self._places.take(peer.name, call.peer(), peer.limits.calls, peer.kind))
+        request = await call.request()
+        peer.calls.charge(len(request) / BYTES_A_CALL, time.monotonic())
+        return peer, request

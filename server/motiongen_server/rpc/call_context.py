@@ -1,0 +1,108 @@
+"""CallContext: a call of gRPC whose request is awaited for a while, and that is counted until it is really over."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Awaitable, Callable
+from typing import Any, NoReturn
+
+import grpc
+import grpc.aio
+from google.protobuf.message import Message
+
+from motiongen_server.errors import StreamRefused
+from motiongen_server.rpc.requests import Context, Requests, look_at
+from motiongen_server.rpc.stream_errors import CLIENT_GONE
+
+
+class CallContext:
+    """What gRPC gives a method, but for what is waited for.
+
+    A client can keep what is written to it from ever being written, by HTTP/2's flow control. gRPC then takes no status
+    either, and the call holds a place of the server's until its connection ends. So what is written is never given up
+    here, and `end` is not reached before: who holds places counts them.
+    """
+
+    def __init__(self, context: Context, requests: Requests) -> None:
+        self._context = context
+        self._requests = requests
+        self._writing: asyncio.Future[None] | None = None
+        self._reading: asyncio.Future[Any] | None = None
+        self._held = contextlib.ExitStack()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._context, name)
+
+    def hold(self, give_back: Callable[[], None]) -> None:
+        """Give that back once the call is over."""
+        self._held.callback(give_back)
+
+    def end(self) -> None:
+        """gRPC is done with the call."""
+        self._held.close()
+
+    async def request(self) -> bytes:
+        """The one request. Raises StreamRefused where it does not come."""
+        return await self._requests.only(self._context)
+
+    async def read(self) -> Any:
+        """The next of several. It is read on where this is cancelled."""
+        self._reading = asyncio.ensure_future(self._context.read())
+        self._reading.add_done_callback(look_at)
+        return await asyncio.shield(self._reading)
+
+    async def write(self, message: Message) -> None:
+        """It is written on where this is cancelled."""
+        self._writing = asyncio.ensure_future(self._context.write(message))
+        self._writing.add_done_callback(look_at)
+        await asyncio.shield(self._writing)
+
+    async def abort_with_status(self, status: grpc.Status) -> NoReturn:
+        """End the call, after what is being written."""
+        await self.abort(status.code, status.details or "", status.trailing_metadata or ())
+
+    async def abort(self, code: grpc.StatusCode, details: str = "", trailing_metadata: Any = ()) -> NoReturn:
+        """End the call, after what is being written."""
+        if self._writing is not None:
+            await asyncio.wait({self._writing})
+        try:
+            await self._context.abort(code, details, trailing_metadata)
+        except CLIENT_GONE as error:  # there is nobody to be told anything, and nothing to be logged
+            raise asyncio.CancelledError from error
+
+
+def unary_method(
+    answer: Callable[[CallContext], Awaitable[Message]], requests: Requests
+) -> grpc.RpcMethodHandler[Any, Any]:
+    """A method of one request and one response. It may raise StreamRefused."""
+
+    async def respond(call: CallContext) -> None:
+        response = await answer(call)
+        try:
+            await call.write(response)
+        except CLIENT_GONE as error:
+            raise asyncio.CancelledError from error
+
+    return streaming_method(respond, requests)
+
+
+def streaming_method(
+    respond: Callable[[CallContext], Awaitable[None]], requests: Requests
+) -> grpc.RpcMethodHandler[Any, Any]:
+    """A method that writes its responses. It may raise StreamRefused."""
+
+    async def serve(_messages: object, context: Context) -> None:
+        call = CallContext(context, requests)
+        try:
+            await respond(call)
+        except StreamRefused as refusal:
+            await call.abort_with_status(refusal.status())
+        finally:
+            call.end()
+
+    return grpc.stream_stream_rpc_method_handler(serve, response_serializer=_serialized)
+
+
+def _serialized(message: Message) -> bytes:
+    return message.SerializeToString()

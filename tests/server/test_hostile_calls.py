@@ -1,0 +1,159 @@
+"""Calls that are begun and not asked, that ask for what is no message, or whose answers are not let through."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from typing import Any
+
+import grpc
+import grpc.aio
+import pytest
+from google.rpc import error_details_pb2
+from grpc_health.v1 import health_pb2, health_pb2_grpc
+from grpc_status import rpc_status
+
+from motiongen.v1 import service_pb2, service_pb2_grpc
+from motiongen_compliance.talk import Talk
+from motiongen_server.rpc import stream_writer
+from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
+from tests.attack.hostile_calls import NARROW
+from tests.contract.local import LocalServer
+from tests.server.application import SERVING, config, running
+from tests.waiting import LIMIT_S, until_true
+
+MOTION = "/motiongen.v1.MotionService/"
+ADMIN = "/motiongen.v1.MotionAdminService/"
+CHECK, WATCH = "/grpc.health.v1.Health/Check", "/grpc.health.v1.Health/Watch"
+OF_ONE_REQUEST = (
+    f"{MOTION}GetCatalog",
+    f"{MOTION}GenerateClip",
+    CHECK,
+    WATCH,
+    f"{ADMIN}ListModels",
+    f"{ADMIN}LoadModel",
+)
+REFLECTION = tuple(f"/grpc.reflection.{version}.ServerReflection/ServerReflectionInfo" for version in ("v1", "v1alpha"))
+GARBAGE = b"\xff"
+ALONE = (("grpc.use_local_subchannel_pool", 1),)
+
+
+@asynccontextmanager
+async def channels(**settings: object) -> AsyncIterator[tuple[grpc.aio.Channel, grpc.aio.Channel]]:
+    """To the port of gRPC, and to that of operators."""
+    async with running(config(admin_listen="127.0.0.1:0", **settings)) as application:
+        addresses = (f"127.0.0.1:{port}" for port in (application.grpc_port, application.admin_port))
+        first, second = (grpc.aio.insecure_channel(address) for address in addresses)
+        async with first, second:
+            yield first, second
+
+
+async def end_of(channel: grpc.aio.Channel, path: str, sends: Sequence[bytes], is_over: bool = True) -> tuple[Any, str]:
+    """Code and reason with which a call ends. is_over: the client ends its side."""
+    call = channel.stream_stream(path)()
+    with contextlib.suppress(grpc.aio.AioRpcError, asyncio.InvalidStateError):  # it may have been ended already
+        for message in sends:
+            await call.write(message)
+        if is_over:
+            await call.done_writing()
+    code = await call.code()
+    error = grpc.aio.AioRpcError(
+        code, await call.initial_metadata(), await call.trailing_metadata(), await call.details()
+    )
+    status, info = rpc_status.from_call(error), error_details_pb2.ErrorInfo()
+    for detail in status.details if status is not None else ():
+        detail.Unpack(info)
+    return code, info.reason
+
+
+@pytest.mark.parametrize(
+    ("sends", "is_over", "end"),
+    [
+        ((), False, (grpc.StatusCode.DEADLINE_EXCEEDED, "REQUEST_LATE")),
+        ((), True, (grpc.StatusCode.UNIMPLEMENTED, "ONE_REQUEST_EXPECTED")),
+        ((b"", b""), True, (grpc.StatusCode.UNIMPLEMENTED, "ONE_REQUEST_EXPECTED")),
+        ((GARBAGE,), True, (grpc.StatusCode.INVALID_ARGUMENT, "MALFORMED_REQUEST")),
+    ],
+    ids=["headers alone", "no request", "two requests", "garbage"],
+)
+async def test_a_call_without_its_request_is_ended_with_a_reason_and_nothing_is_logged(
+    sends: Sequence[bytes], is_over: bool, end: tuple[grpc.StatusCode, str], caplog: pytest.LogCaptureFixture
+) -> None:
+    async with channels(hello_timeout_s=0.2) as (motion, admin):
+        for path in OF_ONE_REQUEST:
+            assert await end_of(admin if path.startswith(ADMIN) else motion, path, sends, is_over) == end, path
+        catalog = service_pb2_grpc.MotionServiceStub(motion).GetCatalog(service_pb2.GetCatalogRequest())
+        assert (await catalog).models[0].model_id == "fake"  # type: ignore[misc]
+    assert not [record for record in caplog.records if record.levelname in ("WARNING", "ERROR")]
+
+
+async def test_garbage_ends_a_call_for_reflection_too(caplog: pytest.LogCaptureFixture) -> None:
+    async with channels() as (motion, _):
+        for path in REFLECTION:
+            assert await end_of(motion, path, [GARBAGE]) == (grpc.StatusCode.INVALID_ARGUMENT, "MALFORMED_REQUEST")
+    assert not [record for record in caplog.records if record.levelname in ("WARNING", "ERROR")]
+
+
+async def test_garbage_is_charged() -> None:
+    async with channels(peer_calls_per_second=1.0) as (motion, _):
+        ends = [await end_of(motion, f"{MOTION}GetCatalog", [GARBAGE]) for _ in range(20)]
+        assert (grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_CALLS") in ends
+
+
+async def test_clients_that_go_before_they_have_asked_are_not_logged(caplog: pytest.LogCaptureFixture) -> None:
+    async with channels(peer_calls_per_second=1e6) as (motion, _):
+        for number in range(300):
+            call = motion.stream_unary(OF_ONE_REQUEST[number % 4])()
+            await asyncio.sleep(0)
+            call.cancel()
+        assert (await health_pb2_grpc.HealthStub(motion).Check(health_pb2.HealthCheckRequest())).status == SERVING
+    assert not [record for record in caplog.records if record.levelname in ("WARNING", "ERROR")]
+
+
+async def test_answers_that_are_not_let_through_hold_so_many_places_and_leave_others() -> None:
+    async with running(config(peer_calls=3)) as application:
+        address = f"127.0.0.1:{application.grpc_port}"
+        asked = service_pb2.GetCatalogRequest()
+        async with (
+            grpc.aio.insecure_channel(address, options=(*ALONE, *NARROW)) as narrow,
+            grpc.aio.insecure_channel(address, options=ALONE) as other,
+        ):
+            unread = [narrow.unary_stream(f"{MOTION}GetCatalog")(b"") for _ in range(20)]
+            ended = [asyncio.ensure_future(call.code()) for call in unread]
+            await until_true(lambda: sum(code.done() for code in ended) == 17)
+            assert {code.result() for code in ended if code.done()} == {grpc.StatusCode.RESOURCE_EXHAUSTED}
+            stub = service_pb2_grpc.MotionServiceStub(other)
+            assert (await stub.GetCatalog(asked)).models[0].model_id == "fake"  # type: ignore[misc]
+            for call in unread:
+                call.cancel()
+            await asyncio.gather(*ended, return_exceptions=True)
+        async with grpc.aio.insecure_channel(address, options=ALONE) as again:
+            stub = service_pb2_grpc.MotionServiceStub(again)
+            for _ in range(5):
+                await stub.GetCatalog(asked)  # type: ignore[misc]
+
+
+async def test_a_stream_whose_first_answer_is_not_let_through_keeps_its_place_until_its_client_goes(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(stream_writer, "LAST_WRITE_S", 0.0)
+    limits = ServiceLimits(stuck_timeout_s=0.05, peer=PeerLimits(streams=2))
+    async with (
+        asyncio.timeout(LIMIT_S),
+        LocalServer(service_limits=limits) as server,
+        grpc.aio.insecure_channel(server.address, options=(*ALONE, *NARROW)) as narrow,
+        grpc.aio.insecure_channel(server.address, options=ALONE) as other,
+    ):
+        call = narrow.stream_stream(f"{MOTION}StreamMotion")()
+        await call.write(service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello()).SerializeToString())
+        await until_true(lambda: any(stream.refusal is not None for stream in server.service._streams.values()))
+        stub = service_pb2_grpc.MotionServiceStub(other)
+        talk = await Talk(stub, await stub.GetCatalog(service_pb2.GetCatalogRequest())).hello()  # type: ignore[misc]
+        await talk.ping(20)
+        assert server.service.num_streams == 2
+        call.cancel()
+        await until_true(lambda: server.service.num_streams == 1)
+        talk.call.cancel()
+    assert not [record for record in caplog.records if record.levelname == "ERROR"]

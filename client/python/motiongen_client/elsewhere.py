@@ -108,7 +108,7 @@ class Elsewhere:
         """Raises ServerUnavailable, StreamLost or InvalidInput."""
         begun = self._streams.get(way)
         if begun is None or (begun.done() and (_failed(begun) or begun.result().is_over)):
-            for old in list(self._streams)[: len(self._streams) + 1 - MOST_WAYS]:
+            for old in list(self._streams)[: max(0, len(self._streams) + 1 - MOST_WAYS)]:
                 del self._streams[old]  # the stream goes on, for as long as it carries sessions
             begun = asyncio.get_running_loop().create_task(self._begin(way), name="motiongen-elsewhere")
             self._streams[way] = begun

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from math import inf
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.intake import Intake
@@ -168,8 +169,8 @@ class Engine:
         return min(_IDLE_TICK_S, max(0.0, wake_at - self._clock.now()))
 
     def wait(self) -> None:
-        """Sleep until something comes in or is due; not once it is to stop."""
-        if not self._stopping:
+        """Sleep until something comes in or is due; not once it is to stop, but for windows that are held back."""
+        if not self._stopping or self.windows.wake_at() < inf:
             self._mailbox.wait(self.idle_s())
 
     def end_drained(self) -> None:

@@ -34,6 +34,9 @@ class Child(Protocol):
     def kill(self) -> None:
         """At once, from any thread."""
 
+    def ended(self, patience_s: float) -> str:
+        """How it ended, once it has died; that it has, where the system does not tell more in so long."""
+
     def end(self, patience_s: float) -> str:
         """Wait for its end, kill it where that does not come, and say how it ended.
 
@@ -80,6 +83,9 @@ class FreshChild:
         with contextlib.suppress(ProcessLookupError):
             self._process.kill()
 
+    def ended(self, patience_s: float) -> str:
+        return how_it_ended(self._code_within(patience_s))
+
     def end(self, patience_s: float) -> str:
         code = self._code_within(patience_s)
         if code is None:
@@ -103,8 +109,10 @@ class FreshChild:
         os.close(self._death)
 
 
-def how_it_ended(code: int) -> str:
-    """code: an exit code, or below 0 the number of a signal."""
+def how_it_ended(code: int | None) -> str:
+    """code: an exit code, or below 0 the number of a signal; None: not known."""
+    if code is None:
+        return "has died"
     return f"killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import zmq
 
 from motiongen_server.engine_process.bell import Bell
-from motiongen_server.engine_process.child import END_S, StartChild
+from motiongen_server.engine_process.child import StartChild
 from motiongen_server.engine_process.codec import Codec, CodecError
 from motiongen_server.engine_process.messages import (
     GREETING,
@@ -30,6 +30,8 @@ GREETING_S = 60.0
 """How long an engine process may take to say its first word; it has only to import this package."""
 CLOCK_TOLERANCE_S = 60.0
 LAST_READ_MS = 100
+TOLD_S = 0.5
+"""How long a system may take to tell how a process ended that has died: nothing waits for more than that."""
 
 
 class EngineLost(RuntimeError):
@@ -96,7 +98,7 @@ class Connection:
             ready = connected_or_died.poll(500)
             self._bell.quiet()
             if any(each == self._child.fileno() for each, _ in ready):
-                raise EngineLost(f"the engine process {self._child.end(END_S)} before it was ready")
+                raise EngineLost(f"the engine process {self._child.ended(TOLD_S)} before it was ready")
         self._push(socket, message)
 
     def _check_patience(self, ends_at: float, what: str) -> None:
@@ -113,7 +115,7 @@ class Connection:
             self.wait(0.5, for_room=False)
             self._bell.quiet()
             if self._has_died and (data := self._receive(LAST_READ_MS)) is None:
-                raise EngineLost(f"the engine process {self._child.end(END_S)} before it was ready")
+                raise EngineLost(f"the engine process {self._child.ended(TOLD_S)} before it was ready")
             if data is not None:
                 break
         message = _decoded(codec, data)
@@ -155,7 +157,7 @@ class Connection:
         if data is None and (self._has_died or self._has_left):
             data = self._receive(LAST_READ_MS)
             if data is None:
-                how = self._child.end(END_S) if self._has_died else "takes no messages any more"
+                how = self._child.ended(TOLD_S) if self._has_died else "takes no messages any more"
                 raise EngineLost(f"the engine process {how}")
         if data is None:
             return None

@@ -37,6 +37,7 @@ class ForkedChild:
             self.close()
             raise ChildProcessError("the process that engines are forked from has forked none; its messages say why")
         self._pid = pid
+        self._code: int | None = None
 
     @property
     def pid(self) -> int:
@@ -50,17 +51,25 @@ class ForkedChild:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self._pid, signal.SIGKILL)
 
+    def ended(self, patience_s: float) -> str:
+        return how_it_ended(self._code_within(patience_s))
+
     def end(self, patience_s: float) -> str:
         if not self._has_died(patience_s):
             self.kill()
             if not self._has_died(KILL_S):
                 return left_behind(self._pid)  # its fork server waits for it
-        code = _told_number(self._told, KILL_S)
+        code = self._code_within(KILL_S)
         return "ended after what it was forked from" if code is None else how_it_ended(code)
 
     def close(self) -> None:
         for descriptor in (self._lifeline, self._death, self._told):
             os.close(descriptor)
+
+    def _code_within(self, patience_s: float) -> int | None:
+        if self._code is None:  # it is told once
+            self._code = _told_number(self._told, patience_s)
+        return self._code
 
     def _has_died(self, patience_s: float) -> bool:
         """Waits for it so long."""

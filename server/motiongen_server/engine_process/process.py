@@ -166,8 +166,8 @@ class EngineProcess:
         if not self._thread.ident:
             return True
         self._thread.join(timeout_s)
-        if self._thread.is_alive() and self._connection is not None:
-            self._connection.kill()
+        if self._thread.is_alive():
+            self._kill()
             self._thread.join(END_S)
         return not self._thread.is_alive()
 

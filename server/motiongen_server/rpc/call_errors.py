@@ -10,7 +10,7 @@ RETRY_AFTER_S = 1.0
 
 
 def request_late(waited_s: float) -> StreamRefused:
-    message = f"no request came within {waited_s:.3g} s; send it with the call, and end your side of it then"
+    message = f"no whole request came within {waited_s:.3g} s; send it with the call, and end your side of it then"
     return StreamRefused(grpc.StatusCode.DEADLINE_EXCEEDED, "REQUEST_LATE", message)
 
 

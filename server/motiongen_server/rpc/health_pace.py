@@ -10,6 +10,7 @@ import asyncio
 import time
 from collections import Counter
 from collections.abc import Callable
+from math import inf
 
 from motiongen_server.rpc.peers import address_of
 from motiongen_server.rpc.stream_errors import too_many_checks
@@ -42,6 +43,7 @@ class _Connection:
         self.address = address
         self.share = Share(address.bucket, lambda: address.num_connections, now)
         self.asked_at = now
+        self.at_once_at = -inf  # when it was last answered because too many waited
         self.num_waiting = 0
 
 
@@ -58,18 +60,22 @@ class HealthPace:
     async def wait(self, peer: str) -> None:
         """Until a check of this caller may be answered. peer: as gRPC names it.
 
-        Raises StreamRefused, which costs its caller nothing, where too many wait already. A first one is never refused:
-        where it would be one too many that waits, it is answered at once.
+        Raises StreamRefused, which costs its caller nothing, where too many wait already. A connection of which none
+        waits has one check a second answered at once then.
         """
         now = self._now()
         connection = self._connection(peer, now)
         address, waiting = connection.address, connection.num_waiting
         is_full = address.num_waiting >= MOST_WAITING_OF_AN_ADDRESS or self._num_waiting >= MOST_WAITING
-        if waiting and (is_full or waiting >= MOST_WAITING_OF_A_CONNECTION):
+        is_again = connection.share.owed_s(now) > 0.0 and now - connection.at_once_at < MOST_WAIT_S
+        if (is_full and (waiting or is_again)) or waiting >= MOST_WAITING_OF_A_CONNECTION:
             raise too_many_checks(max(connection.share.owed_s(now), 1.0 / CHECKS_PER_SECOND))
         connection.share.charge(1.0, now)
         owed_s = connection.share.owed_s(now)
-        if owed_s <= 0.0 or is_full:
+        if owed_s <= 0.0:
+            return
+        if is_full:
+            connection.at_once_at = now
             return
         connection.num_waiting += 1
         address.num_waiting += 1

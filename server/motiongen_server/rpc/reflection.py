@@ -28,7 +28,7 @@ V1 = V1ALPHA.replace("v1alpha", "v1")
 
 T = TypeVar("T")
 MOST_CALLS = 32
-MOST_OF_AN_ADDRESS = 16
+MOST_OF_AN_ADDRESS = 12
 CALL_S = 30.0
 PACE_S = 0.005
 """After each answer: tools ask for some ten, and whoever asks without end takes no more than this."""

@@ -205,6 +205,7 @@ class MotionService:
         try:
             await asyncio.wait({reader, writer}, return_when=asyncio.FIRST_COMPLETED)
             if stream.refusal is not None:
+                await asyncio.wait({writer})  # which is cut: the first response may be under way all the same
                 raise stream.refusal
             if reader.done() and not reader.exception():
                 # A lost transport, too, looks as if the client had finished; only what is written tells.

@@ -209,6 +209,8 @@ class SessionEntry:
     def confirm(self, answered_seq: int) -> None:
         """The client has heard the answers to all events up to a number."""
         self.answers.confirm(answered_seq)
+        if answered_seq and self.opened is not None and self.opened.placements:  # that answered the first
+            self.opened = replace(self.opened, placements=())
 
     def note_shown(self, frame: int) -> None:
         """The client shows a frame, so it holds what came after the news of constraints of a look-ahead before it."""

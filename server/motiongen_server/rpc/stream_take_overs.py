@@ -26,8 +26,12 @@ from motiongen_server.snapshots.record import SessionRecord
 
 @dataclass(slots=True)
 class _HeldBack:
-    """What a client has said of a session that is on its way, in order. num_bytes: of its OpenSession and of these."""
+    """What a client has said of a session that is on its way, in order. num_bytes: of its OpenSession and of these.
 
+    task: what takes the session over, and then goes through these.
+    """
+
+    task: asyncio.Task[None] | None = None
     num_bytes: int = 0
     events: deque[tuple[session_pb2.SessionEvent, float, EventRefused | None]] = field(default_factory=deque)
 
@@ -97,15 +101,18 @@ class StreamTakeOvers(StreamSessions):
     def _begin_take_over(self, event: session_pb2.SessionEvent, durability: Durability, now: float) -> None:
         """Go on with a session that another server holds, or held, as soon as the store has told of it.
 
-        Raises EventRefused where the peer has too much waiting.
+        This may be one of the events that were held back: those behind it are held back for it then. Raises
+        EventRefused where the peer has too much waiting.
         """
         num_bytes = event.open.ByteSize()
         self.peer.check_waiting(num_bytes)
         opening = session_pb2.OpenSession()
         opening.CopyFrom(event.open)  # else the whole message would be kept with it
-        held_back = self._held_back[event.session] = _HeldBack()
+        held_back = self._held_back.setdefault(event.session, _HeldBack())
         self._count(held_back, num_bytes)
-        task = asyncio.get_running_loop().create_task(self._take_over(event.session, opening, durability, now))
+        task = held_back.task = asyncio.get_running_loop().create_task(
+            self._take_over(event.session, opening, durability, now)
+        )
         self._taking_over.add(task)
         task.add_done_callback(self._taking_over.discard)
 
@@ -129,21 +136,31 @@ class StreamTakeOvers(StreamSessions):
             self._stream_metrics.count_resume("refused")
             self.budget.charge(REFUSAL_COST, now)
             self._say(refusal.outcome(key, 1), None)
+        except Exception as error:
+            self.fail(error)
         finally:
             await self._go_through(handle)
 
     async def _go_through(self, handle: int) -> None:
-        """Take what was held back, as the stream can pay for it; what comes meanwhile is held back behind it."""
-        held_back = self._held_back[handle]
+        """Take what was held back, as the stream can pay for it; what comes meanwhile is held back behind it.
+
+        Nothing once the stream has ended, whose client says it again: a session that is opened then would be nobody's.
+        """
+        held_back, task = self._held_back[handle], asyncio.current_task()
         try:
-            while held_back.events:
+            while held_back.events and held_back.task is task:  # else another session is on its way on this handle
                 await self.turn()
+                if self.ended:
+                    break
                 event, received_at, unread = held_back.events.popleft()
                 self._count(held_back, -event.ByteSize())
                 self._receive(event, received_at, unread)
+        except Exception as error:
+            self.fail(error)
         finally:
-            self._count(held_back, -held_back.num_bytes)
-            del self._held_back[handle]
+            if held_back.task is task:
+                self._count(held_back, -held_back.num_bytes)
+                del self._held_back[handle]
 
     def _count(self, held_back: _HeldBack, num_bytes: int) -> None:
         held_back.num_bytes += num_bytes

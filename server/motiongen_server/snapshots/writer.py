@@ -19,6 +19,7 @@ from functools import partial
 from typing import NamedTuple, Protocol, TypeVar
 
 from motiongen_server.snapshots.record import RecordRefused, SessionRecord, write_record
+from motiongen_server.snapshots.refused_records import RefusedRecords
 from motiongen_server.snapshots.store import Held, Lease, Renewal, SnapshotStore, StoreFailed
 
 _log = logging.getLogger(__name__)
@@ -81,7 +82,7 @@ class SnapshotWriter:
         self._dropped: list[Lease] = []
         self._leases: set[Lease] = set()
         self._fresh: set[Lease] = set()  # written since the last renewal
-        self._refused: set[Lease] = set()  # of which a record was too big, as the log says
+        self._refused = RefusedRecords()
         self._untold: dict[Lease, int] = {}  # written while the store was in doubt, and up to which event
         self._is_closing = False
         self._is_failing = False
@@ -127,7 +128,7 @@ class SnapshotWriter:
         with self._lock:
             self._leases.discard(lease)
             self._untold.pop(lease, None)
-            self._refused.discard(lease)
+            self._refused.forget(lease)
 
     def read(self, name: str) -> Future[bytes | None]:
         """The record of a session, whoever holds it. Its exception is StoreFailed."""
@@ -211,19 +212,18 @@ class SnapshotWriter:
                 written.append(Written(lease, record.taken_seq))
             else:
                 fenced.append(lease)
-        if self._is_failing:
-            with self._lock:
+        with self._lock:
+            self._refused.note_kept(each.lease for each in written)
+            if self._is_failing:
                 self._untold.update(each for each in written if each.lease in self._leases)
-        elif written:
+        if written and not self._is_failing:
             self._listener.written(written)
         self._give_up(fenced)
 
     def _log_refused(self, lease: Lease, error: RecordRefused) -> None:
         """Once a session: clients bring it about, and each plan is another record."""
         with self._lock:
-            is_new = lease in self._leases and lease not in self._refused
-            if is_new:
-                self._refused.add(lease)
+            is_new = lease in self._leases and self._refused.note(lease)
         if is_new:
             _log.warning("a session is not saved: %s", error)
 
@@ -252,6 +252,8 @@ class SnapshotWriter:
         if self._is_failing and not self._is_behind:
             self._is_failing = False
             _log.warning("sessions are saved again, in %s", self._store)
+            with self._lock:  # what is kept of those is older than what their clients were told last
+                of[Renewal.KEPT] = [lease for lease in of[Renewal.KEPT] if lease not in self._refused]
             self._listener.renewed(of[Renewal.KEPT])
             with self._lock:
                 untold, self._untold = self._untold, {}
@@ -274,7 +276,7 @@ class SnapshotWriter:
         self._waiting.pop(lease, None)
         self._untold.pop(lease, None)
         self._leases.discard(lease)
-        self._refused.discard(lease)
+        self._refused.forget(lease)
 
     def _fail(self, why: str, dropped: list[Lease]) -> None:
         self._doubt(why)

@@ -105,3 +105,21 @@ async def test_connections_that_ask_no_more_are_forgotten(monkeypatch: pytest.Mo
         await pace.wait(f"ipv4:10.0.{number % 250}.7:{number}")
     assert len(pace._connections) < 250
     assert len(pace._addresses) < 250
+
+
+async def test_many_connections_are_not_answered_at_once_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each asks one check after another. Those beyond what may wait would else be answered as fast as they ask."""
+    time = Time(monkeypatch)
+    pace = HealthPace(lambda: time.now)
+    peers = [f"ipv4:10.0.0.7:{port}" for port in range(300)]
+    asked = [asyncio.create_task(pace.wait(peer)) for peer in peers]
+    await _settle(asked)
+    answered = 0
+    for _ in range(50):  # a second
+        time.now += 0.02
+        free = [peer for peer, task in zip(peers, asked, strict=True) if task.done()]
+        again = {peer: asyncio.create_task(pace.wait(peer)) for peer in free}
+        answered += await _settle(list(again.values()))
+        asked = [again.get(peer, task) for peer, task in zip(peers, asked, strict=True)]
+    assert answered <= CHECKS_PER_SECOND + len(peers)
+    await _end(asked)

@@ -18,7 +18,7 @@ from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from motiongen_server.engine.types import Guidance
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
-from motiongen_server.rpc import taking_over
+from motiongen_server.rpc import stream_take_overs, taking_over
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.durability import Durability, lease_of
 from motiongen_server.rpc.kept_answers import MAX_KEPT_BYTES
@@ -239,4 +239,55 @@ async def test_no_opening_of_a_session_on_its_way_is_greater_than_may_wait(tmp_p
     line.send(1, open=opening)
     assert line.refusals() == [(1, "TOO_MANY_PENDING_EVENTS")]
     assert line.stream.peer.waiting_bytes == 0
+    await asyncio.to_thread(durability.close)
+
+
+def _waiting_line(tmp_path: Path) -> tuple[Line, SlowStore, Durability]:
+    store = SlowStore(tmp_path / "store.sqlite")
+    durability = Durability(store, asyncio.get_running_loop(), lambda _: None)
+    return Line(kept=KeptSessions(30.0, durability=durability)), store, durability
+
+
+async def test_one_that_is_asked_for_behind_another_on_its_handle_is_taken_over_in_its_turn(tmp_path: Path) -> None:
+    line, store, durability = _waiting_line(tmp_path)
+    line.send(1, open=resuming(1))
+    line.send(1, open=resuming(2))
+    for event_seq in (2, 3):
+        line.send(event_seq, edit_constraints=path(event_seq))
+    store.gate.set()
+    await until_true(lambda: len(line.refusals()) == 4)
+    assert line.refusals() == [(1, "SESSION_NOT_KEPT")] * 2 + [(2, "SESSION_NOT_OPEN"), (3, "SESSION_NOT_OPEN")]
+    await until_true(lambda: not line.stream.peer.waiting_bytes)
+    assert line.stream.num_waiting_bytes == 0
+    await asyncio.to_thread(durability.close)
+
+
+async def test_nothing_behind_one_on_its_way_is_taken_once_its_client_has_gone(tmp_path: Path) -> None:
+    """A session that was opened then would be carried by nobody."""
+    line, store, durability = _waiting_line(tmp_path)
+    line.send(1, open=resuming(1))
+    line.send(1, open=session_pb2.OpenSession())
+    line.stream.budget.charge(1e6, time.monotonic())
+    store.gate.set()
+    await until_true(lambda: bool(line.refusals()))
+    line.stream.lose()
+    await until_true(lambda: not line.stream.peer.waiting_bytes)
+    assert line.engine.events == []
+    assert line.stream.num_sessions == 0
+    await asyncio.to_thread(durability.close)
+
+
+async def test_a_fault_in_taking_one_over_ends_its_stream(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else its client would wait for an answer for ever."""
+
+    async def broken(*_: object) -> None:
+        raise RuntimeError("a bug")
+
+    monkeypatch.setattr(stream_take_overs, "claimed", broken)
+    line, store, durability = _waiting_line(tmp_path)
+    line.send(1, open=resuming(1))
+    await until_true(lambda: line.stream.refusal is not None)
+    assert line.stream.refusal is not None
+    assert line.stream.refusal.reason == "INTERNAL"
+    store.gate.set()
     await asyncio.to_thread(durability.close)

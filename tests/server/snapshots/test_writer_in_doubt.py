@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pytest
 
 from motiongen_server.snapshots import writer
-from motiongen_server.snapshots.record import read_record
+from motiongen_server.snapshots.record import RecordRefused, read_record
 from motiongen_server.snapshots.store import Lease, StoreFailed
 from motiongen_server.snapshots.writer import SnapshotWriter
 from tests.server.snapshots.kept import Heard, Store
@@ -109,3 +109,24 @@ def test_what_no_store_should_do_ends_nothing_and_is_told(
                 asked.result(LIMIT_S)
     until(lambda: not saving.is_failing)
     assert read_record(store.records["a"][1]).taken_seq == 1
+
+
+def test_what_is_kept_of_a_session_that_grew_too_big_is_not_relied_upon_after_a_failure(
+    store: Store, heard: Heard, saving: SnapshotWriter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for lease in (A, B):
+        saving.save(lease, a_record(1, num_frames=1))
+    until(lambda: len(heard.said) == 2 or any(len(store.records) == 2 for _ in (0,)))
+    until(lambda: not saving._waiting)
+    monkeypatch.setattr(writer, "write_record", _refuse)
+    saving.save(A, a_record(2, num_frames=1))
+    until(lambda: ("lost", A) in heard.said)
+    store.fails = True
+    until(lambda: saving.is_failing)
+    store.fails = False
+    until(lambda: not saving.is_failing)
+    assert ("renewed", B) in heard.said
+
+
+def _refuse(_: object) -> bytes:
+    raise RecordRefused("it is too big")

@@ -16,6 +16,8 @@ BACKGROUND_SHARE = 0.2
 """What an engine whose windows are all in the background may take of the device beside others: such a share of what the
 turns of those take that have windows somebody waits for. In one engine the background makes a step as much longer.
 """
+MOST_OWED_S = 1.0
+"""The most that the background makes up for, however long a call of it stood still."""
 
 
 class Device:
@@ -74,7 +76,9 @@ class Device:
             share_s = BACKGROUND_SHARE * (waited_for_s + background_s)
             self._spare_s = min(self._spare_s + share_s, share_s)  # what was not taken is not kept
         elif background_s and self.is_waited_for(lease):
-            self._spare_s -= background_s
+            self._spare_s = max(self._spare_s - background_s, -MOST_OWED_S)
+        elif background_s:
+            self._spare_s = 0.0  # nobody waits for anything: what was owed is forgotten
 
     def leave(self, lease: DeviceLease) -> None:
         """Give up a place."""

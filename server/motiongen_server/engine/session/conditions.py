@@ -112,7 +112,7 @@ class Conditions:
         held = self.velocity
         if obeyed is None or held is None or held.steers_from is not None or not held.leads_as(obeyed):
             return self
-        return replace(self, velocity=replace(held, steers_from=frame))
+        return replace(self, velocity=held.landed(frame))
 
     def without_past(self, frame: int) -> Conditions:
         """Forget what ends before `frame`."""

@@ -95,7 +95,8 @@ def check_going_on(asked: GoingOn, facts: ModelFacts) -> None:
     held = asked.snapshot
     rows = held.rows
     fits = held.spec.model_id == facts.model_id and rows.ndim == 2 and rows.shape[1] == facts.row_width
-    if not fits or len(rows) < facts.patch or not np.isfinite(rows).all():
+    is_known = held.correction in (0, *Correction)
+    if not fits or not is_known or len(rows) < facts.patch or not np.isfinite(rows).all():
         raise _unusable("it is not of the model that is served here")
     # A plan that the snapshot does not know of may have replaced what it holds: those frames can never be made again.
     if asked.plan > held.plan or not held.first_frame <= asked.next_frame <= held.end_frame:

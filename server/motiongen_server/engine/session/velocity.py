@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ class Velocity:
     """A velocity in force. steers_from: the first frame that it steers, None until a window that obeys it has landed.
 
     x, z: metres a second in the world. heading: radians, None for any. It ends hold_frames after steers_from.
+    asked_from: the first frame that could still change when it was said, before which it never steers.
     """
 
     x: float
@@ -23,6 +24,11 @@ class Velocity:
     heading: float | None
     hold_frames: int
     steers_from: int | None = None
+    asked_from: int = 0
+
+    def landed(self, frame: int) -> Velocity:
+        """The same once a window from a frame on has landed that obeys it, or an earlier word that said the same."""
+        return replace(self, steers_from=max(frame, self.asked_from))
 
     def end_if_from(self, frame: int) -> int:
         """The first frame that it no longer steers, if it first steers `frame` where that is not known yet."""
@@ -60,7 +66,7 @@ class Steered(NamedTuple):
 
 def changed_velocity(held: Velocity | None, event: SetVelocity, floor: int) -> Steered:
     """The velocity after an event. floor: the first frame that can still change."""
-    asked = Velocity(event.x, event.z, event.heading, event.hold_frames)
+    asked = Velocity(event.x, event.z, event.heading, event.hold_frames, asked_from=floor)
     if held is None or held.steers_from is None:
         return Steered(asked, floor)
     old_end = held.end_if_from(floor)

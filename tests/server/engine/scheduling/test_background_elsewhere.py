@@ -94,3 +94,24 @@ def test_a_session_of_the_model_whose_clips_are_held_back_does_not_wait_for_what
         turns.run(0.001)
     assert turns.clock.now() - came_at < 0.5
     assert with_sessions.total("deadline_misses") == 0
+
+
+def test_an_engine_that_ends_while_its_clips_are_held_back_waits_for_its_turn() -> None:
+    turns = Turns(2)
+    with_clips, with_sessions = turns.stages
+    clips(with_clips, 8)
+    with_sessions.open(1)
+    turns.run(1.0)
+    turns.leases[1].num_waited_for = 1
+    engine = with_clips.engine
+    while turns.leases[0].spare_s > 0.0:
+        with turns.leases[0]:
+            with_clips.step()
+    waited: list[float] = []
+    engine._mailbox.wait = waited.append  # type: ignore[method-assign]
+    with turns.leases[0]:
+        assert not with_clips.step().rows
+    engine.stop()
+    assert not engine.finished
+    engine.wait()
+    assert waited, "else it goes round as fast as it can"

@@ -175,3 +175,25 @@ def test_what_is_measured_beside_the_engines_takes_a_turn_for_each_call() -> Non
     assert len({turn for _, turn in calls}) == len(calls), "two calls in one turn"
     assert device.num_taken == device.num_ended
     assert (measured.facts, runner.jobs) == (FACTS, {})
+
+
+def test_the_background_makes_up_for_no_more_than_a_second_and_owes_nothing_once_nobody_waits() -> None:
+    device = Device()
+    clips, sessions = device.lease(), device.lease()
+    sessions.num_waited_for = 1
+    with clips:
+        clips.note_call(30.0, 1.0)  # it stood still
+    for _ in range(60):
+        with sessions:
+            sessions.note_call(0.1, 0.0)
+    with clips:
+        assert clips.spare_s > 0.0
+        clips.note_call(30.0, 1.0)
+    sessions.num_waited_for = 0
+    with clips:
+        clips.note_call(0.1, 1.0)
+    sessions.num_waited_for = 1
+    with sessions:
+        sessions.note_call(0.1, 0.0)
+    with clips:
+        assert clips.spare_s > 0.0

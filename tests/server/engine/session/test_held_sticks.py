@@ -112,3 +112,21 @@ def test_a_stick_that_speaks_faster_than_windows_land_is_held_all_the_same(hz: f
     begun = num_edit_plans(viewer)
     steer(stage, viewer, 4.0, hold_frames=60, hz=hz)
     assert num_edit_plans(viewer) - begun <= 4
+
+
+@pytest.mark.parametrize("slow_s", [0.01, 0.05, 0.1])
+def test_a_word_holds_for_as_long_as_it_says_though_it_comes_just_before_the_window_of_another_lands(
+    slow_s: float,
+) -> None:
+    stage, viewer = playing()
+    state = stage.engine.sessions[viewer.key]
+    stage.set_velocity(viewer, *HELD, hold_frames=10)
+    stage.run_until(lambda: state.running is not None and state.running.steps_done == 2)
+    stage.runner.step_s = lambda rows: slow_s  # so that frames pass between where it begins and what can still change
+    stage.run_until(lambda: state.running is not None and state.running.steps_done == 3)
+    floor = state.replaceable_from(stage.clock.now(), state.delivery.commit_s)
+    stage.set_velocity(viewer, *HELD, hold_frames=10)
+    stage.runner.step_s = lambda rows: 0.01
+    stage.run_until(lambda: state.running is None and not state.edits.waiting)
+    assert state.conditions.velocity is not None
+    assert state.conditions.velocity.end_if_from(0) >= floor + 10

@@ -216,3 +216,12 @@ def test_who_was_lost_is_put_right_by_the_other_engine() -> None:
     assert held.correction == Correction.FRESH_START
     other, _ = go_on(held, viewer)
     assert other.runner.prepared[0].cause is PlanCause.FALLBACK
+
+
+def test_a_snapshot_with_what_this_engine_does_not_know_is_refused() -> None:
+    stage = Stage(SAVING)
+    viewer = stage.open(prompts=(prompt(1),))
+    stage.run(3.0)
+    _, outputs = go_on(replace(snapshots(stage)[-1], correction=7), viewer)
+    (refused,) = (output for output in outputs if isinstance(output, Outcome))
+    assert refused.reason == "SNAPSHOT_UNUSABLE"

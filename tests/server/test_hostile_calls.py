@@ -15,7 +15,7 @@ from google.rpc import error_details_pb2
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_status import rpc_status
 
-from motiongen.v1 import service_pb2, service_pb2_grpc
+from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_compliance.talk import Talk
 from motiongen_server.rpc import stream_writer
 from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
@@ -135,8 +135,9 @@ async def test_answers_that_are_not_let_through_hold_so_many_places_and_leave_ot
                 await stub.GetCatalog(asked)  # type: ignore[misc]
 
 
+@pytest.mark.parametrize("events", [0, 20_000], ids=["a hello", "more than it can pay for behind it"])
 async def test_a_stream_whose_first_answer_is_not_let_through_keeps_its_place_until_its_client_goes(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    events: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(stream_writer, "LAST_WRITE_S", 0.0)
     limits = ServiceLimits(stuck_timeout_s=0.05, peer=PeerLimits(streams=2))
@@ -148,6 +149,9 @@ async def test_a_stream_whose_first_answer_is_not_let_through_keeps_its_place_un
     ):
         call = narrow.stream_stream(f"{MOTION}StreamMotion")()
         await call.write(service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello()).SerializeToString())
+        if events:
+            asked = service_pb2.StreamMotionRequest(events=[session_pb2.SessionEvent()] * events)
+            await call.write(asked.SerializeToString())
         await until_true(lambda: any(stream.refusal is not None for stream in server.service._streams.values()))
         stub = service_pb2_grpc.MotionServiceStub(other)
         talk = await Talk(stub, await stub.GetCatalog(service_pb2.GetCatalogRequest())).hello()  # type: ignore[misc]

@@ -55,10 +55,14 @@ def test_one_that_takes_long_is_waited_for_and_shows_what_it_does(
     line: str, pretend: Callable[[str], None], tmp_path: Path
 ) -> None:
     """It becomes ready only once its log has been told, however long that takes."""
-    os.mkfifo(tmp_path / "go")
+    for name in (
+        "go",
+        "end",
+    ):  # one of its own for each: who opens one again may meet the end of what was written before
+        os.mkfifo(tmp_path / name)
     ports = json.dumps({"grpc_port": 1, "ops_port": 2})
-    go_on = f"read _ < {tmp_path}/go"
-    pretend(f"trap 'exit 0' TERM; printf '{line}' >&2; {go_on}; echo '{ports}'; {go_on}; exit 0")
+    waits = [f"read _ < {tmp_path}/{name}" for name in ("go", "end")]
+    pretend(f"trap 'exit 0' TERM; printf '{line}' >&2; {waits[0]}; echo '{ports}'; {waits[1]}; exit 0")
     told: list[str] = []
 
     def go(line: str) -> None:
@@ -68,7 +72,7 @@ def test_one_that_takes_long_is_waited_for_and_shows_what_it_does(
 
     with ServerProcess(tell=go) as server:
         assert server.address == "127.0.0.1:1"
-        (tmp_path / "go").write_text("\n")
+        (tmp_path / "end").write_text("\n")
     assert told[-1] == "fetching 15 GiB"
 
 

@@ -55,10 +55,7 @@ def test_one_that_takes_long_is_waited_for_and_shows_what_it_does(
     line: str, pretend: Callable[[str], None], tmp_path: Path
 ) -> None:
     """It becomes ready only once its log has been told, however long that takes."""
-    for name in (
-        "go",
-        "end",
-    ):  # one of its own for each: who opens one again may meet the end of what was written before
+    for name in ("go", "end"):  # two, since who opens one again may meet the end of what was written before
         os.mkfifo(tmp_path / name)
     ports = json.dumps({"grpc_port": 1, "ops_port": 2})
     waits = [f"read _ < {tmp_path}/{name}" for name in ("go", "end")]

@@ -57,14 +57,19 @@ class HeldRequests:
         self._bytes[holder] = num_bytes
         self.num_bytes += num_bytes
         try:
-            while self.num_bytes > most and (debtor := self._debtor()) is not None:
-                self._release(debtor)
-                debtor.refuse(too_much_unpaid(most, kind))
+            self.bound(most, kind)
             if holder.refusal is not None:
                 raise Ended
             yield
         finally:
             self._release(holder)
+
+    def bound(self, most: int, kind: str) -> None:
+        """End the streams that owe most, as far as all take more than `most`. Messages that came at one moment owe only
+        once they are counted, so this is asked at their turns, too."""
+        while self.num_bytes > most and (debtor := self._debtor()) is not None:
+            self._release(debtor)
+            debtor.refuse(too_much_unpaid(most, kind))
 
     def _debtor(self) -> Holder | None:
         """Who owes most, if anybody does; one alone may have a message as long as messages may be."""

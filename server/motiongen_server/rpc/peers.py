@@ -158,6 +158,10 @@ class Peer:
         """A message of one of its streams is held for a block; see `HeldRequests.holding`. Raises Ended."""
         return self.held.holding(stream, num_bytes, self.limits.held_bytes, self.kind)
 
+    def bound_held(self) -> None:
+        """See `HeldRequests.bound`."""
+        self.held.bound(self.limits.held_bytes, self.kind)
+
     def begin_clip(self, num_samples: int) -> None:
         """Note samples that are about to be made. Raises EventRefused where it has as many as it may."""
         if self._clip_samples + num_samples > self.limits.clip_samples:

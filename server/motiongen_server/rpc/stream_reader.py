@@ -107,6 +107,7 @@ class StreamReader:
     @staticmethod
     async def _turn(stream: Stream) -> None:
         """Raises Ended once the stream is: what is left of its message is let go at once."""
+        stream.peer.bound_held()
         await stream.turn()
         if stream.refusal is not None:
             raise Ended

@@ -91,9 +91,15 @@ def too_much_unpaid(most: int, kind: str) -> StreamRefused:
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MUCH_UNPAID", message, retry_after_s=5.0)
 
 
-def stream_failed(number: int, error: Exception) -> StreamRefused:
-    """Of a fault of the server's own, which is logged beside the number that the client is told."""
+def failed_inside(what: str, told: str, error: Exception) -> StreamRefused:
+    """Of a fault of the server's own, which is logged beside the number that the client is told.
+
+    what: failed, for the log; told: what the client is told of it.
+    """
     error_id = secrets.token_hex(4)
-    _log.error("stream %d failed, error id %s", number, error_id, exc_info=error)
-    message = f"the stream failed inside the server, error id {error_id}"
-    return StreamRefused(grpc.StatusCode.INTERNAL, "INTERNAL", message)
+    _log.error("%s, error id %s", what, error_id, exc_info=error)
+    return StreamRefused(grpc.StatusCode.INTERNAL, "INTERNAL", f"{told}, error id {error_id}")
+
+
+def stream_failed(number: int, error: Exception) -> StreamRefused:
+    return failed_inside(f"stream {number} failed", "the stream failed inside the server", error)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
-import secrets
 import time
 from collections.abc import Iterator, Sequence
 
@@ -26,10 +24,8 @@ from motiongen_server.rpc.encoding import encoded
 from motiongen_server.rpc.event_errors import too_many_clips
 from motiongen_server.rpc.limits import ServiceLimits
 from motiongen_server.rpc.peers import Peer
-from motiongen_server.rpc.stream_errors import CLIENT_GONE
+from motiongen_server.rpc.stream_errors import CLIENT_GONE, failed_inside
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
-
-_log = logging.getLogger(__name__)
 
 
 class ClipService:
@@ -99,10 +95,8 @@ class ClipService:
             pass  # there is nobody to be told anything
         except Exception as error:
             code = "INTERNAL"
-            error_id = secrets.token_hex(4)
-            _log.error("a clip failed, error id %s", error_id, exc_info=error)
-            message = f"the clip failed inside the server, error id {error_id}"
-            await context.abort_with_status(StreamRefused(grpc.StatusCode.INTERNAL, "INTERNAL", message).status())
+            failure = failed_inside("a clip failed", "the clip failed inside the server", error)
+            await context.abort_with_status(failure.status())
         finally:
             # Of one that is refused for its number, no more than may be: else one call outweighs all there ever were.
             num_samples = min(request.sample_count or 1, self._models.limits.max_clip_samples)

@@ -1,4 +1,4 @@
-"""A fake server for each test that asks, a clock that the test moves, and motions made by formula."""
+"""One fake server or two for each test that asks, a clock that the test moves, and motions made by formula."""
 
 from __future__ import annotations
 
@@ -14,7 +14,14 @@ from tests.client.synthetic import rig, synthetic_rows
 
 @pytest.fixture
 def server() -> Iterator[FakeServer]:
-    with FakeServer() as running:
+    with FakeServer(replica_id="first") as running:
+        yield running
+
+
+@pytest.fixture
+def other() -> Iterator[FakeServer]:
+    """A second server."""
+    with FakeServer(replica_id="other") as running:
         yield running
 
 

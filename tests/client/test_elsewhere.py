@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
 
 import grpc
 import pytest
@@ -13,18 +12,6 @@ from motiongen_client import EventRefused, MotionClient, OtherServer
 from motiongen_client.channel import ChannelSettings, Route
 from tests.client.fake_server import FakeServer, full
 from tests.client.waiting import received, until
-
-
-@pytest.fixture
-def server() -> Iterator[FakeServer]:
-    with FakeServer(replica_id="first") as running:
-        yield running
-
-
-@pytest.fixture
-def other() -> Iterator[FakeServer]:
-    with FakeServer(replica_id="other") as running:
-        yield running
 
 
 async def test_a_session_is_opened_on_the_server_that_is_named(server: FakeServer, other: FakeServer) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator
 
 import grpc
 import pytest
@@ -15,18 +15,6 @@ from motiongen_client import EventRefused, LinePolicy, MotionClient
 from tests.client.conftest import ManualClock
 from tests.client.fake_server import FakeServer, full
 from tests.client.waiting import until
-
-
-@pytest.fixture
-def server() -> Iterator[FakeServer]:
-    with FakeServer(replica_id="first") as running:
-        yield running
-
-
-@pytest.fixture
-def other() -> Iterator[FakeServer]:
-    with FakeServer(replica_id="other") as running:
-        yield running
 
 
 @pytest.fixture

@@ -95,7 +95,7 @@ ROOMS = (
         f"{SERVER}/text/encoder",
         f"{GRPC} google motiongen motiongen_ardy.text numpy prometheus_client torch"
         " ~.text ~.ops ~.errors ~.addresses ~.config ~.settings ~.background ~.engine.types ~.rpc.token_bucket"
-        " ~.identity ~.protection ~.rpc.admission ~.rpc.call_context ~.rpc.health ~.rpc.limits ~.rpc.peers"
+        " ~.identity ~.protection ~.rpc.call_admission ~.rpc.call_context ~.rpc.health ~.rpc.limits ~.rpc.peers"
         " ~.rpc.requests ~.transport",
     ),
     room(f"{SERVER}/models/loader.py", "motiongen_ardy.text ~"),

@@ -18,7 +18,7 @@ from motiongen_server.identity.caller import Caller
 from motiongen_server.identity.callers import Callers
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.replicas.other_servers import OtherServers
-from motiongen_server.rpc.admission import Admission
+from motiongen_server.rpc.call_admission import CallAdmission
 from motiongen_server.rpc.call_context import CallContext
 from motiongen_server.rpc.clip import ClipService, clip_request
 from motiongen_server.rpc.durability import Durability
@@ -65,7 +65,7 @@ class MotionService:
         self._models = models
         self._callers = callers or Callers()
         self._limits = limits or ServiceLimits()
-        self._admission = Admission(self._callers, self._limits.peer, self._limits.max_clip_calls + OTHER_CALLS)
+        self._admission = CallAdmission(self._callers, self._limits.peer, self._limits.max_clip_calls + OTHER_CALLS)
         self._flush_s = flush_s
         self._stream_metrics = stream_metrics
         self._record_window = record_window

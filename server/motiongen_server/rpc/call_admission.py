@@ -1,4 +1,4 @@
-"""Admission: who calls, found out and charged before anything that is sent is looked at."""
+"""CallAdmission: who calls, found out and charged before anything that is sent is looked at."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from motiongen_server.rpc.peers import Peer, Peers
 Context: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
 
 
-class Admission:
+class CallAdmission:
     """Of the calls of a service. Lives on one event loop."""
 
     def __init__(self, callers: Callers, limits: PeerLimits | None, most_calls: int, role: Role = Role.MOTION) -> None:

@@ -108,7 +108,7 @@ class RunningWindows:
         self._owners[job.job_id] = state
         self._executor.add(job)
         if job.cause is not PlanCause.CONTINUE and not job.background:
-            self._replans[job.job_id] = replan = job.priority, job.num_steps / state.spec.denoise_steps
+            self._replans[job.job_id] = replan = job.priority, _share_beside_playing(state, job)
             self._begun_replans.append(replan)
 
     def _begin_elsewhere(self, job_id: int, left_s: float) -> WindowJob | None:
@@ -168,6 +168,12 @@ class RunningWindows:
             priority, share = self._replans.pop(job_id)
             self._begun_replans.append((priority, -share))
         self._executor.discard(job_id)
+
+
+def _share_beside_playing(state: SessionState, job: WindowJob) -> float:
+    """Of a whole window's steps, what a replan costs beside playing on: its own, less those of the frames it adds."""
+    added = job.first_frame + state.facts.horizon - state.planned_to
+    return job.num_steps / state.spec.denoise_steps - added / state.facts.horizon
 
 
 def _shows_load(job: WindowJob) -> bool:

@@ -11,7 +11,7 @@ def _seen(replans: int, sessions: int, seconds: float = 60.0) -> WindowRates:
     rates = WindowRates(0.5)
     for _ in range(round(seconds / 0.25)):
         for _ in range(replans):
-            rates.note_replan(Priority.HERO)
+            rates.note_extra(Priority.HERO)
         rates.update(0.25, {Priority.HERO: sessions})
     return rates
 
@@ -37,7 +37,7 @@ def test_many_who_have_just_come_do_not_pass_for_ones_that_ask_for_little() -> N
     for second in range(1, 4):
         rates.update(1.0, {Priority.CROWD: 30 * second})
         for _ in range(6 * second):  # each is edited every five seconds from the start
-            rates.note_replan(Priority.CROWD)
+            rates.note_extra(Priority.CROWD)
     rates.update(0.25, {Priority.CROWD: 90})
     assert rates[Priority.CROWD] == pytest.approx(0.7, rel=0.1)
 

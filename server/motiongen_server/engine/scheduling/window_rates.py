@@ -8,9 +8,9 @@ from motiongen_server.engine.types import Priority
 
 # What was seen counts half as much after so long.
 _HALF_LIFE_S = 10.0
-# Until more was seen, a session is taken for one that asks for so many replans a second. That counts as much as having
-# watched one session for so long.
-EXPECTED_HZ = {Priority.HERO: 1.0, Priority.NEAR: 0.3, Priority.CROWD: 0.2, Priority.BATCH: 0.1}
+# Until more was seen, a session is taken for one that asks for so many windows a second beside playing: half of what it
+# is edited, since plans are half played by then. That counts as much as having watched one session for so long.
+EXPECTED_HZ = {Priority.HERO: 0.5, Priority.NEAR: 0.15, Priority.CROWD: 0.1, Priority.BATCH: 0.05}
 _EXPECTED_S = 20.0
 
 

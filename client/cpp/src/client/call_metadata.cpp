@@ -43,12 +43,15 @@ Status no_token(Code code, const std::string& why) {
 
 Status check_metadata(const std::map<std::string, std::string>& metadata) {
   for (const auto& [key, text] : metadata) {
-    const std::string given = "the key \"" + key + "\"";
+    std::string given = "the key \"" + key + "\"";
     if (key.empty() || key.find_first_not_of(kKeyCharacters) != std::string::npos) {
       return invalid("metadata", given, "keys of lower-case letters, digits, _, . and -");
     }
     const std::string owner = owner_of(key);
-    if (!owner.empty()) return invalid("metadata", given + ", " + owner + ",", "any key of your own");
+    if (!owner.empty()) {
+      given.append(", ").append(owner).append(",");
+      return invalid("metadata", given, "any key of your own");
+    }
     if (!is_text(text)) {  // which may be secret
       return invalid("metadata", "a text of " + std::to_string(text.size()) + " bytes for " + key,
                      "1 or more characters of printable ASCII (0x20 to 0x7e)");

@@ -38,6 +38,13 @@ ATTACKS = (
     Attack("pings", "pings", 2),
     Attack("opens that must fail, with new prompts (built-in model)", "failing_opens", 2, built_in=True),
     Attack("16 new prompts an edit (built-in model)", "new_prompts", 2, built_in=True),
+    Attack(
+        "new prompts on 320 streams and in 32 clips of each of two addresses, at an encoder that takes 0.1 s",
+        "prompts_over_streams",
+        2,
+        settings=("--peer-calls-per-second", "5000"),  # else it would take them three seconds to begin
+        slow_encoder=True,
+    ),
     Attack("playheads that lie", "liars", 2),
     Attack("playheads that lie (built-in model)", "liars", 1, built_in=True),
     Attack("3,000 streams without hello", "silent_streams", 1),

@@ -21,7 +21,7 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from tests.attack.neighbours import TIER_FULL, Noticed, neighbours
 from tests.attack.newcomers import Newcomers, newcomers
-from tests.attack.server import BUILT_IN, NULL, Attacked, attacked
+from tests.attack.server import BUILT_IN, NULL, SLOW_ENCODER, Attacked, attacked
 from tests.conftest import ROOT
 
 WARM_S = 1.0
@@ -38,6 +38,7 @@ class Attack:
     its log. at_ops: on the port of operations. after: a kind of welcome clients who come and go first, so that memory
     is not counted that an engine takes whoever fills its batches. to_the_end: the clients go on while the server is
     asked to end. takes_places: they have sessions, as many as they get, so that newcomers may find no room.
+    slow_encoder: of texts; each edit of the neighbours has a new one.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Attack:
     after: str = ""
     to_the_end: bool = False
     takes_places: bool = False
+    slow_encoder: bool = False
 
 
 @dataclass(frozen=True)
@@ -137,7 +139,7 @@ async def suffer(
     attack: Attack, server: Attacked, seconds: float
 ) -> tuple[Noticed, Newcomers, float, float, float, float]:
     """Let the attack go on for so long. Returns what was noticed, who came, memory grown and left, health, CPU."""
-    async with neighbours(server.address) as good, newcomers(server.address) as coming:
+    async with neighbours(server.address, new_prompts=attack.slow_encoder) as good, newcomers(server.address) as coming:
         await asyncio.sleep(WARM_S)
         if attack.after:
             with hostile(replace(attack, kind=attack.after), server):
@@ -163,7 +165,7 @@ async def suffer(
 
 async def run(attack: Attack, seconds: float, log: Path) -> Result:
     """A fresh server, attacked."""
-    module = BUILT_IN if attack.built_in else NULL
+    module = BUILT_IN if attack.built_in else SLOW_ENCODER if attack.slow_encoder else NULL
     with ExitStack() as still_there, attacked(log, attack.settings, attack.most_files, module) as server:
         noticed, coming, grown, left, health, share = await suffer(attack, server, seconds)
         if attack.to_the_end:

@@ -31,6 +31,7 @@ from tests.attack.hostile_load import (
 from tests.attack.hostile_memory import first_messages, unconfirmed_edits
 from tests.attack.hostile_sockets import connections, garbage, idle_connections, unread_metrics
 from tests.attack.mutation import mutations
+from tests.attack.prompts_over_streams import prompts_over_streams
 
 
 async def empty_events(address: str) -> None:
@@ -225,6 +226,7 @@ KINDS: dict[str, Kind] = {
         long_names, idle_connections, unread_metrics, mutations, byte_a_second, burst_streams, crowds, watches,
         edits_behind_prompts, health_checks, long_paths, reflections, welcome_crowds, many_rotations, refused_rotations,
         unconfirmed_edits, first_messages, half_open_calls, unread_calls,
+        prompts_over_streams,
     )
 }  # fmt: skip
 ELSEWHERE = {connections, idle_connections, unread_metrics, welcome_crowds}

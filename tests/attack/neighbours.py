@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import time
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
@@ -69,8 +70,12 @@ class Noticed:
 class Neighbour(GoodStream):
     """A stream with sessions that play."""
 
-    def __init__(self, stub: service_pb2_grpc.MotionServiceStub, num_sessions: int) -> None:
+    def __init__(
+        self, stub: service_pb2_grpc.MotionServiceStub, num_sessions: int, new_prompt: Callable[[], str] | None = None
+    ) -> None:
+        """new_prompt: of each edit; without it there are two."""
         super().__init__(stub)
+        self._new_prompt = new_prompt
         self.sessions = [Playing(handle) for handle in range(num_sessions)]
         self.edits_ms: list[float] = []
         self.pings_ms: list[float] = []
@@ -148,7 +153,10 @@ class Neighbour(GoodStream):
             if session.closed:
                 continue
             session.seq += 1
-            span = motion_pb2.PromptSpan(prompt_id=1, text="a person walks forward" if number % 2 else "a person waves")
+            text = "a person walks forward" if number % 2 else "a person waves"
+            if self._new_prompt is not None:
+                text = self._new_prompt()
+            span = motion_pb2.PromptSpan(prompt_id=1, text=text)
             edit = session_pb2.EditPrompts(upsert=[span])
             session.edits[session.seq] = time.perf_counter()
             event = session_pb2.SessionEvent(session=session.handle, event_seq=session.seq, edit_prompts=edit)
@@ -226,12 +234,16 @@ class Neighbours:
 
 
 @asynccontextmanager
-async def neighbours(address: str, streams: int = 3, sessions: int = 4) -> AsyncIterator[Neighbours]:
-    """Streams that play, over a connection each."""
+async def neighbours(
+    address: str, streams: int = 3, sessions: int = 4, new_prompts: bool = False
+) -> AsyncIterator[Neighbours]:
+    """Streams that play, over a connection each. new_prompts: each edit has one that nobody has asked for before."""
+    numbers = itertools.count()
+    new_prompt = (lambda: f"a person waves {next(numbers)} times") if new_prompts else None
     channels = [
         grpc.aio.insecure_channel(address, options=(("grpc.use_local_subchannel_pool", 1),)) for _ in range(streams)
     ]
-    playing = [Neighbour(service_pb2_grpc.MotionServiceStub(channel), sessions) for channel in channels]
+    playing = [Neighbour(service_pb2_grpc.MotionServiceStub(channel), sessions, new_prompt) for channel in channels]
     try:
         await asyncio.gather(*(each.begin() for each in playing))
         yield Neighbours(playing)

@@ -17,6 +17,7 @@ import psutil
 from tests.conftest import ROOT
 
 NULL = ("tests.bench.null_server",)
+SLOW_ENCODER = ("tests.attack.slow_encoder_server",)
 BUILT_IN = ("motiongen_server", "--print-ports")
 ORDINARY = (
     "--port", "0", "--ops-port", "0", "--log-level", "WARNING", "--drain-wait-s", "0", "--drain-grace-s", "0.5",

@@ -11,12 +11,12 @@ import asyncio
 import json
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from motiongen_ardy.text import Vectors
-from motiongen_server.app import Application
+from motiongen_server.app import Application, MakeEngines
 from motiongen_server.config import ServerConfig, parse_config
 from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import ModelFacts
@@ -45,20 +45,23 @@ class FirstNumbers:
         return np.ascontiguousarray(self._remote.encode(texts)[:, : self._width])
 
 
-def start_null_engines(config: ServerConfig, deliver: Deliver, metrics: Metrics) -> EnginePool:
+def start_null_engines(
+    config: ServerConfig, deliver: Deliver, metrics: Metrics, own_encoder: Callable[[], TextEncoder] = NullEncoder
+) -> EnginePool:
+    """own_encoder: makes the one of this process."""
     pool = start_engine_processes(config, deliver, metrics, (sys.executable, "-m", "tests.bench.null_engine"))
 
     def load_text(facts: ModelFacts) -> TextEncoder:
         kind, _, address = config.text_encoder.partition(":")
-        return FirstNumbers(address, facts.embedding_dim) if kind == "grpc" else NullEncoder()
+        return FirstNumbers(address, facts.embedding_dim) if kind == "grpc" else own_encoder()
 
     pool.load_text = load_text  # type: ignore[method-assign]
     return pool
 
 
-async def serve(config: ServerConfig) -> int:
+async def serve(config: ServerConfig, start: MakeEngines = start_null_engines) -> int:
     """Until SIGTERM. Returns the exit code."""
-    application = Application(config, start_null_engines)
+    application = Application(config, start)
     stop_on_signals(application)
     await application.start()
     threads = {thread.name: thread.native_id for thread in threading.enumerate()}
@@ -71,8 +74,13 @@ async def serve(config: ServerConfig) -> int:
         return await application.drain()
 
 
-if __name__ == "__main__":
+def main(start: MakeEngines = start_null_engines) -> None:
+    """Serve by the settings of the command line, and end the process."""
     keep_freed_memory()
     config = parse_config(sys.argv[1:])
     configure_logs(config.log_level, config.log_format)
-    leave(asyncio.run(serve(config)))
+    leave(asyncio.run(serve(config, start)))
+
+
+if __name__ == "__main__":
+    main()

@@ -209,14 +209,16 @@ class Direction(Cuts):
 
     def pause(self) -> Edit:
         """Stop the playhead: the last frame stays, and the server computes no more than the look-ahead."""
-        self.playback.pause()
-        return self._send_play_state("the pause", session_pb2.PLAY_STATE_PAUSED)
+        sent = self._send_play_state("the pause", session_pb2.PLAY_STATE_PAUSED)
+        self.playback.pause()  # not before: one that is over plays what is left
+        return sent
 
     def resume(self) -> Edit:
         """Let the playhead go on after `pause`."""
+        sent = self._send_play_state("the end of the pause", session_pb2.PLAY_STATE_PLAYING)
         self.playback.resume()
         self._changed.set()
-        return self._send_play_state("the end of the pause", session_pb2.PLAY_STATE_PLAYING)
+        return sent
 
     def _edit_constraints(
         self, what: str, constraints: Iterable[Constraint], *, remove: tuple[int, ...] = (), clear: bool = False

@@ -129,12 +129,13 @@ class Session(Conversation):
         realtime: a frame comes when its time has come, and the last pose is held (nothing comes, `stats.underruns`
         rises) while the server is late. Otherwise frames come as fast as they are generated and taken.
         One that is left early, or has come to its end, is gone on from by the next, without a gap.
-        Raises SessionEnded when the server ends the session, StreamLost when the stream breaks.
+        Raises SessionEnded when the server ends the session, StreamLost when the stream breaks: after the frames that
+        are held, or at once where the session is paused, and no time will come for those.
         """
         num_left = None if seconds is None else self.rig.frames_in(seconds)
         while num_left is None or num_left > 0:
             self._changed.clear()
-            if self._is_over():
+            if self._is_over(realtime):
                 return
             if not self._untold:
                 self._untold = self._advance() if realtime else self._step()
@@ -152,9 +153,10 @@ class Session(Conversation):
     def poll(self) -> Frame | None:
         """Move the playhead to the present and return the frame to show now; None before the first one came.
 
-        For a loop that draws at its own pace. Raises SessionEnded or StreamLost once no frame is left to show.
+        For a loop that draws at its own pace. Raises SessionEnded or StreamLost once no frame is left to show, or at
+        once where the session is paused.
         """
-        if not self._is_over():
+        if not self._is_over(True):
             self._advance()
             self._untold = range(0)
         if not self.playback.started:
@@ -165,7 +167,8 @@ class Session(Conversation):
         """As `poll`, with how long the same frame will be shown: for threads that do not want to ask each time."""
         count = self._changed.count
         frame = self.poll()
-        is_moving = self.playback.is_playing and self._end is None
+        is_closed = self._end is not None and self._end.reason == "client"  # else what is left is shown, and it raises
+        is_moving = self.playback.is_playing and not is_closed
         until_s = self.playback.next_due_s() if is_moving else math.inf
         return Glance(frame, count, until_s if frame is not None else None)
 
@@ -220,14 +223,15 @@ class Session(Conversation):
             self._carrier.report_soon()  # nothing left to take: more credit at once
         return reached
 
-    def _is_over(self) -> bool:
-        """Whether the session was closed by its user. Raises when it is over otherwise and no frame is left."""
+    def _is_over(self, realtime: bool) -> bool:
+        """Whether the session was closed by its user. Raises when it is over otherwise and no frame is left to come."""
         if self._end is not None and self._end.reason == "client":
             return True
         if self._failure is None:
             return False
-        nothing_left = not self._untold and self.playback.playhead >= self.playback.buffered_to - 1
-        if nothing_left:
+        playback = self.playback
+        stands = realtime and not playback.is_playing  # for ever: nothing lets it go on
+        if not self._untold and (stands or playback.playhead >= playback.buffered_to - 1):
             raise self._failure
         return False
 
@@ -235,7 +239,8 @@ class Session(Conversation):
         """Until the next frame is due, or for something to arrive where it is overdue or no clock runs."""
         due_s = self.playback.next_due_s() if realtime else None
         if due_s is None:
-            await self._changed.wait()
+            if self._failure is None:  # else nothing arrives any more
+                await self._changed.wait()
             return
         wait_s = due_s - self._clock()
         if wait_s > 0 or self.playback.buffered_to > self.playback.playhead + 1:

@@ -1,4 +1,4 @@
-"""A prompt's turn at the encoder, among those of its stream and of its peer."""
+"""A prompt's way to the encoder: paid for, and in turn with those of its peer and of others."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import time
 from motiongen_server.engine.types import Float32Array
 from motiongen_server.rpc.token_bucket import Share, TokenBucket
 from motiongen_server.text.prompts import PromptEncoder
+from motiongen_server.text.turns import Asker
 
 
-async def encoded(prompts: PromptEncoder, text: str, number: int, budget: Share | TokenBucket) -> Float32Array:
+async def encoded(prompts: PromptEncoder, text: str, asker: Asker, budget: Share | TokenBucket) -> Float32Array:
     """A text's embedding (E,). One that is not known waits until that is paid for.
 
-    number: of the stream or call that asks, each of which has a queue of its own. budget: what it is charged to. Raises
-    EventRefused.
+    asker: the stream or call, and its peer. budget: what it is charged to. Raises EventRefused.
     """
     embedding = prompts.cached(text)
     if embedding is not None:
@@ -22,4 +22,4 @@ async def encoded(prompts: PromptEncoder, text: str, number: int, budget: Share 
     now = time.monotonic()
     budget.charge(1.0, now)
     await asyncio.sleep(budget.owed_s(now))  # whoever comes later owes more, and waits longer
-    return await prompts.encode(text, number)
+    return await prompts.encode(text, asker)

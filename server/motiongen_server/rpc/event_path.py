@@ -20,6 +20,7 @@ from motiongen_server.rpc.convert import UNENCODED, coding_of, engine_event, pro
 from motiongen_server.rpc.encoding import encoded
 from motiongen_server.rpc.event_errors import internal
 from motiongen_server.rpc.session_entry import SessionEntry
+from motiongen_server.text.turns import Asker
 
 _log = logging.getLogger(__name__)
 
@@ -113,6 +114,7 @@ def _known_embeddings(model: LoadedModel, texts: Sequence[str]) -> Embeddings | 
 
 
 async def _encode_waiting(entry: SessionEntry) -> None:
+    asker = Asker(entry.place.peer.name, entry.key.stream)
     try:
         while entry.waiting:
             # It stays while it is encoded, so that `refuse_waiting` finds it.
@@ -121,7 +123,7 @@ async def _encode_waiting(entry: SessionEntry) -> None:
             failure: Exception | None = None
             try:
                 for text in () if entry.closing else texts:
-                    embeddings[text] = await encoded(entry.model.prompts, text, entry.key.stream, entry.place.prompts)
+                    embeddings[text] = await encoded(entry.model.prompts, text, asker, entry.place.prompts)
             except Exception as error:
                 failure = error
             if not entry.waiting or entry.waiting[0][0] is not event:

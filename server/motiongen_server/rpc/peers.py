@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections import Counter
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -26,7 +25,6 @@ CLASS_QUOTAS = {
     Priority.BATCH: "batches",
 }
 """The field of `PeerLimits` that says how many sessions of a class there may be."""
-_NUMBERS = itertools.count(1)
 _Held = tuple[Priority, float]
 _Asked = tuple[Priority | None, float | None]
 MOST_IDLE = 1024
@@ -34,11 +32,10 @@ MOST_IDLE = 1024
 
 
 class Peer:
-    """One address, or one tenant. tenant: its name, "" for an address. name, number: no other peer's."""
+    """One address, or one tenant. tenant: its name, "" for an address. name: no other peer's."""
 
     def __init__(self, limits: PeerLimits, now: float, tenant: str = "", name: str = "") -> None:
         self.tenant = tenant
-        self.number = next(_NUMBERS)
         self.name = name
         self.num_streams = 0
         self._sessions: Counter[Priority] = Counter()

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from motiongen_server.errors import EventRefused
 from motiongen_server.text.event_errors import encoder_away, encoder_busy, encoder_slow
-from motiongen_server.text.turns import PlaceLost, Turns
+from motiongen_server.text.turns import Asker, Place, PlaceLost, Turns
 
 _log = logging.getLogger(__name__)
 
@@ -23,6 +23,8 @@ Embedding = NDArray[np.float32]
 
 ENCODING_THREADS = 4
 """For encoders elsewhere, which can take several at once; one in this process takes its turns itself."""
+NOBODY = Asker()
+"""Who asks on nobody's behalf."""
 QUIET_S = 10.0
 """A failing encoder is mentioned in the log so often."""
 
@@ -77,8 +79,9 @@ class PromptEncoder:
     ) -> None:
         """observe: told the seconds that each encoding took. timeout_s: longest that one who asks waits.
 
-        max_waiting: texts that may be under way at once; one more is refused. count: told where each text that was not
-        in memory came from ("store", "encoder"), or the reason for which it did not come.
+        max_waiting: texts that may be at the encoder or wait for it; one more is refused, or the newest of the peer
+        that has most. count: told where each text that was not in memory came from ("store", "encoder"), or the reason
+        for which it did not come.
         """
         self._count = count or (lambda what: None)
         self._encoder = encoder
@@ -88,8 +91,8 @@ class PromptEncoder:
         self._timeout_s = timeout_s
         self._max_waiting = max_waiting
         self._cache: OrderedDict[str, Embedding] = OrderedDict()
-        self._running: dict[str, asyncio.Task[Embedding]] = {}
-        self._turns = Turns(ENCODING_THREADS)
+        self._running: dict[str, tuple[asyncio.Task[Embedding], Place]] = {}
+        self._turns = Turns(ENCODING_THREADS, max_waiting)
         self._workers = ThreadPoolExecutor(ENCODING_THREADS, thread_name_prefix="prompts")
         # Its own, so that what is on the disk does not wait behind what has to be encoded.
         self._manager = ThreadPoolExecutor(1, thread_name_prefix="prompt-store")
@@ -118,22 +121,24 @@ class PromptEncoder:
         while len(self._cache) > self._cache_size:
             self._cache.popitem(last=False)
 
-    async def encode(self, text: str, owner: int = 0) -> Embedding:
+    async def encode(self, text: str, asker: Asker = NOBODY) -> Embedding:
         """The embedding (E,). Whoever asks for a text that is being encoded waits for the same result.
 
-        owner: who asks, by number: owners take turns, and where all places are taken, who has most gives up one.
-        Raises EventRefused when the encoder is slow (the text is still encoded, for the next who asks), busy or away.
+        asker: peers take turns, and who asks within them; where all places are taken, the peer that has most gives up
+        one. Raises EventRefused when the encoder is slow (the text is still encoded, for the next who asks), busy or
+        away.
         """
         embedding = self.cached(text)
         if embedding is not None:
             return embedding
-        task = self._running.get(text)
-        if task is None:
-            if len(self._running) >= self._max_waiting and not self._turns.make_room(owner):
-                raise self._refused(encoder_busy(self._max_waiting))
-            task = asyncio.get_running_loop().create_task(self._encode(text, owner))
+        if text in self._running:
+            task, place = self._running[text]
+            self._turns.join(place, asker)
+        else:
+            place = Place(asker)
+            task = asyncio.get_running_loop().create_task(self._encode(text, place))
             task.add_done_callback(_retrieve)
-            self._running[text] = task
+            self._running[text] = task, place
         try:
             # Shielded: a session that closes while it waits must not take the result from the others.
             return await asyncio.wait_for(asyncio.shield(task), self._timeout_s)
@@ -141,11 +146,11 @@ class PromptEncoder:
             self._complain("the text encoder has not answered within %g s", self._timeout_s)
             raise self._refused(encoder_slow(self._timeout_s)) from None
 
-    async def _encode(self, text: str, owner: int) -> Embedding:
+    async def _encode(self, text: str, place: Place) -> Embedding:
         loop = asyncio.get_running_loop()
         try:
             kept = None if self._store is None else await loop.run_in_executor(self._manager, self._store.get, text)
-            embedding = await self._ask(text, owner) if kept is None else kept
+            embedding = await self._ask(text, place) if kept is None else kept
         finally:
             del self._running[text]
         self._count("encoder" if kept is None else "store")
@@ -154,11 +159,11 @@ class PromptEncoder:
             self._manager.submit(self._store.put, text, embedding)
         return embedding
 
-    async def _ask(self, text: str, owner: int) -> Embedding:
+    async def _ask(self, text: str, place: Place) -> Embedding:
         started = time.monotonic()
         loop = asyncio.get_running_loop()
         try:
-            await self._turns.take(owner)
+            await self._turns.take(place)
         except PlaceLost:
             raise self._refused(encoder_busy(self._max_waiting)) from None
         try:

@@ -37,6 +37,7 @@ from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import Limits
 from motiongen_server.rpc.stream import Stream
 from motiongen_server.rpc.stream_metrics import StreamMetrics
+from motiongen_server.text.turns import Asker
 
 HANDLE = 7
 
@@ -65,12 +66,14 @@ class Prompts:
 
     go: asyncio.Event = field(default_factory=asyncio.Event)
     asked: list[str] = field(default_factory=list)
+    askers: list[Asker] = field(default_factory=list)
 
     def cached(self, text: str) -> NDArray[np.float32] | None:
         return np.ones(3, np.float32) if self.go.is_set() else None
 
-    async def encode(self, text: str, owner: int) -> NDArray[np.float32]:
+    async def encode(self, text: str, asker: Asker) -> NDArray[np.float32]:
         self.asked.append(text)
+        self.askers.append(asker)
         await self.go.wait()
         return np.ones(3, np.float32)
 

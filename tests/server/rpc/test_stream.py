@@ -18,7 +18,11 @@ from motiongen_server.replicas.hint import OtherServer
 from motiongen_server.rpc.budget import CONSTRAINT_COST, PATH_COST, REFUSAL_COST
 from motiongen_server.rpc.event_path import MAX_WAITING_EVENTS
 from motiongen_server.rpc.limits import PeerLimits
+from motiongen_server.rpc.peers import Peer
+from motiongen_server.rpc.stream import Stream
+from motiongen_server.text.turns import Asker
 from tests.server.rpc.test_event_order import HANDLE, PAUSE, WALK, Line, make_catalog
+from tests.waiting import until_true
 
 
 @pytest.fixture
@@ -62,6 +66,16 @@ async def test_the_engine_is_told_whose_a_session_is(line: Line) -> None:
     opened = line.engine.events[0]
     assert isinstance(opened, Open)
     assert opened.spec.owner == line.stream.peer.owner
+
+
+async def test_the_encoder_is_told_who_asks_and_of_which_peer(line: Line) -> None:
+    peer = Peer(PeerLimits(), time.monotonic(), name="ipv4:10.0.0.7")
+    line.stream = Stream(23, line.models, peer=peer)
+    line.open()
+    line.send(2, edit_prompts=WALK)
+    await until_true(lambda: line.prompts.askers)
+    await line.encoded()
+    assert line.prompts.askers == [Asker("ipv4:10.0.0.7", 23)]
 
 
 async def test_who_is_not_let_in_has_nothing_encoded(line: Line) -> None:
@@ -155,7 +169,7 @@ async def test_too_many_prompts_are_refused_before_any_is_encoded(line: Line) ->
 async def test_a_prompt_that_fails_to_encode_is_answered_and_the_session_goes_on(line: Line) -> None:
     line.open()
 
-    async def broken(text: str, owner: int) -> None:
+    async def broken(text: str, asker: Asker) -> None:
         raise RuntimeError(f"cannot encode {text}")
 
     line.prompts.encode = broken  # type: ignore[assignment, method-assign]
@@ -192,7 +206,7 @@ async def test_an_encoding_that_ends_in_the_moment_of_its_session_finds_nothing_
     failures: list[dict[str, object]] = []
     asyncio.get_running_loop().set_exception_handler(lambda _, context: failures.append(context))
 
-    async def stubborn(text: str, owner: int) -> np.ndarray:
+    async def stubborn(text: str, asker: Asker) -> np.ndarray:
         """As `asyncio.wait_for` of Python 3.11, which gives a result that is there although it was cancelled."""
         with contextlib.suppress(asyncio.CancelledError):
             await line.prompts.go.wait()

@@ -14,6 +14,7 @@ from motiongen_ardy.text.encoder import PromptNotEncoded, TextEncoderUnavailable
 from motiongen_server.engine.types import Code
 from motiongen_server.errors import EventRefused
 from motiongen_server.text.prompts import ENCODING_THREADS, PromptEncoder
+from motiongen_server.text.turns import Asker
 from tests.waiting import LIMIT_S
 
 
@@ -38,6 +39,12 @@ class GatedEncoder:
         if self.fails:
             raise RuntimeError("the encoder broke")
         return np.array([[len(text)] for text in texts], np.float32)
+
+
+async def settled() -> None:
+    """All who have asked wait in turn now."""
+    for _ in range(5):
+        await asyncio.sleep(0)
 
 
 @pytest.fixture
@@ -171,6 +178,51 @@ async def test_more_than_may_wait_are_refused_at_once(encoder: GatedEncoder) -> 
     await asyncio.gather(*waiting, joined)
     prompts.close()
     assert sorted(reasons) == ["TEXT_ENCODER_BUSY", "encoder", "encoder"]
+
+
+async def test_a_peer_with_many_streams_neither_fills_the_places_nor_keeps_others_waiting(
+    encoder: GatedEncoder,
+) -> None:
+    prompts = PromptEncoder(encoder, 100, max_waiting=20)
+    hostile = [asyncio.create_task(prompts.encode(f"new {n}", Asker("hostile", n))) for n in range(40)]
+    await settled()
+    good = [asyncio.create_task(prompts.encode(f"good {n}", Asker("good", n))) for n in range(2)]
+    await settled()
+    encoder.go.set()
+    results = await asyncio.gather(*hostile, *good, return_exceptions=True)
+    prompts.close()
+    refused = [result.reason for result in results if isinstance(result, EventRefused)]
+    assert refused == ["TEXT_ENCODER_BUSY"] * 22
+    assert not any(isinstance(result, Exception) for result in results[40:])
+    places = sorted(encoder.asked.index(text) for text in ("good 0", "good 1"))
+    assert places[1] < 2 * ENCODING_THREADS + 4, "behind what is under way, and then every second one or so"
+
+
+async def test_who_asks_for_what_another_peer_waits_for_does_not_wait_behind_its_others(encoder: GatedEncoder) -> None:
+    prompts = PromptEncoder(encoder, 100, max_waiting=20)
+    hostile = [asyncio.create_task(prompts.encode(f"new {n}", Asker("hostile", n))) for n in range(20)]
+    await settled()
+    joined = asyncio.create_task(prompts.encode("new 19", Asker("good")))
+    await settled()
+    others = [asyncio.create_task(prompts.encode(f"other {n}", Asker("other", n))) for n in range(4)]
+    await settled()
+    encoder.go.set()
+    np.testing.assert_array_equal(await joined, [6])
+    await asyncio.gather(*hostile, *others, return_exceptions=True)
+    prompts.close()
+    assert encoder.asked.index("new 19") < 2 * ENCODING_THREADS + 4, "it would be the last of the 20"
+
+
+async def test_what_the_store_knows_is_answered_where_all_places_are_taken(encoder: GatedEncoder) -> None:
+    prompts = PromptEncoder(encoder, 10, store=DictStore(walk=np.array([7], np.float32)), max_waiting=2)
+    hanging = [asyncio.create_task(prompts.encode(text)) for text in ("a", "bb")]
+    await asyncio.to_thread(encoder.begun.wait)
+    np.testing.assert_array_equal(await prompts.encode("walk"), [7])
+    with pytest.raises(EventRefused, match="wait for the text encoder already"):
+        await prompts.encode("ccc")
+    encoder.go.set()
+    await asyncio.gather(*hanging)
+    prompts.close()
 
 
 async def test_an_encoder_that_is_away_is_an_answer_and_known_prompts_go_on(

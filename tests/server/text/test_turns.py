@@ -1,62 +1,192 @@
-"""Who asks the encoder for much does not keep others waiting, nor take their places."""
+"""Who asks the encoder for much, on however many streams, does not keep others waiting, nor take their places."""
 
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
+from collections.abc import Sequence
 
-import pytest
-
-from motiongen_server.text.turns import PlaceLost, Turns
+from motiongen_server.text.turns import Asker, Place, PlaceLost, Turns
 from tests.waiting import LIMIT_S
 
-GREEDY, MODEST = 1, 2
+MANY = 1_000
+
+
+def streams(peer: str, count: int) -> list[Asker]:
+    return [Asker(peer, number) for number in range(count)]
+
+
+class Crowd:
+    """All who ask for turns, one of which is taken from the beginning; who was called is remembered."""
+
+    def __init__(self, most: int = MANY) -> None:
+        self.turns = Turns(1, most)
+        self.called: list[Asker] = []
+        self.lost: list[Asker] = []
+        self.tasks: list[asyncio.Task[None]] = []
+
+    async def begin(self) -> Crowd:
+        await self.turns.take(Place(Asker("the first")))
+        return self
+
+    async def _ask(self, asker: Asker, place: Place) -> None:
+        try:
+            await self.turns.take(place)
+        except PlaceLost:
+            self.lost.append(asker)
+        else:
+            self.called.append(asker)
+
+    async def ask(self, askers: Sequence[Asker]) -> list[Place]:
+        """Each of them, in this order."""
+        places = [Place(asker) for asker in askers]
+        for asker, place in zip(askers, places, strict=True):
+            self.tasks.append(asyncio.create_task(self._ask(asker, place)))
+            await rest()
+        return places
+
+    async def serve(self, count: int) -> list[Asker]:
+        """End so many turns. Returns who was called."""
+        before = len(self.called)
+        for _ in range(count):
+            self.turns.give_back()
+            await rest()
+        return self.called[before:]
+
+    async def end(self) -> None:
+        for task in self.tasks:
+            task.cancel()
+        await asyncio.gather(*self.tasks, return_exceptions=True)
 
 
 async def rest() -> None:
-    for _ in range(5):
+    for _ in range(3):
         await asyncio.sleep(0)
 
 
-async def test_owners_go_round() -> None:
-    turns, order = Turns(1), []
-    await turns.take(0)
-
-    async def ask(owner: int) -> None:
-        await turns.take(owner)
-        order.append(owner)
-
-    asked = [asyncio.create_task(ask(owner)) for owner in [GREEDY] * 5 + [MODEST] * 2]
-    await rest()
-    for _ in asked:
-        turns.give_back()
-        await rest()
-    assert order == [GREEDY, MODEST, GREEDY, MODEST, GREEDY, GREEDY, GREEDY]
+GREEDY, MODEST = Asker("one", 1), Asker("one", 2)
 
 
-async def test_who_has_most_gives_up_a_place_for_who_has_less() -> None:
-    turns = Turns(1)
-    await turns.take(0)
-    greedy = [asyncio.create_task(turns.take(GREEDY)) for _ in range(4)]
-    await rest()
-    assert turns.make_room(MODEST)
-    assert not turns.make_room(GREEDY), "nobody has more"
-    await rest()
-    with pytest.raises(PlaceLost):
-        greedy[-1].result()
-    assert not any(task.done() for task in greedy[:-1])
-    for task in greedy[:-1]:
-        task.cancel()
+async def test_streams_of_a_peer_go_round() -> None:
+    crowd = await Crowd().begin()
+    await crowd.ask([GREEDY] * 5 + [MODEST] * 2)
+    assert await crowd.serve(7) == [GREEDY, MODEST, GREEDY, MODEST, GREEDY, GREEDY, GREEDY]
+
+
+async def test_peers_go_round_however_many_streams_one_of_them_has() -> None:
+    crowd = await Crowd().begin()
+    await crowd.ask(streams("hostile", 50))
+    await crowd.ask([Asker("good", 1)] * 2)
+    called = await crowd.serve(6)
+    assert [asker.peer for asker in called] == ["hostile", "good", "hostile", "good", "hostile", "hostile"]
+    assert [asker.number for asker in called if asker.peer == "hostile"] == [0, 1, 2, 3]
+    await crowd.end()
+
+
+async def test_the_stream_of_a_peer_that_has_most_gives_up_its_newest_place() -> None:
+    crowd = await Crowd(most=5).begin()
+    await crowd.ask([GREEDY] * 4)
+    await crowd.ask([MODEST])
+    assert crowd.lost == [GREEDY]
+    await crowd.ask([GREEDY])
+    assert crowd.lost == [GREEDY, GREEDY], "nobody has more"
+    assert await crowd.serve(4) == [GREEDY, MODEST, GREEDY, GREEDY]
+
+
+async def test_a_peer_of_many_streams_gives_up_places_for_one_that_has_less() -> None:
+    crowd = await Crowd(most=51).begin()
+    await crowd.ask(streams("hostile", 60))
+    assert crowd.lost == streams("hostile", 60)[50:], "no stream of it has more than another"
+    crowd.lost.clear()
+    await crowd.ask(streams("good", 2))
+    assert crowd.lost == [Asker("hostile", 49), Asker("hostile", 48)], "those that would have waited longest"
+    assert (await crowd.serve(2))[1].peer == "good"
+    await crowd.end()
+
+
+async def test_hostile_peers_share_with_each_other_and_with_others() -> None:
+    crowd = await Crowd(most=31).begin()
+    for peer in ("a", "b", "good"):
+        await crowd.ask(streams(peer, 40))
+    asked = Counter(asker.peer for asker in streams("a", 40) + streams("b", 40) + streams("good", 40))
+    waiting = asked - Counter(asker.peer for asker in crowd.lost)
+    assert waiting == {"a": 10, "b": 10, "good": 10}
+    assert Counter(asker.peer for asker in await crowd.serve(15)) == {"a": 5, "b": 5, "good": 5}
+    await crowd.end()
+
+
+async def test_who_would_have_as_many_as_others_takes_nobodys_place() -> None:
+    crowd = await Crowd(most=4).begin()
+    await crowd.ask([Asker("a"), Asker("b"), Asker("c"), Asker("d")])
+    assert crowd.lost == [Asker("d")]
+    await crowd.end()
 
 
 async def test_who_gives_up_waiting_leaves_no_turn_behind() -> None:
-    turns = Turns(1)
-    await turns.take(0)
-    waiting, called = asyncio.create_task(turns.take(1)), asyncio.create_task(turns.take(2))
-    await rest()
+    crowd = await Crowd().begin()
+    await crowd.ask([Asker("one"), Asker("two")])
+    waiting, called = crowd.tasks
     waiting.cancel()
     await rest()
-    turns.give_back()
+    crowd.turns.give_back()
     called.cancel()  # in the moment in which it is called
     await rest()
     async with asyncio.timeout(LIMIT_S):
-        await turns.take(3)
+        await crowd.turns.take(Place(Asker("three")))
+
+
+async def test_a_turn_that_ends_in_the_moment_in_which_one_gives_up_waiting_goes_to_the_next() -> None:
+    crowd = await Crowd().begin()
+    await crowd.ask([Asker("one"), Asker("two")])
+    crowd.tasks[0].cancel()
+    assert await crowd.serve(1) == [Asker("two")]
+
+
+async def test_one_who_gives_up_waiting_as_its_place_is_lost_is_gone() -> None:
+    crowd = await Crowd(most=3).begin()
+    await crowd.ask([GREEDY] * 2)
+    asking = asyncio.create_task(crowd.turns.take(Place(Asker("another"))))
+    await asyncio.sleep(0)  # it has taken the place of the newest, who has not heard of it
+    crowd.tasks[1].cancel()
+    await rest()
+    assert crowd.tasks[1].cancelled()
+    await crowd.serve(2)
+    assert asking.done()
+
+
+async def test_who_asks_for_the_same_is_served_at_whichever_turn_comes_first() -> None:
+    crowd = await Crowd().begin()
+    *_, last = await crowd.ask(streams("hostile", 50))
+    crowd.turns.join(last, Asker("good", 1))
+    crowd.turns.join(last, Asker("good", 2))
+    assert await crowd.serve(3) == [Asker("hostile", number) for number in (0, 49, 1)]
+    await crowd.end()
+
+
+async def test_a_place_of_several_is_lost_when_all_of_them_lose_it() -> None:
+    crowd = await Crowd(most=4).begin()
+    *_, newest = await crowd.ask([GREEDY] * 3)
+    crowd.turns.join(newest, Asker("good"))
+    await crowd.ask([Asker("another")])
+    assert crowd.lost == [GREEDY], "the one before it: that makes room"
+    assert newest.called is not None
+    assert not newest.called.done()
+    called = await crowd.serve(3)
+    assert sorted(asker.peer for asker in called) == ["another", "one", "one"]
+
+
+async def test_who_joins_before_it_waits_and_after_it_is_called_does_no_harm() -> None:
+    turns = Turns(1, 10)
+    place = Place(Asker("one"))
+    turns.join(place, Asker("two"))
+    await turns.take(place)
+    waiting = Place(Asker("three"))
+    turns.join(waiting, Asker("four"))
+    task = asyncio.create_task(turns.take(waiting))
+    await rest()
+    turns.give_back()
+    turns.join(waiting, Asker("five"))
+    async with asyncio.timeout(LIMIT_S):
+        await task
+        turns.give_back()
+        await turns.take(Place(Asker("six")))

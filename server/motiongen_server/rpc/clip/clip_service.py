@@ -26,6 +26,7 @@ from motiongen_server.rpc.limits import ServiceLimits
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.stream_errors import CLIENT_GONE, failed_inside
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
+from motiongen_server.text.turns import Asker
 
 
 class ClipService:
@@ -129,7 +130,8 @@ class ClipService:
             refusal = model.engine.refusal_of(Open(specs[0], 1, received_at))
             if refusal is not None:
                 raise refused(refusal)
-            embeddings = {text: await encoded(model.prompts, text, number, peer.prompts) for text in texts}
+            asker = Asker(peer.name, number)
+            embeddings = {text: await encoded(model.prompts, text, asker, peer.prompts) for text in texts}
             specs = clip_specs(request, number, embeddings, received_at, model.catalog, peer.owner)
         opening = Open(specs[0], 1, received_at)
         coding = coding_of(request.open, model.catalog)

@@ -21,6 +21,7 @@ from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.requests import Requests, parsed_as
 from motiongen_server.text.event_errors import too_many_texts
 from motiongen_server.text.prompts import Embedding, PromptEncoder
+from motiongen_server.text.turns import Asker
 
 _log = logging.getLogger(__name__)
 
@@ -73,7 +74,8 @@ class TextEncoderService:
         try:
             self._check(request)
             self._charge_unknown(request, peer)
-            vectors = await asyncio.gather(*(self._prompts.encode(text, peer.number) for text in request.texts))
+            asker = Asker(peer.name)
+            vectors = await asyncio.gather(*(self._prompts.encode(text, asker) for text in request.texts))
         except EventRefused as refusal:
             raise StreamRefused.of(refusal) from refusal
         except StreamRefused:

@@ -100,6 +100,15 @@ async def test_samples_come_whole_each_with_its_seed(server: LocalServer) -> Non
     assert {job.background for job in server.runner.prepared} == {True}
 
 
+async def test_each_call_asks_the_encoder_for_its_caller(server: LocalServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    askers, encode = [], server.prompts.encode
+    monkeypatch.setattr(server.prompts, "encode", lambda text, asker: askers.append(asker) or encode(text, asker))
+    for text in ("walk", "run"):
+        await generate(server, clip(prompts=[motion_pb2.PromptSpan(prompt_id=1, text=text)]))
+    assert {asker.peer for asker in askers} == {"ipv4:127.0.0.1"}
+    assert len({asker.number for asker in askers}) == 2
+
+
 async def test_a_timeline_of_prompts(server: LocalServer) -> None:
     spans = [
         motion_pb2.PromptSpan(prompt_id=1, text="walk", end_frame=50),

@@ -39,6 +39,26 @@ def test_a_token_that_cannot_be_sent_is_refused_and_not_repeated(token: str) -> 
     assert "secret" not in repr(ChannelSettings("localhost:1", token="secret"))
 
 
+def test_a_token_is_not_given_as_metadata_which_no_rule_holds_for() -> None:
+    with pytest.raises(InvalidInput, match="token="):
+        ChannelSettings("motion.example:1", metadata=[("authorization", "Bearer secret")])
+
+
+def test_a_token_in_plain_text_goes_by_no_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[dict[str, object]] = []
+    monkeypatch.setattr("grpc.aio.insecure_channel", lambda address, options: seen.append(dict(options)))
+    ChannelSettings("localhost:1").open()
+    ChannelSettings("localhost:1", token="secret").open()
+    assert [options.get("grpc.enable_http_proxy") for options in seen] == [None, 0]
+    with pytest.raises(InvalidInput, match="proxy"):
+        ChannelSettings("localhost:1", token="secret", options=[("grpc.enable_http_proxy", 1)])
+
+
+def test_an_address_of_which_the_port_is_a_guess_is_refused() -> None:
+    with pytest.raises(InvalidInput, match=r"\[::1\]:5005"):
+        ChannelSettings("::1:5005", token="secret")
+
+
 @pytest.mark.parametrize("pair", [("Upper", "x"), ("grpc-timeout", "x"), ("a-bin", "x"), ("a", "x\n"), ("", "x")])
 def test_metadata_that_cannot_be_sent_is_refused(pair: tuple[str, str]) -> None:
     with pytest.raises(InvalidInput, match="metadata"):
@@ -59,6 +79,6 @@ async def test_token_metadata_and_options_reach_grpc(server: FakeServer, monkeyp
     line = {"metadata": [("x-route", "blue")], "channel_options": options, "token": lambda: next(tokens)}
     async with MotionClient(server.address, **line) as client, await client.open("a person walks"):  # type: ignore[arg-type]
         pass
-    assert seen == dict(OPTIONS) | dict(options)
+    assert seen == dict(OPTIONS) | dict(options) | {"grpc.enable_http_proxy": 0}
     assert [heard["authorization"] for heard in server.metadata[:2]] == ["Bearer one", "Bearer two"]
     assert all(heard["x-route"] == "blue" for heard in server.metadata)

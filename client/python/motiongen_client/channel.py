@@ -40,6 +40,7 @@ REPLICA_KEY = "x-motiongen-key"
 DRAWN_KEY = re.compile(r"[0-9a-f]{16}")
 """Those that are drawn here: they name nobody, so servers may tell them to others."""
 _UNIX = "unix:"
+_PROXY = "grpc.enable_http_proxy"
 _KEY = re.compile(r"(?!grpc-)[0-9a-z_.-]+(?<!-bin)")
 _TEXT = re.compile(r"[\x20-\x7e]+")
 _TOKEN = re.compile(r"[\x21-\x7e]+")
@@ -63,10 +64,14 @@ class ChannelSettings:
         host = _host_of(self.address)
         if isinstance(self.token, str):
             _check_token(self.token)
-        if self.token is not None and self.credentials is None and not _is_local(host):
+        if self._is_bare and not _is_local(host):
             allowed = "TLS (credentials=grpc.ssl_channel_credentials()) where a token crosses the network"
             raise InvalidInput("credentials", None, allowed)
+        if self._is_bare and any(name == _PROXY and value for name, value in self.options):
+            raise InvalidInput("options", _PROXY, "TLS (credentials=...) where a token goes by a proxy")
         for key, text in self.metadata:
+            if key == "authorization":
+                raise InvalidInput("metadata", key, "token=..., which is sent by TLS or to this machine only")
             if not _KEY.fullmatch(key) or not _TEXT.fullmatch(text):
                 raise InvalidInput("metadata", key, "pairs of a key in lower case, not of gRPC's own, and ASCII text")
 
@@ -74,6 +79,8 @@ class ChannelSettings:
         """A new channel."""
         chosen = {name for name, _ in self.options}
         options = [*self.options, *(option for option in OPTIONS if option[0] not in chosen)]
+        if self._is_bare and _PROXY not in chosen:
+            options.append((_PROXY, 0))  # gRPC would use one of the environment for this machine too
         if self.credentials is None:
             channel = grpc.aio.insecure_channel(self.address, options=options)
         else:
@@ -91,6 +98,11 @@ class ChannelSettings:
         """The same, with another key."""
         others = [pair for pair in self.metadata if pair[0] != REPLICA_KEY]
         return replace(self, metadata=(*others, (REPLICA_KEY, key)))
+
+    @property
+    def _is_bare(self) -> bool:
+        """Whether a token is sent as plain text."""
+        return self.token is not None and self.credentials is None
 
     def _call_metadata(self) -> tuple[tuple[str, str], ...]:
         token = self.token() if callable(self.token) else self.token
@@ -197,6 +209,8 @@ def _host_of(address: str) -> str:
     if not host or not port.isdigit() or not 0 < int(port) < 65536:
         allowed = "host:port with a port from 1 to 65535, such as localhost:50051, or unix:PATH"
         raise InvalidInput("address", address, allowed)
+    if ":" in host and not (host.startswith("[") and host.endswith("]")):
+        raise InvalidInput("address", address, f"an IPv6 address in brackets, such as [{host}]:{port}")
     return host
 
 

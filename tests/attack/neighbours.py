@@ -13,6 +13,7 @@ import numpy as np
 
 from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from tests.attack.good_stream import GoodStream
+from tests.attack.tokens import Metadata
 
 FPS = 20
 LOOKAHEAD = 40
@@ -24,7 +25,8 @@ TIER_FULL = session_pb2.SERVICE_TIER_FULL
 
 @dataclass
 class Playing:
-    """One session, whose playhead moves in real time from its first frame on."""
+    """One session, whose playhead moves in real time from its first frame on. had: frames in hand when it was told to
+    forget."""
 
     handle: int
     sent_to: int = 0
@@ -32,9 +34,15 @@ class Playing:
     due: int = 0
     missed: int = 0
     seq: int = 1
+    had: int = 0
     lowest_tier: int = TIER_FULL
     closed: str = ""
     edits: dict[int, float] = field(default_factory=dict)
+
+    @property
+    def in_hand(self) -> int:
+        """Frames that have come and are not due yet; less than 0 where some that are due have not."""
+        return self.sent_to - self.due
 
     def play(self, now: float) -> None:
         """Show the frames that are due by now; those that are not there are missed."""
@@ -48,10 +56,15 @@ class Playing:
 
 @dataclass(frozen=True)
 class Noticed:
-    """What all neighbours noticed. missed: the share of their frames; edits_ms: from an edit to its answer."""
+    """What all neighbours noticed. missed: the share of their frames; edits_ms: from an edit to its answer.
+
+    behind: of the frames that they showed, the share that nothing has come in place of: so many less are in hand, and
+    frames will be missed where that goes on.
+    """
 
     frames: int
     missed: float
+    behind: float
     edits_ms: tuple[float, ...]
     pings_ms: tuple[float, ...]
     lowest_tier: int
@@ -69,8 +82,8 @@ class Noticed:
 class Neighbour(GoodStream):
     """A stream with sessions that play."""
 
-    def __init__(self, stub: service_pb2_grpc.MotionServiceStub, num_sessions: int) -> None:
-        super().__init__(stub)
+    def __init__(self, stub: service_pb2_grpc.MotionServiceStub, num_sessions: int, metadata: Metadata = ()) -> None:
+        super().__init__(stub, metadata)
         self.sessions = [Playing(handle) for handle in range(num_sessions)]
         self.edits_ms: list[float] = []
         self.pings_ms: list[float] = []
@@ -163,7 +176,7 @@ class Neighbour(GoodStream):
             if session.closed:
                 continue
             session.play(now)
-            session.missed, session.begun_s, session.due = 0, now - session.due / FPS, session.due
+            session.missed, session.begun_s, session.had = 0, now - session.due / FPS, session.in_hand
 
     async def end(self) -> None:
         self.lost = self.lost or " "
@@ -218,6 +231,7 @@ class Neighbours:
         return Noticed(
             frames,
             sum(session.missed for session in sessions) / frames,
+            sum(max(0, session.had - session.in_hand) for session in sessions if not session.closed) / frames,
             tuple([ms for each in self._streams for ms in each.edits_ms] + [ms for ms in unanswered if ms > 1000]),
             tuple(ms for each in self._streams for ms in each.pings_ms),
             max(session.lowest_tier for session in sessions),
@@ -226,12 +240,14 @@ class Neighbours:
 
 
 @asynccontextmanager
-async def neighbours(address: str, streams: int = 3, sessions: int = 4) -> AsyncIterator[Neighbours]:
-    """Streams that play, over a connection each."""
+async def neighbours(
+    address: str, streams: int = 3, sessions: int = 4, metadata: Metadata = ()
+) -> AsyncIterator[Neighbours]:
+    """Streams that play, over a connection each. metadata: that their calls show."""
     channels = [
         grpc.aio.insecure_channel(address, options=(("grpc.use_local_subchannel_pool", 1),)) for _ in range(streams)
     ]
-    playing = [Neighbour(service_pb2_grpc.MotionServiceStub(channel), sessions) for channel in channels]
+    playing = [Neighbour(service_pb2_grpc.MotionServiceStub(channel), sessions, metadata) for channel in channels]
     try:
         await asyncio.gather(*(each.begin() for each in playing))
         yield Neighbours(playing)

@@ -12,6 +12,7 @@ import grpc.aio
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from tests.attack.good_stream import GoodStream
+from tests.attack.tokens import Metadata
 
 OPEN_EVERY_S = 0.5
 
@@ -22,8 +23,8 @@ class Newcomers(GoodStream):
     num_served: those that got frames. refused: how many, by reason. num_waiting: left to wait at the end.
     """
 
-    def __init__(self, stub: service_pb2_grpc.MotionServiceStub) -> None:
-        super().__init__(stub)
+    def __init__(self, stub: service_pb2_grpc.MotionServiceStub, metadata: Metadata = ()) -> None:
+        super().__init__(stub, metadata)
         self._asked: dict[int, float] = {}
         self._handle = 0
         self.num_served = 0
@@ -74,10 +75,10 @@ class Newcomers(GoodStream):
 
 
 @asynccontextmanager
-async def newcomers(address: str) -> AsyncIterator[Newcomers]:
-    """Over a connection of their own."""
+async def newcomers(address: str, metadata: Metadata = ()) -> AsyncIterator[Newcomers]:
+    """Over a connection of their own. metadata: that their call shows."""
     async with grpc.aio.insecure_channel(address, options=(("grpc.use_local_subchannel_pool", 1),)) as channel:
-        coming = Newcomers(service_pb2_grpc.MotionServiceStub(channel))
+        coming = Newcomers(service_pb2_grpc.MotionServiceStub(channel), metadata)
         try:
             await coming.begin()
             yield coming

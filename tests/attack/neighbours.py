@@ -103,8 +103,8 @@ class Neighbour(GoodStream):
         self._tasks = [asyncio.create_task(self._read())]
         async with asyncio.timeout(READY_S):
             while not all(each.begun_s for each in self.sessions):
-                if self.lost:
-                    raise RuntimeError(self.lost)
+                if told := self.lost or next((each.closed for each in self.sessions if each.closed), ""):
+                    raise RuntimeError(f"a neighbour was not let in, before any attack: {told}")
                 await asyncio.sleep(0.02)
         self._tasks += [asyncio.create_task(self._report()), asyncio.create_task(self._edit())]
 

@@ -63,7 +63,7 @@ class Attack:
 
 @dataclass(frozen=True)
 class Suffered:
-    """What came of an attack while its server lived. gateway_cpu: shares of a core; quiet_: of the same before it.
+    """What came of an attack while its server lived. gateway_cpu: of a core. quiet_noticed: before it, where asked for.
 
     grown_mib: while it went on; left_mib: after it. health_ms: of a health check meanwhile. newcomers: sessions opened
     meanwhile, those that were served, refused by reason, and left to wait.
@@ -76,7 +76,6 @@ class Suffered:
     health_ms: float
     gateway_cpu: float
     quiet_noticed: Noticed | None = None
-    quiet_cpu: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -160,12 +159,11 @@ async def suffer(
     good_token = bearer(tokens.good) if tokens else ()
     async with neighbours(server.address, metadata=good_token) as good, newcomers(server.address, good_token) as coming:
         await asyncio.sleep(WARM_S)
-        quiet_noticed, quiet_cpu = None, 0.0
+        quiet_noticed = None
         if quiet_s:
             good.forget()
-            cpu_s, begun_s = server.cpu_s(), time.perf_counter()
             await asyncio.sleep(quiet_s)
-            quiet_noticed, quiet_cpu = good.noticed(), (server.cpu_s() - cpu_s) / (time.perf_counter() - begun_s)
+            quiet_noticed = good.noticed()
         if attack.after:
             with hostile(replace(attack, kind=attack.after), server):
                 await asyncio.sleep(2 * WARM_S + seconds)
@@ -189,7 +187,7 @@ async def suffer(
         await asyncio.sleep(WARM_S)
         came = coming.num_served, coming.refused, coming.num_waiting
         left_mib = server.memory_mib() - before_mib
-        return Suffered(noticed, came, most_mib - before_mib, left_mib, health, share, quiet_noticed, quiet_cpu)
+        return Suffered(noticed, came, most_mib - before_mib, left_mib, health, share, quiet_noticed)
 
 
 async def run(attack: Attack, seconds: float, log: Path, quiet_s: float = 0.0) -> Result:

@@ -1,7 +1,7 @@
 """The short form of `make attack`: what did most harm, each for a moment. The long form judges latency too.
 
 How busy the machine is must not matter, so neighbours are compared with themselves before the attack, on the same
-server, and of the gateway it is processor time that counts. What a flood may have is judged in `test_account.py`.
+server. What a flood may have of the server is judged in `test_account.py`, whose figures no load can make worse.
 """
 
 from __future__ import annotations
@@ -20,12 +20,6 @@ ANY_MS = 30_000.0
 MORE_MISSED = 0.1
 MORE_BEHIND = 0.6
 """Of their frames, than before: two seconds of them are in hand, so who gets nothing is behind before he misses one."""
-TIMES_THE_WORK = 6.0
-"""Of the gateway's processor time, than for neighbours alone: what a budget lets through costs it three times that."""
-LEAST_SHARE = 0.03
-"""Of a core: processor time is told in hundredths of a second."""
-AT_ANY_COST = {"half_open_calls", "expired_tokens"}
-"""New calls without end: gRPC takes a core for them before any of our code is asked."""
 
 
 @pytest.mark.parametrize(
@@ -42,5 +36,3 @@ async def test_neighbours_are_served_as_before_and_the_server_ends_with_0(kind: 
     assert noticed.frames > 0
     assert noticed.missed <= before.missed + MORE_MISSED
     assert noticed.behind <= before.behind + MORE_BEHIND
-    if kind not in AT_ANY_COST:
-        assert result.suffered.gateway_cpu <= TIMES_THE_WORK * max(result.suffered.quiet_cpu, LEAST_SHARE)
